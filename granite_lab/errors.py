@@ -1,0 +1,48 @@
+"""The errors a user can meet; each ends in one line, one hint and an exit code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class LabError(Exception):
+    """Known trouble: what is wrong, what to do about it, and how the process ends.
+
+    Args:
+        message: one line, beginning with the file (and line) it is about where there is one.
+        hint: one line that says what to do.
+    """
+
+    exit_code = 1
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.message = " ".join(message.split())
+        self.hint = " ".join(hint.split())
+
+    def __reduce__(self) -> tuple[type[LabError], tuple[str, str]]:
+        """Keep the hint when the error crosses a process border."""
+        return type(self), (self.message, self.hint)
+
+
+class UsageError(LabError):
+    """The command line asks for something that does not exist or does not fit together."""
+
+    exit_code = 2
+
+
+class InputError(LabError):
+    """A file holds something that cannot be used."""
+
+    exit_code = 3
+
+
+class EstimateError(LabError):
+    """The data are readable, but the asked estimate or fit cannot be had from them."""
+
+    exit_code = 4
+
+
+def at(path: Path | str, line: int | None = None) -> str:
+    """Name a place in a file as ``file:line``, the way editors open it."""
+    return f"{path}:{line}" if line is not None else str(path)

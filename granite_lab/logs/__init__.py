@@ -1,0 +1,1 @@
+"""From CSV logs to a Trial: columns and units, clocks, wraps and gaps."""

@@ -1,0 +1,135 @@
+"""The record of one trial as it was logged: streams with their own stamps, SI units, robot axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ImuStream:
+    """Samples of the inertial measurement unit, in the sensor's own axes.
+
+    Attributes:
+        t: (N,) stamps [s], strictly increasing.
+        specific_force: (N, 3) [m/s^2]; +9.81 on z at rest when the axes are the robot's
+            (x forward, y left, z up). A column that was not logged is NaN.
+        angular_rate: (N, 3) [rad/s]; y positive nose down. A column that was not logged is NaN.
+        gravity_removed: the logger has already taken gravity out.
+    """
+
+    t: Array
+    specific_force: Array
+    angular_rate: Array
+    gravity_removed: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class WheelStream:
+    """Samples of the wheel encoders, in the order of `granite_lab.parameters.WHEELS`.
+
+    Attributes:
+        t: (M,) stamps [s], strictly increasing.
+        angle: (M, 4) accumulated wheel angle [rad], unwrapped, from the first sample on;
+            NaN where a wheel was not sampled or has no encoder.
+        rate: (M, 4) wheel rate [rad/s] where the logger gives rates; then `angle` is its integral.
+        step: smallest step of the angle [rad] (0: not known); for a logged rate, of the rate [rad/s].
+    """
+
+    t: Array
+    angle: Array
+    rate: Array | None = None
+    step: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class CurrentStream:
+    """Motor currents.
+
+    Attributes:
+        t: (K,) stamps [s].
+        current: (K, 4) [A], order of the wheels, NaN where not logged.
+    """
+
+    t: Array
+    current: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One logged quantity over time.
+
+    Attributes:
+        t: (K,) stamps [s].
+        value: (K,) in the unit its holder names.
+    """
+
+    t: Array
+    value: Array
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that went into a result."""
+
+    path: Path
+    sha256: str
+
+
+@dataclass(frozen=True)
+class TrialInfo:
+    """What is known about a trial besides its samples; None where nobody said.
+
+    Attributes:
+        robot, soil: names of the catalogue or paths of TOML files.
+        v_desired: desired velocity of the steady part [m/s].
+        a_max: acceleration of the trapezoid [m/s^2].
+        distance: total desired distance [m].
+        repetition: number of the repetition.
+        virtual: the log was written by a simulator.
+        clock_offset: known offset of the encoder clock behind the IMU's [s].
+        extra: other metadata of the file, as text.
+    """
+
+    robot: str | None = None
+    soil: str | None = None
+    v_desired: float | None = None
+    a_max: float | None = None
+    distance: float | None = None
+    repetition: int | None = None
+    virtual: bool = False
+    clock_offset: float | None = None
+    extra: dict[str, str] = field(default_factory=dict, hash=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One trial, ready for estimation.
+
+    Attributes:
+        name: stem of the log's file.
+        info: metadata.
+        imu, wheels, currents: the sensors; None where the log has none.
+        command: commanded velocity [m/s].
+        reference_x, reference_v: external reference [m], [m/s]; judges the estimate, never enters it.
+        warnings: every doubt the reader had, one line each.
+        inputs: the files that were read.
+        layout: name of the column map that was used.
+    """
+
+    name: str
+    info: TrialInfo
+    imu: ImuStream | None = None
+    wheels: WheelStream | None = None
+    currents: CurrentStream | None = None
+    command: Series | None = None
+    reference_x: Series | None = None
+    reference_v: Series | None = None
+    warnings: tuple[str, ...] = ()
+    inputs: tuple[InputFile, ...] = ()
+    layout: str = "canonical"

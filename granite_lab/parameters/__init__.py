@@ -1,0 +1,53 @@
+"""Robots, soils, variants and published figures, read from TOML with units and bounds."""
+
+from granite_lab.parameters.catalogue import (
+    CATALOGUE,
+    load_grade,
+    load_paper,
+    load_robot,
+    load_soil,
+    load_variants,
+    names,
+    variant_of,
+)
+from granite_lab.parameters.records import (
+    GRAVITY,
+    WHEELS,
+    Chassis,
+    Currents,
+    Drive,
+    Encoders,
+    Imu,
+    ImuGrade,
+    Paper,
+    Published,
+    Robot,
+    Soil,
+    Variant,
+    Wheels,
+)
+
+__all__ = [
+    "CATALOGUE",
+    "GRAVITY",
+    "WHEELS",
+    "Chassis",
+    "Currents",
+    "Drive",
+    "Encoders",
+    "Imu",
+    "ImuGrade",
+    "Paper",
+    "Published",
+    "Robot",
+    "Soil",
+    "Variant",
+    "Wheels",
+    "load_grade",
+    "load_paper",
+    "load_robot",
+    "load_soil",
+    "load_variants",
+    "names",
+    "variant_of",
+]

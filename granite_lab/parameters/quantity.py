@@ -1,0 +1,175 @@
+"""Numbers with unit and bounds, and their reading from TOML: the only place that reads TOML."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import tomllib
+import types
+import typing
+from pathlib import Path
+from typing import Any, TypeVar
+
+from granite_lab.errors import InputError
+
+T = TypeVar("T")
+
+SUFFIX = {
+    "": "",
+    "m": "_m",
+    "m/s": "_mps",
+    "m/s^2": "_mps2",
+    "m/s^2/sqrt(Hz)": "_mps2_rthz",
+    "rad/s": "_radps",
+    "rad/s/sqrt(Hz)": "_radps_rthz",
+    "deg": "_deg",
+    "s": "_s",
+    "Hz": "_hz",
+    "kg": "_kg",
+    "kg m^2": "_kgm2",
+    "N/m": "_Npm",
+    "N s/m": "_Nspm",
+    "Pa": "_Pa",
+    "Pa/m^(n-1)": "_Pa_mn1",
+    "Pa/m^n": "_Pa_mn",
+    "ohm": "_ohm",
+    "H": "_H",
+    "V": "_V",
+    "A": "_A",
+    "V s/rad": "_Vsprad",
+    "V/rad": "_Vprad",
+    "N m/A": "_NmpA",
+    "1/rev": "_per_rev",
+}
+"""How a unit is written at the end of a key in a TOML file."""
+
+
+def quantity(
+    unit: str, low: float, high: float, meaning: str, symbol: str = "", default: float | None = None
+) -> Any:
+    """Declare a dataclass field that holds a number in a unit between two bounds (both allowed)."""
+    metadata = {"unit": unit, "low": low, "high": high, "meaning": meaning, "symbol": symbol}
+    if default is None:
+        return dataclasses.field(metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def key_of(field: dataclasses.Field[Any]) -> str:
+    """Return the TOML key of a field: its name with the unit behind it."""
+    return field.name + SUFFIX[field.metadata.get("unit", "")]
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        InputError: the file is missing, unreadable, not UTF-8 or not TOML.
+    """
+    try:
+        return parse_toml(path.read_text(encoding="utf-8-sig"), path)
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read: {error.strerror or error}", "give the path of a TOML file"
+        ) from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not UTF-8 text", "a parameter file is UTF-8 TOML") from None
+
+
+def parse_toml(text: str, path: Path | str) -> dict[str, Any]:
+    """Parse TOML text that stands in `path`.
+
+    Raises:
+        InputError: the text is not TOML; the message carries the line.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}", "see https://toml.io for the syntax") from None
+
+
+def unknown_key(where: str, key: str, known: list[str]) -> InputError:
+    """Say that a key is not known and which known one it resembles."""
+    close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    hint = f"did you mean '{close[0]}'?" if close else f"allowed here: {', '.join(sorted(known))}"
+    return InputError(f"{where}: unknown key '{key}'", hint)
+
+
+def check_number(where: str, key: str, value: Any, unit: str, low: float, high: float) -> float:
+    """Return the number if it is finite and within its bounds.
+
+    Raises:
+        InputError: naming file, key, value, unit and allowed range.
+    """
+    allowed = f"expected a number from {low:g} to {high:g}" + (f" {unit}" if unit else "")
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputError(f"{where}: {key} = {value!r} is not a number", allowed)
+    if not math.isfinite(value) or not low <= value <= high:
+        raise InputError(f"{where}: {key} = {value:g} is out of range", allowed)
+    return float(value)
+
+
+def build(cls: type[T], table: dict[str, Any], where: str, label: str = "") -> T:
+    """Build a frozen record from a TOML table.
+
+    Args:
+        cls: a dataclass whose fields are numbers (`quantity`), texts, lists or further dataclasses.
+        table: the parsed table.
+        where: file (and table) for messages.
+        label: the table's dotted name inside the file.
+
+    Raises:
+        InputError: unknown or missing key, wrong type, number out of bounds.
+    """
+    hints = typing.get_type_hints(cls)
+    fields = {key_of(f): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    place = f"{where}: [{label}]" if label else where
+    for key in table:
+        if key not in fields:
+            raise unknown_key(place, key, list(fields))
+    values: dict[str, Any] = {}
+    for key, field in fields.items():
+        if key not in table:
+            if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+                unit = field.metadata.get("unit", "")
+                raise InputError(
+                    f"{place}: '{key}' is missing",
+                    f"add {key} = … ({field.metadata.get('meaning', field.name)}"
+                    + (f", in {unit})" if unit else ")"),
+                )
+            continue
+        values[field.name] = _convert(hints[field.name], field, key, table[key], where, place, label)
+    return cls(**values)
+
+
+def _convert(
+    hint: Any, field: dataclasses.Field[Any], key: str, value: Any, where: str, place: str, label: str
+) -> Any:
+    """Check one value of a table against the type and bounds of its field."""
+    if isinstance(hint, types.UnionType):  # an optional sub-table
+        hint = next(a for a in typing.get_args(hint) if a is not type(None))
+    if dataclasses.is_dataclass(hint):
+        if not isinstance(value, dict):
+            raise InputError(f"{place}: '{key}' must be a table", f"write [{key}] above its keys")
+        return build(typing.cast(type, hint), value, where, f"{label}.{key}" if label else key)
+    if "unit" in field.metadata:
+        m = field.metadata
+        return check_number(place, key, value, m["unit"], m["low"], m["high"])
+    if hint is str:
+        if not isinstance(value, str):
+            raise InputError(f"{place}: {key} = {value!r} is not a text", 'write it in quotes: "…"')
+        choices = field.metadata.get("choices")
+        if choices and value not in choices:
+            raise InputError(f"{place}: {key} = {value!r} is not known", f"one of: {', '.join(choices)}")
+        return value
+    if typing.get_origin(hint) is tuple:
+        if not isinstance(value, list):
+            raise InputError(f"{place}: {key} = {value!r} is not a list", "write it as [a, b, …]")
+        if typing.get_args(hint)[0] is float:
+            numbers = tuple(check_number(place, key, v, "", -1e9, 1e9) for v in value)
+            length = field.metadata.get("length")
+            if length and len(numbers) != length:
+                raise InputError(f"{place}: {key} has {len(numbers)} numbers", f"expected {length}")
+            return numbers
+        return tuple(str(v) for v in value)
+    raise AssertionError(f"field {field.name} has a type the reader does not know: {hint}")
