@@ -1,0 +1,1 @@
+"""Measured against simulated, channel by channel and phase by phase."""

@@ -1,0 +1,1 @@
+"""From measured and simulated slip to k_92 of each trial and a_θ over trials."""

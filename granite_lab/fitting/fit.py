@@ -1,0 +1,96 @@
+"""The records of fitted numbers: k_92 of a trial, a_θ over trials, and rival laws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from granite_lab.estimate import Estimate
+from granite_lab.parameters import Variant
+
+FitStatus = Literal["ok", "at_lower_bound", "at_upper_bound", "not_converged", "not_evaluated"]
+
+
+@dataclass(frozen=True)
+class K92Fit:
+    """The ratio k_92 of one trial, fitted twice.
+
+    Attributes:
+        trial: name of the trial.
+        virtual: the log was written by a simulator.
+        variant: the trapezoid that was simulated.
+        k92: by the steady slip ratio, as in the paper.
+        k92_trajectory: by the whole time history (velocity, wheel speeds, currents).
+        t_start: start of the command that goes with the trajectory fit [s, the log's time].
+        slip_measured: λ_R as measured.
+        slip_simulated: λ_R simulated with `k92`.
+        status: whether `k92` is an inner optimum.
+        status_trajectory: the same for `k92_trajectory`.
+        notes: what a reader should know, one line each.
+    """
+
+    trial: str
+    virtual: bool
+    variant: Variant
+    k92: Estimate
+    k92_trajectory: Estimate
+    t_start: Estimate
+    slip_measured: Estimate
+    slip_simulated: float
+    status: FitStatus
+    status_trajectory: FitStatus
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Law:
+    """One rival law for k_92.
+
+    Attributes:
+        id: "exponential" (27), "linear_slip" (28) or "free" (a constant per speed).
+        formula: as a reader writes it.
+        parameters: name to value with std.
+        units: name to unit.
+        n_parameters: fitted numbers, the scatter not counted.
+        rms: root mean square residual of k_92.
+        aicc: corrected Akaike information criterion (smaller is better).
+        weight: Akaike weight among the laws compared.
+    """
+
+    id: str
+    formula: str
+    parameters: dict[str, Estimate]
+    units: dict[str, str]
+    n_parameters: int
+    rms: float
+    aicc: float
+    weight: float
+
+
+@dataclass(frozen=True)
+class AThetaFit:
+    """The exponent a_θ of (27) over trials.
+
+    Attributes:
+        a_theta: weighted estimate with its std [s/m]; trial-to-trial scatter included.
+        ci95: 95 % interval (Student's t) [s/m].
+        log_linear: the paper's way: least squares on log k_92 through (0, 1).
+        ordinary: least squares on k_92 itself.
+        scatter: trial-to-trial std of log k_92 beyond the stated uncertainties [-].
+        published: the paper's value [s/m].
+        agrees: the published value lies in `ci95`.
+        points: (trial, velocity [m/s], k_92, λ_R) that went in.
+        laws: the rivals, best first.
+        notes: what a reader should know, one line each.
+    """
+
+    a_theta: Estimate
+    ci95: tuple[float, float]
+    log_linear: float
+    ordinary: float
+    scatter: float
+    published: float
+    agrees: bool
+    points: tuple[tuple[str, float, Estimate, Estimate], ...]
+    laws: tuple[Law, ...]
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,1 @@
+"""Report, figures and recordings: leaves of the chain that nothing else imports."""

@@ -1,0 +1,67 @@
+"""What a report is made of: the results of a study, and where they come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from granite_lab.comparison.record import Comparison
+from granite_lab.fitting.fit import AThetaFit
+from granite_lab.logs.trial import InputFile, Trial
+
+
+@dataclass(frozen=True, eq=False)
+class TrialResult:
+    """One trial through the whole chain."""
+
+    trial: Trial
+    comparison: Comparison
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A trial that could not be used, and why."""
+
+    trial: str
+    message: str
+    hint: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a result comes from: enough to make it again.
+
+    Attributes:
+        version: of granite-lab.
+        command: the options that matter, as text.
+        inputs: the files that were read, with their hashes.
+        parameters: rows (key with group, value, unit, origin).
+    """
+
+    version: str
+    command: str
+    inputs: tuple[InputFile, ...]
+    parameters: tuple[tuple[str, str, str, str], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """A whole study.
+
+    Attributes:
+        name: of the report.
+        trials: those that went through.
+        failures: those that did not.
+        a_theta: over the trials; None where fewer than two could be fitted.
+        source: provenance.
+    """
+
+    name: str
+    trials: tuple[TrialResult, ...]
+    failures: tuple[Failure, ...]
+    a_theta: AThetaFit | None
+    source: Source
+
+    @property
+    def virtual(self) -> bool:
+        """Whether any of the logs was written by a simulator."""
+        return any(result.trial.info.virtual for result in self.trials)
