@@ -1,0 +1,116 @@
+"""Forces between a rigid wheel and soft ground, (1) and (4)-(17), by Clenshaw-Curtis quadrature.
+
+Written from the paper alone, for any number of wheels at once; independent of the package.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+V_FLOOR = 0.02
+"""Velocity [m/s] below which slip and shear displacement fade to standstill."""
+
+
+@lru_cache
+def clenshaw_curtis(intervals: int) -> tuple[Array, Array]:
+    """Return nodes and weights on [-1, 1] for `intervals` + 1 points (intervals even)."""
+    theta = np.pi * np.arange(intervals + 1) / intervals
+    k = np.arange(1, intervals // 2 + 1)
+    b = np.where(k == intervals // 2, 1.0, 2.0)
+    inner = (b / (4 * k**2 - 1) * np.cos(2 * np.outer(theta, k))).sum(axis=1)
+    c = np.full(intervals + 1, 2.0)
+    c[[0, -1]] = 1.0
+    return np.cos(theta), c / intervals * (1 - inner)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Soil and wheel numbers of (6)-(17), in the paper's symbols and SI units."""
+
+    r: float
+    b: float
+    n: float
+    k_c: float
+    k_phi: float
+    c: float
+    tan_phi: float
+    K: float
+    mu_s: float
+    c_t: float
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What (12)-(17) give for each wheel: forces [N], torque [N m], and what they came from."""
+
+    slip: Array
+    sinkage: Array
+    W: Array
+    R: Array
+    F: Array
+    M: Array
+    normal: Array
+
+
+def smoothstep(s: Array | float) -> Array:
+    """Return s^2 (3 - 2 s), s held within 0 and 1."""
+    s = np.clip(s, 0.0, 1.0)
+    return np.asarray(s * s * (3.0 - 2.0 * s))
+
+
+def slip_ratio(v_o: Array, v: Array) -> Array:
+    """Return (1) with the floor: (v_o - v) / max(abs(v_o), abs(v), v_floor)."""
+    return (v_o - v) / np.maximum(np.maximum(np.abs(v_o), np.abs(v)), V_FLOOR)
+
+
+def contact(
+    ground: Ground,
+    *,
+    v_o: Array,
+    v: Array,
+    z0: Array,
+    dz0: Array,
+    k92: Array | float,
+    intervals: int = 32,
+) -> Contact:
+    """Return the forces on each wheel.
+
+    Args:
+        ground: soil and wheel.
+        v_o: circumferential velocity of the wheel [m/s].
+        v: longitudinal velocity of the wheel centre [m/s].
+        z0: sinkage [m].
+        dz0: its rate [m/s].
+        k92: ratio of rear to front contact angle.
+        intervals: of the quadrature.
+    """
+    g = ground
+    slip = slip_ratio(v_o, v)
+    fade = smoothstep(np.maximum(np.abs(v_o), np.abs(v)) / V_FLOOR)
+    touching = z0 > 0
+    front = np.arccos(np.clip(1.0 - np.where(touching, z0, 0.0) / g.r, -1.0, 1.0))  # theta_1
+    rear = k92 * front  # (4)
+    nodes, weights = clenshaw_curtis(intervals)
+    half = 0.5 * (front + rear)
+    arc = 0.5 * (front - rear)[:, None] + half[:, None] * nodes
+    weight = half[:, None] * weights
+    sin, cos = np.sin(arc), np.cos(arc)
+    z = np.maximum(z0[:, None] - g.r * (1.0 - cos), 0.0)  # (7)
+    sigma = (g.k_c / g.b + g.k_phi) * z**g.n  # (8), (9)
+    reach = np.sin(front)[:, None] - sin
+    j = g.r * (fade[:, None] * (front[:, None] - arc - reach) + slip[:, None] * reach)  # (6)
+    limit = np.minimum(g.mu_s * sigma, g.c + sigma * g.tan_phi)  # (10)
+    tau = np.sign(j) * limit * -np.expm1(-np.abs(j) / g.K)  # (11)
+    area = g.b * g.r
+    W = area * ((sigma * cos + tau * sin) * weight).sum(axis=1)  # (12)
+    R = -area * (sigma * sin * weight).sum(axis=1)  # (13), with the sign that opposes motion
+    F = area * (tau * cos * weight).sum(axis=1)  # (14)
+    M = -area * g.r * (tau * weight).sum(axis=1)  # (15)
+    normal = np.where(touching, np.maximum(W + g.c_t * dz0, 0.0), 0.0)  # (17), never pulls
+    return Contact(slip, z0, W, R, F, M, normal)

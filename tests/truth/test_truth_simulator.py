@@ -1,0 +1,193 @@
+"""The reference implementation against the published and settled figures, and against itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from granite_lab.parameters import GRAVITY, load_paper, load_robot, load_soil, load_variants
+from tests.truth.contact import Ground, clenshaw_curtis, contact, slip_ratio
+from tests.truth.model import PITCH, Truth
+from tests.truth.simulator import Result, build, simulate
+
+# velocity: constant k_92 of Table 3, settled λ_R [%] of the model, k_92 that yields the measured λ_R
+SETTLED = {
+    0.2: (0.33, 5.47, 0.3345),
+    0.3: (0.26, 8.17, 0.2559),
+    0.5: (0.111, 16.25, 0.1074),
+    0.7: (0.026, 23.12, 0.0283),
+}
+SPEEDS = sorted(SETTLED)
+
+
+def motion(velocity: float) -> dict[str, float]:
+    variant = next(v for v in load_variants() if v.velocity == velocity)
+    return {"velocity": velocity, "acceleration": variant.acceleration, "distance": variant.distance}
+
+
+@lru_cache
+def run(velocity: float) -> Result:
+    return simulate(**motion(velocity), k92=SETTLED[velocity][0])
+
+
+def steady(velocity: float) -> tuple[float, float]:
+    """Second half of the part with constant desired velocity."""
+    command = build(**motion(velocity), k92=1.0).command
+    return command.ramp + 0.5 * command.hold, command.ramp + command.hold
+
+
+@pytest.mark.parametrize("velocity", SPEEDS)
+def test_settled_slip_ratio_is_the_known_one(velocity: float) -> None:
+    k92, percent, _ = SETTLED[velocity]
+    assert 100 * run(velocity).slip_ratio(*steady(velocity)) == pytest.approx(percent, abs=0.006)
+    assert 100 * build(**motion(velocity), k92=k92).cruise()[1] == pytest.approx(percent, abs=0.007)
+
+
+@pytest.mark.parametrize("velocity", SPEEDS)
+def test_inverse_problem_gives_the_known_ratio_of_angles(velocity: float) -> None:
+    measured = next(row.slip_measured for row in load_paper().table3 if row.velocity == velocity)
+
+    def excess(k92: float) -> float:
+        return build(**motion(velocity), k92=k92).cruise()[1] - measured
+
+    assert brentq(excess, 0.0, 0.6, xtol=1e-8) == pytest.approx(SETTLED[velocity][2], abs=5.1e-5)
+
+
+@pytest.mark.parametrize(("velocity", "front", "rear"), [(0.2, 15.0, 16.1), (0.7, 18.5, 19.9)])
+def test_sinkage_is_the_known_one(velocity: float, front: float, rear: float) -> None:
+    sinkage = run(velocity).at(steady(velocity)[1], "sinkage") * 1e3
+    assert sinkage == pytest.approx([front, rear], abs=0.051)
+
+
+def test_whole_trial_slip_lies_above_the_settled_one_by_at_most_two_points() -> None:
+    for velocity in SPEEDS[1:]:
+        r = run(velocity)
+        excess = r.slip_ratio(0.0, float(r.t[-1])) - r.slip_ratio(*steady(velocity))
+        assert 0 < 100 * excess < 1.7
+
+
+def test_robot_at_rest_neither_creeps_nor_drifts() -> None:
+    r = simulate(**motion(0.5), k92=0.111, settle=5.0, after=8.0)
+    before = r.t < 0
+    assert np.abs(r.v[before]).max() < 1e-9
+    assert np.abs(r.x[before]).max() < 1e-9
+    assert np.ptp(r.pitch[before]) < 1e-9
+    last = r.t > r.t[-1] - 1.0
+    assert np.abs(r.v[last]).max() < 1e-6
+
+
+def test_integrators_agree() -> None:
+    short = {
+        "velocity": 0.3,
+        "acceleration": 1.2,
+        "distance": 0.3,
+        "a_theta": 4.919,
+        "settle": 0.2,
+        "after": 0.5,
+    }
+    lsoda, radau = simulate(**short), simulate(**short, method="Radau", rtol=1e-6, atol=1e-8)
+    assert np.abs(lsoda.v - radau.v).max() < 1e-6
+    assert np.abs(lsoda.torque - radau.torque).max() < 1e-4
+
+
+def test_energy_put_in_is_energy_kept_or_lost() -> None:
+    velocity = 0.7
+    r = run(velocity)
+    chassis, drive = load_robot().chassis, load_robot().drive
+    assert chassis is not None
+    assert drive is not None
+    vx, vz, q = r.state[:, 3], r.state[:, 4], r.state[:, 5]
+    kept = (
+        0.5 * chassis.total_mass * (vx**2 + vz**2)
+        + 0.5 * chassis.pitch_inertia * q**2
+        + chassis.total_mass * GRAVITY * r.state[:, 1]
+        + (chassis.wheel_inertia * r.omega**2 + drive.inductance * r.current**2).sum(axis=1)
+    )
+    motor_torque = drive.gear_ratio * drive.torque_constant * r.current
+    power = 2 * (
+        r.voltage * r.current
+        - drive.resistance * r.current**2
+        - (1 - drive.gear_efficiency) * motor_torque * r.omega
+        + (r.F + r.R) * r.v_wheel[:, :, 0]
+        + r.normal * r.v_wheel[:, :, 1]
+        + r.M * r.omega
+    ).sum(axis=1)
+    put_in = np.trapezoid(2 * (r.voltage * r.current).sum(axis=1), r.t)
+    moving = r.t > 0.02  # the first milliseconds of the rotor current are not resolved by the samples
+    kept, power, t = kept[moving], power[moving], r.t[moving]
+    balance = kept - kept[0] - np.concatenate([[0], np.cumsum(0.5 * np.diff(t) * (power[1:] + power[:-1]))])
+    assert put_in > 50
+    assert np.abs(balance).max() < 1e-3 * put_in
+
+
+@pytest.mark.parametrize(("v_o", "v"), [(0.3, 0.25), (0.1, 0.2), (0.5, -0.1), (0.01, 0.004), (0.2, 0.0)])
+def test_forces_on_the_arc_match_adaptive_quadrature(v_o: float, v: float) -> None:
+    soil, r, b, k92, z0 = load_soil(), 0.0965, 0.128, 0.4, 0.017
+    k, tan = soil.cohesive_modulus / b + soil.frictional_modulus, np.tan(np.radians(soil.friction_angle))
+    slip = (v_o - v) / max(abs(v_o), abs(v), 0.02)
+    s = min(1.0, max(abs(v_o), abs(v)) / 0.02)
+    fade = s * s * (3 - 2 * s)
+    front = np.arccos(1 - z0 / r)
+
+    def stresses(a: float) -> tuple[float, float]:
+        sigma = k * max(z0 - r * (1 - np.cos(a)), 0.0) ** soil.exponent
+        rolled = (front - a) - (np.sin(front) - np.sin(a))
+        j = r * (fade * rolled + slip * (np.sin(front) - np.sin(a)))
+        limit = min(soil.tyre_friction * sigma, soil.cohesion + sigma * tan)
+        return sigma, np.sign(j) * limit * (1 - np.exp(-abs(j) / soil.shear_modulus))
+
+    def integral(weight: Callable[[float, float, float], float]) -> float:
+        return b * r * quad(lambda a: weight(a, *stresses(a)), -k92 * front, front, epsabs=1e-9, limit=400)[0]
+
+    ground = Ground(
+        r, b, soil.exponent, soil.cohesive_modulus, soil.frictional_modulus, soil.cohesion, float(tan),
+        soil.shear_modulus, soil.tyre_friction, 1000.0,
+    )  # fmt: skip
+    one = np.ones(1)
+    c = contact(ground, v_o=v_o * one, v=v * one, z0=z0 * one, dz0=0.01 * one, k92=k92, intervals=256)
+    W = integral(lambda a, sigma, tau: sigma * np.cos(a) + tau * np.sin(a))
+    assert c.W[0] == pytest.approx(W, rel=1e-5)
+    assert c.normal[0] == pytest.approx(W + 10.0, rel=1e-5)
+    assert c.R[0] == pytest.approx(integral(lambda a, sigma, _: -sigma * np.sin(a)), rel=1e-5)
+    assert c.F[0] == pytest.approx(integral(lambda a, _, tau: tau * np.cos(a)), rel=1e-4, abs=1e-4)
+    assert c.M[0] == pytest.approx(r * integral(lambda *at: -at[2]), rel=1e-4, abs=1e-5)
+
+
+def test_quadrature_is_exact_for_polynomials_and_converged_on_the_arc() -> None:
+    nodes, weights = clenshaw_curtis(12)
+    for power in range(13):
+        assert weights @ nodes**power == pytest.approx((1 + (-1) ** power) / (power + 1), abs=1e-14)
+    coarse, fine = (build(**motion(0.5), k92=0.111, intervals=n).cruise()[1] for n in (32, 512))
+    assert coarse == pytest.approx(fine, abs=1e-9)
+
+
+def test_no_force_without_contact_and_no_pull() -> None:
+    truth = build(**motion(0.3), k92=0.26)
+    one = np.ones(2)
+    lifted = contact(truth.ground, v_o=0.3 * one, v=0.2 * one, z0=-0.01 * one, dz0=one, k92=0.3)
+    for force in (lifted.W, lifted.R, lifted.F, lifted.M, lifted.normal):
+        assert not force.any()
+    rising = contact(truth.ground, v_o=0.3 * one, v=0.2 * one, z0=0.01 * one, dz0=-5 * one, k92=0.3)
+    assert not rising.normal.any()
+
+
+def test_slip_ratio_is_that_of_the_paper_above_the_floor_and_odd_in_its_arguments() -> None:
+    v_o, v = np.array([0.3, 0.1, 0.5]), np.array([0.2, 0.4, -0.1])
+    assert slip_ratio(v_o, v) == pytest.approx([1 / 3, -0.75, 1.2])
+    assert slip_ratio(-v_o, -v) == pytest.approx(-slip_ratio(v_o, v))
+    assert slip_ratio(np.zeros(1), np.zeros(1)) == 0.0
+
+
+def test_equilibrium_at_rest_carries_the_weight() -> None:
+    truth: Truth = build(**motion(0.3), k92=0.26)
+    y = truth.rest()
+    wheel = truth.contact(-1.0, y)
+    assert 2 * wheel.normal.sum() == pytest.approx(truth.mass * GRAVITY, rel=1e-9)
+    # the centre of mass lies behind the middle: the rear carries more and sinks deeper
+    assert wheel.normal[1] / wheel.normal[0] == pytest.approx(0.2245 / 0.2005, rel=2e-2)
+    assert y[PITCH] < 0
