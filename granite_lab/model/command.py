@@ -1,0 +1,88 @@
+"""The desired motion: a trapezoid of velocity (section 4, Table 2) and the ratio k_92 that follows it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from granite_lab.model.symbols import ModelParameters
+from granite_lab.parameters import Variant
+
+V_FLOOR = 0.02
+"""Velocity [m/s] below which slip and shear fade into standstill; above it the equations are exact."""
+
+
+def smoothstep(s: Any) -> Any:
+    """Rise from 0 to 1 over s in [0, 1] with flat ends: s^2 (3 - 2 s)."""
+    s = ca.fmin(1, ca.fmax(0, s))
+    return s * s * (3 - 2 * s)
+
+
+def peak_velocity(variant: Variant) -> float:
+    """Return the largest desired velocity [m/s]; below v_Ru where the distance is too short for it."""
+    return min(variant.velocity, float(np.sqrt(variant.acceleration * variant.distance)))
+
+
+def duration(variant: Variant) -> float:
+    """Return the time from the start of the command to its end [s]."""
+    v = peak_velocity(variant)
+    return variant.distance / v + v / variant.acceleration
+
+
+def steady_interval(variant: Variant) -> tuple[float, float]:
+    """Return start and end of the part with constant desired velocity [s after command start]."""
+    ramp = peak_velocity(variant) / variant.acceleration
+    return ramp, duration(variant) - ramp
+
+
+def steady_part(variant: Variant) -> tuple[float, float]:
+    """Return the part over which λ_R is taken: the second half of `steady_interval` [s]."""
+    start, end = steady_interval(variant)
+    return (start + end) / 2, end
+
+
+def phase_of(t: npt.NDArray[np.float64], variant: Variant) -> list[str]:
+    """Return the commanded phase at each t [s after command start]."""
+    t1, t2 = steady_interval(variant)
+    end = duration(variant)
+    return [
+        "rest" if x < 0 or x > end else "accelerate" if x < t1 else "steady" if x <= t2 else "brake"
+        for x in t
+    ]
+
+
+def desired_velocity(t: Any, variant: Variant) -> Any:
+    """Return v_Rd [m/s] at time t [s after command start] as an expression."""
+    v, a = _peak(variant), variant.acceleration
+    end = variant.distance / v + v / a
+    return ca.fmax(0, ca.fmin(v, ca.fmin(a * t, a * (end - t))))
+
+
+def desired_distance(t: Any, variant: Variant) -> Any:
+    """Return s_Rxd [m], the integral of `desired_velocity`, as an expression."""
+    v, a = _peak(variant), variant.acceleration
+    ramp = v / a
+    end = variant.distance / v + ramp
+    clipped = ca.fmax(0, ca.fmin(t, end))
+    rising = a * ca.fmin(clipped, ramp) ** 2 / 2
+    level = v * ca.fmax(0, ca.fmin(clipped, end - ramp) - ramp)
+    falling = ca.fmax(0, clipped - (end - ramp))
+    return rising + level + falling * (v - a * falling / 2)
+
+
+def _peak(variant: Variant) -> Any:
+    return ca.fmin(variant.velocity, ca.sqrt(variant.acceleration * variant.distance))
+
+
+def contact_angle_ratio(v_d: Any, p: ModelParameters) -> Any:
+    """Return k_92 at the desired velocity of the moment.
+
+    The exponential law is (5). A constant k_92 (Table 3) is reached from k_92 = 1 at rest within
+    V_FLOOR, because a robot that stands still has equal contact angles (below (4)).
+    """
+    exponential = ca.exp(-p.a_theta * v_d)
+    constant = 1 + (p.k92_constant - 1) * smoothstep(v_d / V_FLOOR)
+    return p.k92_is_constant * constant + (1 - p.k92_is_constant) * exponential

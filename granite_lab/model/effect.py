@@ -1,0 +1,192 @@
+"""What an effect is: a physical influence that the paper's model leaves out, as hooks into the graph.
+
+An effect declares its parameters and rewrites one or more quantities of the expression graph.
+With every parameter at its neutral value each hook returns what it was given, so that the model is
+the paper's. A hook gets the quantity, what it may depend on, and the effect's own symbols.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from granite_lab.errors import InputError
+from granite_lab.model.body import BodyLoad, BodyState
+from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
+from granite_lab.model.symbols import ModelParameters
+from granite_lab.parameters import Drive, Soil
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter of an effect.
+
+    Attributes:
+        name, unit, meaning: for people and files.
+        low, high: physical bounds.
+        neutral: the value at which the effect vanishes.
+        prior_low, prior_high: the range that the literature leads to expect.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    low: float
+    high: float
+    neutral: float
+    prior_low: float
+    prior_high: float
+
+
+@dataclass(frozen=True)
+class Own:
+    """An effect's own symbols inside the graph.
+
+    Attributes:
+        p: parameter name to value.
+        x: name of an extra state to its value.
+        t: time since the start of the command [s].
+    """
+
+    p: Mapping[str, Any]
+    x: Mapping[str, Any]
+    t: Any
+
+
+@dataclass(frozen=True)
+class Axle:
+    """All that is known of one wheel pair once its forces are; for `Effect.rates` and `Effect.body_load`.
+
+    Attributes:
+        position: of the axle in R [m].
+        state, angles, forces: of one wheel of the pair.
+        current: of one motor [A].
+        drive_torque: T of one wheel [N m].
+        rim_load: torque of tyre and ground on one rim [N m].
+    """
+
+    position: Any
+    state: WheelState
+    angles: ContactAngles
+    forces: WheelForces
+    current: Any
+    drive_torque: Any
+    rim_load: Any
+
+
+class Effect:
+    """A missing effect; a subclass overrides the hooks it needs and leaves the others alone.
+
+    Class attributes:
+        id: name in files and on the command line.
+        title: a few words.
+        equation: the formula, as text.
+        source: where the formula comes from.
+        signature: what an observer sees, in words.
+        parameters: the effect's parameters.
+        states: names of extra states, all zero at the start.
+    """
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    equation: ClassVar[str]
+    source: ClassVar[str]
+    signature: ClassVar[str]
+    parameters: ClassVar[tuple[EffectParameter, ...]]
+    states: ClassVar[tuple[str, ...]] = ()
+
+    def system(self, p: ModelParameters, own: Own) -> ModelParameters:
+        """Rewrite the parameters of the whole model."""
+        return p
+
+    def desired_velocity(self, v_desired: Any, own: Own) -> Any:
+        """Rewrite the desired velocity [m/s] that k_92 follows."""
+        return v_desired
+
+    def wheel(self, state: WheelState, own: Own) -> WheelState:
+        """Rewrite the motion of a wheel as the soil meets it."""
+        return state
+
+    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
+        """Rewrite the soil under a wheel."""
+        return soil
+
+    def contact_angles(self, angles: ContactAngles, state: WheelState, own: Own) -> ContactAngles:
+        """Rewrite the ends of the contact arc."""
+        return angles
+
+    def wheel_forces(
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+    ) -> WheelForces:
+        """Rewrite the forces and the moment of the ground on a wheel."""
+        return forces
+
+    def voltage(self, voltage: Any, drive: Drive, currents: tuple[Any, Any], own: Own) -> Any:
+        """Rewrite the voltage of a motor [V]; `currents` are those of a front and a rear motor [A]."""
+        return voltage
+
+    def drive_torque(self, torque: Any, state: WheelState, own: Own) -> Any:
+        """Rewrite the driving torque at a rim [N m]."""
+        return torque
+
+    def rim_load(self, load: Any, state: WheelState, own: Own) -> Any:
+        """Rewrite the torque of tyre and ground on a rim [N m], M_ω in the paper's model."""
+        return load
+
+    def body_load(
+        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own
+    ) -> BodyLoad:
+        """Rewrite the forces and the moment on the body."""
+        return load
+
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+        """Return the time derivative of each extra state."""
+        return {}
+
+    def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
+        """Rewrite what the sensors read (names of the run CSV that begin with ``imu_``, ``enc_``, ``cur_``)."""
+        return signals
+
+
+@dataclass(frozen=True)
+class Active:
+    """An effect that is switched on, with its parameter values."""
+
+    effect: Effect
+    values: tuple[float, ...]
+
+    @property
+    def id(self) -> str:
+        """The effect's name."""
+        return self.effect.id
+
+    def as_dict(self) -> dict[str, float]:
+        """Return parameter name to value."""
+        return {p.name: v for p, v in zip(self.effect.parameters, self.values, strict=True)}
+
+
+def activate(effect: Effect, values: Mapping[str, float], where: str = "") -> Active:
+    """Switch an effect on.
+
+    Args:
+        effect: the effect.
+        values: parameter values; what is not given stays neutral.
+        where: file for messages.
+
+    Raises:
+        InputError: unknown parameter or a value outside its bounds.
+    """
+    place = f"{where}: effect '{effect.id}'" if where else f"effect '{effect.id}'"
+    known = {p.name: p for p in effect.parameters}
+    for name, value in values.items():
+        if name not in known:
+            raise InputError(f"{place}: unknown parameter '{name}'", f"known: {', '.join(known)}")
+        p = known[name]
+        if not math.isfinite(value) or not p.low <= value <= p.high:
+            raise InputError(
+                f"{place}: {name} = {value:g} is out of range",
+                f"expected a number from {p.low:g} to {p.high:g} {p.unit}".rstrip(),
+            )
+    return Active(effect, tuple(float(values.get(p.name, p.neutral)) for p in effect.parameters))

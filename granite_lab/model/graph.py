@@ -1,0 +1,207 @@
+"""The right-hand side of the equations of motion and all outputs, as one CasADi expression graph.
+
+The graph reads top to bottom like the paper: command, kinematics, contact, drives, body, sensors.
+Effects rewrite single quantities on the way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+
+from granite_lab.model import body as bd
+from granite_lab.model.command import contact_angle_ratio, desired_distance, desired_velocity
+from granite_lab.model.contact import WheelState, contact_angles, wheel_forces
+from granite_lab.model.drive import control_voltage, current_rate, drive_torque
+from granite_lab.model.effect import Axle, Effect, Own
+from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
+from granite_lab.parameters import load_robot, load_soil, load_variants
+
+BODY_STATES = ("x_cm", "z_cm", "pitch", "x_cm_rate", "z_cm_rate", "pitch_rate")
+AXLE_STATES = ("angle", "rate", "current")
+STATES = BODY_STATES + tuple(f"{name}_{axle}" for axle in "fr" for name in AXLE_STATES)
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """The built graph.
+
+    Attributes:
+        t, x, p: symbols of time, state and parameters.
+        rates: time derivative of the state.
+        outputs: name to expression; the columns of a run.
+        states: names of the states, the effects' extra ones last.
+    """
+
+    t: Any
+    x: Any
+    p: Any
+    rates: Any
+    outputs: dict[str, Any]
+    states: tuple[str, ...]
+
+
+@lru_cache(maxsize=64)
+def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
+    """Build the graph of the paper's model with effects, in the order in which their hooks apply.
+
+    Every number is a symbol, so that one graph serves all robots, soils and variants.
+    """
+    t = ca.SX.sym("t")
+    paper = symbolic(model_parameters(load_robot(), load_soil(), load_variants()[0]))
+    names = STATES + tuple(f"{e.id}.{name}" for e in effects for name in e.states)
+    x = ca.SX.sym("x", len(names))
+    state = dict(zip(names, ca.vertsplit(x), strict=True))
+    own_p = [[ca.SX.sym(f"{e.id}.{q.name}") for q in e.parameters] for e in effects]
+    hooks = [
+        (
+            e,
+            Own(
+                {q.name: s for q, s in zip(e.parameters, symbols, strict=True)},
+                {n: state[f"{e.id}.{n}"] for n in e.states},
+                t,
+            ),
+        )
+        for e, symbols in zip(effects, own_p, strict=True)
+    ]
+
+    p = paper
+    for e, own in hooks:
+        p = e.system(p, own)
+
+    # command: (5), section 4
+    v_d = desired_velocity(t, p.variant)
+    s_d = desired_distance(t, p.variant)
+    v_k92 = v_d
+    for e, own in hooks:
+        v_k92 = e.desired_velocity(v_k92, own)
+    k92 = contact_angle_ratio(v_k92, p)
+
+    body = bd.BodyState(*(state[name] for name in BODY_STATES))
+    reference = bd.point(body, p.chassis, 0, 0)  # R
+    v, _ = bd.to_robot(body.pitch, reference.x_rate, reference.z_rate)
+
+    axles = tuple(_axle(front, state, body, p, k92, v_d, hooks) for front in (True, False))
+    front, rear = axles
+
+    load = bd.ground_load(
+        body, p.chassis, [(a.position, a.forces.longitudinal, a.forces.normal) for a in axles]
+    )
+    for e, own in hooks:
+        load = e.body_load(load, body, (front, rear), p, own)
+    acceleration = bd.accelerations(p.chassis, load)
+
+    rates: dict[str, Any] = {
+        "x_cm": body.x_rate,
+        "z_cm": body.z_rate,
+        "pitch": body.pitch_rate,
+        "x_cm_rate": acceleration.x,
+        "z_cm_rate": acceleration.z,
+        "pitch_rate": acceleration.pitch,
+    }
+    outputs: dict[str, Any] = {
+        "x_m": reference.x,
+        "z_m": reference.z,
+        "v_mps": v,
+        "v_z_mps": reference.z_rate,
+        "pitch_rad": body.pitch,
+        "pitch_rate_radps": body.pitch_rate,
+        "v_desired_mps": v_d,
+        "s_desired_m": s_d,
+        "k92": k92,
+    }
+    f_x, f_z = bd.specific_force(body, acceleration, load, p.chassis, p.imu.x, p.imu.z)
+    sensors: dict[str, Any] = {"imu_ax_mps2": f_x, "imu_az_mps2": f_z, "imu_gy_radps": body.pitch_rate}
+    for name, axle in zip("fr", axles, strict=True):
+        rate = state[f"rate_{name}"]
+        voltage = control_voltage(p.drive, s_d / p.wheels.radius - state[f"angle_{name}"],
+                                  v_d / p.wheels.radius - rate)  # fmt: skip
+        for e, own in hooks:
+            voltage = e.voltage(voltage, p.drive, (front.current, rear.current), own)
+        rates[f"angle_{name}"] = rate
+        rates[f"rate_{name}"] = (axle.drive_torque + axle.rim_load) / p.chassis.wheel_inertia  # (23)
+        rates[f"current_{name}"] = current_rate(p.drive, voltage, rate, axle.current)  # (24)
+        outputs |= _axle_outputs(name, axle, voltage, rate * p.wheels.radius)
+        sensors |= {f"enc_{name}_rad": axle.state.angle, f"cur_{name}_A": axle.current}
+    for e, own in hooks:
+        sensors = e.sensors(sensors, p, own)
+        rates |= {f"{e.id}.{name}": value for name, value in e.rates((front, rear), p, own).items()}
+
+    parameters = ca.vertcat(symbols_of(paper), *(s for symbols in own_p for s in symbols))
+    return Graph(t, x, parameters, ca.vertcat(*(rates[name] for name in names)), outputs | sensors, names)
+
+
+def _axle(
+    front: bool,
+    state: dict[str, Any],
+    body: bd.BodyState,
+    p: ModelParameters,
+    k92: Any,
+    v_d: Any,
+    hooks: list[tuple[Effect, Own]],
+) -> Axle:
+    """Kinematics, contact and drive of one wheel pair, (1), (4)-(18), (24)."""
+    name = "f" if front else "r"
+    position = p.chassis.wheel_base / 2 * (1 if front else -1)
+    centre = bd.point(body, p.chassis, position, 0)
+    velocity, _ = bd.to_robot(body.pitch, centre.x_rate, centre.z_rate)
+    rate = state[f"rate_{name}"]
+    wheel = WheelState(
+        front=front,
+        travel=centre.x - position,
+        angle=state[f"angle_{name}"],
+        rate=rate,
+        tread_rate=rate,
+        velocity=velocity,
+        sinkage=p.wheels.radius - centre.z,
+        sinkage_rate=-centre.z_rate,
+        radius=p.wheels.radius,
+        width=p.wheels.width,
+        v_desired=v_d,
+    )
+    for e, own in hooks:
+        wheel = e.wheel(wheel, own)
+    soil = p.soil
+    for e, own in hooks:
+        soil = e.soil(soil, wheel, own)
+    angles = contact_angles(wheel, k92)
+    for e, own in hooks:
+        angles = e.contact_angles(angles, wheel, own)
+    forces = wheel_forces(wheel, angles, soil, p.chassis.contact_damping)
+    for e, own in hooks:
+        forces = e.wheel_forces(forces, wheel, angles, soil, own)
+    current = state[f"current_{name}"]
+    torque = drive_torque(p.drive, current)
+    for e, own in hooks:
+        torque = e.drive_torque(torque, wheel, own)
+    rim_load = forces.moment
+    for e, own in hooks:
+        rim_load = e.rim_load(rim_load, wheel, own)
+    return Axle(position, wheel, angles, forces, current, torque, rim_load)
+
+
+def _axle_outputs(name: str, axle: Axle, voltage: Any, v_o: Any) -> dict[str, Any]:
+    """Name what a run shows of one wheel pair; forces are those of one wheel."""
+    s, f = axle.state, axle.forces
+    rim = replace(s, tread_rate=s.rate)  # slip as encoders see it
+    return {
+        f"theta_{name}_rad": s.angle,
+        f"omega_{name}_radps": s.rate,
+        f"v_wheel_{name}_mps": v_o,
+        f"slip_{name}": rim.slip,
+        f"sinkage_{name}_m": s.sinkage,
+        f"angle_front_{name}_rad": axle.angles.front,
+        f"angle_rear_{name}_rad": axle.angles.rear,
+        f"load_{name}_N": f.vertical,
+        f"resistance_{name}_N": f.resistance,
+        f"thrust_{name}_N": f.thrust,
+        f"force_x_{name}_N": f.longitudinal,
+        f"force_z_{name}_N": f.normal,
+        f"moment_{name}_Nm": f.moment,
+        f"torque_{name}_Nm": axle.drive_torque,
+        f"current_{name}_A": axle.current,
+        f"voltage_{name}_V": voltage,
+    }

@@ -1,0 +1,207 @@
+"""From parameters to a Run: the graph integrated by CVODES (SUNDIALS) through CasADi."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from granite_lab.errors import EstimateError
+from granite_lab.model.columns import ColumnFunction
+from granite_lab.model.command import duration, steady_part
+from granite_lab.model.effect import Active, Effect
+from granite_lab.model.graph import STATES, build_graph
+from granite_lab.model.run import Run
+from granite_lab.model.symbols import ModelParameters, model_parameters, vector_of
+from granite_lab.parameters import Robot, Soil, Variant, load_paper
+
+Array = npt.NDArray[np.float64]
+
+SETTLE = 1.0
+"""Standstill before the command [s]."""
+
+COAST = 2.5
+"""Time simulated after the command's end [s]: (26) cannot brake actively, so the robot comes to
+rest with a time constant of 0.38 s; after 2.5 s it is slower than 0.1 mm/s."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How finely a run is computed.
+
+    Attributes:
+        relative, absolute: tolerances of CVODES.
+        step: spacing of the output grid [s].
+    """
+
+    relative: float = 1e-4
+    absolute: float = 1e-6
+    step: float = 0.005
+
+
+@lru_cache(maxsize=64)
+def _rest_function(effects: tuple[Effect, ...]) -> Any:
+    """Return f(z, Θ, p) -> vertical and pitch acceleration at standstill, with its Jacobian."""
+    graph = build_graph(effects)
+    zp = ca.SX.sym("zp", 2)
+    x = ca.SX.zeros(len(graph.states))
+    x[1], x[2] = zp[0], zp[1]
+    rates = ca.substitute(graph.rates, ca.vertcat(graph.x, graph.t), ca.vertcat(x, -SETTLE))
+    residual = rates[3:6][1:]
+    return ca.Function("rest", [zp, graph.p], [residual, ca.jacobian(residual, zp)])
+
+
+@lru_cache(maxsize=256)
+def _integrator(effects: tuple[Effect, ...], samples: int, accuracy: Accuracy) -> Any:
+    graph = build_graph(effects)
+    grid = -SETTLE + accuracy.step * np.arange(samples)
+    return ca.integrator(
+        "run",
+        "cvodes",
+        {"t": graph.t, "x": graph.x, "p": graph.p, "ode": ca.cse(graph.rates)},
+        grid[0],
+        grid[1:],
+        {
+            "reltol": accuracy.relative,
+            "abstol": accuracy.absolute,
+            "max_num_steps": 100_000,
+        },
+    )
+
+
+@lru_cache(maxsize=64)
+def _outputs(effects: tuple[Effect, ...]) -> ColumnFunction:
+    graph = build_graph(effects)
+    return ColumnFunction([graph.t, graph.x, graph.p], ca.vertcat(*graph.outputs.values()))
+
+
+def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
+    """Return the state of the robot at rest before the command: sunk in, level forces.
+
+    Raises:
+        EstimateError: the robot finds no rest on this soil.
+    """
+    chosen = tuple(e.effect for e in effects)
+    vector = _vector(p, effects)
+    f = _rest_function(chosen)
+    zp = np.array([0.85 * p.wheels.radius + p.chassis.com_z, 0.0])
+    for _ in range(60):
+        residual, jacobian = (np.array(part) for part in f(zp, vector))
+        step = np.linalg.lstsq(jacobian, residual[:, 0], rcond=None)[0]
+        zp -= np.clip(step, -0.2 * p.wheels.radius, 0.2 * p.wheels.radius)
+        if np.abs(step).max() < 1e-12:
+            break
+    sinkage = p.wheels.radius + p.chassis.com_z - zp[0]
+    if not (np.isfinite(zp).all() and np.abs(residual).max() < 1e-3 and sinkage < p.wheels.radius):
+        raise EstimateError(
+            f"the robot sinks to its axles on this soil (sinkage {sinkage * 1000:.0f} mm, "
+            f"wheel radius {p.wheels.radius * 1000:.0f} mm)",
+            "check masses, wheel size and the soil's moduli",
+        )
+    state = np.zeros(len(STATES) + sum(len(e.states) for e in chosen))
+    x_cm = p.chassis.com_x * np.cos(zp[1]) + p.chassis.com_z * np.sin(zp[1])  # R begins at x = 0
+    state[:3] = x_cm, zp[0], zp[1]
+    return state
+
+
+def _vector(p: ModelParameters, effects: Sequence[Active]) -> list[float]:
+    return vector_of(p) + [value for e in effects for value in e.values]
+
+
+def integrate(
+    p: ModelParameters, effects: Sequence[Active] = (), accuracy: Accuracy = Accuracy()
+) -> dict[str, Array]:
+    """Integrate the model from rest, through the command, to rest.
+
+    Returns:
+        name to (N,) array, the outputs of the graph; the first is ``t_s`` [s after command start].
+
+    Raises:
+        EstimateError: CVODES gave up, or the robot finds no rest.
+    """
+    chosen = tuple(e.effect for e in effects)
+    samples = int(np.ceil((SETTLE + duration(p.variant) + COAST) / accuracy.step)) + 1
+    start, vector = rest_state(p, effects), _vector(p, effects)
+    try:
+        states = _integrator(chosen, samples, accuracy)(x0=start, p=vector)["xf"].full()
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise EstimateError(
+            f"the simulation does not converge: {reason}", "check the parameters with 'granite-lab params'"
+        ) from None
+    t = -SETTLE + accuracy.step * np.arange(samples)
+    history = np.column_stack([start, states])
+    table = _outputs(chosen)(t[None, :], history, np.array(vector), samples=samples)
+    if not np.isfinite(table).all():
+        raise EstimateError("the simulation left the range of numbers", "check the parameters")
+    return {"t_s": t} | dict(zip(build_graph(chosen).outputs, table, strict=True))
+
+
+def steady_slip(
+    signals: dict[str, Array], variant: Variant, radius: float
+) -> tuple[float, tuple[float, float]]:
+    """Return λ_R by (2) over the steady part, and that part [s].
+
+    The desired distance is the one the wheels would cover without slip. The steady part is the
+    second half of the constant desired velocity: the robot settles with a time constant of about
+    0.35 s after the ramp, and the first half would add up to 1.4 points.
+    """
+    t1, t2 = steady_part(variant)
+    start, end = (
+        {name: np.interp(t, signals["t_s"], signals[name]) for name in ("x_m", "theta_f_rad", "theta_r_rad")}
+        for t in (t1, t2)
+    )
+    gained = {name: float(end[name] - start[name]) for name in start}
+    wheels = radius * (gained["theta_f_rad"] + gained["theta_r_rad"]) / 2
+    return 1 - gained["x_m"] / wheels, (t1, t2)
+
+
+def simulate(
+    variant: Variant,
+    robot: Robot,
+    soil: Soil,
+    *,
+    k92: float | None = None,
+    a_theta: float | None = None,
+    effects: Sequence[Active] = (),
+    accuracy: Accuracy = Accuracy(),
+) -> Run:
+    """Simulate one run, equations (1)-(26).
+
+    Args:
+        variant: the commanded trapezoid.
+        robot: with chassis and drive.
+        soil: the ground.
+        k92: a constant k_92 [-]; by default k_92 = exp(-a_θ v_d(t)), (5).
+        a_theta: a_θ [s/m], by default the paper's.
+        effects: effects added to the paper's model.
+        accuracy: tolerances and output grid.
+
+    Raises:
+        InputError: the robot's file lacks chassis or drive.
+        EstimateError: the simulation does not converge or the robot finds no rest.
+    """
+    exponent = load_paper().a_theta if a_theta is None else a_theta
+    p = model_parameters(robot, soil, variant, k92=k92, a_theta=exponent)
+    begin = time.perf_counter()
+    signals = integrate(p, effects, accuracy)
+    wall = time.perf_counter() - begin
+    slip, steady = steady_slip(signals, variant, robot.wheels.radius)
+    return Run(
+        variant=variant,
+        robot=robot,
+        soil=soil,
+        k92_law="exponential" if k92 is None else "constant",
+        k92_value=exponent if k92 is None else k92,
+        effects={e.id: e.as_dict() for e in effects},
+        signals=signals,
+        slip_ratio=slip,
+        steady=steady,
+        wall=wall,
+    )

@@ -1,0 +1,117 @@
+"""Parameter records whose numbers are CasADi symbols, and the flat vector that fills them.
+
+The records of `granite_lab.parameters` carry expressions as well as numbers, so that an equation
+reads the same whether it is evaluated or differentiated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any, TypeVar
+
+import casadi as ca
+
+from granite_lab.errors import InputError
+from granite_lab.parameters import Chassis, Drive, Imu, Robot, Soil, Variant, Wheels
+
+T = TypeVar("T")
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelParameters:
+    """All numbers of the paper's model; floats outside, CasADi symbols inside the graph.
+
+    Attributes:
+        wheels, chassis, drive, imu, soil, variant: as in the catalogue.
+        k92_constant: the constant k_92 [-], in force where `k92_is_constant` is 1.
+        a_theta: a_θ of (5) [s/m], in force where `k92_is_constant` is 0.
+        k92_is_constant: 1 or 0.
+    """
+
+    wheels: Wheels
+    chassis: Chassis
+    drive: Drive
+    imu: Imu
+    soil: Soil
+    variant: Variant
+    k92_constant: Any
+    a_theta: Any
+    k92_is_constant: Any
+
+
+def model_parameters(
+    robot: Robot, soil: Soil, variant: Variant, *, k92: float | None = None, a_theta: float = 0.0
+) -> ModelParameters:
+    """Gather all numbers of the model.
+
+    Args:
+        robot: with chassis and drive.
+        soil: the ground.
+        variant: the commanded trapezoid.
+        k92: a constant k_92; None for the exponential law (5).
+        a_theta: a_θ of (5) [s/m].
+
+    Raises:
+        InputError: the robot's file has no [chassis] or no [drive].
+    """
+    for part in ("chassis", "drive"):
+        if getattr(robot, part) is None:
+            raise InputError(
+                f"robot '{robot.name}' has no [{part}] table and cannot be simulated",
+                f"add [{part}] to its file; see granite_lab/catalogue/robots/granite.toml",
+            )
+    assert robot.chassis is not None
+    assert robot.drive is not None
+    return ModelParameters(
+        robot.wheels, robot.chassis, robot.drive, robot.imu, soil, variant,
+        0.0 if k92 is None else float(k92), float(a_theta), 0.0 if k92 is None else 1.0,
+    )  # fmt: skip
+
+
+def _leaves(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted name and value of each number in a nested record, in field order."""
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        name = f"{prefix}{field.name}"
+        if dataclasses.is_dataclass(value):
+            yield from _leaves(value, f"{name}.")
+        elif "unit" in field.metadata or isinstance(value, float):
+            yield name, value
+
+
+def names_of(record: Any) -> list[str]:
+    """Return the dotted names of the numbers in a record, in the order of `vector_of`."""
+    return [name for name, _ in _leaves(record)]
+
+
+def vector_of(record: Any) -> list[float]:
+    """Return the numbers of a record as one flat list."""
+    return [float(value) for _, value in _leaves(record)]
+
+
+def symbolic(record: T, prefix: str = "") -> T:
+    """Return the record with a CasADi symbol in place of each number, named after its place."""
+    changes: dict[str, Any] = {}
+    for field in dataclasses.fields(record):  # type: ignore[arg-type]
+        value = getattr(record, field.name)
+        name = f"{prefix}{field.name}"
+        if dataclasses.is_dataclass(value):
+            changes[field.name] = symbolic(value, f"{name}.")
+        elif "unit" in field.metadata or isinstance(value, float):
+            changes[field.name] = ca.SX.sym(name)
+    return dataclasses.replace(record, **changes)  # type: ignore[type-var]
+
+
+def symbols_of(record: Any) -> ca.SX:
+    """Return the symbols of a symbolic record as one column, in the order of `vector_of`."""
+    return ca.vertcat(*(value for _, value in _leaves_symbolic(record)))
+
+
+def _leaves_symbolic(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from _leaves_symbolic(value, f"{prefix}{field.name}.")
+        elif isinstance(value, ca.SX):
+            yield f"{prefix}{field.name}", value
