@@ -146,7 +146,7 @@ class Effect:
         return {}
 
     def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
-        """Rewrite what the sensors read (names of the run CSV that begin with ``imu_``, ``enc_``, ``cur_``)."""
+        """Rewrite what the sensors read: the signals named ``imu_…``, ``enc_…`` and ``cur_…``."""
         return signals
 
 

@@ -135,9 +135,9 @@ def integrate(
         raise EstimateError(
             f"the simulation does not converge: {reason}", "check the parameters with 'granite-lab params'"
         ) from None
-    t = -SETTLE + accuracy.step * np.arange(samples)
+    t: Array = -SETTLE + accuracy.step * np.arange(samples, dtype=np.float64)
     history = np.column_stack([start, states])
-    table = _outputs(chosen)(t[None, :], history, np.array(vector), samples=samples)
+    table = _outputs(chosen)(t[None], history, np.array(vector), samples=samples)
     if not np.isfinite(table).all():
         raise EstimateError("the simulation left the range of numbers", "check the parameters")
     return {"t_s": t} | dict(zip(build_graph(chosen).outputs, table, strict=True))

@@ -103,15 +103,15 @@ def symbolic(record: T, prefix: str = "") -> T:
     return dataclasses.replace(record, **changes)  # type: ignore[type-var]
 
 
-def symbols_of(record: Any) -> ca.SX:
-    """Return the symbols of a symbolic record as one column, in the order of `vector_of`."""
-    return ca.vertcat(*(value for _, value in _leaves_symbolic(record)))
+def symbols_of(record: Any) -> Any:
+    """Return the symbols of a symbolic record as one CasADi column, in the order of `vector_of`."""
+    return ca.vertcat(*_symbols(record))
 
 
-def _leaves_symbolic(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _symbols(record: Any) -> Iterator[Any]:
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
         if dataclasses.is_dataclass(value):
-            yield from _leaves_symbolic(value, f"{prefix}{field.name}.")
+            yield from _symbols(value)
         elif isinstance(value, ca.SX):
-            yield f"{prefix}{field.name}", value
+            yield value
