@@ -162,10 +162,20 @@ def _convert(
         if choices and value not in choices:
             raise InputError(f"{place}: {key} = {value!r} is not known", f"one of: {', '.join(choices)}")
         return value
+    if hint is bool:
+        if not isinstance(value, bool):
+            raise InputError(f"{place}: {key} = {value!r} is neither true nor false", "write true or false")
+        return value
     if typing.get_origin(hint) is tuple:
+        item = typing.get_args(hint)[0]
+        if dataclasses.is_dataclass(item):
+            if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
+                raise InputError(f"{place}: '{key}' must be a list of tables", f"write [[{key}]] above each")
+            rows = enumerate(value, 1)
+            return tuple(build(typing.cast(type, item), row, where, f"{key}.{i}") for i, row in rows)
         if not isinstance(value, list):
             raise InputError(f"{place}: {key} = {value!r} is not a list", "write it as [a, b, …]")
-        if typing.get_args(hint)[0] is float:
+        if item is float:
             numbers = tuple(check_number(place, key, v, "", -1e9, 1e9) for v in value)
             length = field.metadata.get("length")
             if length and len(numbers) != length:
