@@ -130,7 +130,7 @@ class Provenance:
     group: str
     key: str
     symbol: str
-    value: float | str
+    value: float
     unit: str
     low: float
     high: float
@@ -138,28 +138,38 @@ class Provenance:
     origin: str
 
 
-def provenance(record: Any, group: str, origin: str, given: dict[str, Any]) -> Iterator[Provenance]:
-    """List every parameter of a record with its unit, bounds and origin.
+def in_force(robot: str, soil: str, grade: str | None = None) -> list[Provenance]:
+    """List every number of a robot and a soil with its unit, bounds and origin.
 
-    Args:
-        record: a dataclass of `granite_lab.parameters.records`.
-        group: name of the record in the list, as ``robot``.
-        origin: the file the record was read from.
-        given: the parsed file; what is absent there is a default.
+    Raises:
+        UsageError: unknown robot, soil or IMU grade.
+        InputError: a file is wrong.
     """
+    rows: list[Provenance] = []
+    for group, record, path in (
+        ("robot", load_robot(robot, grade), find("robots", robot)),
+        ("soil", load_soil(soil), find("soils", soil)),
+    ):
+        rows += _list(record, group, _short(path), read_toml(path))
+    return rows
+
+
+def _short(path: Path) -> str:
+    """Name a file of the catalogue without the folders above it."""
+    return str(path.relative_to(CATALOGUE.parent)) if path.is_relative_to(CATALOGUE) else str(path)
+
+
+def _list(record: Any, group: str, origin: str, given: dict[str, Any]) -> Iterator[Provenance]:
     for field in dataclasses.fields(record):
-        value = getattr(record, field.name)
-        key = key_of(field)
-        if dataclasses.is_dataclass(value):
-            source = f"{CATALOGUE.name}/imu_grades.toml" if field.name == "imu_grade" else origin
-            inner = given.get(key)
-            filled = {key_of(f): True for f in dataclasses.fields(value)} if inner is None else inner
-            yield from provenance(
-                value, f"{group}.{field.name}", source, filled if field.name == "imu_grade" else inner or {}
-            )
+        value, key = getattr(record, field.name), key_of(field)
+        if field.name == "imu_grade" and key not in given and value is not None:
+            everything = {key_of(f): True for f in dataclasses.fields(value)}
+            yield from _list(value, f"{group}.imu", _short(CATALOGUE / "imu_grades.toml"), everything)
+        elif dataclasses.is_dataclass(value):
+            yield from _list(value, f"{group}.{field.name}", origin, given.get(key, {}))
         elif "unit" in field.metadata:
             m = field.metadata
+            place = origin if key in given else "default"
             yield Provenance(
-                group, key, m["symbol"], value, m["unit"], m["low"], m["high"], m["meaning"],
-                origin if key in given else "default",
-            )  # fmt: skip
+                group, key, m["symbol"], value, m["unit"], m["low"], m["high"], m["meaning"], place
+            )

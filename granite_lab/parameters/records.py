@@ -104,7 +104,9 @@ class Imu:
     )
     tilt: float = quantity("deg", 0, 20, "std of the unknown mounting tilt", default=0.3)
     vibration: float = quantity("m/s^2", 0, 50, "rms of the frame's vibration at 0.5 m/s", default=0.0)
-    vibration_rate: float = quantity("rad/s", 0, 5, "rms of the frame's pitch vibration at 0.5 m/s", default=0.0)
+    vibration_rate: float = quantity(
+        "rad/s", 0, 5, "rms of the frame's pitch vibration at 0.5 m/s", default=0.0
+    )
     vibration_frequency: float = quantity("Hz", 0.5, 500, "where the vibration is loudest", default=25.0)
 
 

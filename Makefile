@@ -1,0 +1,56 @@
+# granite-lab: `make study` runs the main job on data/samples, `make test` passes the tests.
+# Each target sets up .venv by itself; nothing but Python 3.11 or newer and make is needed.
+
+PYTHON ?= python3
+BIN := .venv/bin
+USE := .venv/.use-installed
+DEV := .venv/.dev-installed
+
+.PHONY: help study test lint types bench bench-simulator bench-estimation samples clean
+
+help:
+	@echo "make study             analyse data/samples, write reports/samples/index.html"
+	@echo "make test              ruff, mypy and all tests"
+	@echo "make bench             measure speed and accuracy, write docs/bench-*.md"
+	@echo "make samples           write the virtual sample trials again"
+	@echo "make clean             remove .venv and all caches"
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "error: $(PYTHON) is older than 3.11"; echo "hint: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
+	$(PYTHON) -m venv .venv
+
+$(USE): pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	@touch $@
+
+$(DEV): pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@ $(USE)
+
+study: $(USE)
+	$(BIN)/granite-lab study data/samples --out reports/samples
+
+test: lint types $(DEV)
+	$(BIN)/python -m pytest -n 2
+
+lint: $(DEV)
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+types: $(DEV)
+	$(BIN)/mypy
+
+bench: bench-simulator bench-estimation
+
+bench-simulator: $(DEV)
+	$(BIN)/python -m benchmarks.simulator --out docs/bench-simulator.md
+
+bench-estimation: $(DEV)
+	$(BIN)/python -m benchmarks.estimation --out docs/bench-estimation.md
+
+samples: $(USE)
+	sh data/make-samples.sh $(BIN)/granite-lab
+
+clean:
+	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist

@@ -1,0 +1,62 @@
+"""The command line: parses, calls and prints; every known error ends here in two lines."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from granite_lab import __version__
+from granite_lab.errors import LabError
+
+app = typer.Typer(
+    name="granite-lab",
+    help="From raw logs of a robot on sand to slip, fitted models and reports, with uncertainty.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"granite-lab {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """From raw logs of a robot on sand to slip, fitted models and reports, with uncertainty."""
+
+
+def _register() -> None:
+    from granite_lab.commands import effects, fit, logs, parameters, simulate, study
+
+    for module in (logs, simulate, fit, study, parameters, effects):
+        module.register(app)
+
+
+_register()
+
+
+def main() -> None:
+    """Run the command line; known errors become one line, one hint and an exit code."""
+    try:
+        app()
+    except LabError as error:
+        print(f"error: {error.message}", file=sys.stderr)
+        if error.hint:
+            print(f"hint: {error.hint}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
+    except BrokenPipeError:  # the reader of our output has gone, as in `… | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)

@@ -1,0 +1,148 @@
+"""What the commands share: their options, JSON on stdout, tables on the terminal."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from granite_lab.errors import UsageError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress display.")]
+TrialsArgument = Annotated[
+    list[Path] | None,
+    typer.Argument(metavar="TRIALS…", help="Logs (CSV), or folders of them.", show_default=False),
+]
+
+
+def _complete(kind: str) -> Any:
+    def names(incomplete: str) -> list[str]:
+        from granite_lab.parameters import names as known
+
+        return [name for name in known(kind) if name.startswith(incomplete)]
+
+    return names
+
+
+RobotOption = Annotated[
+    str | None,
+    typer.Option(help="Robot: a name of the catalogue or a .toml file.", autocompletion=_complete("robots")),
+]
+SoilOption = Annotated[
+    str | None,
+    typer.Option(help="Soil: a name of the catalogue or a .toml file.", autocompletion=_complete("soils")),
+]
+MapOption = Annotated[
+    str | None,
+    typer.Option(
+        "--map",
+        help="Column map: a name of the catalogue or a .toml file.",
+        autocompletion=_complete("loggers"),
+    ),
+]
+ModelOption = Annotated[
+    Path | None, typer.Option("--model", help="model.toml: the paper's model with effects switched on.")
+]
+EffectsOption = Annotated[
+    Path | None,
+    typer.Option("--effects", help="Your own effect file (.py). It is run: use only code you trust."),
+]
+JobsOption = Annotated[int, typer.Option("--jobs", "-j", min=0, help="Processes; 0 means one per core.")]
+
+
+def jsonable(value: Any) -> Any:
+    """Return the value as JSON can hold it: NaN and infinity become null, records become objects."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: jsonable(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(k): jsonable(v) for k, v in value.items()}
+    if isinstance(value, str) or value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, Sequence):
+        return [jsonable(v) for v in value]
+    if hasattr(value, "tolist"):
+        return jsonable(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """Print one JSON document on stdout."""
+    sys.stdout.write(json.dumps(jsonable(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def console(*, stderr: bool = False) -> Console:
+    """Return a console: at most 100 columns on a terminal, 80 elsewhere; colours only on a terminal."""
+    from rich.console import Console
+
+    plain = Console(stderr=stderr, highlight=False, soft_wrap=False)
+    if not plain.is_terminal:
+        return Console(stderr=stderr, highlight=False, width=80)
+    return plain
+
+
+def warn(lines: Sequence[str]) -> None:
+    """Print warnings on stderr, one line each."""
+    for line in lines:
+        print(f"warning: {line}", file=sys.stderr)
+
+
+@contextmanager
+def progress(quiet: bool) -> Iterator[Progress]:
+    """Show progress on stderr where it is a terminal, and nothing elsewhere."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    shown = console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=shown,
+        transient=True,
+        disable=quiet or not shown.is_terminal,
+    ) as display:
+        yield display
+
+
+def trial_files(paths: Sequence[Path] | None, default: Path | None = None) -> list[Path]:
+    """Return the logs that were named; a folder stands for the CSV files in it.
+
+    Raises:
+        UsageError: nothing was named, or a folder holds no log.
+    """
+    named = list(paths or ([default] if default else []))
+    if not named:
+        raise UsageError("no trials given", "name one or more logs, or a folder of them")
+    files: list[Path] = []
+    for path in named:
+        if path.is_dir():
+            found = sorted(path.glob("*.csv"))
+            if not found:
+                raise UsageError(f"{path}: the folder holds no .csv file", "name the logs themselves")
+            files += found
+        else:
+            files.append(path)
+    unique = list(dict.fromkeys(files))
+    stems = [path.stem for path in unique]
+    for stem in stems:
+        if stems.count(stem) > 1:
+            raise UsageError(
+                f"two logs are called '{stem}'", "rename one: results carry the name of their log"
+            )
+    return unique
