@@ -1,0 +1,218 @@
+"""True motion over sand for judging the estimation: smooth, random, exactly at rest at both ends.
+
+Not the simulator: slip here is a random process around the published slip ratios, with the slow
+oscillations of velocity and the squat that the paper saw in its experiments but not in its model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicSpline
+from scipy.signal import bilinear, lfilter
+
+from tests.truth.command import Trapezoid
+from tests.truth.contact import Array
+from tests.truth.simulator import Result
+
+DT = 0.001
+"""Spacing of the truth [s]."""
+
+SLIP_SPEED = np.array([0.0, 0.2, 0.3, 0.5, 0.7, 1.0])
+SLIP_LEVEL = np.array([0.03, 0.0531, 0.0835, 0.165, 0.229, 0.3])
+"""Measured slip ratio of the robot over desired velocity [m/s] (Table 3), extended at both ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """True motion at `t` (N,), evenly spaced by DT.
+
+    Attributes:
+        x, v, a: distance along R's x [m], velocity [m/s] and its derivative [m/s^2].
+        w: velocity of R along R's z [m/s]; dw: its derivative.
+        pitch, roll, yaw_rate: attitude [rad] (pitch positive nose down) and heading rate [rad/s].
+        v_wheel: (N, 4) circumferential velocity of each wheel [m/s].
+        force: (N, 4) longitudinal force each wheel transmits [N], for the currents.
+        start, stop: of the command [s]; steady: settled half of its constant part [s].
+    """
+
+    t: Array
+    x: Array
+    v: Array
+    a: Array
+    w: Array
+    dw: Array
+    pitch: Array
+    roll: Array
+    yaw_rate: Array
+    v_wheel: Array
+    force: Array
+    start: float
+    stop: float
+    steady: tuple[float, float]
+
+
+def smooth(signal: Array, width: float) -> Array:
+    """Return the signal averaged three times over `width` [s]: delayed, smooth, of finite memory."""
+    n = max(1, round(width / DT))
+    box = np.ones(n) / n
+    kernel = np.convolve(np.convolve(box, box), box)
+    padded = np.concatenate([np.full(kernel.size - 1, signal[0]), signal])
+    return np.convolve(padded, kernel, mode="valid")
+
+
+def wander(rng: np.random.Generator, size: int, step: float, length: float) -> Array:
+    """Return a Gaussian random function of unit variance with correlation `length`, sampled every `step`."""
+    reach = max(1, int(np.ceil(4 * length / step)))
+    kernel = np.exp(-((np.arange(-reach, reach + 1) * step / length) ** 2))
+    kernel /= np.sqrt((kernel**2).sum())
+    return np.convolve(rng.standard_normal(size + 2 * reach), kernel, mode="valid")
+
+
+def field_over(rng: np.random.Generator, x: Array, length: float, std: float) -> Array:
+    """Return a random function of the place, which is constant while the robot stands; zero at the start."""
+    step = length / 8
+    size = int((x.max() - x.min()) / step) + 12
+    grid = x.min() + step * (np.arange(size) - 4)
+    values = std * wander(rng, size, step, length)
+    # a cubic keeps the second derivative, and so the angular acceleration, free of jumps
+    found = CubicSpline(grid, values)(x)
+    return np.asarray(found - found[0])
+
+
+def oscillator(drive: Array, frequency: float, damping: float) -> Array:
+    """Return the response of a unit-gain second-order system [Hz, -] to `drive`, starting at rest."""
+    w = 2 * np.pi * frequency
+    b, a = bilinear([w**2], [1.0, 2 * damping * w, w**2], fs=1 / DT)
+    return np.asarray(lfilter(b, a, drive - drive[0]) + drive[0])
+
+
+def body_velocity(target: Array, braked: Array, lag: float, grip: float) -> Array:
+    """Return the velocity that follows `target` with a lag and comes to a dead stop.
+
+    Args:
+        target: velocity at which the wheels would carry the body [m/s].
+        braked: true where the wheels stand or brake towards standstill.
+        lag: time constant [s].
+        grip: deceleration by the sand once the wheels hold [m/s^2].
+    """
+    v = np.zeros_like(target)
+    now = 0.0
+    for k in range(1, target.size):
+        now += DT * (target[k] - now) / lag
+        if braked[k] and target[k] < 0.02:
+            now = max(0.0, now - grip * DT)
+        v[k] = now
+    return v
+
+
+def random_body(
+    rng: np.random.Generator,
+    *,
+    velocity: float,
+    acceleration: float,
+    duration: float,
+    still: tuple[float, float],
+    slip: float | None,
+    terrain_deg: float,
+    wobble: float,
+    radius: float,
+    mass: float,
+) -> Body:
+    """Draw a motion.
+
+    Args:
+        rng: source of all randomness.
+        velocity, acceleration: of the desired trapezoid [m/s], [m/s^2].
+        duration: from the command's start to its end [s].
+        still: rest before the command and after it [s].
+        slip: mean slip ratio; drawn around the published one when None.
+        terrain_deg: std of the pitch over the ground [deg].
+        wobble: factor on roll and yaw.
+        radius, mass: of wheel [m] and robot [kg].
+    """
+    command = Trapezoid(velocity, acceleration, velocity * (duration - velocity / acceleration))
+    n = round((still[0] + duration + still[1]) / DT) + 1
+    t = DT * np.arange(n)
+    desired = np.array([command.velocity(ti - still[0]) for ti in t])
+    rolling = smooth(desired, 0.03)  # the drive follows the command within a tenth of a second
+    moving = rolling / velocity
+
+    level = float(np.interp(velocity, SLIP_SPEED, SLIP_LEVEL)) * (1 + 0.08 * rng.standard_normal())
+    if slip is not None:
+        level = slip
+    ripple = rng.uniform(0.005, 0.02) * np.sin(
+        2 * np.pi * rng.uniform(0.4, 1.4) * t + rng.uniform(0, 2 * np.pi)
+    )
+    ratio = level * (1 + 0.08 * wander(rng, n, DT, rng.uniform(0.5, 1.5))) + ripple * velocity / 0.7
+    lag = rng.uniform(0.06, 0.25)
+    braked = t > still[0] + duration - velocity / acceleration
+    v = smooth(body_velocity(rolling * (1 - ratio), braked, lag, rng.uniform(0.4, 1.0)), 0.02)
+    a = np.gradient(v, DT)
+    x = cumulative_trapezoid(v, dx=DT, initial=0.0)
+
+    # squat by acceleration, and the change of sinkage between rest and driving
+    squat = np.radians(-rng.uniform(0.1, 0.3)) * a + np.radians(rng.normal(-0.05, 0.1)) * moving
+    squat = oscillator(squat, rng.uniform(3.0, 6.0), rng.uniform(0.3, 0.6))
+    start_pitch, start_roll = np.radians(0.3) * rng.standard_normal(2) * (1.0, wobble)
+    ground = field_over(rng, x, rng.uniform(0.15, 0.35), np.radians(terrain_deg))
+    w = v * np.sin(squat)
+    each = rng.normal(0, 0.002, 4)
+    unlike = 1 + each + 0.004 * np.stack([wander(rng, n, DT, 0.4) for _ in range(4)], axis=1)
+    resistance = mass * 9.81 * (0.12 + 0.2 * level) * moving
+    share = np.array([0.46, 0.46, 0.54, 0.54]) / 2
+    steady = still[0] + command.ramp + 0.5 * command.hold, still[0] + command.ramp + command.hold
+    return Body(
+        t=t,
+        x=x,
+        v=v,
+        a=a,
+        w=w,
+        dw=np.gradient(w, DT),
+        pitch=start_pitch + ground + squat,
+        roll=start_roll + field_over(rng, x, 0.3, np.radians(0.5 * wobble * terrain_deg)),
+        yaw_rate=np.radians(0.5) * wobble * wander(rng, n, DT, 0.7) * moving,
+        v_wheel=rolling[:, None] * unlike,
+        force=(mass * a + resistance)[:, None] * share,
+        start=still[0],
+        stop=still[0] + duration,
+        steady=steady,
+    )
+
+
+def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
+    """Return the motion of a run of the reference simulator, its first sample moved to t = 0.
+
+    Args:
+        run: with samples dense enough for cubic interpolation (5 ms or less).
+        steady: settled interval in the run's own time [s].
+    """
+    origin = float(run.t[0])
+    t = DT * np.arange(int((run.t[-1] - origin) / DT + 1e-6) + 1)
+
+    def fine(signal: Array) -> Array:
+        return np.asarray(CubicSpline(run.t - origin, signal)(t))
+
+    v, pitch, zeros = fine(run.v), fine(run.pitch), np.zeros(t.size)
+    wx = np.gradient(run.height, run.t) * np.cos(run.pitch) + np.gradient(run.x, run.t) * np.sin(run.pitch)
+    w = fine(wx)
+    still = np.flatnonzero(run.v_d > 0)
+    both = [0, 0, 1, 1]
+    return Body(
+        t=t,
+        x=fine(run.x) - run.x[0],
+        v=v,
+        a=np.gradient(v, DT),
+        w=w,
+        dw=np.gradient(w, DT),
+        pitch=pitch,
+        roll=zeros,
+        yaw_rate=zeros,
+        v_wheel=np.stack([fine(run.v_o[:, i]) for i in both], axis=1),
+        force=np.stack([fine((run.F + run.R)[:, i]) for i in both], axis=1),
+        start=-origin,
+        stop=float(run.t[still[-1]]) - origin,
+        steady=(steady[0] - origin, steady[1] - origin),
+    )

@@ -1,0 +1,178 @@
+"""Sensors on a true motion: what the logger of a robot would have written, errors and all.
+
+The figures come from the robot's file and the IMU grade as the *distribution* of the errors; the
+code is independent of the package's own virtual sensors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import lfilter
+
+from granite_lab.logs.trial import CurrentStream, ImuStream, WheelStream
+from granite_lab.parameters import GRAVITY, Robot
+from tests.truth.body import DT, Body, wander
+from tests.truth.contact import Array
+
+IMU_JITTER = 1e-4
+"""Std of the IMU's stamps [s]."""
+
+
+def rotation(roll: float, pitch: float, yaw: float) -> Array:
+    """Return the matrix that takes a vector from the old axes to axes turned by yaw, pitch, roll [rad]."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin([roll, pitch, yaw]), np.cos([roll, pitch, yaw])
+    about_x = np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]])
+    about_y = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
+    about_z = np.array([[cy, sy, 0], [-sy, cy, 0], [0, 0, 1]])
+    return np.asarray(about_x @ about_y @ about_z)
+
+
+def felt_at(body: Body, arm_x: float, arm_z: float) -> tuple[Array, Array]:
+    """Return specific force (N, 3) and angular rate (N, 3) in robot axes at a point of the robot."""
+    dpitch, droll = np.gradient(body.pitch, DT), np.gradient(body.roll, DT)
+    sin_p, cos_p, sin_r, cos_r = np.sin(body.pitch), np.cos(body.pitch), np.sin(body.roll), np.cos(body.roll)
+    omega = np.stack([
+        droll - body.yaw_rate * sin_p,
+        dpitch * cos_r + body.yaw_rate * sin_r * cos_p,
+        -dpitch * sin_r + body.yaw_rate * cos_r * cos_p,
+    ], axis=1)  # fmt: skip
+    alpha = np.gradient(omega, DT, axis=0)
+    zero = np.zeros(body.t.size)
+    velocity = np.stack([body.v, zero, body.w], axis=1)
+    arm = np.broadcast_to([arm_x, 0.0, arm_z], omega.shape)
+    force = np.stack([body.a, zero, body.dw], axis=1) + np.cross(omega, velocity)
+    force += np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm))
+    force += GRAVITY * np.stack([-sin_p, cos_p * sin_r, cos_p * cos_r], axis=1)
+    return force, omega
+
+
+def resonance(rng: np.random.Generator, size: int, frequency: float, quality: float) -> Array:
+    """Return a narrow-band Gaussian process of unit variance around a frequency [Hz]."""
+    w = 2 * np.pi * frequency * DT
+    rho = np.exp(-0.5 * w / quality)
+    warm_up = int(10 * quality / (frequency * DT))
+    found = lfilter([1.0], [1.0, -2 * rho * np.cos(w), rho**2], rng.standard_normal(size + warm_up))[warm_up:]
+    return np.asarray(found / found.std())
+
+
+def vibration(rng: np.random.Generator, body: Body, robot: Robot) -> tuple[Array, Array]:
+    """Return the shaking of the frame as acceleration (N, 3) [m/s^2] and angular rate (N, 3) [rad/s].
+
+    It is the derivative of a bounded velocity, and of a bounded angle, that is zero at rest: it
+    carries the sensor nowhere. Loud around the frame's frequency, at harmonics that grow with
+    speed, and where the lugs strike.
+    """
+    n, speed = body.t.size, np.abs(body.v_wheel.mean(axis=1))
+    base = robot.imu.vibration_frequency * rng.uniform(0.9, 1.1)
+    lug = max(2.0, robot.wheels.lugs * speed.max() / (2 * np.pi * robot.wheels.radius))
+    tones = [(base, 1.0, 6.0), (2 * base, 0.5, 10.0), (3 * base, 0.25, 10.0), (lug, 0.3, 25.0)]
+    grow = speed / 0.5
+    gains = [grow, grow**1.5, grow**2, grow]
+    acceleration, angle = np.zeros((n, 3)), np.zeros((n, 3))
+    loudness = robot.imu.vibration / np.sqrt(sum(size**2 for _, size, _ in tones))
+    for axis, factor in enumerate((1.0, 0.7, 1.6)):
+        for (frequency, size, quality), gain in zip(tones, gains, strict=True):
+            per = 2 * np.pi * frequency
+            shake = gain * resonance(rng, n, frequency, quality) * size * loudness * factor / per
+            acceleration[:, axis] += np.gradient(shake, DT)
+            angle[:, axis] += gain * resonance(rng, n, frequency, quality) * size * loudness * 0.5 / per**2
+    return acceleration, np.gradient(angle, DT, axis=0)
+
+
+def averaged(signal: Array, t: Array, instants: Array, window: float) -> Array:
+    """Return the mean of a signal (N, 3) over a window around each instant, as integrating sensors do."""
+    whole = cumulative_trapezoid(signal, t, axis=0, initial=0.0)
+    ends = [
+        np.stack([np.interp(instants + shift, t, column) for column in whole.T], axis=1)
+        for shift in (-0.5 * window, 0.5 * window)
+    ]
+    return np.asarray((ends[1] - ends[0]) / window)
+
+
+def drifting(rng: np.random.Generator, size: int, dt: float, std: float, time: float) -> Array:
+    """Return a first-order Gauss-Markov process (size, 3)."""
+    keep = np.exp(-dt / time)
+    first = std * rng.standard_normal(3)
+    shocks = std * np.sqrt(1 - keep**2) * rng.standard_normal((size, 3))
+    shocks[0] = first
+    return np.asarray(lfilter([1.0], [1.0, -keep], shocks, axis=0))
+
+
+def stamped(rng: np.random.Generator, instants: Array, jitter: float) -> Array:
+    """Return stamps around the instants, jittered but in order."""
+    gap = float(np.diff(instants).min())
+    return np.asarray(
+        instants + np.clip(jitter * rng.standard_normal(instants.size), -0.45 * gap, 0.45 * gap)
+    )
+
+
+def read_imu(
+    rng: np.random.Generator, body: Body, robot: Robot, *, scale_error: float
+) -> tuple[ImuStream, Array, Array, Array]:
+    """Return the IMU's samples, its turn-on biases (accelerometer, gyroscope) and its mounting.
+
+    Args:
+        rng: source of all errors.
+        body: what really happened.
+        robot: with an IMU grade.
+        scale_error: std of the scale error of each axis.
+    """
+    grade = robot.imu_grade
+    if grade is None:
+        raise ValueError("the robot has no IMU grade")
+    dt = 1 / grade.rate
+    instants = np.arange(rng.uniform(0.5, 1.5) * dt, body.t[-1] - dt, dt)
+    n = instants.size
+    tilt = np.radians(robot.imu.tilt) * rng.standard_normal(3)
+    mounting = rotation(*tilt) @ rotation(*np.radians(robot.imu.rotation))
+    force, rate = felt_at(body, robot.imu.x, robot.imu.z)
+    shaken, rocked = vibration(rng, body, robot)
+    biases, read = [], []
+    for signal, turn_on, instability, density, limit, step in (
+        (force + shaken, grade.accel_bias, grade.accel_instability, grade.accel_noise, grade.accel_range,
+         grade.accel_step),
+        (rate + rocked, grade.gyro_bias, grade.gyro_instability, grade.gyro_noise, grade.gyro_range,
+         grade.gyro_step),
+    ):  # fmt: skip
+        bias = turn_on * rng.standard_normal(3)
+        values = (
+            averaged(signal, body.t, instants, dt) @ mounting.T * (1 + scale_error * rng.standard_normal(3))
+        )
+        values = values + bias + drifting(rng, n, dt, instability, grade.instability_time)
+        values += density * np.sqrt(0.5 * grade.rate) * rng.standard_normal((n, 3))  # one-sided density
+        values = np.clip(values, -limit, limit)
+        biases.append(bias)
+        read.append(np.round(values / step) * step if step else values)
+    return ImuStream(stamped(rng, instants, IMU_JITTER), read[0], read[1]), biases[0], biases[1], mounting
+
+
+def read_wheels(rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float) -> WheelStream:
+    """Return the encoders' samples, stamped by their own clock."""
+    enc = robot.encoders
+    instants = np.arange(rng.uniform(0, 1) / enc.rate, body.t[-1], 1 / enc.rate)
+    angle = cumulative_trapezoid(body.v_wheel, dx=DT, axis=0, initial=0.0) / robot.wheels.radius
+    sampled = np.stack([np.interp(instants, body.t, column) for column in angle.T], axis=1)
+    step = 2 * np.pi / enc.counts if enc.counts else 0.0
+    if step:
+        sampled = np.floor(sampled / step + rng.uniform(0, 1, 4)) * step
+    return WheelStream(stamped(rng, instants, enc.jitter) - clock_offset, sampled - sampled[0], step=step)
+
+
+def read_currents(
+    rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float
+) -> CurrentStream | None:
+    """Return the motor currents, which share the encoders' clock; None without a drive."""
+    if robot.drive is None:
+        return None
+    cur, drive = robot.currents, robot.drive
+    instants = np.arange(rng.uniform(0, 1) / cur.rate, body.t[-1], 1 / cur.rate)
+    per_newton = robot.wheels.radius / (drive.gear_efficiency * drive.gear_ratio * drive.torque_constant)
+    busy = np.clip(body.v_wheel / 0.1, 0, 1)
+    true = body.force * per_newton * (1 + 0.03 * busy * wander(rng, body.t.size, DT, 0.1)[:, None])
+    sampled = np.stack([np.interp(instants, body.t, column) for column in true.T], axis=1)
+    sampled = sampled * (1 + cur.gain * rng.standard_normal(4)) + cur.offset * rng.standard_normal(4)
+    sampled += cur.noise * rng.standard_normal(sampled.shape)
+    if cur.step:
+        sampled = np.round(sampled / cur.step) * cur.step
+    return CurrentStream(stamped(rng, instants, robot.encoders.jitter) - clock_offset, sampled)

@@ -1,0 +1,160 @@
+"""The truth generator: kinematics that close, errors that have the stated size, rest that is rest."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from granite_lab.parameters import GRAVITY, ImuGrade, Robot, load_grade, load_robot
+from tests.truth import generate, log_run, trials
+from tests.truth.body import DT, Body, random_body
+from tests.truth.sensors import felt_at, read_wheels, rotation, vibration
+from tests.truth.simulator import simulate
+
+
+def draw_body(seed: int = 1, *, velocity: float = 0.5, wobble: float = 1.0) -> Body:
+    return random_body(
+        np.random.default_rng(seed), velocity=velocity, acceleration=1.2, duration=8.0, still=(1.0, 1.0),
+        slip=None, terrain_deg=0.5, wobble=wobble, radius=0.0965, mass=43.1,
+    )  # fmt: skip
+
+
+def rolled_by(v_wheel: np.ndarray) -> np.ndarray:
+    """Wheel angle by the trapezoidal rule."""
+    return (np.cumsum(v_wheel) - 0.5 * (v_wheel + v_wheel[0])) * DT / 0.0965
+
+
+@pytest.fixture
+def faultless(monkeypatch: pytest.MonkeyPatch) -> Robot:
+    """A robot whose IMU and encoders make no error; the arm of the IMU is kept."""
+    noisy = load_grade("industrial")
+    still = {
+        field.name: 0.0
+        for field in dataclasses.fields(ImuGrade)
+        if field.name.endswith(("noise", "bias", "instability", "step"))
+    }
+    monkeypatch.setattr(trials, "load_grade", lambda _: dataclasses.replace(noisy, **still))
+    monkeypatch.setattr("tests.truth.sensors.IMU_JITTER", 0.0)
+    robot = load_robot()
+    return dataclasses.replace(robot, imu=dataclasses.replace(robot.imu, tilt=0.0, vibration=0.0))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_faultless_readings_integrate_back_to_the_truth(faultless: Robot, seed: int) -> None:
+    truth = generate(seed, velocity=0.7, robot=faultless, scale_error=0.0, wobble=0.0)
+    imu, arm = truth.trial.imu, faultless.imu
+    assert imu is not None
+    dt, q = 0.005, imu.angular_rate[:, 1]
+    pitch = truth.at(imu.t[0], "pitch") + dt * np.concatenate([[0], np.cumsum(0.5 * (q[1:] + q[:-1]))])
+    along = imu.specific_force[:, 0] + GRAVITY * np.sin(pitch) - np.gradient(q, dt) * arm.z + q**2 * arm.x
+    v = dt * np.concatenate([[0], np.cumsum(0.5 * (along[1:] + along[:-1]))])
+    assert np.abs(pitch - truth.at(imu.t, "pitch")).max() < 2e-5
+    assert np.abs(v - truth.at(imu.t, "v")).max() < 3e-4
+    assert np.abs(truth.x - DT * np.cumsum(truth.v)).max() < 1e-3
+
+
+def test_robot_is_exactly_at_rest_before_and_after() -> None:
+    truth = generate(4, velocity=0.7, still=(1.0, 1.5))
+    before, after = truth.t < truth.start, truth.t > truth.stop + 0.9
+    for signal in (truth.v, truth.v_wheel.max(axis=1)):
+        assert not signal[before].any()
+        assert np.abs(signal[after]).max() < 1e-12
+    assert np.ptp(truth.pitch[before]) == 0
+    assert truth.v.max() > 0.4
+    assert (truth.v > -1e-12).all()
+
+
+def test_slip_lies_around_the_published_one() -> None:
+    for velocity, published in ((0.2, 0.0531), (0.7, 0.229)):
+        drawn = np.array([generate(seed, velocity=velocity).slip_ratio for seed in range(12)])
+        assert drawn.mean() == pytest.approx(published, rel=0.12)
+        assert drawn.std() > 0.02 * published
+
+
+def test_vibration_carries_the_sensor_nowhere() -> None:
+    body, robot = draw_body(), load_robot()
+    acceleration, rate = vibration(np.random.default_rng(0), body, robot)
+    moving = (body.t > 3) & (body.t < 8)
+    along = acceleration[moving, 0]
+    assert 0.6 * robot.imu.vibration < along.std() < 1.6 * robot.imu.vibration
+    assert np.abs(DT * acceleration.sum(axis=0)).max() < 1e-5
+    assert np.abs(DT * rate.sum(axis=0)).max() < 1e-6
+    assert np.abs(DT * np.cumsum(acceleration[:, 0])).max() < 0.02
+    assert not acceleration[body.t < 0.9].any()
+    power = np.abs(np.fft.rfft(along * np.hanning(along.size))) ** 2
+    frequency = np.fft.rfftfreq(along.size, DT)
+    assert 20 < frequency[power.argmax()] < 30
+    assert power[frequency < 3].sum() < 0.01 * power.sum()
+
+
+def test_errors_have_the_size_of_the_grade() -> None:
+    for name in ("industrial", "consumer"):
+        grade = load_grade(name)
+        drawn = [generate(seed, grade=name, velocity=0.3, duration=3.0) for seed in range(40)]
+        bias = np.array([truth.accel_bias for truth in drawn]).ravel()
+        assert bias.std() == pytest.approx(grade.accel_bias, rel=0.25)
+        noise = np.mean([t.trial.imu.angular_rate[t.trial.imu.t < 1.9].std(axis=0) for t in drawn])  # type: ignore[union-attr]
+        assert noise == pytest.approx(grade.gyro_noise * np.sqrt(grade.rate / 2), rel=0.05)
+        tilt = np.array([np.degrees(truth.mounting[0, 2]) for truth in drawn])
+        assert tilt.std() == pytest.approx(load_robot().imu.tilt, rel=0.35)
+
+
+def test_sensors_do_not_change_the_motion() -> None:
+    one, other = generate(7, grade="industrial"), generate(7, grade="consumer", clock_offset=0.1)
+    assert np.array_equal(one.v, other.v)
+    assert not np.array_equal(generate(8).v, one.v)
+
+
+@pytest.mark.parametrize("offset", [-0.2, 0.05])
+def test_encoder_stamps_lie_behind_by_the_clock_offset(offset: float) -> None:
+    truth = generate(5, clock_offset=offset)
+    wheels = truth.trial.wheels
+    assert wheels is not None
+    rolled = rolled_by(truth.v_wheel[:, 0])
+    expected = np.interp(wheels.t + offset, truth.t, rolled)
+    assert np.abs(wheels.angle[:, 0] - expected).max() < 4e-3
+    assert (np.diff(wheels.t) > 0).all()
+    steps = wheels.angle / wheels.step
+    assert np.abs(steps - np.round(steps)).max() < 1e-6
+
+
+def test_encoder_quantisation_is_within_one_step() -> None:
+    robot = load_robot()
+    coarse = dataclasses.replace(
+        robot, encoders=dataclasses.replace(robot.encoders, counts=500.0, jitter=0.0)
+    )
+    body = draw_body()
+    wheels = read_wheels(np.random.default_rng(1), body, coarse, 0.0)
+    rolled = rolled_by(body.v_wheel[:, 2])
+    error = wheels.angle[:, 2] - np.interp(wheels.t, body.t, rolled)
+    step = 2 * np.pi / 500
+    assert 0.5 * step < np.ptp(error) < 1.1 * step
+
+
+def test_specific_force_at_rest_is_gravity_in_tilted_axes() -> None:
+    body = draw_body()
+    force, rate = felt_at(body, 0.1, 0.12)
+    first = force[100]
+    assert np.linalg.norm(first) == pytest.approx(GRAVITY, abs=1e-9)
+    assert first[0] == pytest.approx(-GRAVITY * np.sin(body.pitch[0]))
+    assert not rate[:900].any()
+
+
+def test_rotation_turns_axes_not_vectors() -> None:
+    quarter = np.pi / 2
+    # axes turned nose down: what pointed forward in the robot points up (z) in the sensor
+    assert rotation(0, quarter, 0) @ [1, 0, 0] == pytest.approx([0, 0, 1], abs=1e-12)
+    assert rotation(0, 0, quarter) @ [0, 1, 0] == pytest.approx([1, 0, 0], abs=1e-12)
+    assert rotation(quarter, 0, 0) @ [0, 0, 1] == pytest.approx([0, 1, 0], abs=1e-12)
+
+
+def test_a_simulated_run_can_be_logged() -> None:
+    run = simulate(velocity=0.5, acceleration=1.2, distance=1.0, k92=0.111, settle=1.0, after=3.0)
+    truth = log_run(1, run)
+    assert truth.slip_ratio == pytest.approx(
+        run.slip_ratio(*(s + float(run.t[0]) for s in truth.steady)), abs=2e-4
+    )
+    assert truth.start == pytest.approx(1.0, abs=0.01)
+    assert truth.x[-1] == pytest.approx(run.x[-1], abs=1e-3)

@@ -1,0 +1,196 @@
+"""Trials with their truth, for judging the estimation: a random motion under random sensors."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.logs.trial import Series, Trial, TrialInfo
+from granite_lab.parameters import Robot, load_grade, load_robot
+from tests.truth.body import Body, body_from_run, random_body
+from tests.truth.contact import Array
+from tests.truth.sensors import read_currents, read_imu, read_wheels
+from tests.truth.simulator import Result
+
+SCALE_ERROR = {"industrial": 0.0005, "consumer": 0.002}
+"""Std of the scale error of each IMU axis; a residual after the maker's calibration."""
+
+ACCELERATION = {0.2: 0.6, 0.3: 1.2, 0.5: 1.2, 0.7: 2.4}
+"""Acceleration [m/s^2] over velocity [m/s] (Table 2)."""
+
+
+@dataclass(frozen=True, eq=False)
+class TruthTrial:
+    """A trial with what really happened; instants are those of the IMU's clock.
+
+    Attributes:
+        trial: what was logged.
+        t: (K,) instants of the truth [s], 1 ms apart.
+        x, v, pitch: (K,) distance [m], velocity [m/s] and pitch [rad] of R.
+        v_wheel: (K, 4) circumferential velocity [m/s].
+        steady: settled half of the part with constant command [s].
+        start, stop: of the command [s].
+        clock_offset: the encoders' stamps lie this far *behind* the IMU's [s]: an instant that
+            the IMU calls t carries the encoder stamp t - clock_offset.
+        accel_bias, gyro_bias: (3,) turn-on biases in sensor axes.
+        mounting: (3, 3) rotation from robot to sensor axes, tilt included.
+    """
+
+    trial: Trial
+    t: Array
+    x: Array
+    v: Array
+    pitch: Array
+    v_wheel: Array
+    steady: tuple[float, float]
+    start: float
+    stop: float
+    clock_offset: float
+    accel_bias: Array
+    gyro_bias: Array
+    mounting: Array
+
+    def at(self, t: Array | float, name: str) -> Array:
+        """Return `x`, `v`, `pitch` or `v_wheel` at instants of the IMU's clock."""
+        signal = np.asarray(getattr(self, name))
+        if signal.ndim == 1:
+            return np.asarray(np.interp(t, self.t, signal))
+        return np.stack([np.interp(t, self.t, column) for column in signal.T], axis=-1)
+
+    @property
+    def slip_ratio(self) -> float:
+        """λ_R by (2) over `steady`."""
+        return self.slip_ratio_between(*self.steady)
+
+    def slip_ratio_between(self, start: float, stop: float) -> float:
+        """Return λ_R by (2) between two instants."""
+        inside = (self.t >= start) & (self.t <= stop)
+        rolled = np.trapezoid(self.v_wheel[inside].mean(axis=1), self.t[inside])
+        return float(1.0 - np.trapezoid(self.v[inside], self.t[inside]) / rolled)
+
+
+def observe(
+    rng: np.random.Generator,
+    body: Body,
+    robot: Robot,
+    *,
+    name: str,
+    info: TrialInfo,
+    scale_error: float,
+    clock_offset: float = 0.0,
+    reference: bool = False,
+) -> TruthTrial:
+    """Log a motion with the sensors of a robot.
+
+    Args:
+        rng: source of all sensor errors.
+        body: what really happened.
+        robot: with an IMU grade.
+        name, info: of the trial.
+        scale_error: std of the scale error of each IMU axis.
+        clock_offset: by which the encoders' stamps lie behind the IMU's [s].
+        reference: log the true position and velocity as an external reference.
+    """
+    imu, accel_bias, gyro_bias, mounting = read_imu(rng, body, robot, scale_error=scale_error)
+    trial = Trial(
+        name=name,
+        info=info,
+        imu=imu,
+        wheels=read_wheels(rng, body, robot, clock_offset),
+        currents=read_currents(rng, body, robot, clock_offset),
+        reference_x=Series(body.t[::10], body.x[::10]) if reference else None,
+        reference_v=Series(body.t[::10], body.v[::10]) if reference else None,
+    )
+    return TruthTrial(
+        trial, body.t, body.x, body.v, body.pitch, body.v_wheel, body.steady, body.start, body.stop,
+        clock_offset, accel_bias, gyro_bias, mounting,
+    )  # fmt: skip
+
+
+def generate(
+    seed: int,
+    *,
+    velocity: float = 0.3,
+    duration: float = 8.0,
+    grade: str = "industrial",
+    robot: str | Robot = "granite",
+    acceleration: float | None = None,
+    still: tuple[float, float] = (2.0, 2.0),
+    slip: float | None = None,
+    terrain_deg: float = 0.5,
+    wobble: float = 1.0,
+    clock_offset: float = 0.0,
+    scale_error: float | None = None,
+    reference: bool = False,
+) -> TruthTrial:
+    """Draw a trial. The motion depends on the seed and the motion's arguments alone, not on the sensors.
+
+    Args:
+        seed: of everything random.
+        velocity, acceleration: of the command [m/s], [m/s^2]; by default the acceleration of Table 2.
+        duration: of the command [s].
+        grade: of the IMU.
+        robot: name, path or record (then with the grade replaced all the same).
+        still: rest before and after the command [s].
+        slip: mean slip ratio; around the published one by default.
+        terrain_deg: std of the pitch over the ground [deg].
+        wobble: factor on the side motion: roll of 0.25-0.3 deg, yaw rate of 0.5 deg/s (std).
+        clock_offset: by which the encoders' stamps lie behind the IMU's [s].
+        scale_error: std of the scale error of each IMU axis; by default that of the grade.
+        reference: log the truth as an external reference too.
+    """
+    if isinstance(robot, Robot):
+        rig = dataclasses.replace(robot, imu_grade=load_grade(grade))
+    else:
+        rig = load_robot(robot, grade)
+    if acceleration is None:
+        acceleration = float(np.interp(velocity, list(ACCELERATION), list(ACCELERATION.values())))
+    motion_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
+    body = random_body(
+        np.random.default_rng(motion_seed), velocity=velocity, acceleration=acceleration, duration=duration,
+        still=still, slip=slip, terrain_deg=terrain_deg,
+ wobble=wobble, radius=rig.wheels.radius,
+        mass=rig.chassis.total_mass if rig.chassis else 40.0,
+    )  # fmt: skip
+    info = TrialInfo(
+        robot=rig.name, v_desired=velocity, a_max=acceleration,
+        distance=velocity * (duration - velocity / acceleration), virtual=True,
+    )  # fmt: skip
+    return observe(
+        np.random.default_rng(sensor_seed), body, rig, name=f"truth-{velocity:g}-{grade}-{seed}", info=info,
+        clock_offset=clock_offset, reference=reference,
+        scale_error=SCALE_ERROR.get(grade, 0.001) if scale_error is None else scale_error,
+    )  # fmt: skip
+
+
+def log_run(
+    seed: int,
+    run: Result,
+    *,
+    grade: str = "industrial",
+    robot: str = "granite",
+    clock_offset: float = 0.0,
+    scale_error: float | None = None,
+) -> TruthTrial:
+    """Log a run of the reference simulator with random sensors.
+
+    Args:
+        seed: of the sensors.
+        run: with as much rest at both ends as the log should have (`settle`, `after`); it coasts for
+            about two seconds after the command.
+        grade, robot, clock_offset, scale_error: as for `generate`.
+    """
+    cruising = run.t[run.v_d > run.v_d.max() - 1e-9]
+    body = body_from_run(run, steady=(0.5 * float(cruising[0] + cruising[-1]), float(cruising[-1])))
+    v = float(run.v_d.max())
+    return observe(
+        np.random.default_rng(seed),
+        body,
+        load_robot(robot, grade),
+        name=f"run-{v:g}-{grade}-{seed}",
+        info=TrialInfo(robot=robot, v_desired=v, distance=float(run.s_d[-1]), virtual=True),
+        clock_offset=clock_offset,
+        scale_error=SCALE_ERROR.get(grade, 0.001) if scale_error is None else scale_error,
+    )
