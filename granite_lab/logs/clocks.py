@@ -1,0 +1,193 @@
+"""Time stamps: their unit, wraps, order, duplicates, gaps; and resets, which are refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from granite_lab.errors import InputError
+from granite_lab.logs.trial import Array
+
+Rows = npt.NDArray[np.intp]
+
+GAP_PERIODS = 3.0
+"""A gap is a step of more than this many median periods."""
+
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_WRAPS = (2.0**16, 2.0**24, 2.0**32)
+_EPOCH = (9.4e8, 2.6e9)  # 2000 to 2052 in seconds since 1970
+
+
+class ClockResetError(InputError):
+    """The clock starts over in mid-file.
+
+    Attributes:
+        row: the first row of the new start, counted from 0 over the rows that were given.
+    """
+
+    def __init__(self, message: str, hint: str, row: int) -> None:
+        super().__init__(message, hint)
+        self.row = row
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Stamps put in order.
+
+    Attributes:
+        t: (M,) [s], strictly increasing.
+        rows: (M,) the row each came from.
+        doubts: what had to be done.
+    """
+
+    t: Array
+    rows: Rows
+    doubts: tuple[str, ...]
+
+
+def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
+    """Check the declared unit of stamps against their values.
+
+    Args:
+        raw: (N,) stamps of one sensor as logged.
+        factor: seconds per unit, as declared.
+        slowest: the lowest plausible sampling rate [Hz].
+
+    Returns:
+        the factor to use, and a warning if it is not the declared one.
+
+    Raises:
+        InputError: the stamps fit neither the declared nor exactly one other unit.
+    """
+    steps = np.abs(np.diff(raw))
+    steps = steps[steps > 0]
+    if len(steps) == 0:
+        return factor, ""
+    period = float(np.median(steps))
+    middle = abs(float(np.median(raw)))
+    if not _plausible(period * factor, slowest, 20000.0) or _epoch(middle) not in (None, factor):
+        # A clock that counts from 1970 names its own unit; else only one unit may give a usual rate.
+        fits = [f for f in _SECONDS.values() if _plausible(period * f, max(slowest, 4.0), 4000.0)]
+        epoch = _epoch(middle)
+        chosen = epoch if epoch is not None else fits[0] if len(fits) == 1 else None
+        if chosen is None or not _plausible(period * chosen, slowest, 20000.0):
+            rate = 1 / (period * factor)
+            raise InputError(
+                f"stamps {rate:.3g} times a second in the declared unit, expected {slowest:g} to 20000",
+                "correct the unit of the time column",
+            )
+        if abs(chosen / factor - 1) > 1e-9:
+            unit = next(name for name, f in _SECONDS.items() if f == chosen)
+            return chosen, f"stamps are in {unit}, not in the unit declared: {1 / (period * chosen):.4g} Hz"
+    return factor, ""
+
+
+def _plausible(period: float, slowest: float, fastest: float) -> bool:
+    """Say whether a sampling period [s] lies between two rates [Hz]."""
+    return 1 / fastest <= period <= 1 / slowest
+
+
+def _epoch(value: float) -> float | None:
+    """Return the unit in which a stamp is a date of our time, if there is one."""
+    return next((f for f in _SECONDS.values() if _EPOCH[0] <= value * f <= _EPOCH[1]), None)
+
+
+def unwrap_stamps(raw: Array, wrap: float = 0.0) -> tuple[Array, str]:
+    """Undo the wraps of a counter of fixed width (a 16-bit millisecond clock, for one).
+
+    Args:
+        raw: (N,) stamps as logged.
+        wrap: range of the counter; 0: one of 2^16, 2^24, 2^32 where that explains every backward step.
+    """
+    steps = np.diff(raw)
+    back = steps < 0
+    if not back.any():
+        return raw, ""
+    period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    for width in (wrap,) if wrap else _WRAPS:
+        inside = raw.min() >= 0 and raw.max() < width
+        carried = steps[back] + width
+        # After a true wrap time goes on as if nothing had happened.
+        if inside and (wrap or ((carried > 0).all() and (carried <= 3 * period).all())):
+            turns = np.concatenate(([0.0], np.cumsum(steps < -width / 2)))
+            return raw + turns * width, f"the clock wrapped {int(turns[-1])} times at {width:.0f}; unwrapped"
+    return raw, ""
+
+
+def tidy(t: Array, what: str, values: Array | None = None) -> Stamps:
+    """Put stamps in order: drop missing ones, sort late ones, keep the first of equal ones.
+
+    Args:
+        t: (N,) [s].
+        what: the sensor, for messages.
+        values: (N, K) samples, to tell a block that was written twice from a new start.
+
+    Raises:
+        ClockResetError: the clock starts over in mid-file.
+        InputError: no two different stamps.
+    """
+    doubts: list[str] = []
+    rows = np.flatnonzero(np.isfinite(t))
+    if len(rows) < len(t):
+        doubts.append(f"{what}: {len(t) - len(rows)} samples without a time stamp were left out")
+    stamps = t[rows]
+    if (np.diff(stamps) < 0).any():
+        _refuse_reset(stamps, rows, what, np.zeros((len(t), 1)) if values is None else values)
+        late = int(np.count_nonzero(stamps < np.maximum.accumulate(stamps)))
+        order = np.argsort(stamps, kind="stable")
+        rows, stamps = rows[order], stamps[order]
+        doubts.append(f"{what}: {late} samples were not in the order of time; sorted")
+    new = np.concatenate(([True], np.diff(stamps) > 0)) if len(stamps) else np.zeros(0, dtype=bool)
+    if not new.all():
+        doubts.append(f"{what}: {int(np.count_nonzero(~new))} duplicate stamps; the first of each was kept")
+        rows, stamps = rows[new], stamps[new]
+    if len(stamps) < 2:
+        count = "no sample" if len(stamps) == 0 else "a single stamp"
+        raise InputError(
+            f"{what}: {count}, expected at least two", "the log is too short, or its clock stands still"
+        )
+    return Stamps(stamps, rows, tuple(doubts))
+
+
+def _refuse_reset(stamps: Array, rows: Rows, what: str, values: Array) -> None:
+    """Tell a clock that starts over from samples that merely arrived late.
+
+    Late samples are few, or come as blocks that fit into holes of the time line. After a reset two
+    long stretches of the file claim the same time with different stamps.
+    """
+    cuts = np.flatnonzero(np.diff(stamps) < 0) + 1
+    latest = np.maximum.accumulate(stamps)
+    period = float(np.median(np.abs(np.diff(stamps)))) or 1.0
+    for cut in cuts:
+        jump = latest[cut - 1] - stamps[cut]
+        end = cuts[cuts > cut][0] if (cuts > cut).any() else len(stamps)
+        later = stamps[cut:end]
+        if jump < 20 * period or len(later) < 10:
+            continue
+        order = np.argsort(stamps[:cut], kind="stable")
+        earlier = stamps[:cut][order]
+        place = np.minimum(np.searchsorted(earlier, later), cut - 1)
+        shared = earlier[place] == later
+        old, new = values[rows[order[place]]], values[rows[cut:end]]
+        repeated = shared & ((old == new) | (np.isnan(old) & np.isnan(new))).all(axis=1)
+        # Consecutive new samples that fall between different old ones, or on them with other values.
+        claimed = (later > earlier[0]) & (later <= earlier[-1]) & ~repeated
+        if len(np.unique(place[claimed])) >= 10:
+            raise ClockResetError(
+                f"{what}: time runs backwards by {jump:.3f} s and starts over at {stamps[cut]:.3f} s",
+                "the clock was reset: cut the file there and read the parts as separate trials",
+                int(rows[cut]),
+            )
+
+
+def describe_gaps(t: Array, what: str) -> str:
+    """Return a warning about gaps longer than `GAP_PERIODS` median periods, or nothing."""
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > GAP_PERIODS * np.median(steps))
+    if len(gaps) == 0:
+        return ""
+    worst = gaps[np.argmax(steps[gaps])]
+    count = "one gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+    return f"{what}: {count}, the longest {steps[worst]:.3f} s at t = {t[worst]:.3f} s"

@@ -1,0 +1,164 @@
+"""From what an encoder reports to wheel angle and rate: wraps, resets, resolution, units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.logs.trial import Array
+from granite_lab.logs.units import Unit
+
+TURN = 2 * math.pi
+FASTEST = 300.0
+"""No wheel of a ground robot turns faster [rad/s]; a step that needs more is a fault."""
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """One encoder's samples in SI.
+
+    Attributes:
+        angle: (N,) accumulated wheel angle [rad].
+        rate: (N,) wheel rate [rad/s] if that is what is logged.
+        step: resolution of the logged quantity [rad] or [rad/s]; 0: not known.
+        doubts: what had to be done.
+    """
+
+    angle: Array
+    rate: Array | None
+    step: float
+    doubts: tuple[str, ...]
+
+
+def unwrap(raw: Array, ranges: Sequence[float]) -> tuple[Array, int, float]:
+    """Undo the wraps of a counter, exactly for whole numbers.
+
+    A step of more than half the range is a wrap, forwards or backwards (so the counter may be
+    logged as signed or unsigned). The first range that holds all values and is wrapped in the data
+    is taken.
+
+    Args:
+        raw: (N,) finite values as logged, in the order of time.
+        ranges: candidates for the range after which the counter starts again.
+
+    Returns:
+        (N,) values without wraps, number of wraps, range.
+    """
+    steps = np.diff(raw)
+    if len(steps) == 0:
+        return raw, 0, 0.0
+    span = float(raw.max() - raw.min())
+    for width in ranges:
+        wraps = np.abs(steps) > width / 2
+        if span <= width * (1 + 1e-9) and wraps.any() and _smooth(steps, wraps, width):
+            turns = np.concatenate(([0.0], np.cumsum(np.where(wraps, -np.sign(steps), 0.0))))
+            return raw + turns * width, int(np.count_nonzero(wraps)), width
+    return raw, 0, 0.0
+
+
+def _smooth(steps: Array, wraps: Array, width: float) -> bool:
+    """Say whether the motion goes on across the wraps as it was before; after a reset it does not."""
+    carried = np.abs(steps[wraps] - np.sign(steps[wraps]) * width)
+    usual = np.abs(steps[~wraps.astype(bool)])
+    limit = 5 * float(usual.max()) if len(usual) and usual.max() > 0 else width / 4
+    return bool((carried <= max(limit, 0.02 * width)).all())
+
+
+def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[float]:
+    """List the ranges that a counter in this unit may have.
+
+    Args:
+        raw: (N,) finite values.
+        unit: their unit.
+        given: what the column map says (0: nothing).
+        per_rev: counts per wheel revolution (0: not known).
+    """
+    if given:
+        return [given]
+    if unit.name == "counts":
+        return [2.0**16, 2.0**32] if (raw == np.rint(raw)).all() else []
+    if unit.quantity != "angle":
+        return []
+    turn = TURN / unit.factor
+    ranges = [turn]
+    if per_rev:  # a counter that the logger has turned into an angle
+        ranges += [2.0**16 * turn / per_rev, 2.0**32 * turn / per_rev]
+    return ranges
+
+
+def convert(
+    t: Array,
+    raw: Array,
+    unit: Unit,
+    *,
+    scale: float,
+    wrap: float,
+    per_rev: float,
+    radius: float,
+    increment: bool,
+) -> Wheel:
+    """Turn one encoder's raw values into wheel angle and rate.
+
+    Args:
+        t: (N,) stamps [s], increasing.
+        raw: (N,) values as logged, finite.
+        unit: their unit; it says what kind of value they are.
+        scale: factor of the column map.
+        wrap: range of the counter (0: found out).
+        per_rev: counts per wheel revolution.
+        radius: wheel radius [m].
+        increment: the values are steps since the last sample.
+    """
+    doubts: list[str] = []
+    values = np.cumsum(raw) if increment else raw
+    if not increment and unit.quantity in ("angle", "length"):
+        values, wraps, width = unwrap(values, wrap_ranges(values, unit, wrap, per_rev))
+        if wraps:
+            doubts.append(f"the counter wrapped {wraps} times at {width:g}; unwrapped")
+    factor = scale * {
+        "counts": TURN / per_rev if per_rev else math.nan,
+        "counts/s": TURN / per_rev if per_rev else math.nan,
+    }.get(unit.name, unit.factor)
+    if unit.quantity in ("length", "speed"):
+        factor /= radius
+    si = values * factor
+    step = (1.0 if unit.name in ("counts", "counts/s") else quantum(raw)) * abs(factor)
+    if unit.quantity in ("angle", "length"):
+        return Wheel(*_without_jumps(t, si, doubts), step, tuple(doubts))
+    angle = np.concatenate(([0.0], np.cumsum(np.diff(t) * (si[1:] + si[:-1]) / 2)))
+    return Wheel(angle, si, step, tuple(doubts))
+
+
+def _without_jumps(t: Array, angle: Array, doubts: list[str]) -> tuple[Array, None]:
+    """Take out steps that no wheel can make: the counter was reset, or a sample is wrong."""
+    steps = np.diff(angle)
+    wild = np.abs(steps) > FASTEST * np.diff(t)
+    if not wild.any() or np.count_nonzero(wild) > 0.01 * len(steps) + 2:
+        return angle, None
+    at = ", ".join(f"{t[i + 1]:.3f}" for i in np.flatnonzero(wild)[:3])
+    doubts.append(f"the counter jumps {np.count_nonzero(wild)} times (t = {at} s); steps taken out")
+    removed = np.concatenate(([0.0], np.cumsum(np.where(wild, steps, 0.0))))
+    return angle - removed, None
+
+
+def quantum(raw: Array) -> float:
+    """Return the smallest step of a quantised signal, or 0 where no such step shows.
+
+    Args:
+        raw: (N,) finite values; the first 20000 are looked at.
+    """
+    levels = np.unique(raw[:20000])
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * (levels[-1] - levels[0])] if len(levels) > 1 else steps
+    if len(steps) < 3:
+        return 0.0
+    for part in (1, 2, 3, 4, 5):
+        multiples = steps * (part / steps.min())
+        whole = np.rint(multiples)
+        # Equal steps alone may be a uniform motion; several different multiples are a grid.
+        if np.abs(multiples - whole).max() < 0.02 and len(np.unique(whole)) >= 3:
+            return float(np.median(steps[whole == whole.min()]) / whole.min())
+    return 0.0

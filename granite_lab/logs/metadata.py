@@ -1,0 +1,125 @@
+"""What a log says about itself: TOML in its comment lines, in a sidecar file, or in options."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from granite_lab.errors import InputError, at
+from granite_lab.logs.trial import TrialInfo
+from granite_lab.parameters.quantity import build, key_of, parse_toml, quantity, read_toml
+
+_LINE = re.compile(r'\s*(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*")\s*=')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metadata:
+    """Keys that mean something to the reader; NaN and empty texts stand for "not said"."""
+
+    robot: str = ""
+    soil: str = ""
+    v_desired: float = quantity("m/s", 0, 50, "desired velocity of the steady part", "v_Ru", math.nan)
+    a_max: float = quantity("m/s^2", 0, 500, "largest acceleration", "a_Rmax", math.nan)
+    distance: float = quantity("m", 0, 1e6, "total desired distance", "L_p", math.nan)
+    repetition: float = quantity("", 0, 1e6, "number of the repetition", "", math.nan)
+    clock_offset: float = quantity("s", -1e4, 1e4, "encoder clock behind the IMU's", "", math.nan)
+    virtual: bool = False
+    imu_gravity_removed: bool = False
+    enc_counts: float = quantity("1/rev", 1e-3, 1e9, "counts per wheel revolution", "", math.nan)
+    enc_step_rad: float = quantity("", 0, 10, "smallest step of the wheel angle [rad]", "", math.nan)
+    enc_step_radps: float = quantity("", 0, 100, "smallest step of the wheel rate [rad/s]", "", math.nan)
+    extra: dict[str, str] = field(default_factory=dict)
+
+
+_KEYS = {key_of(f): f for f in dataclasses.fields(Metadata) if f.name != "extra"}
+
+
+def collect(
+    comments: Iterable[tuple[int, str]], path: Path, warnings: list[str], sidecar: Path | None = None
+) -> Metadata:
+    """Read the metadata of a log.
+
+    Args:
+        comments: numbered lines that begin with ``#``.
+        path: the log.
+        warnings: doubts are added here.
+        sidecar: a TOML file whose keys go before those of the comments.
+
+    Raises:
+        InputError: a known key with a value that is not allowed; a sidecar that cannot be read.
+    """
+    known: dict[str, Any] = {}
+    extra: dict[str, str] = {}
+    for line, text in comments:
+        bare = text.lstrip("#").strip()
+        if _LINE.match(bare):
+            _take(_parse(bare, at(path, line)), at(path, line), known, extra, warnings)
+    if sidecar is not None:
+        _take(read_toml(sidecar), str(sidecar), known, extra, warnings)
+    return dataclasses.replace(build(Metadata, known, str(path)), extra=extra)
+
+
+def _parse(text: str, where: str) -> dict[str, Any]:
+    """Parse one line; what is not TOML is text, unless its key means a number to the reader."""
+    key, _, value = (part.strip() for part in text.partition("="))
+    try:
+        return parse_toml(text, where)
+    except InputError:
+        if key in _KEYS and _KEYS[key].name not in ("robot", "soil"):
+            raise InputError(
+                f"{where}: {key} = {value} is not valid", "write it as TOML, e.g. # v_desired_mps = 0.3"
+            ) from None
+        return {key: value.strip("\"'")}
+
+
+def _take(
+    table: dict[str, Any], where: str, known: dict[str, Any], extra: dict[str, str], warnings: list[str]
+) -> None:
+    """Sort the keys of one source into known and other ones."""
+    for key, value in table.items():
+        if key in _KEYS:
+            build(Metadata, {key: value}, where)
+            known[key] = value
+            continue
+        extra[key] = str(value)
+        close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
+        if close:
+            warnings.append(f"{where}: metadata key '{key}' is not known; did you mean '{close[0]}'?")
+
+
+def trial_info(metadata: Metadata, given: TrialInfo | None, robot: str | None) -> TrialInfo:
+    """Merge what the log says with what the caller says; the caller's word counts.
+
+    Args:
+        metadata: of the log.
+        given: overrides; None in a field means "as in the log".
+        robot: name of the robot, already decided.
+    """
+
+    def number(value: float) -> float | None:
+        return None if math.isnan(value) else value
+
+    given = given or TrialInfo()
+    said = TrialInfo(
+        robot=robot,
+        soil=metadata.soil or None,
+        v_desired=number(metadata.v_desired),
+        a_max=number(metadata.a_max),
+        distance=number(metadata.distance),
+        repetition=None if math.isnan(metadata.repetition) else int(metadata.repetition),
+        virtual=metadata.virtual or given.virtual,
+        clock_offset=number(metadata.clock_offset),
+        extra=metadata.extra | given.extra,
+    )
+    overrides = {
+        f.name: getattr(given, f.name)
+        for f in dataclasses.fields(given)
+        if f.name not in ("robot", "virtual", "extra") and getattr(given, f.name) is not None
+    }
+    return dataclasses.replace(said, **overrides)

@@ -1,0 +1,173 @@
+"""One file of a trial: its layout, its columns as numbers, the rows that were asked for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from granite_lab.errors import InputError, UsageError, at
+from granite_lab.files import sha256
+from granite_lab.logs.dialect import Dialect, sniff
+from granite_lab.logs.layouts import Layout, load_layout
+from granite_lab.logs.matching import Binding, Match, choose, match
+from granite_lab.logs.metadata import Metadata, collect
+from granite_lab.logs.table import line_of, load
+from granite_lab.logs.trial import Array, InputFile
+
+_ROWS = re.compile(r"\s*(?P<name>.+?)\s*==?\s*(?P<value>[^=]+?)\s*")
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A file that was read.
+
+    Attributes:
+        path: where it is.
+        dialect: how its text is laid out.
+        match: the layout it has.
+        columns: place of a column to its (N,) values, in the file's units.
+        kept: (N,) the row of data each value came from.
+        metadata: what the file and its sidecar say.
+        inputs: the file and its sidecar.
+        doubts: what the reader was not sure of.
+    """
+
+    path: Path
+    dialect: Dialect
+    match: Match
+    columns: dict[int, Array]
+    kept: Array
+    metadata: Metadata
+    inputs: tuple[InputFile, ...]
+    doubts: tuple[str, ...]
+
+    def bindings(self, *channels: str) -> list[Binding]:
+        """Return the bindings of some channels."""
+        return [b for b in self.match.bindings if b.channel in channels]
+
+    def place(self, row: int) -> str:
+        """Name the place in the file of a row of `columns`."""
+        return at(self.path, line_of(self.path, self.dialect, int(self.kept[row])) or None)
+
+
+def open_source(path: Path, maps: Sequence[Layout] = (), rows: str | None = None) -> Source:
+    """Read a file by the layout that fits it.
+
+    Args:
+        path: the file.
+        maps: column maps the user gave.
+        rows: which rows to take, as ``run_id = 4``.
+
+    Raises:
+        InputError: anything that is wrong with the file.
+    """
+    path = Path(path)
+    dialect, found = recognise(path, maps)
+    doubts = list(dialect.doubts)
+    condition = rows or found.layout.rows
+    wanted = {b.place for b in found.bindings}
+    selector = _selector(path, dialect, condition, asked=rows is not None) if condition else None
+    splitter = _place(dialect, found.layout.split) if found.layout.split else None
+    columns, cut = load(
+        path,
+        dialect,
+        sorted(
+            wanted
+            | ({selector[0]} if selector else set())
+            | ({splitter} - {None} if splitter is not None else set())
+        ),
+    )
+    doubts += cut
+    kept = np.arange(len(next(iter(columns.values()))), dtype=np.float64)
+    if selector:
+        chosen = columns[selector[0]] == selector[1]
+        if not chosen.any():
+            raise InputError(
+                f"{path}: no row has {condition}", f"values there: {_values(columns[selector[0]])}"
+            )
+        columns = {place: values[chosen] for place, values in columns.items()}
+        kept = kept[chosen]
+    if splitter is not None and len(np.unique(columns[splitter])) > 1:
+        name = found.layout.split
+        raise InputError(
+            f"{path}: holds several runs: {name} = {_values(columns[splitter])}",
+            f"choose one, such as --rows '{name} = {np.unique(columns[splitter])[0]:g}'",
+        )
+    metadata, inputs = _about(path, dialect, doubts)
+    return Source(path, dialect, found, columns, kept, metadata, inputs, tuple(doubts))
+
+
+def recognise(path: Path, maps: Sequence[Layout] = ()) -> tuple[Dialect, Match]:
+    """Find out how a file is laid out and which columns feed which channels.
+
+    Raises:
+        InputError: not a table, or of no known layout.
+    """
+    for layout in maps:
+        if layout.table != type(layout.table)():
+            dialect = sniff(path, layout.table)
+            found = match(layout, path, dialect)
+            if found.complete or len(maps) == 1:
+                return dialect, choose(path, dialect, maps)
+    dialect = sniff(path)
+    found = choose(path, dialect, maps)
+    if found.layout.table != type(found.layout.table)():
+        dialect = sniff(path, found.layout.table)
+        found = choose(path, dialect, [found.layout])
+    return dialect, found
+
+
+def given_maps(maps: str | Path | Sequence[str | Path] | None) -> tuple[Layout, ...]:
+    """Load the column maps a user gave, by name or path."""
+    if maps is None:
+        return ()
+    names = (maps,) if isinstance(maps, (str, Path)) else tuple(maps)
+    return tuple(load_layout(name) for name in names)
+
+
+def _place(dialect: Dialect, name: str) -> int | None:
+    """Find a column by its name, in any of the header rows."""
+    for header in dialect.headers:
+        for place, text in enumerate(header):
+            if text.casefold() == name.casefold():
+                return place
+    return None
+
+
+def _selector(path: Path, dialect: Dialect, condition: str, asked: bool) -> tuple[int, float] | None:
+    """Parse ``column = value``."""
+    hit = _ROWS.fullmatch(condition)
+    try:
+        if hit is None:
+            raise ValueError
+        value = float(hit["value"])
+    except ValueError:
+        raise UsageError(
+            f"rows '{condition}' cannot be understood", "write column = number, as in --rows 'run_id = 4'"
+        ) from None
+    place = _place(dialect, hit["name"])
+    if place is None:
+        if not asked:
+            return None
+        known = ", ".join(name for name in dialect.headers[0] if name)
+        raise InputError(f"{path}: there is no column '{hit['name']}' to choose rows by", f"columns: {known}")
+    return place, value
+
+
+def _values(values: Array) -> str:
+    """List the different values of a column."""
+    different = np.unique(values[np.isfinite(values)])
+    return ", ".join(f"{v:g}" for v in different[:10]) + (", …" if len(different) > 10 else "")
+
+
+def _about(path: Path, dialect: Dialect, doubts: list[str]) -> tuple[Metadata, tuple[InputFile, ...]]:
+    """Read what the file and its sidecar say about the trial."""
+    sidecar = path.with_suffix(".toml")
+    beside = sidecar if sidecar != path and sidecar.is_file() else None
+    metadata = collect(dialect.comments, path, doubts, beside)
+    files = [path, *([beside] if beside else [])]
+    return metadata, tuple(InputFile(file, sha256(file)) for file in files)

@@ -1,0 +1,263 @@
+"""The sensors in one file: rows of a table to streams with their own stamps, in SI."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from granite_lab.errors import InputError
+from granite_lab.logs import paths
+from granite_lab.logs.clocks import ClockResetError, tidy, unit_factor, unwrap_stamps
+from granite_lab.logs.encoders import convert
+from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
+from granite_lab.logs.matching import Binding
+from granite_lab.logs.sources import Source
+from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
+from granite_lab.parameters import Robot
+
+LONG_STRETCH = 0.5
+"""An axis that is silent for longer [s] while its neighbours go on is refused."""
+
+_SLOWEST = {"imu": 4.0, "wheels": 0.5}
+Mask = npt.NDArray[np.bool_]
+
+
+class Samples(NamedTuple):
+    """Stamps (N,) [s], values (N, K) and the rows (N,) of the table they stood in."""
+
+    t: Array
+    values: Array
+    rows: npt.NDArray[np.intp]
+
+
+@dataclass
+class Parts:
+    """What one file holds; accelerometer and gyroscope still apart, for their stamps may differ."""
+
+    acceleration: Samples | None = None
+    rate: Samples | None = None
+    wheels: WheelStream | None = None
+    currents: CurrentStream | None = None
+    command: Series | None = None
+    reference_x: Series | None = None
+    reference_v: Series | None = None
+    gravity_removed: bool = False
+    doubts: list[str] = field(default_factory=list)
+
+
+def read_streams(source: Source, robot: Robot) -> Parts:
+    """Turn the columns of a file into streams.
+
+    Args:
+        source: the file.
+        robot: gives wheel radius and counts per revolution where the units need them.
+
+    Raises:
+        InputError: clock, samples or units cannot be used.
+    """
+    parts = Parts(doubts=list(source.doubts))
+    parts.gravity_removed = source.match.layout.gravity_removed or source.metadata.imu_gravity_removed
+    t = _clock(source, parts)
+    for name, channels, what in (
+        ("acceleration", ACCELERATION, "accelerometer"),
+        ("rate", RATE, "gyroscope"),
+    ):
+        samples = _samples(source, t, channels, what, parts)
+        if samples is not None:
+            setattr(parts, name, _without_holes(source, samples, channels, what, parts))
+    parts.wheels = _wheels(source, t, robot, parts)
+    currents = _samples(source, t, CURRENTS, "motor currents", parts)
+    if currents is not None:
+        parts.currents = CurrentStream(currents.t, currents.values)
+    command = _samples(source, t, ("v_cmd",), "command", parts)
+    if command is not None:
+        parts.command = Series(command.t, command.values[:, 0])
+    _reference(source, t, parts)
+    return parts
+
+
+def _clock(source: Source, parts: Parts) -> Array:
+    """Return the stamp of every row [s], from the first clock that runs."""
+    clocks = source.bindings("t")
+
+    def runs(binding: Binding) -> bool:
+        stamps = source.columns[binding.place]
+        stamps = stamps[np.isfinite(stamps)]
+        return len(stamps) > 0 and bool(stamps.max() > stamps.min())
+
+    binding = next((b for b in clocks if runs(b)), None)
+    if binding is None:
+        raise InputError(
+            f"{source.path}: column '{clocks[0].name}' does not advance, expected time stamps",
+            "a log needs at least two rows with stamps that increase",
+        )
+    raw, doubt = unwrap_stamps(source.columns[binding.place], binding.spec.wrap)
+    if doubt:
+        parts.doubts.append(f"{source.path.name}: {doubt}")
+    factor = binding.unit.factor * binding.spec.scale
+    for what, channels in (("imu", (*ACCELERATION, *RATE)), ("wheels", ENCODERS)):
+        rows = _sampled(source, channels) & np.isfinite(raw)
+        if np.count_nonzero(rows) < 3:
+            continue
+        try:
+            factor, doubt = unit_factor(raw[rows], factor, _SLOWEST[what])
+        except InputError as error:
+            raise InputError(f"{source.path}: column '{binding.name}': {error.message}", error.hint) from None
+        if doubt:
+            parts.doubts.append(f"{source.path.name}: column '{binding.name}': {doubt}")
+        break
+    return raw * factor
+
+
+def _sampled(source: Source, channels: Sequence[str]) -> Mask:
+    """Return which rows hold a sample of any of the channels."""
+    rows = np.zeros(len(source.kept), dtype=bool)
+    for binding in source.bindings(*channels):
+        rows |= np.isfinite(source.columns[binding.place])
+    return rows
+
+
+def _samples(
+    source: Source, t: Array, channels: Sequence[str], what: str, parts: Parts, si: bool = True
+) -> Samples | None:
+    """Return the samples of some channels in the order of time, NaN for what was not logged.
+
+    Encoders stay in the file's units (`si` false), for a wrap is a number of counts.
+    """
+    bindings = source.bindings(*channels)
+    if not bindings:
+        return None
+    places = np.flatnonzero(_sampled(source, channels))
+    if len(places) == 0:
+        parts.doubts.append(f"{source.path.name}: {what}: the columns are there but empty")
+        return None
+    values = np.full((len(places), len(channels)), np.nan)
+    for binding in bindings:
+        column = source.columns[binding.place][places]
+        if si:
+            column = column * (binding.unit.factor * binding.spec.scale)
+            column = np.nancumsum(column) if binding.spec.increment else column
+        values[:, channels.index(binding.channel)] = column
+    try:
+        stamps = tidy(t[places], what, values)
+    except ClockResetError as error:
+        raise InputError(f"{source.place(int(places[error.row]))}: {error.message}", error.hint) from None
+    except InputError as error:
+        raise InputError(f"{source.path}: {error.message}", error.hint) from None
+    parts.doubts += [f"{source.path.name}: {doubt}" for doubt in stamps.doubts]
+    return Samples(stamps.t, values[stamps.rows], places[stamps.rows])
+
+
+def _without_holes(
+    source: Source, samples: Samples, channels: Sequence[str], what: str, parts: Parts
+) -> Samples:
+    """Leave out rows in which an axis is missing; refuse a long stretch of them."""
+    t, values, rows = samples
+    logged = np.isfinite(values).any(axis=0)
+    holes = ~np.isfinite(values[:, logged]).all(axis=1)
+    if not holes.any():
+        return samples
+    first, last = _longest(holes, t)
+    axis = channels[int(np.flatnonzero(logged & ~np.isfinite(values[first]))[0])]
+    name = source.bindings(axis)[0].name
+    if t[last] - t[first] > LONG_STRETCH:
+        raise InputError(
+            f"{source.place(int(rows[first]))}: column '{name}': no number for {t[last] - t[first]:.2f} s from "
+            f"t = {t[first]:.3f} s on while the other axes go on, expected one a sample",
+            "cut the trial there",
+        )
+    count = np.count_nonzero(holes)
+    parts.doubts.append(f"{source.path.name}: {what}: {count} samples without '{name}' were left out")
+    return Samples(t[~holes], values[~holes], rows[~holes])
+
+
+def _longest(flags: Mask, t: Array) -> tuple[int, int]:
+    """Return the first and last sample of the stretch of flags that lasts longest."""
+    edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    longest = int(np.argmax(t[ends] - t[starts]))
+    return int(starts[longest]), int(ends[longest])
+
+
+def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream | None:
+    """Return wheel angles and rates."""
+    samples = _samples(source, t, ENCODERS, "encoders", parts, si=False)
+    if samples is None:
+        return None
+    angle = np.full(samples.values.shape, np.nan)
+    rate = np.full(samples.values.shape, np.nan)
+    steps: list[float] = []
+    name = source.path.name
+    for binding in source.bindings(*ENCODERS):
+        wheel = ENCODERS.index(binding.channel)
+        raw = samples.values[:, wheel]
+        seen = np.isfinite(raw)
+        if not seen.any():
+            parts.doubts.append(f"{name}: '{binding.name}' is empty; that wheel is taken as without encoder")
+            continue
+        per_rev = _counts(source, binding, robot)
+        if binding.unit.name.startswith("counts") and not per_rev:
+            raise InputError(
+                f"{source.path}: column '{binding.name}': counts per wheel revolution are not known",
+                "give '# enc_counts_per_rev = …' in the log, or counts_per_rev in the robot's file or the map",
+            )
+        converted = convert(
+            samples.t[seen], raw[seen], binding.unit,
+            scale=binding.spec.scale, wrap=binding.spec.wrap, per_rev=per_rev,
+            radius=robot.wheels.radius, increment=binding.spec.increment,
+        )  # fmt: skip
+        angle[seen, wheel] = converted.angle
+        if converted.rate is not None:
+            rate[seen, wheel] = converted.rate
+        steps.append(converted.step)
+        parts.doubts += [f"{name}: column '{binding.name}': {doubt}" for doubt in converted.doubts]
+        _silence(samples.t, seen, f"{name}: column '{binding.name}'", parts)
+    rates = np.isfinite(rate).any()
+    said = source.metadata.enc_step_radps if rates else source.metadata.enc_step_rad
+    step = max(steps, default=0.0) if math.isnan(said) else said
+    return WheelStream(samples.t, angle, rate if rates else None, step)
+
+
+def _counts(source: Source, binding: Binding, robot: Robot) -> float:
+    """Return the counts per wheel revolution: of the log, the column map, or the robot."""
+    said = source.metadata.enc_counts
+    return said if not math.isnan(said) else binding.spec.counts_per_rev or robot.encoders.counts
+
+
+def _silence(t: Array, seen: Mask, where: str, parts: Parts) -> None:
+    """Note a wheel that is silent while others go on."""
+    if seen.all():
+        return
+    first, last = _longest(~seen, t)
+    # In a log where each wheel has rows of its own, holes are the rule and short.
+    if t[last] - t[first] > 0.1 and (last - first) > 0.02 * len(t):
+        parts.doubts.append(f"{where}: no sample from t = {t[first]:.3f} s to {t[last]:.3f} s")
+
+
+def _reference(source: Source, t: Array, parts: Parts) -> None:
+    """Return the external reference as distance and speed along the path."""
+    globe = _samples(source, t, ("ref_lat", "ref_lon"), "reference", parts)
+    plane = _samples(source, t, ("ref_x", "ref_y"), "reference", parts)
+    speed = _samples(source, t, ("ref_v",), "reference", parts)
+    if globe is not None:
+        whole = np.isfinite(globe.values).all(axis=1)
+        east, north = paths.geographic(globe.values[whole, 0], globe.values[whole, 1])
+        stamps = globe.t[whole]
+        distance, along = paths.path(stamps, east, north)
+        parts.reference_x, parts.reference_v = Series(stamps, distance), Series(stamps, along)
+    elif plane is not None and source.bindings("ref_y"):
+        whole = np.isfinite(plane.values).all(axis=1)
+        stamps = plane.t[whole]
+        distance, along = paths.path(stamps, plane.values[whole, 0], plane.values[whole, 1])
+        parts.reference_x, parts.reference_v = Series(stamps, distance), Series(stamps, along)
+    elif plane is not None:
+        parts.reference_x = Series(plane.t, plane.values[:, 0])
+        if speed is None and len(plane.t) > paths.WINDOW:
+            parts.reference_v = Series(plane.t, paths.slope(plane.t, plane.values[:, 0]))
+    if speed is not None:
+        parts.reference_v = Series(speed.t, speed.values[:, 0])

@@ -1,0 +1,101 @@
+"""Units as loggers write them, and the factor that turns each into SI."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from dataclasses import dataclass
+
+from granite_lab.parameters import GRAVITY
+
+STANDARD_GRAVITY = 9.80665
+"""The g of accelerometer data sheets [m/s^2]; `GRAVITY` is the paper's."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: what it measures and how many SI units one of it is.
+
+    `factor` is NaN for counts, whose size depends on the encoder.
+    """
+
+    name: str
+    quantity: str
+    factor: float
+
+
+_DEG = math.pi / 180
+_TURN = 2 * math.pi
+
+_TABLE: dict[str, dict[str, tuple[float, str]]] = {
+    "time": {
+        "s": (1.0, "s sec secs second seconds"),
+        "ms": (1e-3, "ms msec millis milliseconds"),
+        "us": (1e-6, "us µs μs usec micros microseconds"),
+        "ns": (1e-9, "ns nsec nanos nanoseconds"),
+    },
+    "acceleration": {
+        "m/s^2": (1.0, "mps2 m/s^2 m/s2 m/s² m/s/s ms^-2 ms-2 m_s2 m/ss"),
+        "cm/s^2": (1e-2, "cmps2 cm/s^2 cm/s2 gal"),
+        "g": (STANDARD_GRAVITY, "g gs g0"),
+        "mg": (STANDARD_GRAVITY * 1e-3, "mg milli-g"),
+    },
+    "angular rate": {
+        "rad/s": (1.0, "radps rad/s rads^-1 rads-1 rad_s rads"),
+        "deg/s": (_DEG, "dps degps deg/s °/s degs^-1 degs-1 deg_s º/s deg/sec"),
+        "rpm": (_TURN / 60, "rpm 1/min"),
+        "rev/s": (_TURN, "revps rev/s rps"),
+        "counts/s": (math.nan, "countsps counts/s ticks/s tickps"),
+    },
+    "angle": {
+        "rad": (1.0, "rad radians"),
+        "deg": (_DEG, "deg ° degrees"),
+        "rev": (_TURN, "rev revs turn turns rotations"),
+        "counts": (math.nan, "counts count ticks tick cnt pulses"),
+    },
+    "length": {
+        "m": (1.0, "m metre metres meter meters"),
+        "cm": (1e-2, "cm"),
+        "mm": (1e-3, "mm"),
+    },
+    "speed": {
+        "m/s": (1.0, "mps m/s m_s"),
+        "cm/s": (1e-2, "cmps cm/s"),
+        "mm/s": (1e-3, "mmps mm/s mm_s"),
+        "km/h": (1 / 3.6, "kmph km/h kph"),
+    },
+    "current": {
+        "A": (1.0, "A amp amps ampere"),
+        "mA": (1e-3, "mA milliamp"),
+    },
+}
+
+_UNITS: dict[str, Unit] = {
+    spelling: Unit(name, quantity, factor)
+    for quantity, units in _TABLE.items()
+    for name, (factor, spellings) in units.items()
+    for spelling in spellings.split()
+}
+_FOLDED = {spelling.casefold(): unit for spelling, unit in _UNITS.items()}
+
+
+def find_unit(text: str) -> Unit | None:
+    """Return the unit a text names, or None: ``mps2``, ``[m s^-2]``, ``(rad/s)``, ``°/s``."""
+    bare = re.sub(r"[\s\[\]()*·]", "", text)
+    return _UNITS.get(bare) or _FOLDED.get(bare.casefold())
+
+
+def spellings(*quantities: str) -> str:
+    """List how the units of some quantities are written, for messages."""
+    names = [name for quantity in quantities for name in _TABLE[quantity]]
+    return ", ".join(names)
+
+
+def resembling(text: str) -> str:
+    """Return the known unit that `text` resembles, or nothing."""
+    close = difflib.get_close_matches(text, list(_UNITS), n=1, cutoff=0.5)
+    return close[0] if close else ""
+
+
+__all__ = ["GRAVITY", "STANDARD_GRAVITY", "Unit", "find_unit", "resembling", "spellings"]
