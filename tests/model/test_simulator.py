@@ -1,0 +1,205 @@
+"""The simulator reproduces the known figures, conserves what must be conserved and knows its limits."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granite_lab.errors import EstimateError, InputError
+from granite_lab.model import Accuracy, Run, simulate
+from granite_lab.model.columns import ColumnFunction
+from granite_lab.model.contact import NODES, WheelState, contact_angles, wheel_forces
+from granite_lab.model.graph import build_graph
+from granite_lab.model.simulator import rest_state
+from granite_lab.model.symbols import model_parameters, names_of, vector_of
+from granite_lab.parameters import GRAVITY, Variant, load_robot, load_soil, load_variants, variant_of
+from granite_lab.parameters.records import replace_path
+
+ROBOT, SOIL = load_robot(), load_soil()
+KNOWN = [(0.2, 0.33, 0.0547), (0.3, 0.26, 0.0817), (0.5, 0.111, 0.1625), (0.7, 0.026, 0.2312)]
+
+
+def run_of(variant: Variant, **options: object) -> Run:
+    return simulate(variant, ROBOT, SOIL, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("speed", "k92", "slip"), KNOWN)
+def test_steady_slip_meets_the_known_figures_within_a_tenth_of_a_point(
+    speed: float, k92: float, slip: float
+) -> None:
+    assert run_of(variant_of(speed), k92=k92).slip_ratio == pytest.approx(slip, abs=0.001)
+
+
+@pytest.mark.parametrize(("k92", "front", "rear"), [(0.33, 15.0, 16.1), (0.026, 18.5, 19.9)])
+def test_running_sinkage_meets_the_known_figures(k92: float, front: float, rear: float) -> None:
+    run = run_of(variant_of(0.3), k92=k92)
+    steady = (run.t > run.steady[0]) & (run.t < run.steady[1])
+    assert 1000 * run["sinkage_f_m"][steady].mean() == pytest.approx(front, abs=0.1)
+    assert 1000 * run["sinkage_r_m"][steady].mean() == pytest.approx(rear, abs=0.1)
+
+
+@pytest.mark.parametrize("variant", load_variants(), ids=lambda v: f"{v.velocity:g}")
+def test_halving_the_tolerances_moves_velocity_by_less_than_a_tenth_of_a_millimetre_per_second(
+    variant: Variant,
+) -> None:
+    coarse, fine = run_of(variant), run_of(variant, accuracy=Accuracy(5e-5, 5e-7))
+    assert np.abs(coarse["v_mps"] - fine["v_mps"]).max() < 1e-4
+
+
+@pytest.mark.parametrize("options", [{"k92": 0.1}, {"a_theta": 4.919}, {"k92": 1.0}])
+def test_a_robot_at_rest_neither_creeps_nor_drifts(options: dict[str, float]) -> None:
+    still = Variant(velocity=0.3, acceleration=1.2, distance=2.0)
+    run = run_of(still, **options)
+    before = run.t < 0
+    assert np.abs(run["x_m"][before]).max() < 1e-9
+    assert np.abs(run["v_mps"][before]).max() < 1e-9
+    assert np.ptp(run["pitch_rad"][before]) < 1e-9
+    assert abs(run["v_mps"][-1]) < 2e-4  # coasting out, (26) cannot brake
+
+
+def test_at_rest_the_ground_carries_the_weight_and_the_accelerometer_reads_gravity() -> None:
+    run = run_of(variant_of(0.3))
+    assert ROBOT.chassis is not None
+    weight = ROBOT.chassis.total_mass * GRAVITY
+    assert 2 * (run["force_z_f_N"][0] + run["force_z_r_N"][0]) == pytest.approx(weight, rel=1e-8)
+    pitch = run["pitch_rad"][0]
+    assert run["imu_ax_mps2"][0] == pytest.approx(-GRAVITY * np.sin(pitch), abs=1e-6)
+    assert run["imu_az_mps2"][0] == pytest.approx(GRAVITY * np.cos(pitch), rel=1e-6)
+
+
+@pytest.mark.parametrize("variant", load_variants(), ids=lambda v: f"{v.velocity:g}")
+def test_momentum_gained_is_the_impulse_of_the_ground(variant: Variant) -> None:
+    run = run_of(variant, accuracy=Accuracy(1e-7, 1e-9, 0.0025))
+    assert ROBOT.chassis is not None
+    force = 2 * (run["force_x_f_N"] + run["force_x_r_N"])
+    impulse = np.concatenate([[0], np.cumsum((force[1:] + force[:-1]) / 2 * np.diff(run.t))])
+    # R moves along the ground at v / cos(pitch) but for terms of second order; the centre of mass adds z_CM q
+    v_cm = run["v_mps"] + ROBOT.chassis.com_z * run["pitch_rate_radps"]
+    momentum = ROBOT.chassis.total_mass * v_cm
+    assert np.abs(momentum - impulse).max() < 2e-3 * np.abs(momentum).max()
+
+
+@pytest.mark.parametrize("variant", load_variants(), ids=lambda v: f"{v.velocity:g}")
+def test_electrical_power_covers_heat_and_work(variant: Variant) -> None:
+    run = run_of(variant, accuracy=Accuracy(1e-7, 1e-9, 0.0025))
+    d = ROBOT.drive
+    assert d is not None
+    assert ROBOT.chassis is not None
+    for axle in "fr":
+        u, i, ω = run[f"voltage_{axle}_V"], run[f"current_{axle}_A"], run[f"omega_{axle}_radps"]
+        supplied = np.trapezoid(u * i, run.t)
+        heat = np.trapezoid(d.resistance * i**2, run.t)
+        shaft = np.trapezoid(d.emf_constant * d.gear_ratio * ω * i, run.t)
+        assert supplied == pytest.approx(heat + shaft, rel=2e-3)
+        rim = np.trapezoid(run[f"torque_{axle}_Nm"] * ω, run.t)
+        assert rim == pytest.approx(d.gear_efficiency * shaft, rel=1e-6)
+        load = np.trapezoid(run[f"moment_{axle}_Nm"] * ω, run.t)
+        assert rim + load == pytest.approx(0, abs=2e-3 * rim)  # the wheel begins and ends at rest
+        assert load < 0
+
+
+def test_slip_follows_equation_1_above_the_floor() -> None:
+    run = run_of(variant_of(0.7))
+    v_o = run["v_wheel_f_mps"]
+    fast = np.maximum(v_o, run["v_mps"]) > 0.02
+    # the axle moves along R with the velocity of R itself
+    body, wheel = run["v_mps"][fast], v_o[fast]
+    expected = (wheel - body) / np.maximum(wheel, body)
+    assert np.abs(run["slip_f"][fast] - expected).max() < 1e-12
+
+
+def test_slip_falls_to_nothing_on_firm_ground_with_equal_contact_angles() -> None:
+    firm = dataclasses.replace(SOIL, frictional_modulus=5e8)
+    run = simulate(variant_of(0.3), ROBOT, firm, k92=1.0)
+    assert abs(run.slip_ratio) < 0.002
+    assert run["sinkage_f_m"].max() < 0.001
+
+
+def test_slip_grows_as_the_rear_contact_angle_shrinks() -> None:
+    slips = [run_of(variant_of(0.3), k92=k).slip_ratio for k in (1.0, 0.6, 0.3, 0.1, 0.0)]
+    assert all(a < b for a, b in pairwise(slips))
+
+
+def test_moving_the_centre_of_mass_forward_exchanges_the_sinkages() -> None:
+    assert ROBOT.chassis is not None
+    mirrored = replace_path(ROBOT, "chassis.com_x", -ROBOT.chassis.com_x)
+    p, q = (model_parameters(r, SOIL, variant_of(0.3), k92=1.0) for r in (ROBOT, mirrored))
+    here, there = rest_state(p), rest_state(q)  # type: ignore[arg-type]
+    assert there[2] == pytest.approx(-here[2], rel=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    sinkage=st.floats(0.002, 0.03),
+    v_o=st.floats(0.05, 1.0),
+    v=st.floats(0.05, 1.0),
+    k92=st.floats(0.0, 1.0),
+)
+def test_ten_nodes_integrate_the_contact_arc_as_well_as_two_hundred(
+    sinkage: float, v_o: float, v: float, k92: float
+) -> None:
+    """Independent quadrature: scipy's adaptive rule on the stresses of (6)-(11)."""
+    from scipy.integrate import quad
+
+    r, b = ROBOT.wheels.radius, ROBOT.wheels.width
+    state = WheelState(
+        front=True, travel=0, angle=0, rate=v_o / r, tread_rate=v_o / r, velocity=v, sinkage=sinkage,
+        sinkage_rate=0, radius=r, width=b, v_desired=v,
+    )  # fmt: skip
+    angles = contact_angles(state, k92)
+    forces = wheel_forces(state, angles, SOIL, 0)
+    front, rear = float(angles.front), float(angles.rear)
+    slip = (v_o - v) / max(v_o, v)
+
+    def stresses(angle: float) -> tuple[float, float]:
+        j = r * ((front - angle) - (1 - slip) * (np.sin(front) - np.sin(angle)))
+        z = max(sinkage - r * (1 - np.cos(angle)), 0.0)
+        normal = (SOIL.cohesive_modulus / b + SOIL.frictional_modulus) * z**SOIL.exponent
+        strength = min(
+            SOIL.tyre_friction * normal, SOIL.cohesion + normal * np.tan(np.radians(SOIL.friction_angle))
+        )
+        return normal, np.sign(j) * strength * (1 - np.exp(-abs(j) / SOIL.shear_modulus))
+
+    def arc(f: object) -> float:
+        return b * r * quad(f, -rear, front, epsabs=1e-9, epsrel=1e-9, limit=200)[0]  # type: ignore[arg-type]
+
+    scale = float(forces.vertical)
+    for name, integrand in (
+        ("vertical", lambda t: stresses(t)[0] * np.cos(t) + stresses(t)[1] * np.sin(t)),
+        ("resistance", lambda t: -stresses(t)[0] * np.sin(t)),
+        ("thrust", lambda t: stresses(t)[1] * np.cos(t)),
+    ):
+        assert float(getattr(forces, name)) == pytest.approx(arc(integrand), abs=5e-4 * scale)
+    assert len(NODES) == 10
+
+
+def test_columns_give_the_same_numbers_as_the_graph() -> None:
+    graph = build_graph(())
+    p = model_parameters(ROBOT, SOIL, variant_of(0.5), a_theta=4.919)
+    vector = np.array(vector_of(p))
+    rng = np.random.default_rng(0)
+    x = rest_state(p)[:, None] + 0.01 * rng.normal(size=(len(graph.states), 50))
+    t = rng.uniform(-1, 8, 50)
+    stacked = ca.vertcat(*graph.outputs.values())
+    expected = np.array(ca.Function("f", [graph.t, graph.x, graph.p], [stacked])(t[None], x, vector))
+    got = ColumnFunction([graph.t, graph.x, graph.p], stacked)(t[None], x, vector, samples=50)
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12)
+    assert len(names_of(p)) == vector.size
+
+
+def test_a_robot_too_heavy_for_the_soil_is_refused() -> None:
+    heavy = replace_path(ROBOT, "chassis.body_mass", 2000.0)
+    with pytest.raises(EstimateError, match="sinks to its axles"):
+        simulate(variant_of(0.3), heavy, dataclasses.replace(SOIL, frictional_modulus=1e4))  # type: ignore[arg-type]
+
+
+def test_a_robot_without_chassis_cannot_be_simulated() -> None:
+    bare = dataclasses.replace(ROBOT, chassis=None)
+    with pytest.raises(InputError, match=r"no \[chassis\] table"):
+        simulate(variant_of(0.3), bare, SOIL)
