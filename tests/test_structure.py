@@ -1,0 +1,85 @@
+"""The code keeps its shape: stages know only earlier ones, modules stay readable."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "granite_lab"
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+STAGES = [
+    {"errors", "estimate", "__init__"},
+    {"files"},
+    {"parameters"},
+    {"logs"},
+    {"estimation"},
+    {"model"},
+    {"effects"},
+    {"fitting"},
+    {"comparison"},
+    {"reporting"},
+    {"study"},
+    {"commands"},
+    {"cli"},
+]
+RANK = {name: rank for rank, names in enumerate(STAGES) for name in names}
+
+
+def stage_of(module: str) -> str:
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else "__init__"
+
+
+def imports_of(path: Path) -> set[str]:
+    """Return the modules a file imports, wherever in the file it does so."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            found.add(node.module or "")
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_stage_imports_nothing_of_a_later_one(path: Path) -> None:
+    own = path.relative_to(PACKAGE).with_suffix("").parts[0]
+    for module in imports_of(path):
+        if module.startswith("granite_lab"):
+            other = stage_of(module)
+            assert RANK[other] <= RANK[own], f"{path.name} imports {module}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_module_stays_short(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 280
+
+
+@pytest.mark.parametrize(
+    ("library", "home"),
+    [("rerun", "reporting/recording"), ("tomllib", "parameters/quantity.py"), ("filterpy", "estimation")],
+)
+def test_a_library_has_one_home(library: str, home: str) -> None:
+    for path in MODULES:
+        if any(module.split(".")[0] == library for module in imports_of(path)):
+            assert path.relative_to(PACKAGE).as_posix().startswith(home), path
+
+
+def test_nothing_is_unpickled() -> None:
+    for path in MODULES:
+        assert not imports_of(path) & {"pickle", "shelve", "marshal", "dill", "cloudpickle"}
+
+
+def test_the_help_needs_no_heavy_library() -> None:
+    code = (
+        "import sys; from granite_lab.cli import app; "
+        "print([m for m in ('numpy', 'scipy', 'pandas', 'casadi', 'rerun') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
