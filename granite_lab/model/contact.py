@@ -30,6 +30,9 @@ class WheelState:
         sinkage, sinkage_rate: z_0 [m] and its rate [m/s].
         radius, width: r, b [m].
         v_desired: desired velocity of the robot at the moment [m/s].
+        k92: the ratio k_92 of the moment by (5), which a hook may find already overruled.
+        flattening: by how much the radius of the arc in the soil exceeds `radius` [m], zero in
+            the paper's model of a rigid wheel.
     """
 
     front: bool
@@ -43,6 +46,13 @@ class WheelState:
     radius: Any
     width: Any
     v_desired: Any
+    k92: Any = 1.0
+    flattening: Any = 0.0
+
+    @property
+    def arc_radius(self) -> Any:
+        """Radius of the contact arc [m]; r for a rigid wheel."""
+        return self.radius + self.flattening
 
     @property
     def circumferential_velocity(self) -> Any:
@@ -97,7 +107,7 @@ class WheelForces:
 def contact_angles(state: WheelState, k92: Any) -> ContactAngles:
     """Return ϑ_1 from the sinkage and ϑ_2 = k_92 ϑ_1 (4)."""
     z0 = ca.fmax(state.sinkage, _TINY)
-    front = ca.acos(ca.fmax(1 - z0 / state.radius, -0.99))
+    front = ca.acos(ca.fmax(1 - z0 / state.arc_radius, -0.99))
     return ContactAngles(front, k92 * front)
 
 
@@ -114,7 +124,7 @@ def wheel_forces(state: WheelState, angles: ContactAngles, soil: Soil, damping: 
         soil: pressure-sinkage and shear parameters, Table 1.
         damping: c_t [N s/m].
     """
-    r, b = state.radius, state.width
+    r, b = state.arc_radius, state.width
     ϑ1, ϑ2 = angles.front, angles.rear
     λ = state.slip
     moving = smoothstep(state.speed / V_FLOOR)
@@ -137,7 +147,7 @@ def wheel_forces(state: WheelState, angles: ContactAngles, soil: Soil, damping: 
         R -= σ * sin_ϑ * dA  # (13)
         F += τ * cos_ϑ * dA  # (14)
         S += τ * dA
-    M = -r * S  # (15)
+    M = -state.radius * S  # (15)
     touching = ca.if_else(state.sinkage > 0, 1, 0)
     normal = touching * ca.fmax(0, W + damping * state.sinkage_rate)  # (17)
     return WheelForces(touching * W, touching * R, touching * F, touching * M, normal)

@@ -28,6 +28,9 @@ class EffectParameter:
         low, high: physical bounds.
         neutral: the value at which the effect vanishes.
         prior_low, prior_high: the range that the literature leads to expect.
+        shape: True where the parameter says how, not how much: once every other parameter is
+            neutral the model does not depend on it, and `neutral` is only where a search starts.
+        per_trial: True where the value changes from trial to trial, as a phase of the wheels does.
     """
 
     name: str
@@ -38,6 +41,8 @@ class EffectParameter:
     neutral: float
     prior_low: float
     prior_high: float
+    shape: bool = False
+    per_trial: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,16 +53,26 @@ class Own:
         p: parameter name to value.
         x: name of an extra state to its value.
         t: time since the start of the command [s].
+        model: the parameters of the model without effects.
     """
 
     p: Mapping[str, Any]
     x: Mapping[str, Any]
     t: Any
+    model: ModelParameters
+
+
+@dataclass(frozen=True)
+class Shaft:
+    """Motion of a motor's shaft divided by the gear ratio: angle [rad] and rate [rad/s]."""
+
+    angle: Any
+    rate: Any
 
 
 @dataclass(frozen=True)
 class Axle:
-    """All that is known of one wheel pair once its forces are; for `Effect.rates` and `Effect.body_load`.
+    """All that is known of one wheel pair once its forces are.
 
     Attributes:
         position: of the axle in R [m].
@@ -86,7 +101,7 @@ class Effect:
         source: where the formula comes from.
         signature: what an observer sees, in words.
         parameters: the effect's parameters.
-        states: names of extra states, all zero at the start.
+        states: names of extra states; they start where they rest while the robot stands still.
     """
 
     id: ClassVar[str]
@@ -101,8 +116,8 @@ class Effect:
         """Rewrite the parameters of the whole model."""
         return p
 
-    def desired_velocity(self, v_desired: Any, own: Own) -> Any:
-        """Rewrite the desired velocity [m/s] that k_92 follows."""
+    def desired_velocity(self, v_desired: Any, v: Any, own: Own) -> Any:
+        """Rewrite the desired velocity [m/s] that k_92 follows; `v` is the actual one."""
         return v_desired
 
     def wheel(self, state: WheelState, own: Own) -> WheelState:
@@ -123,9 +138,15 @@ class Effect:
         """Rewrite the forces and the moment of the ground on a wheel."""
         return forces
 
-    def voltage(self, voltage: Any, drive: Drive, currents: tuple[Any, Any], own: Own) -> Any:
-        """Rewrite the voltage of a motor [V]; `currents` are those of a front and a rear motor [A]."""
-        return voltage
+    def shaft(self, shaft: Shaft, axle: Axle, own: Own) -> Shaft:
+        """Rewrite the motion of a motor's shaft; back-EMF, controller and encoder follow it."""
+        return shaft
+
+    def voltages(
+        self, voltages: tuple[Any, Any], currents: tuple[Any, Any], drive: Drive, own: Own
+    ) -> tuple[Any, Any]:
+        """Rewrite the voltages of a front and a rear motor [V], given their currents [A]."""
+        return voltages
 
     def drive_torque(self, torque: Any, state: WheelState, own: Own) -> Any:
         """Rewrite the driving torque at a rim [N m]."""
@@ -148,6 +169,14 @@ class Effect:
     def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Rewrite what the sensors read: the signals named ``imu_…``, ``enc_…`` and ``cur_…``."""
         return signals
+
+    def delays(self, own: Own) -> dict[str, Any]:
+        """Return by how much the stamps of sensors lag [s], by the first part of their signals' names.
+
+        A delay is not a function of the state at one instant, so it is applied to the finished
+        run: the signal ``enc_f_rad`` at t becomes what it was at t minus the delay of ``enc``.
+        """
+        return {}
 
 
 @dataclass(frozen=True)

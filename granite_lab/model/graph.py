@@ -16,7 +16,7 @@ from granite_lab.model import body as bd
 from granite_lab.model.command import contact_angle_ratio, desired_distance, desired_velocity
 from granite_lab.model.contact import WheelState, contact_angles, wheel_forces
 from granite_lab.model.drive import control_voltage, current_rate, drive_torque
-from granite_lab.model.effect import Axle, Effect, Own
+from granite_lab.model.effect import Axle, Effect, Own, Shaft
 from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
 from granite_lab.parameters import load_robot, load_soil, load_variants
 
@@ -34,6 +34,7 @@ class Graph:
         rates: time derivative of the state.
         outputs: name to expression; the columns of a run.
         states: names of the states, the effects' extra ones last.
+        delays: sensor signal to how far its stamps lag [s], where an effect delays it.
     """
 
     t: Any
@@ -42,6 +43,7 @@ class Graph:
     rates: Any
     outputs: dict[str, Any]
     states: tuple[str, ...]
+    delays: dict[str, Any]
 
 
 @lru_cache(maxsize=64)
@@ -63,6 +65,7 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
                 {q.name: s for q, s in zip(e.parameters, symbols, strict=True)},
                 {n: state[f"{e.id}.{n}"] for n in e.states},
                 t,
+                paper,
             ),
         )
         for e, symbols in zip(effects, own_p, strict=True)
@@ -75,14 +78,13 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
     # command: (5), section 4
     v_d = desired_velocity(t, p.variant)
     s_d = desired_distance(t, p.variant)
-    v_k92 = v_d
-    for e, own in hooks:
-        v_k92 = e.desired_velocity(v_k92, own)
-    k92 = contact_angle_ratio(v_k92, p)
-
     body = bd.BodyState(*(state[name] for name in BODY_STATES))
     reference = bd.point(body, p.chassis, 0, 0)  # R
     v, _ = bd.to_robot(body.pitch, reference.x_rate, reference.z_rate)
+    v_k92 = v_d
+    for e, own in hooks:
+        v_k92 = e.desired_velocity(v_k92, v, own)
+    k92 = contact_angle_ratio(v_k92, p)
 
     axles = tuple(_axle(front, state, body, p, k92, v_d, hooks) for front in (True, False))
     front, rear = axles
@@ -115,23 +117,40 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
     }
     f_x, f_z = bd.specific_force(body, acceleration, load, p.chassis, p.imu.x, p.imu.z)
     sensors: dict[str, Any] = {"imu_ax_mps2": f_x, "imu_az_mps2": f_z, "imu_gy_radps": body.pitch_rate}
-    for name, axle in zip("fr", axles, strict=True):
-        rate = state[f"rate_{name}"]
-        voltage = control_voltage(p.drive, s_d / p.wheels.radius - state[f"angle_{name}"],
-                                  v_d / p.wheels.radius - rate)  # fmt: skip
-        for e, own in hooks:
-            voltage = e.voltage(voltage, p.drive, (front.current, rear.current), own)
+    shafts = tuple(_shaft(axle, hooks) for axle in axles)
+    voltages = tuple(
+        control_voltage(p.drive, s_d / p.wheels.radius - shaft.angle, v_d / p.wheels.radius - shaft.rate)
+        for shaft in shafts
+    )
+    for e, own in hooks:
+        voltages = e.voltages((voltages[0], voltages[1]), (front.current, rear.current), p.drive, own)
+    for name, axle, shaft, voltage in zip("fr", axles, shafts, voltages, strict=True):
+        rate = axle.state.rate
         rates[f"angle_{name}"] = rate
         rates[f"rate_{name}"] = (axle.drive_torque + axle.rim_load) / p.chassis.wheel_inertia  # (23)
-        rates[f"current_{name}"] = current_rate(p.drive, voltage, rate, axle.current)  # (24)
+        rates[f"current_{name}"] = current_rate(p.drive, voltage, shaft.rate, axle.current)  # (24)
         outputs |= _axle_outputs(name, axle, voltage, rate * p.wheels.radius)
-        sensors |= {f"enc_{name}_rad": axle.state.angle, f"cur_{name}_A": axle.current}
+        sensors |= {f"enc_{name}_rad": shaft.angle, f"cur_{name}_A": axle.current}
+    delays: dict[str, Any] = {}
     for e, own in hooks:
         sensors = e.sensors(sensors, p, own)
         rates |= {f"{e.id}.{name}": value for name, value in e.rates((front, rear), p, own).items()}
+        for prefix, lag in e.delays(own).items():
+            late = [name for name in sensors if name.startswith(f"{prefix}_")]
+            delays |= {name: delays.get(name, 0) + lag for name in late}
 
     parameters = ca.vertcat(symbols_of(paper), *(s for symbols in own_p for s in symbols))
-    return Graph(t, x, parameters, ca.vertcat(*(rates[name] for name in names)), outputs | sensors, names)
+    return Graph(
+        t, x, parameters, ca.vertcat(*(rates[name] for name in names)), outputs | sensors, names, delays
+    )
+
+
+def _shaft(axle: Axle, hooks: list[tuple[Effect, Own]]) -> Shaft:
+    """Return the motion of a motor's shaft, that of the rim in the paper's model."""
+    shaft = Shaft(axle.state.angle, axle.state.rate)
+    for e, own in hooks:
+        shaft = e.shaft(shaft, axle, own)
+    return shaft
 
 
 def _axle(
@@ -161,6 +180,7 @@ def _axle(
         radius=p.wheels.radius,
         width=p.wheels.width,
         v_desired=v_d,
+        k92=k92,
     )
     for e, own in hooks:
         wheel = e.wheel(wheel, own)

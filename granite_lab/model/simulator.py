@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
 from granite_lab.errors import EstimateError
 from granite_lab.model.columns import ColumnFunction
@@ -47,14 +48,20 @@ class Accuracy:
 
 @lru_cache(maxsize=64)
 def _rest_function(effects: tuple[Effect, ...]) -> Any:
-    """Return f(z, Θ, p) -> vertical and pitch acceleration at standstill, with its Jacobian."""
+    """Return f(q, p) -> what must vanish at standstill, its Jacobian, and the place of R.
+
+    q holds height and pitch of the robot and the effects' extra states; what must vanish are the
+    vertical and the pitch acceleration and the rates of the extra states.
+    """
     graph = build_graph(effects)
-    zp = ca.SX.sym("zp", 2)
-    x = ca.SX.zeros(len(graph.states))
-    x[1], x[2] = zp[0], zp[1]
-    rates = ca.substitute(graph.rates, ca.vertcat(graph.x, graph.t), ca.vertcat(x, -SETTLE))
-    residual = rates[3:6][1:]
-    return ca.Function("rest", [zp, graph.p], [residual, ca.jacobian(residual, zp)])
+    paper, n = len(STATES), len(graph.states)
+    q = ca.SX.sym("q", 2 + n - paper)
+    x = ca.vertcat(0, q[:2], ca.SX.zeros(paper - 3), q[2:])
+    rest = ca.vertcat(x, -SETTLE)
+    rates = ca.substitute(graph.rates, ca.vertcat(graph.x, graph.t), rest)
+    residual = ca.vertcat(rates[4:6], rates[paper:])
+    place = ca.substitute(graph.outputs["x_m"], ca.vertcat(graph.x, graph.t), rest)
+    return ca.Function("rest", [q, graph.p], [residual, ca.jacobian(residual, q), place])
 
 
 @lru_cache(maxsize=256)
@@ -90,24 +97,26 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
     chosen = tuple(e.effect for e in effects)
     vector = _vector(p, effects)
     f = _rest_function(chosen)
-    zp = np.array([0.85 * p.wheels.radius + p.chassis.com_z, 0.0])
+    extra = sum(len(e.states) for e in chosen)
+    q = np.array([0.85 * p.wheels.radius + p.chassis.com_z, 0.0] + extra * [0.0])
+    limit = np.array(2 * [0.2 * p.wheels.radius] + extra * [np.inf])
     for _ in range(60):
-        residual, jacobian = (np.array(part) for part in f(zp, vector))
-        step = np.linalg.lstsq(jacobian, residual[:, 0], rcond=None)[0]
-        zp -= np.clip(step, -0.2 * p.wheels.radius, 0.2 * p.wheels.radius)
-        if np.abs(step).max() < 1e-12:
+        residual, jacobian, place = (np.array(part) for part in f(q, vector))
+        if not np.isfinite(jacobian).all():
             break
-    sinkage = p.wheels.radius + p.chassis.com_z - zp[0]
-    if not (np.isfinite(zp).all() and np.abs(residual).max() < 1e-3 and sinkage < p.wheels.radius):
+        step = np.linalg.lstsq(jacobian, residual[:, 0], rcond=None)[0]
+        q -= np.clip(step, -limit, limit)
+        if (np.abs(step) < 1e-12 * np.fmax(1, np.abs(q))).all():
+            break
+    sinkage = p.wheels.radius + p.chassis.com_z - q[0]
+    if not (np.isfinite(q).all() and np.abs(residual).max() < 1e-3 and sinkage < p.wheels.radius):
         raise EstimateError(
             f"the robot sinks to its axles on this soil (sinkage {sinkage * 1000:.0f} mm, "
             f"wheel radius {p.wheels.radius * 1000:.0f} mm)",
             "check masses, wheel size and the soil's moduli",
         )
-    state = np.zeros(len(STATES) + sum(len(e.states) for e in chosen))
-    x_cm = p.chassis.com_x * np.cos(zp[1]) + p.chassis.com_z * np.sin(zp[1])  # R begins at x = 0
-    state[:3] = x_cm, zp[0], zp[1]
-    return state
+    start = -float(place[0, 0])  # R begins at x = 0
+    return np.concatenate([[start, q[0], q[1]], np.zeros(len(STATES) - 3), q[2:]])
 
 
 def _vector(p: ModelParameters, effects: Sequence[Active]) -> list[float]:
@@ -140,7 +149,29 @@ def integrate(
     table = _outputs(chosen)(t[None], history, np.array(vector), samples=samples)
     if not np.isfinite(table).all():
         raise EstimateError("the simulation left the range of numbers", "check the parameters")
-    return {"t_s": t} | dict(zip(build_graph(chosen).outputs, table, strict=True))
+    signals = dict(zip(build_graph(chosen).outputs, table, strict=True))
+    return {"t_s": t} | _delayed(t, signals, chosen, vector)
+
+
+@lru_cache(maxsize=64)
+def _lags(effects: tuple[Effect, ...]) -> Any:
+    graph = build_graph(effects)
+    return ca.Function("lags", [graph.p], [ca.vertcat(*graph.delays.values())])
+
+
+def _delayed(
+    t: Array, signals: dict[str, Array], effects: tuple[Effect, ...], vector: list[float]
+) -> dict[str, Array]:
+    """Return the signals with those that an effect delays shifted in time; before and after, at rest."""
+    delays = build_graph(effects).delays
+    if not delays:
+        return signals
+    late = {
+        name: CubicSpline(t, signals[name])(np.clip(t - lag, t[0], t[-1]))
+        for name, lag in zip(delays, _lags(effects)(vector).full()[:, 0], strict=True)
+        if lag != 0
+    }
+    return signals | late
 
 
 def steady_slip(

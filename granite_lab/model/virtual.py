@@ -174,7 +174,7 @@ def _error(
 
 def _digitise(values: Array, limit: float, step: float) -> Array:
     clipped = np.clip(values, -limit, limit)
-    return np.round(clipped / step) * step if step else clipped
+    return np.round(np.round(clipped / step) * step, 9) if step else clipped
 
 
 def _encoders(run: Run, robot: Robot, t: Array, origin: float) -> WheelStream:
@@ -188,4 +188,4 @@ def _currents(run: Run, robot: Robot, t: Array, origin: float, rng: np.random.Ge
     c = robot.currents
     read = true * (1 + rng.normal(0, c.gain, 4)) + rng.normal(0, c.offset, 4)
     read += rng.normal(0, c.noise, read.shape)
-    return CurrentStream(t, np.round(read / c.step) * c.step if c.step else read)
+    return CurrentStream(t, np.round(np.round(read / c.step) * c.step, 9) if c.step else read)
