@@ -6,6 +6,7 @@ oscillations of velocity and the squat that the paper saw in its experiments but
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,12 +55,17 @@ class Body:
     steady: tuple[float, float]
 
 
-def smooth(signal: Array, width: float) -> Array:
-    """Return the signal averaged three times over `width` [s]: delayed, smooth, of finite memory."""
-    n = max(1, round(width / DT))
+def smooth(signal: Array, width: float, *, delayed: bool = True) -> Array:
+    """Return the signal averaged three times over `width` [s]: twice differentiable, of finite memory.
+
+    As a filter in time it is delayed by 1.5 widths; otherwise each average is centred.
+    """
+    n = 2 * round(width / DT / 2) + 1
     box = np.ones(n) / n
     kernel = np.convolve(np.convolve(box, box), box)
-    padded = np.concatenate([np.full(kernel.size - 1, signal[0]), signal])
+    reach = kernel.size - 1
+    ahead = 0 if delayed else reach // 2
+    padded = np.concatenate([np.full(reach - ahead, signal[0]), signal, np.full(ahead, signal[-1])])
     return np.convolve(padded, kernel, mode="valid")
 
 
@@ -89,21 +95,27 @@ def oscillator(drive: Array, frequency: float, damping: float) -> Array:
     return np.asarray(lfilter(b, a, drive - drive[0]) + drive[0])
 
 
-def body_velocity(target: Array, braked: Array, lag: float, grip: float) -> Array:
-    """Return the velocity that follows `target` with a lag and comes to a dead stop.
+def body_velocity(rolling: Array, balance: Array, grip: float, slope: float, build_up: float) -> Array:
+    """Return the velocity of a body that its wheels push through a saturating force of the slip.
+
+    The force a unit of mass is grip (1 - exp(-slip/slope)), odd in the slip, against a resistance
+    that it balances at the slip ratio `balance`. A standing body stays until the force exceeds it.
 
     Args:
-        target: velocity at which the wheels would carry the body [m/s].
-        braked: true where the wheels stand or brake towards standstill.
-        lag: time constant [s].
-        grip: deceleration by the sand once the wheels hold [m/s^2].
+        rolling: circumferential velocity of the wheels [m/s].
+        balance: slip ratio of steady motion at each instant.
+        grip: largest force a unit of mass [m/s^2].
+        slope: slip ratio that gives 63 % of it.
+        build_up: time constant with which the force builds up [s].
     """
-    v = np.zeros_like(target)
-    now = 0.0
-    for k in range(1, target.size):
-        now += DT * (target[k] - now) / lag
-        if braked[k] and target[k] < 0.02:
-            now = max(0.0, now - grip * DT)
+    v = np.zeros_like(rolling)
+    resistance = grip * -np.expm1(-balance / slope)
+    now, force = 0.0, 0.0
+    for k in range(1, rolling.size):
+        slip = (rolling[k] - now) / max(rolling[k], now, 0.02)
+        wanted = math.copysign(grip * -math.expm1(-abs(slip) / slope), slip)
+        force += DT * (wanted - force) / (build_up + DT)
+        now = max(0.0, now + DT * (force - resistance[k]))
         v[k] = now
     return v
 
@@ -137,7 +149,7 @@ def random_body(
     n = round((still[0] + duration + still[1]) / DT) + 1
     t = DT * np.arange(n)
     desired = np.array([command.velocity(ti - still[0]) for ti in t])
-    rolling = smooth(desired, 0.03)  # the drive follows the command within a tenth of a second
+    rolling = smooth(desired, 0.015)  # the drive follows the command within some hundredths of a second
     moving = rolling / velocity
 
     level = float(np.interp(velocity, SLIP_SPEED, SLIP_LEVEL)) * (1 + 0.08 * rng.standard_normal())
@@ -147,9 +159,14 @@ def random_body(
         2 * np.pi * rng.uniform(0.4, 1.4) * t + rng.uniform(0, 2 * np.pi)
     )
     ratio = level * (1 + 0.08 * wander(rng, n, DT, rng.uniform(0.5, 1.5))) + ripple * velocity / 0.7
-    lag = rng.uniform(0.06, 0.25)
-    braked = t > still[0] + duration - velocity / acceleration
-    v = smooth(body_velocity(rolling * (1 - ratio), braked, lag, rng.uniform(0.4, 1.0)), 0.02)
+    v = body_velocity(
+        rolling,
+        np.maximum(ratio, 0.005),
+        grip=rng.uniform(3.0, 4.2),
+        slope=rng.uniform(0.3, 0.45),
+        build_up=rng.uniform(0.0, 0.01),
+    )
+    v = smooth(v, 0.009, delayed=False)
     a = np.gradient(v, DT)
     x = cumulative_trapezoid(v, dx=DT, initial=0.0)
 
