@@ -19,6 +19,7 @@ from granite_lab.commands.common import (
 from granite_lab.errors import UsageError
 
 if TYPE_CHECKING:
+    from granite_lab.effects.model_file import ModelFile
     from granite_lab.model.effect import Active
     from granite_lab.model.run import Run
     from granite_lab.parameters import Robot, Soil, Variant
@@ -63,7 +64,6 @@ def simulate(
     """Simulate one run: equations (1)-(26), with k_92 = exp(-a_θ v) unless --k92 is given."""
     import numpy as np
 
-    from granite_lab.effects.model_file import load_model
     from granite_lab.files import write_text
     from granite_lab.model import Accuracy
     from granite_lab.model import simulate as run_model
@@ -75,7 +75,7 @@ def simulate(
     if truth is not None and log is None:
         raise UsageError("--truth needs --log", "give the virtual log a path with --log")
     chosen = _motion(variant, v, a, distance)
-    base = load_model(model, effects) if model else None
+    base = _model(model, effects) if model else None
     body: Robot = load_robot(robot or (base.robot if base else "granite"), grade)
     ground: Soil = load_soil(soil or (base.soil if base else "dry_sand"))
     active: tuple[Active, ...] = base.effects if base else ()
@@ -107,6 +107,12 @@ def simulate(
         )
     else:
         _show(run, path, log)
+
+
+def _model(path: Path, effects: Path | None) -> ModelFile:
+    from granite_lab.effects.model_file import load_model
+
+    return load_model(path, effects)
 
 
 def _motion(variant: float | None, v: float | None, a: float | None, distance: float | None) -> Variant:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import pandas as pd
-
-from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot, Soil, Variant
+
+if TYPE_CHECKING:  # a run is often made without ever becoming a table
+    import pandas as pd
+
+    from granite_lab.logs.trial import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,4 +52,6 @@ class Run:
 
     def to_frame(self) -> pd.DataFrame:
         """Return all signals as a table, one row an instant, units in the column names."""
+        import pandas as pd  # noqa: PLC0415
+
         return pd.DataFrame(self.signals)

@@ -118,7 +118,7 @@ def _stamps(rng: np.random.Generator, rate: float, end: float, jitter: float) ->
     """Return strictly increasing stamps [s] from 0 to `end`, rounded to the microsecond."""
     t = rng.uniform(0, 1 / rate) + np.arange(int((end - 1 / rate) * rate)) / rate
     t += np.clip(rng.normal(0, jitter, t.size), -0.3 / rate, 0.3 / rate)
-    return np.round(t - min(t[0], 0.0), 6)
+    return np.asarray(np.round(t - min(t[0], 0.0), 6))
 
 
 def _imu(
