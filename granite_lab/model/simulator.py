@@ -11,7 +11,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
 
 from granite_lab.errors import EstimateError
 from granite_lab.model.columns import ColumnFunction
@@ -166,6 +165,8 @@ def _delayed(
     delays = build_graph(effects).delays
     if not delays:
         return signals
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415, only late stamps need it
+
     late = {
         name: CubicSpline(t, signals[name])(np.clip(t - lag, t[0], t[-1]))
         for name, lag in zip(delays, _lags(effects)(vector).full()[:, 0], strict=True)
