@@ -1,1 +1,16 @@
 """From measured and simulated slip to k_92 of each trial and a_θ over trials."""
+
+from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit, Law
+from granite_lab.fitting.k92 import fit_k92, slip_interval
+from granite_lab.fitting.slip import fit_k92_to_slip, simulated_slip
+
+__all__ = [
+    "AThetaFit",
+    "FitStatus",
+    "K92Fit",
+    "Law",
+    "fit_k92",
+    "fit_k92_to_slip",
+    "simulated_slip",
+    "slip_interval",
+]

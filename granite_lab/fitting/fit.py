@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,6 +28,8 @@ class K92Fit:
         status: whether `k92` is an inner optimum.
         status_trajectory: the same for `k92_trajectory`.
         notes: what a reader should know, one line each.
+        std_measurement: the part of the std of `k92` that comes from the measured slip ratio.
+        std_sand: the part that comes from the scatter of the sand from trial to trial.
     """
 
     trial: str
@@ -40,6 +43,8 @@ class K92Fit:
     status: FitStatus
     status_trajectory: FitStatus
     notes: tuple[str, ...] = ()
+    std_measurement: float = math.nan
+    std_sand: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -53,8 +58,9 @@ class Law:
         units: name to unit.
         n_parameters: fitted numbers, the scatter not counted.
         rms: root mean square residual of k_92.
-        aicc: corrected Akaike information criterion (smaller is better).
-        weight: Akaike weight among the laws compared.
+        aicc: corrected Akaike information criterion (smaller is better); NaN where the points are
+            too few for the law.
+        weight: Akaike weight among the laws that have an `aicc`, NaN for the others.
     """
 
     id: str
