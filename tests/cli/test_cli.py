@@ -1,0 +1,161 @@
+"""The command line as a user meets it: whole processes, their output, errors and exit codes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+ROOT = Path(__file__).parent.parent.parent
+SAMPLE = ROOT / "data" / "samples" / "virtual_v0.3_r1.csv"
+
+
+def lab(*args: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", "from granite_lab.cli import main; main()", *map(str, args)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        stdin=subprocess.DEVNULL,
+        check=False,
+    )
+
+
+def test_help_and_version() -> None:
+    assert "study" in lab("--help").stdout
+    assert "study" in lab("-h").stdout
+    assert lab("--version").stdout.startswith("granite-lab ")
+
+
+def test_help_appears_well_under_half_a_second() -> None:
+    times = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        lab("--help")
+        times.append(time.perf_counter() - begin)
+    assert min(times) < 0.5
+
+
+def test_simulate_writes_a_run_and_one_json_document(tmp_path: Path) -> None:
+    done = lab("simulate", "--variant", "0.5", "--k92", "0.111", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document["schema"] == "granite-lab/simulate/1"
+    assert document["slip_ratio"] == pytest.approx(0.1625, abs=0.001)
+    run = pd.read_csv(tmp_path / document["run"])
+    named = (
+        "t_s x_m v_mps pitch_rad pitch_rate_radps omega_f_radps omega_r_radps torque_f_Nm torque_r_Nm "
+        "current_f_A current_r_A slip_f slip_r sinkage_f_m sinkage_r_m k92 imu_ax_mps2 enc_f_rad"
+    )
+    assert set(named.split()) <= set(run.columns)
+    assert run["t_s"].iloc[0] == -1
+    assert not run.isna().any().any()
+
+
+def test_simulate_takes_any_trapezoid(tmp_path: Path) -> None:
+    out = tmp_path / "a" / "run.csv"
+    done = lab("simulate", "--v", "0.4", "--a", "1", "--distance", "2", "--a-theta", "4", "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert "λ_R" in done.stdout
+    assert pd.read_csv(out)["v_desired_mps"].max() == pytest.approx(0.4)
+
+
+def test_a_virtual_log_is_made_again_to_the_byte(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        done = lab(
+            "simulate", "--variant", "0.3", "--scatter", "--seed", "104", "--log", tmp_path / name / "x.csv",
+            "--truth", tmp_path / name / "truth.csv", "--out", tmp_path / "run.csv",
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    for file in ("x.csv", "truth.csv"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+    assert "# virtual = true" in (tmp_path / "a" / "x.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "error", "hint"),
+    [
+        (["simulate", "--variant", "0.4"], 2, "unknown variant '0.4'", "0.2, 0.3, 0.5, 0.7"),
+        (["simulate"], 2, "the motion is not given", "--variant 0.5"),
+        (["simulate", "--variant", "0.5", "--v", "0.5"], 2, "--variant excludes", "one or the other"),
+        (
+            ["simulate", "--v", "-1", "--a", "1", "--distance", "1"],
+            3,
+            "velocity_mps = -1 is out of range",
+            "0.01",
+        ),
+        (["simulate", "--variant", "0.5", "--robot", "granit"], 2, "unknown robot 'granit'", "'granite'"),
+        (["simulate", "--variant", "0.5", "--soil", "none.toml"], 3, "none.toml: cannot be read", ""),
+        (["simulate", "--variant", "0.5", "--k92", "0.1", "--a-theta", "4"], 2, "exclude each other", ""),
+        (["simulate", "--variant", "0.5", "--truth", "t.csv"], 2, "--truth needs --log", ""),
+        (["ingest", "missing.csv"], 3, "missing.csv", ""),
+        (["ingest"], 2, "no trials given", ""),
+        (["ingest", SAMPLE, "--rest", "2:1"], 2, "ends before it begins", "0:1.2"),
+        (["fit-atheta", "--published", SAMPLE], 2, "--published takes no trials", ""),
+        (["params", "--grade", "tactical"], 2, "unknown IMU grade", "industrial"),
+        (["effects", "show", "drive_reactio"], 2, "drive_reactio", "drive_reaction"),
+    ],
+)
+def test_known_trouble_is_one_line_a_hint_and_an_exit_code(
+    tmp_path: Path, args: list[object], code: int, error: str, hint: str
+) -> None:
+    done = lab(*args, cwd=tmp_path)
+    assert done.returncode == code, done.stderr
+    lines = [line for line in done.stderr.splitlines() if line.startswith(("error: ", "hint: "))]
+    assert lines[0].startswith("error: ")
+    assert error in lines[0]
+    assert len(lines) == (2 if hint or len(lines) == 2 else 1)
+    assert hint in lines[-1]
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert not list(tmp_path.rglob("*.csv"))
+
+
+def test_params_prints_every_number_with_its_origin() -> None:
+    document = json.loads(lab("params", "--json").stdout)
+    assert document["schema"] == "granite-lab/params/1"
+    assert {"group", "key", "value", "unit", "low", "high", "origin"} <= set(document["parameters"][0])
+    shown = lab("params").stdout
+    assert max(map(len, shown.splitlines())) <= 80
+
+
+def test_published_a_theta_is_the_papers() -> None:
+    document = json.loads(lab("fit-atheta", "--published", "--json").stdout)
+    assert document["schema"] == "granite-lab/fit-atheta/1"
+    assert document["log_linear"] == pytest.approx(4.919, abs=0.001)
+    linear = next(law for law in document["laws"] if law["id"] == "linear_slip")
+    values = sorted(p["value"] for p in linear["parameters"].values())
+    assert values[1] == pytest.approx(0.4108, abs=0.0001)
+    assert values[0] == pytest.approx(-1.73, abs=0.005)  # per unit of slip ratio; -0.0173 per percent
+
+
+def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> None:
+    done = lab("ingest", SAMPLE, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    trial = document["trials"][0]
+    assert trial["variant_mps"] == 0.3
+    motion = pd.read_csv(tmp_path / trial["motion"])
+    named = "t_s x_m x_std_m v_mps v_std_mps pitch_rad pitch_std_rad phase"
+    wheels = [f"{n}_{w}{s}" for w in ("fl", "fr", "rl", "rr") for n, s in
+              (("v_wheel", "_mps"), ("slip", ""), ("slip", "_std"))]  # fmt: skip
+    assert set(named.split()) | set(wheels) <= set(motion.columns)
+    assert set(motion["phase"]) == {"rest", "accelerate", "steady", "brake"}
+    log = pd.read_csv(SAMPLE, comment="#")
+    stamps = log.loc[log["imu_ax_mps2"].notna(), "t_s"].to_numpy()
+    assert motion["t_s"].to_numpy() == pytest.approx(stamps, abs=1e-9)
+
+
+def test_fit_k92_gives_a_value_with_its_std(tmp_path: Path) -> None:
+    done = lab("fit-k92", SAMPLE, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    fit = json.loads(done.stdout)["fits"][0]
+    assert fit["status"] == "ok"
+    assert 0.1 < fit["k92"]["value"] < 0.5
+    assert 0 < fit["k92"]["std"] < 0.2
+    assert fit["slip_ratio"]["simulated"] == pytest.approx(fit["slip_ratio"]["measured"], abs=0.002)

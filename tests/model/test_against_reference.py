@@ -1,0 +1,183 @@
+"""The CasADi simulator against the independent implementation in `tests.truth` (plain NumPy, LSODA)."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from granite_lab.model import Accuracy, Run, simulate
+from granite_lab.parameters import (
+    GRAVITY,
+    Robot,
+    Soil,
+    Variant,
+    load_paper,
+    load_robot,
+    load_soil,
+    load_variants,
+)
+from tests.truth.simulator import Result
+from tests.truth.simulator import simulate as reference
+
+Array = npt.NDArray[np.float64]
+
+AFTER = 1.5
+"""Time after the command's end that is compared [s]."""
+
+PUBLISHED = {row.velocity: row.k92 for row in load_paper().table3}
+
+CASES = [(v, law) for v in sorted(PUBLISHED) for law in ("constant", "exponential")]
+
+# signal of the package, signal of the reference, tolerance as a share of the signal's peak
+BOTH_AXLES = [
+    ("omega_{}_radps", "omega", 2e-3),
+    ("theta_{}_rad", "angle", 2e-4),
+    ("v_wheel_{}_mps", "v_o", 2e-3),
+    ("slip_{}", "slip", 1e-2),
+    ("sinkage_{}_m", "sinkage", 1e-3),
+    ("load_{}_N", "W", 1e-2),
+    ("resistance_{}_N", "R", 1e-2),
+    ("thrust_{}_N", "F", 1e-2),
+    ("force_z_{}_N", "normal", 1e-2),
+    ("moment_{}_Nm", "M", 1e-2),
+    ("torque_{}_Nm", "torque", 1e-2),
+    ("current_{}_A", "current", 1e-2),
+    ("voltage_{}_V", "voltage", 1e-2),
+]
+WHOLE_ROBOT = [
+    ("pitch_rad", "pitch", 5e-3),
+    ("k92", "k92", 1e-9),
+    ("v_desired_mps", "v_d", 1e-9),
+    ("s_desired_m", "s_d", 1e-9),
+]
+
+
+def law_of(velocity: float, law: str) -> dict[str, float]:
+    return {"k92": PUBLISHED[velocity]} if law == "constant" else {"a_theta": load_paper().a_theta}
+
+
+def variant_of(velocity: float) -> Variant:
+    return next(v for v in load_variants() if v.velocity == velocity)
+
+
+def refer(variant: Variant, robot: Robot, soil: Soil, **law: float) -> Result:
+    return reference(
+        velocity=variant.velocity, acceleration=variant.acceleration, distance=variant.distance,
+        robot=robot, soil=soil, settle=0.5, after=AFTER, **law,
+    )  # fmt: skip
+
+
+@lru_cache
+def both(velocity: float, law: str) -> tuple[Run, Result]:
+    variant, chosen = variant_of(velocity), law_of(velocity, law)
+    run = simulate(variant, load_robot(), load_soil(), **chosen)
+    return run, refer(variant, load_robot(), load_soil(), **chosen)
+
+
+def difference(run: Run, name: str, truth: Result, values: Array) -> Array:
+    """Package minus reference at the package's samples that both cover."""
+    known = (run.t >= truth.t[0]) & (run.t <= truth.t[-1])
+    assert run.t[known][-1] > truth.t[-1] - 0.01
+    return np.asarray(run[name][known] - np.interp(run.t[known], truth.t, values))
+
+
+@pytest.mark.parametrize(("velocity", "law"), CASES)
+def test_velocity_and_distance_agree(velocity: float, law: str) -> None:
+    run, truth = both(velocity, law)
+    assert np.abs(difference(run, "v_mps", truth, truth.v)).max() < 1e-4
+    assert np.abs(difference(run, "x_m", truth, truth.x)).max() < 1e-4
+
+
+@pytest.mark.parametrize(("velocity", "law"), CASES)
+def test_every_signal_agrees(velocity: float, law: str) -> None:
+    run, truth = both(velocity, law)
+    pairs = [(name, np.asarray(getattr(truth, other)), share) for name, other, share in WHOLE_ROBOT]
+    for name, other, share in BOTH_AXLES:
+        for i, axle in enumerate("fr"):
+            pairs.append((name.format(axle), getattr(truth, other)[:, i], share))
+    for name, values, share in pairs:
+        assert np.abs(difference(run, name, truth, values)).max() < share * np.abs(values).max(), name
+
+
+@pytest.mark.parametrize(("velocity", "law"), CASES)
+def test_slip_ratio_agrees(velocity: float, law: str) -> None:
+    run, truth = both(velocity, law)
+    assert run.slip_ratio == pytest.approx(truth.slip_ratio(*run.steady), abs=1e-4)
+
+
+@pytest.mark.parametrize("velocity", sorted(PUBLISHED))
+def test_imu_feels_what_rigid_body_kinematics_says(velocity: float) -> None:
+    run, truth = both(velocity, "exponential")
+    arm, s, c = load_robot().imu, np.sin(truth.pitch), np.cos(truth.pitch)
+    q, dq = truth.pitch_rate, truth.pitch_acceleration
+    along = truth.acceleration[:, 0] + dq * arm.z - q**2 * arm.x - GRAVITY * s
+    up = truth.acceleration[:, 1] - dq * arm.x - q**2 * arm.z + GRAVITY * c
+    # at the kinks of the command the acceleration changes within a sample
+    for name, values in (("imu_ax_mps2", along), ("imu_az_mps2", up)):
+        assert np.sqrt(np.mean(difference(run, name, truth, values) ** 2)) < 5e-3
+    assert np.abs(difference(run, "imu_gy_radps", truth, q)).max() < 2e-4
+
+
+def test_another_robot_on_another_soil_agrees_too() -> None:
+    """No number of the paper's robot or sand is built in."""
+    paper = load_robot()
+    assert paper.chassis is not None
+    assert paper.drive is not None
+    robot = dataclasses.replace(
+        paper,
+        wheels=dataclasses.replace(paper.wheels, radius=0.13, width=0.09),
+        chassis=dataclasses.replace(
+            paper.chassis, wheel_base=0.5, body_mass=28.0, wheel_mass=2.2, com_x=0.03, com_z=0.1,
+            wheel_inertia=0.03, pitch_inertia=0.8, contact_damping=700.0,
+        ),
+        drive=dataclasses.replace(
+            paper.drive, inductance=2e-4, resistance=0.5, emf_constant=0.025, torque_constant=0.028,
+            gear_ratio=60, gear_efficiency=0.7, voltage_max=24.0, voltage_min=-24.0, gain_p=20.0, gain_d=6.0,
+        ),
+    )  # fmt: skip
+    soil = dataclasses.replace(
+        load_soil(), exponent=0.9, cohesive_modulus=5e3, frictional_modulus=9e5, cohesion=300.0,
+        friction_angle=27.0, shear_modulus=0.018, tyre_friction=0.8,
+    )  # fmt: skip
+    variant = Variant(velocity=0.4, acceleration=0.8, distance=0.9)
+    run = simulate(variant, robot, soil, k92=0.2)
+    truth = refer(variant, robot, soil, k92=0.2)
+    assert truth.v.max() > 0.2
+    assert np.abs(difference(run, "v_mps", truth, truth.v)).max() < 1e-4
+    for i, axle in enumerate("fr"):
+        torque = truth.torque[:, i]
+        assert np.abs(difference(run, f"torque_{axle}_Nm", truth, torque)).max() < 0.01 * np.abs(torque).max()
+    assert np.abs(difference(run, "pitch_rad", truth, truth.pitch)).max() < 2e-5
+
+
+@pytest.mark.parametrize(("velocity", "law"), CASES)
+def test_halved_tolerances_move_nothing(velocity: float, law: str) -> None:
+    run, _ = both(velocity, law)
+    usual = Accuracy()
+    half = Accuracy(relative=usual.relative / 2, absolute=usual.absolute / 2)
+    finer = simulate(variant_of(velocity), load_robot(), load_soil(), accuracy=half, **law_of(velocity, law))
+    assert np.abs(finer["v_mps"] - run["v_mps"]).max() < 1e-4
+
+
+@pytest.mark.parametrize("velocity", sorted(PUBLISHED))
+def test_electrical_energy_ends_as_heat_and_in_the_sand(velocity: float) -> None:
+    """From rest to rest nothing is kept, so what goes in equals what is lost."""
+    run, _ = both(velocity, "constant")
+    drive = load_robot().drive
+    assert drive is not None
+    put_in = lost = np.zeros(run.t.size)
+    for axle in "fr":
+        i, omega = run[f"current_{axle}_A"], run[f"omega_{axle}_radps"]
+        sinking = np.gradient(run[f"sinkage_{axle}_m"], run.t)
+        shaft = drive.gear_ratio * drive.torque_constant * i * omega
+        forward = (run[f"thrust_{axle}_N"] + run[f"resistance_{axle}_N"]) * run["v_mps"]
+        sand = -forward + run[f"force_z_{axle}_N"] * sinking - run[f"moment_{axle}_Nm"] * omega
+        put_in = put_in + 2 * run[f"voltage_{axle}_V"] * i
+        lost = lost + 2 * (drive.resistance * i**2 + (1 - drive.gear_efficiency) * shaft + sand)
+    total = np.trapezoid(put_in, run.t)
+    assert total > 20
+    assert np.trapezoid(lost, run.t) == pytest.approx(total, rel=5e-3)

@@ -1,0 +1,96 @@
+"""Virtual sensors err as the robot's file says, and not otherwise."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+from granite_lab.model import Accuracy, Run, simulate
+from granite_lab.model.virtual import Scatter, rake, virtual_trial
+from granite_lab.parameters import Robot, load_robot, load_soil, variant_of
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return simulate(variant_of(0.5), load_robot(), load_soil(), accuracy=Accuracy(1e-6, 1e-8, 0.0025))
+
+
+def quiet(robot: Robot) -> Robot:
+    assert robot.imu_grade is not None
+    names = ("accel_noise", "gyro_noise", "accel_bias", "gyro_bias", "accel_instability", "gyro_instability")
+    grade = dataclasses.replace(robot.imu_grade, accel_step=0.0, gyro_step=0.0, **dict.fromkeys(names, 0.0))
+    imu = dataclasses.replace(robot.imu, tilt=0.0, vibration=0.0, vibration_rate=0.0)
+    return dataclasses.replace(robot, imu_grade=grade, imu=imu)
+
+
+def test_the_same_seed_gives_the_same_log_and_another_seed_another(run: Run) -> None:
+    a, b, c = (virtual_trial(run, seed, "x")[0] for seed in (1, 1, 2))
+    assert a.imu is not None
+    assert b.imu is not None
+    assert c.imu is not None
+    np.testing.assert_array_equal(a.imu.specific_force, b.imu.specific_force)
+    assert np.abs(a.imu.specific_force[:100] - c.imu.specific_force[:100]).max() > 1e-3
+
+
+def test_a_virtual_log_says_so(run: Run) -> None:
+    assert virtual_trial(run, 1, "x")[0].info.virtual
+
+
+def test_without_errors_the_sensors_read_the_model(run: Run) -> None:
+    ideal = dataclasses.replace(run, robot=quiet(run.robot))
+    trial, truth = virtual_trial(ideal, 3, "x")
+    assert trial.imu is not None
+    t = trial.imu.t - truth.attrs["t_start_s"]
+    np.testing.assert_allclose(trial.imu.specific_force[:, 0], np.interp(t, run.t, run["imu_ax_mps2"]))
+    np.testing.assert_allclose(trial.imu.angular_rate[:, 1], np.interp(t, run.t, run["imu_gy_radps"]))
+    assert trial.wheels is not None
+    rolled = trial.wheels.angle[-1] - trial.wheels.angle[0]
+    true = [np.ptp(run[f"theta_{axle}_rad"]) for axle in "ffrr"]
+    assert rolled == pytest.approx(true, abs=2 * trial.wheels.step)
+
+
+def test_white_noise_has_the_density_of_the_grade(run: Run) -> None:
+    robot = dataclasses.replace(run.robot, imu=dataclasses.replace(run.robot.imu, vibration=0.0))
+    trial, _ = virtual_trial(dataclasses.replace(run, robot=robot), 4, "x")
+    assert trial.imu is not None
+    assert robot.imu_grade is not None
+    still = trial.imu.t < 1.9
+    sample_std = robot.imu_grade.accel_noise * np.sqrt(robot.imu_grade.rate)
+    assert trial.imu.specific_force[still, 1].std() == pytest.approx(sample_std, rel=0.15)
+
+
+def test_vibration_shakes_but_does_not_carry_away(run: Run) -> None:
+    loud = dataclasses.replace(quiet(run.robot), imu=dataclasses.replace(quiet(run.robot).imu, vibration=1.0))
+    shaken, truth = virtual_trial(dataclasses.replace(run, robot=loud), 5, "x")
+    still, _ = virtual_trial(dataclasses.replace(run, robot=quiet(run.robot)), 5, "x")
+    assert shaken.imu is not None
+    assert still.imu is not None
+    extra = shaken.imu.specific_force[:, 0] - still.imu.specific_force[:, 0]
+    t = shaken.imu.t
+    steady = (t > truth.attrs["t_start_s"] + 1) & (t < truth.attrs["t_start_s"] + 4.5)
+    assert extra[steady].std() == pytest.approx(1.0, rel=0.3)
+    velocity = np.concatenate([[0], np.cumsum((extra[1:] + extra[:-1]) / 2 * np.diff(t))])
+    assert np.abs(velocity).max() < 0.03  # white noise of the same rms would reach 0.1 m/s
+    frequency, power = welch(extra[steady], fs=200, nperseg=256)
+    assert 15 < frequency[power.argmax()] < 36
+
+
+def test_stamps_rise_and_keep_the_rate(run: Run) -> None:
+    trial, _ = virtual_trial(run, 6, "x")
+    for stream, rate in ((trial.imu, 200), (trial.wheels, 100), (trial.currents, 100)):
+        assert stream is not None
+        assert (np.diff(stream.t) > 0).all()
+        assert stream.t.size / np.ptp(stream.t) == pytest.approx(rate, rel=0.01)
+
+
+def test_raking_scatters_the_sand_as_stated() -> None:
+    rng = np.random.default_rng(0)
+    drawn = [rake(load_soil(), 4.919, Scatter(), rng) for _ in range(2000)]
+    k = np.log([soil.frictional_modulus for soil, _ in drawn])
+    a = np.log([a_theta for _, a_theta in drawn])
+    assert k.std() == pytest.approx(0.05, rel=0.1)
+    assert a.std() == pytest.approx(0.03, rel=0.1)
+    assert a.mean() == pytest.approx(np.log(4.919), abs=0.003)
