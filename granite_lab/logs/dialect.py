@@ -230,7 +230,7 @@ def _delimiter(lines: list[str]) -> str:
     for delimiter in (*_DELIMITERS, " "):
         widths = Counter(len(next(split_rows(iter([line]), delimiter), [])) for line in tail)
         width, count = widths.most_common(1)[0]
-        # A comma may be the decimal sign where another delimiter fits as well: that one was there for a purpose.
+        # Where another delimiter fits as well, the comma is the decimal sign.
         in_header = delimiter == " " or any(delimiter in line for line in lines[:-1] or lines)
         stronger = width > most or (best == "," and delimiter in ";\t|" and width > 1)
         if delimiter == " " and best != ",":

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from granite_lab.logs.trial import Array
 from granite_lab.logs.units import Unit
@@ -59,10 +60,10 @@ def unwrap(raw: Array, ranges: Sequence[float]) -> tuple[Array, int, float]:
     return raw, 0, 0.0
 
 
-def _smooth(steps: Array, wraps: Array, width: float) -> bool:
+def _smooth(steps: Array, wraps: npt.NDArray[np.bool_], width: float) -> bool:
     """Say whether the motion goes on across the wraps as it was before; after a reset it does not."""
     carried = np.abs(steps[wraps] - np.sign(steps[wraps]) * width)
-    usual = np.abs(steps[~wraps.astype(bool)])
+    usual = np.abs(steps[~wraps])
     limit = 5 * float(usual.max()) if len(usual) and usual.max() > 0 else width / 4
     return bool((carried <= max(limit, 0.02 * width)).all())
 

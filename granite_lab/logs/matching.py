@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -115,7 +116,8 @@ def _one(path: Path, dialect: Dialect, spec: Column, places: list[int], names: S
     if len(places) == 1:
         return places[0]
     if spec.to[0].startswith("enc_") and len({names[p] for p in places}) == len(places):
-        units = {p: find_unit((spec.matches(names[p]) or [""])[-1]) for p in places}  # type: ignore[misc]
+        hits = {p: spec.matches(names[p]) for p in places}
+        units = {p: find_unit(hit.groupdict().get("unit", "")) for p, hit in hits.items() if hit}
         angles = [p for p, unit in units.items() if unit is not None and unit.quantity == "angle"]
         if len(angles) == 1:
             return angles[0]
@@ -156,8 +158,6 @@ def choose(path: Path, dialect: Dialect, maps: Sequence[Layout] = ()) -> Match:
 
 def _named(layout: Layout, path: Path) -> bool:
     """Say whether a layout may be tried on a file of this name."""
-    import re
-
     return not layout.file or re.search(layout.file, path.name) is not None
 
 

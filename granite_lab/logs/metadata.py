@@ -6,7 +6,7 @@ import dataclasses
 import difflib
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -91,6 +91,18 @@ def _take(
         close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
         if close:
             warnings.append(f"{where}: metadata key '{key}' is not known; did you mean '{close[0]}'?")
+
+
+def fill(sources: Sequence[Metadata]) -> Metadata:
+    """Merge the metadata of several files; the first that says something counts."""
+    said: dict[str, Any] = {}
+    for metadata in reversed(sources):
+        said["extra"] = said.get("extra", {}) | metadata.extra
+        for f in _KEYS.values():
+            value = getattr(metadata, f.name)
+            if value and not (isinstance(value, float) and math.isnan(value)):
+                said[f.name] = value
+    return Metadata(**said)
 
 
 def trial_info(metadata: Metadata, given: TrialInfo | None, robot: str | None) -> TrialInfo:

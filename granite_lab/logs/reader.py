@@ -10,11 +10,12 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import describe_gaps
-from granite_lab.logs.metadata import trial_info
-from granite_lab.logs.plausibility import check_imu, check_wheels
+from granite_lab.logs.metadata import fill, trial_info
+from granite_lab.logs.plausibility import check_imu
 from granite_lab.logs.sources import Source, given_maps, open_source
 from granite_lab.logs.streams import Parts, Samples, read_streams
 from granite_lab.logs.trial import Array, ImuStream, InputFile, Trial, TrialInfo
+from granite_lab.logs.wheelcheck import check_wheels
 from granite_lab.parameters import Robot, load_robot
 
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -35,7 +36,7 @@ def read_trial(
     encoders: str | Path | None = None,
     currents: str | Path | None = None,
     reference: str | Path | None = None,
-    map: Maps = None,
+    map: Maps = None,  # noqa: A002  # the option is called --map
     robot: str | Path | None = None,
     info: TrialInfo | None = None,
     rows: str | None = None,
@@ -72,12 +73,10 @@ def read_trial(
     for one in parts.values():
         doubts += one.doubts
     merged = _merge(sources, parts)
-    metadata = sources[""].metadata
-    for source in sources.values():
-        metadata = _fill(metadata, source.metadata)
+    metadata = fill([source.metadata for source in sources.values()])
     stream = _imu(merged, doubts)
     if stream is not None:
-        stream, more = check_imu(stream, the_robot, str(first))
+        stream, more = check_imu(stream, the_robot, str(first), _declared(merged))
         doubts += more
     wheels = merged.wheels
     if wheels is not None:
@@ -118,18 +117,6 @@ def _robot(
     return None, load_robot("granite")
 
 
-def _fill(first, second):  # type: ignore[no-untyped-def]
-    """Fill what the first metadata leave open from the second."""
-    changes = {}
-    for f in dataclasses.fields(first):
-        mine, other = getattr(first, f.name), getattr(second, f.name)
-        if f.name == "extra":
-            changes[f.name] = other | mine
-        elif mine == f.default or mine != mine:
-            changes[f.name] = other
-    return dataclasses.replace(first, **changes)
-
-
 def _merge(sources: dict[str, Source], parts: dict[str, Parts]) -> Parts:
     """Take each sensor from the file that was given for it, else from the first file that has it."""
     merged = Parts()
@@ -143,6 +130,7 @@ def _merge(sources: dict[str, Source], parts: dict[str, Parts]) -> Parts:
             )
         for kind in found:
             setattr(merged, kind, getattr(one, kind))
+        merged.declared |= {kind: unit for kind, unit in one.declared.items() if kind in found}
         if one.gravity_removed and "acceleration" in found:
             merged.gravity_removed = True
     return merged
@@ -183,6 +171,11 @@ def _imu(parts: Parts, doubts: list[str]) -> ImuStream | None:
     return ImuStream(
         acc.t[inside], acc.values[inside], _interpolate(acc.t[inside], gyro), parts.gravity_removed
     )
+
+
+def _declared(parts: Parts) -> tuple[str, str]:
+    """Return the units that the accelerometer and the gyroscope were said to have."""
+    return parts.declared.get("acceleration", "m/s^2"), parts.declared.get("rate", "rad/s")
 
 
 def _interpolate(t: Array, samples: Samples) -> Array:

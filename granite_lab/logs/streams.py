@@ -47,6 +47,7 @@ class Parts:
     reference_x: Series | None = None
     reference_v: Series | None = None
     gravity_removed: bool = False
+    declared: dict[str, str] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
 
 
@@ -70,6 +71,7 @@ def read_streams(source: Source, robot: Robot) -> Parts:
         samples = _samples(source, t, channels, what, parts)
         if samples is not None:
             setattr(parts, name, _without_holes(source, samples, channels, what, parts))
+            parts.declared[name] = source.bindings(*channels)[0].unit.name
     parts.wheels = _wheels(source, t, robot, parts)
     currents = _samples(source, t, CURRENTS, "motor currents", parts)
     if currents is not None:
@@ -159,16 +161,17 @@ def _without_holes(
     """Leave out rows in which an axis is missing; refuse a long stretch of them."""
     t, values, rows = samples
     logged = np.isfinite(values).any(axis=0)
-    holes = ~np.isfinite(values[:, logged]).all(axis=1)
+    holes = np.asarray(np.isnan(values[:, logged]).any(axis=1))
     if not holes.any():
         return samples
-    first, last = _longest(holes, t)
+    first, last = longest(holes, t)
     axis = channels[int(np.flatnonzero(logged & ~np.isfinite(values[first]))[0])]
     name = source.bindings(axis)[0].name
     if t[last] - t[first] > LONG_STRETCH:
         raise InputError(
-            f"{source.place(int(rows[first]))}: column '{name}': no number for {t[last] - t[first]:.2f} s from "
-            f"t = {t[first]:.3f} s on while the other axes go on, expected one a sample",
+            f"{source.place(int(rows[first]))}: column '{name}': no number for "
+            f"{t[last] - t[first]:.2f} s from t = {t[first]:.3f} s on while the other axes go on, "
+            "expected one a sample",
             "cut the trial there",
         )
     count = np.count_nonzero(holes)
@@ -176,7 +179,7 @@ def _without_holes(
     return Samples(t[~holes], values[~holes], rows[~holes])
 
 
-def _longest(flags: Mask, t: Array) -> tuple[int, int]:
+def longest(flags: Mask, t: Array) -> tuple[int, int]:
     """Return the first and last sample of the stretch of flags that lasts longest."""
     edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
@@ -204,7 +207,7 @@ def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream
         if binding.unit.name.startswith("counts") and not per_rev:
             raise InputError(
                 f"{source.path}: column '{binding.name}': counts per wheel revolution are not known",
-                "give '# enc_counts_per_rev = …' in the log, or counts_per_rev in the robot's file or the map",
+                "give '# enc_counts_per_rev = …' in the log, or counts_per_rev in the robot's file or map",
             )
         converted = convert(
             samples.t[seen], raw[seen], binding.unit,
@@ -233,7 +236,7 @@ def _silence(t: Array, seen: Mask, where: str, parts: Parts) -> None:
     """Note a wheel that is silent while others go on."""
     if seen.all():
         return
-    first, last = _longest(~seen, t)
+    first, last = longest(~seen, t)
     # In a log where each wheel has rows of its own, holes are the rule and short.
     if t[last] - t[first] > 0.1 and (last - first) > 0.02 * len(t):
         parts.doubts.append(f"{where}: no sample from t = {t[first]:.3f} s to {t[last]:.3f} s")
