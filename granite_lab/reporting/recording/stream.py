@@ -1,0 +1,102 @@
+"""An open recording: entities below one root, times since command start, an all-or-nothing file."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from granite_lab.files import write_bytes
+from granite_lab.logs.trial import Array
+
+TIMELINE = "time"
+"""The one timeline: a duration since the start of the command, negative while the robot waits for it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Writer:
+    """Where one trial goes: a recording and the entity below which its data stand.
+
+    Attributes:
+        stream: the open recording.
+        root: "" or an escaped entity path such as "/trial_07".
+    """
+
+    stream: Any
+    root: str = ""
+
+    def static(self, entity: str, *archetypes: Any) -> None:
+        """Log what holds for all times."""
+        self.stream.log(f"{self.root}/{entity}", *archetypes, static=True)
+
+    def rows(self, entity: str, t: Array, columns: Any) -> None:
+        """Send one row per time.
+
+        Args:
+            entity: path below the root.
+            t: (N,) time since command start [s], rounded to nanoseconds.
+            columns: what ``Archetype.columns`` returned, N rows.
+        """
+        stamps = np.round(np.asarray(t, float) * 1e9).astype("timedelta64[ns]")
+        self.stream.send_columns(
+            f"{self.root}/{entity}", indexes=[rr.TimeColumn(TIMELINE, duration=stamps)], columns=columns
+        )
+
+
+def root_of(trial: str) -> str:
+    """Return the entity path of a trial in a recording of several, whatever its name holds."""
+    # Rerun keeps names that begin with two underscores to itself.
+    name = f"trial {trial}" if not trial.strip() or trial.startswith("__") else trial
+    return str(rr.new_entity_path([name]))
+
+
+def _application(name: str) -> str:
+    """Return an application id, of which rerun allows letters, digits, hyphens and underscores only."""
+    plain = re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
+    return f"granite_lab_{plain}_{zlib.crc32(name.encode(errors='replace')):08x}"
+
+
+@contextmanager
+def recording(path: Path, name: str, blueprint: Any) -> Iterator[Any]:
+    """Open a recording that appears at `path` only if all went well.
+
+    Args:
+        path: of the ``.rrd`` file; its folder is made.
+        name: as the viewer shows it.
+        blueprint: the layout, embedded in the file.
+
+    Raises:
+        LabError: the file cannot be written.
+    """
+    # The viewer keeps one layout per application id, so each name is an application of its own; the
+    # random recording id keeps it from merging two versions of the same trial.
+    stream = rr.RecordingStream(_application(name), send_properties=False)
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    strict = rr.strict_mode()
+    rr.set_strict_mode(True)  # otherwise bad data only warn and are dropped
+    try:
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / "recording.rrd"
+            stream.save(file, default_blueprint=blueprint)
+            stream.send_recording_name(name)
+            yield stream
+            stream.disconnect()  # writes the footer
+            write_bytes(path, file.read_bytes())
+    finally:
+        stream.disconnect()
+        rr.set_strict_mode(strict)
+
+
+def thinned(t: Sequence[float] | Array, step: float) -> Array:
+    """Return times from the first to the last of `t` with an even spacing near `step` [s]."""
+    start, end = float(t[0]), float(t[-1])
+    return np.linspace(start, end, max(2, round((end - start) / step) + 1))
