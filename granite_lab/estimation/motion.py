@@ -29,6 +29,8 @@ class Health:
         rests: intervals (start, end) [s] in which the robot stood still.
         verdict: one sentence in plain words.
         good: the filter's own checks passed.
+        whiteness: correlation of successive normalised innovations per update kind (0 is ideal).
+        gaps, plateaus: intervals [s] of missing and of saturated IMU samples.
     """
 
     t: Array
@@ -43,6 +45,9 @@ class Health:
     rests: tuple[tuple[float, float], ...]
     verdict: str
     good: bool
+    whiteness: dict[str, float] = field(default_factory=dict)
+    gaps: tuple[tuple[float, float], ...] = ()
+    plateaus: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +71,8 @@ class Motion:
         distance_wheels: distance without slip, as the wheels measured it [m].
         steady: start and end of the steady part [s].
         t_start: instant at which the command began [s], with its std.
-        clock_offset: how far the encoders' stamps lie behind the IMU's [s]; NaN std: unobservable.
+        clock_offset: how far the encoders' stamps lie behind the IMU's [s], to be added to them;
+            NaN std: unobservable.
         variant: recognised or given motion of Table 2, or as measured where it is none of it.
         variant_source: "given", "recognised" or "measured".
         noise: noise identified from this trial, by name, with the unit in the name.

@@ -1,0 +1,173 @@
+"""From a trial to its motion: the stages of the estimation in their order."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from granite_lab.errors import EstimateError
+from granite_lab.estimate import Estimate
+from granite_lab.estimation import mounting
+from granite_lab.estimation.health import assess
+from granite_lab.estimation.integration import Faults, find_faults
+from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.noise import identify
+from granite_lab.estimation.outcome import motion_of, motion_without_imu
+from granite_lab.estimation.passes import Problem, find_offset, solve
+from granite_lab.estimation.process import SlipModel
+from granite_lab.estimation.rest import Interval, find_rests, inside
+from granite_lab.estimation.rolling import Rolling, roll
+from granite_lab.logs.trial import ImuStream, Trial
+from granite_lab.parameters import Robot, Variant, load_variants
+
+LONGEST_GAP = 0.5
+"""IMU samples missing for longer than this in motion end the estimate [s]."""
+
+LONG = 60.0
+"""Motion longer than this [s] without a standstill needs a bound on the slip ratio to stay useful."""
+
+
+def estimate(
+    trial: Trial,
+    robot: Robot,
+    *,
+    variants: Sequence[Variant] | None = None,
+    rests: Sequence[Interval] = (),
+    distance_measured: Estimate | None = None,
+    slip_std: float | None = None,
+) -> Motion:
+    """Estimate body velocity, distance, pitch, wheel velocities and slip of one trial.
+
+    Between two standstills velocity is the integral of specific force, corrected for pitch by the
+    gyro; zero-velocity updates and a smoother fix what drifts. The wheels show when the robot stands
+    and enter as body velocity plus a slip velocity that is free to take any value. The external
+    reference of a trial is not used.
+
+    Args:
+        trial: what was logged.
+        robot: its parameters, with an IMU grade.
+        variants: motions to recognise, Table 2 by default.
+        rests: standstills given by hand, in the log's time [s].
+        distance_measured: measured total distance with its std [m].
+        slip_std: std of the slip ratio, if it is known to be zero on the long average; it lets the
+            wheels anchor the velocity of a log without any standstill.
+
+    Raises:
+        EstimateError: no standstill to start from, samples missing in motion, or nothing to estimate.
+    """
+    known = load_variants() if variants is None else variants
+    rolling = roll(trial.wheels, robot) if trial.wheels is not None and trial.wheels.t.size > 2 else None
+    if trial.imu is None or trial.imu.t.size < 8:
+        if rolling is None:
+            raise EstimateError(
+                f"{trial.name}: neither IMU nor encoder samples", "inspect the log and its column map"
+            )
+        return motion_without_imu(trial, robot, rolling, known, rests)
+    assert robot.imu_grade is not None
+    warnings: list[str] = []
+    stream = _complete(trial.imu)
+    imu = mounting.to_body(stream, mounting.given(robot))
+    faults = find_faults(imu, stream.specific_force, stream.angular_rate, robot.imu_grade)
+    still = find_rests(imu, rolling, robot.imu_grade, by_hand=rests)
+    if robot.imu.forward == "find" and rolling is not None and still:
+        imu = _orient(stream, imu, rolling, still)
+    _require_anchor(trial, still, slip_std)
+    speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
+    noise = identify(imu, robot, still, ~inside(imu.t, still), speed)
+    problem = Problem(imu, rolling, robot, still, faults, noise, _slip_model(still, imu, slip_std))
+    offset = Estimate(0.0)
+    if trial.info.clock_offset is not None:
+        offset = Estimate(trial.info.clock_offset, 1e-3)
+    elif rolling is not None:
+        offset = find_offset(problem)
+    if rolling is not None and offset.value != 0.0:
+        still = find_rests(imu, rolling, robot.imu_grade, offset=offset.value, by_hand=rests)
+        noise = identify(imu, robot, still, ~inside(imu.t, still), speed)
+        problem = dataclasses.replace(problem, rests=still, noise=noise)
+    warnings += _complain(problem, offset)
+    _refuse_gaps(trial, faults, still)
+    solution = solve(problem, offset, distance=distance_measured)
+    health = assess(solution, imu.t, still, faults)
+    return motion_of(trial, problem, solution, health, known, tuple(warnings))
+
+
+def _complete(imu: ImuStream) -> ImuStream:
+    """Drop samples that lack a value in a column that is otherwise logged; they become gaps."""
+    columns = np.concatenate([imu.specific_force, imu.angular_rate], axis=1)
+    logged = np.isfinite(columns).mean(axis=0) > 0.01
+    whole = np.isfinite(columns[:, logged]).all(axis=1)
+    if whole.all():
+        return imu
+    return dataclasses.replace(
+        imu, t=imu.t[whole], specific_force=imu.specific_force[whole], angular_rate=imu.angular_rate[whole]
+    )
+
+
+def _orient(
+    stream: ImuStream, imu: mounting.BodyImu, rolling: Rolling, still: Sequence[Interval]
+) -> mounting.BodyImu:
+    """Level the axes at standstill and turn x to where the wheels accelerate the robot."""
+    levelled = mounting.level(stream, inside(imu.t, still), imu.rotation)
+    acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
+    found, _ = mounting.find_forward(stream, levelled, rolling.t, acceleration)
+    return mounting.to_body(stream, found, levelled=True)
+
+
+def _require_anchor(trial: Trial, still: Sequence[Interval], slip_std: float | None) -> None:
+    if not still and slip_std is None:
+        raise EstimateError(
+            f"{trial.name}: no standstill: nothing anchors the velocity that the IMU integrates to",
+            "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
+        )
+
+
+def _slip_model(still: Sequence[Interval], imu: mounting.BodyImu, slip_std: float | None) -> SlipModel:
+    """Choose how the slip ratio is bounded."""
+    edges = [imu.t[0], *(t for rest in still for t in rest), imu.t[-1]]
+    longest = max(b - a for a, b in zip(edges[::2], edges[1::2], strict=True))
+    if slip_std is not None:
+        return SlipModel(limit=slip_std, bounded=True)
+    return SlipModel(bounded=longest > LONG)
+
+
+def _refuse_gaps(trial: Trial, faults: Faults, still: Sequence[Interval]) -> None:
+    for begin, end in faults.gaps:
+        resting = any(a - 0.02 <= begin and end <= b + 0.02 for a, b in still)
+        if end - begin > LONGEST_GAP and not resting:
+            raise EstimateError(
+                f"{trial.name}: no IMU samples from {begin:.3f} s to {end:.3f} s while the robot moved",
+                f"velocity cannot be bridged over more than {LONGEST_GAP:g} s: cut the log there",
+            )
+
+
+def _complain(problem: Problem, offset: Estimate) -> list[str]:
+    """Say what limits the estimate, one line each."""
+    imu, faults, still = problem.imu, problem.faults, problem.rests
+    said = list(problem.rolling.warnings) if problem.rolling is not None else []
+    if problem.rolling is None:
+        said.append("no encoders: no wheel velocity and no slip; standstill is judged by the IMU alone")
+    if not imu.gravity:
+        said.append(
+            "gravity was removed by the logger: pitch is not observable, only its changes by the gyro"
+        )
+    if not imu.has_pitch_rate:
+        said.append("no pitch rate was logged: pitch is taken as constant with 1 deg of doubt in motion")
+    if faults.gaps:
+        total = sum(end - begin for begin, end in faults.gaps)
+        said.append(
+            f"{len(faults.gaps)} gaps in the IMU's samples, {total:.3f} s in all: uncertainty grows there"
+        )
+    if faults.plateaus:
+        said.append(f"the IMU stands at its limit {len(faults.plateaus)} times: uncertainty grows there")
+    if not still:
+        said.append("no standstill: velocity leans on the wheels, with the stated std of the slip ratio")
+    else:
+        if still[0][0] > imu.t[0] + 1.0:
+            said.append("no standstill at the start: uncertainty grows towards it")
+        if still[-1][1] < imu.t[-1] - 1.0:
+            said.append("no standstill at the end: uncertainty grows towards it")
+    if problem.rolling is not None and not np.isfinite(offset.std):
+        said.append("clock offset between IMU and encoders unobservable: taken as zero")
+    return said

@@ -1,0 +1,108 @@
+"""How the filter fared: innovations, their consistency, and a verdict in plain words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granite_lab.estimation.integration import Faults
+from granite_lab.estimation.motion import Health
+from granite_lab.estimation.passes import Solution
+from granite_lab.estimation.process import BA, BG
+from granite_lab.estimation.rest import Interval
+from granite_lab.logs.trial import Array
+
+WHAT = {
+    "zero_velocity": "the velocity that integration leaves at standstill",
+    "specific_force": "the accelerometer at standstill",
+    "zero_rate": "the gyro at standstill",
+    "wheel": "the wheels against the IMU",
+    "distance": "the measured distance",
+}
+
+
+def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Faults) -> Health:
+    """Build the health record.
+
+    Args:
+        solution: the smoother's last pass.
+        t: (N,) the IMU's stamps, at which the biases are wanted [s].
+        rests: standstills [s].
+        faults: gaps and plateaus.
+    """
+    nodes, found, nominal = solution.nodes, solution.smoothed, solution.nominal
+    kinds = np.array(found.kind, dtype=object)
+    nis: dict[str, float] = {}
+    white: dict[str, float] = {}
+    wild: dict[str, float] = {}
+    for kind in dict.fromkeys(found.kind):
+        ratio = (found.innovation / found.innovation_std)[kinds == kind]
+        nis[kind] = float(np.mean(ratio**2))
+        white[kind] = correlation(ratio)
+        wild[kind] = float(np.mean(np.abs(ratio) > 4.0))
+    std = np.sqrt(np.maximum(np.diagonal(found.P, axis1=1, axis2=2), 0.0))
+
+    def spread(values: Array) -> Array:
+        return np.interp(t, nodes.t, values)
+
+    good, verdict = judge_health(nis, white, wild, rests, t, faults)
+    return Health(
+        t=nodes.t[found.node],
+        kind=found.kind,
+        innovation=found.innovation,
+        innovation_std=found.innovation_std,
+        nis=nis,
+        accel_bias=spread(found.x[:, BA] + nominal.accel_bias),
+        accel_bias_std=spread(std[:, BA]),
+        gyro_bias=spread(found.x[:, BG] + nominal.gyro_bias),
+        gyro_bias_std=spread(std[:, BG]),
+        rests=rests,
+        verdict=verdict,
+        good=good,
+        whiteness=white,
+        gaps=faults.gaps,
+        plateaus=faults.plateaus,
+    )
+
+
+def correlation(ratio: Array) -> float:
+    """Correlation of successive normalised innovations; 0 is white, NaN for fewer than eight."""
+    if ratio.size < 8 or not np.any(ratio):
+        return float("nan")
+    return float(np.sum(ratio[1:] * ratio[:-1]) / np.sum(ratio**2))
+
+
+def judge_health(
+    nis: dict[str, float], white: dict[str, float], wild: dict[str, float], rests: tuple[Interval, ...],
+    t: Array, faults: Faults,
+) -> tuple[bool, str]:  # fmt: skip
+    """Return whether the filter's own checks passed, and one sentence that says so."""
+    complaints = []
+    for kind, value in nis.items():
+        if value > 3.0:
+            complaints.append(
+                f"{WHAT[kind]} scatters {np.sqrt(value):.1f} times more than the noise explains"
+            )
+        elif wild[kind] > 0.02:
+            complaints.append(f"{WHAT[kind]} has {100 * wild[kind]:.0f} % outliers")
+        elif white[kind] > 0.5 and kind in ("specific_force", "zero_rate"):
+            complaints.append(f"{WHAT[kind]} drifts while the robot stands")
+    lost = sum(end - begin for begin, end in faults.gaps)
+    if lost > 0:
+        complaints.append(f"{lost:.2f} s of IMU samples are missing")
+    if faults.plateaus:
+        complaints.append(f"the IMU was at its limit {len(faults.plateaus)} times")
+    ends = (bool(rests) and rests[0][0] < t[0] + 1.0, bool(rests) and rests[-1][1] > t[-1] - 1.0)
+    if not rests:
+        anchored = (
+            "no standstill anchors the velocity: it leans on the wheels, with all the slip they may have"
+        )
+    elif all(ends):
+        anchored = f"velocity is anchored by {len(rests)} standstills, at both ends"
+    else:
+        side = "end" if ends[0] else "start" if ends[1] else "start and end"
+        anchored = f"no standstill at the {side}: velocity drifts there, as its std shows"
+        complaints.append("an end without standstill")
+    good = not complaints
+    if good:
+        return True, f"The estimate can be trusted: {anchored}, and all measurements agree with their noise."
+    return False, f"Look twice: {anchored}; " + "; ".join(complaints) + "."

@@ -1,0 +1,177 @@
+"""Nominal motion by integrating the IMU; the filter then only estimates how far it drifted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.estimation.mounting import BodyImu
+from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.rolling import runs
+from granite_lab.logs.trial import Array
+from granite_lab.parameters import GRAVITY, ImuGrade, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Faults:
+    """Samples that cannot be trusted.
+
+    Attributes:
+        doubt: (N,) True for a sample that reaches over a gap or stands at the sensor's limit.
+        gaps: (start, end) of missing samples [s].
+        plateaus: (start, end) of saturation [s].
+    """
+
+    doubt: np.ndarray
+    gaps: tuple[Interval, ...]
+    plateaus: tuple[Interval, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Nominal:
+    """The motion that integrating the IMU gives, frozen while the robot rests.
+
+    Attributes:
+        t: (N,) stamps [s].
+        rest: (N,) True at standstill.
+        x, v: (N,) distance [m] and velocity [m/s] of R.
+        pitch: (N,) [rad].
+        pitch_rate: (N,) bias removed, zero at rest [rad/s].
+        heading_rate: (N,) [rad/s].
+        accel_bias, gyro_bias: constants that were removed before integration.
+        coupling: (N,) forward acceleration per radian of pitch [m/s^2].
+    """
+
+    t: Array
+    rest: np.ndarray
+    x: Array
+    v: Array
+    pitch: Array
+    pitch_rate: Array
+    heading_rate: Array
+    accel_bias: float
+    gyro_bias: float
+    coupling: Array
+
+
+def find_faults(imu: BodyImu, raw_force: Array, raw_rate: Array, grade: ImuGrade) -> Faults:
+    """Find gaps longer than three median periods and plateaus at the sensor's limits.
+
+    A plateau is three or more equal samples in a row at the largest value an axis ever shows, if
+    that lies far outside its usual scatter, or any sample beyond 99 % of the grade's range.
+    """
+    period = float(np.median(np.diff(imu.t)))
+    bad = ~(np.isfinite(imu.forward))
+    doubt = bad.copy()
+    step = np.diff(imu.t)
+    gaps = [(float(imu.t[i]), float(imu.t[i + 1])) for i in np.flatnonzero(step > 3.0 * period)]
+    clipped = np.zeros(imu.t.size, dtype=bool)
+    for values, limit in ((raw_force, grade.accel_range), (raw_rate, grade.gyro_range)):
+        for axis in values.T:
+            if np.isfinite(axis).any():
+                clipped |= np.abs(np.nan_to_num(axis)) >= 0.99 * limit
+                clipped |= _rail(axis)
+    doubt |= clipped
+    plateaus = [(float(imu.t[a]), float(imu.t[b - 1])) for a, b in zip(*runs(clipped), strict=True)]
+    for a, b in zip(*runs(bad), strict=True):
+        if b - a > 2:
+            gaps.append((float(imu.t[max(a - 1, 0)]), float(imu.t[min(b, imu.t.size - 1)])))
+    return Faults(doubt, tuple(sorted(gaps)), tuple(plateaus))
+
+
+def _rail(axis: Array) -> np.ndarray:
+    """Mark runs of three or more equal extreme samples far outside the usual scatter."""
+    mark = np.zeros(axis.size, dtype=bool)
+    centre = float(np.nanmedian(axis))
+    scatter = float(np.nanmedian(np.abs(axis - centre)))
+    for extreme in (np.nanmax(axis), np.nanmin(axis)):
+        if abs(extreme - centre) > 6.0 * 1.4826 * scatter:
+            for a, b in zip(*runs(axis == extreme), strict=True):
+                if b - a >= 3:
+                    mark[a:b] = True
+    return mark
+
+
+def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, float]:
+    """(N,) roll of the sensor about x against the vertical [rad], and its std.
+
+    It matters only because a turning robot feeds yaw rate times roll into the pitch gyro. At rest
+    it is the lateral specific force over g, shrunk by what the accelerometer's bias may make of it.
+    """
+    grade = robot.imu_grade
+    assert grade is not None
+    prior = np.radians(np.hypot(1.0, 0.0 if imu.levelled else robot.imu.tilt))
+    doubt = grade.accel_bias / GRAVITY
+    if not imu.gravity or not np.isfinite(imu.left).any() or not rest.any():
+        return np.zeros(imu.t.size), float(prior)
+    weight = prior**2 / (prior**2 + doubt**2)
+    start = weight * float(np.clip(np.nanmean(imu.left[rest]) / GRAVITY, -1, 1))
+    rate = np.nan_to_num(imu.roll_rate)
+    rate = np.where(rest, 0.0, rate - float(np.mean(rate[rest])))
+    return start + _cumulate(imu.t, rate), float(np.sqrt(weight) * doubt)
+
+
+def _cumulate(t: Array, rate: Array) -> Array:
+    """Integral by the trapezoidal rule from the first sample on."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+
+
+def integrate(
+    imu: BodyImu,
+    robot: Robot,
+    rests: Sequence[Interval],
+    faults: Faults,
+    *,
+    accel_bias: float = 0.0,
+    gyro_bias: float | None = None,
+    pitch: float = 0.0,
+    velocity: float = 0.0,
+) -> Nominal:
+    """Integrate gyro and accelerometer from the first sample on, standing still during the rests.
+
+    The sensor sits at p = (p_x, p_z) from R, where with pitch rate q and yaw rate r
+
+        f_x = dv/dt - g sin(pitch) + dq/dt p_z - (q^2 + r^2) p_x + bias.
+
+    The velocity of the sensor, v + q p_z, takes in dq/dt without differentiating the gyro; R's
+    velocity follows from it.
+
+    Args:
+        imu: samples in robot axes.
+        robot: where the sensor sits.
+        rests: standstills [s].
+        faults: samples not to be trusted; interpolated over.
+        accel_bias, gyro_bias: constants to remove; the gyro's by default its mean at rest.
+        pitch, velocity: of the first sample [rad], [m/s].
+    """
+    t, rest = imu.t, inside(imu.t, rests)
+    forward = _patched(t, imu.forward, faults.doubt)
+    gyro = _patched(t, np.nan_to_num(imu.pitch_rate), faults.doubt)
+    yaw = np.nan_to_num(imu.yaw_rate)
+    if gyro_bias is None:
+        gyro_bias = float(np.mean(gyro[rest])) if rest.any() else 0.0
+    yaw_rate = np.where(rest, 0.0, yaw - (float(np.mean(yaw[rest])) if rest.any() else 0.0))
+    roll, _ = roll_angle(imu, rest, robot)
+    pitch_rate = np.where(rest, 0.0, (gyro - gyro_bias) * np.cos(roll) - yaw_rate * np.sin(roll))
+    if not imu.has_pitch_rate:
+        pitch_rate = np.zeros(t.size)
+    angle = pitch + _cumulate(t, pitch_rate)
+    acceleration = forward + imu.gravity * np.sin(angle) - accel_bias
+    acceleration += (pitch_rate**2 + yaw_rate**2) * robot.imu.x
+    acceleration[rest] = 0.0
+    v_sensor = velocity + _cumulate(t, acceleration)
+    v = v_sensor - robot.imu.z * pitch_rate
+    x = _cumulate(t, np.where(rest, 0.0, v_sensor)) - robot.imu.z * (angle - pitch)
+    return Nominal(
+        t=t, rest=rest, x=x, v=v, pitch=angle, pitch_rate=pitch_rate, heading_rate=yaw_rate,
+        accel_bias=accel_bias, gyro_bias=gyro_bias, coupling=imu.gravity * np.cos(angle),
+    )  # fmt: skip
+
+
+def _patched(t: Array, signal: Array, doubt: np.ndarray) -> Array:
+    """Interpolate over samples that cannot be trusted."""
+    if not doubt.any() or doubt.all():
+        return signal
+    return np.where(doubt, np.interp(t, t[~doubt], signal[~doubt]), signal)

@@ -1,0 +1,107 @@
+"""What is measured at the filter's nodes: standstill, rolled distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.estimation import process
+from granite_lab.estimation.integration import Faults, Nominal
+from granite_lab.estimation.mounting import BodyImu
+from granite_lab.estimation.noise import Noise
+from granite_lab.estimation.process import BA, BG, PD, SIZE, TAU, TH, D, G, P, S, V, X
+from granite_lab.estimation.rolling import Rolling
+from granite_lab.logs.trial import Array
+
+ZERO_VELOCITY = 3.0e-4
+"""Std of the zero-velocity update [m/s]: what a robot that stands may still move."""
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """One scalar measurement: z = H state + noise of variance R."""
+
+    kind: str
+    z: float
+    H: Array
+    R: float
+
+
+def add_rest(
+    updates: list[list[Update]], imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults,
+    index: np.ndarray, rest: np.ndarray, speed: Array,
+) -> None:  # fmt: skip
+    """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill."""
+    h_velocity, h_rate, h_force = np.zeros((3, 1, SIZE))
+    h_velocity[0, V] = 1.0
+    h_rate[0, BG] = 1.0
+    usable = nominal.rest & ~faults.doubt & np.isfinite(imu.forward)
+    period = float(np.median(np.diff(imu.t)))
+    force = np.concatenate([[0.0], np.cumsum(np.where(usable, imu.forward, 0.0))])
+    rate = np.concatenate([[0.0], np.cumsum(np.where(usable, np.nan_to_num(imu.pitch_rate), 0.0))])
+    count = np.concatenate([[0], np.cumsum(usable)])
+    for k in np.flatnonzero(rest):
+        i = index[k]
+        first = index[k - 1] + 1 if k and rest[k - 1] else i
+        # v_nominal is frozen but for the lever's part, which is zero at rest
+        updates[k].append(
+            Update("zero_velocity", -float(nominal.v[i]), h_velocity, ZERO_VELOCITY**2 + float(speed[k]) ** 2)
+        )
+        n = count[i + 1] - count[first]
+        if n == 0:
+            continue
+        if imu.has_pitch_rate:
+            mean = (rate[i + 1] - rate[first]) / n
+            updates[k].append(
+                Update("zero_rate", mean - nominal.gyro_bias, h_rate, noise.gyro**2 / (n * period))
+            )
+        mean = (force[i + 1] - force[first]) / n
+        h = h_force.copy()
+        h[0, BA] = 1.0
+        h[0, TH] = -nominal.coupling[i]
+        z = mean + imu.gravity * np.sin(nominal.pitch[i]) - nominal.accel_bias
+        updates[k].append(Update("specific_force", float(z), h, noise.accel**2 / (n * period)))
+
+
+def add_wheels(
+    updates: list[list[Update]], rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray,
+    offset: float,
+) -> None:  # fmt: skip
+    """Rolled distance (or speed, where rates were logged) at the node nearest to each sample."""
+    t = nominal.t[index]
+    stamps = rolling.t + offset
+    known = np.isfinite(rolling.mean) & np.isfinite(rolling.speed)
+    known &= (stamps >= t[0] - 1e-3) & (stamps <= t[-1] + 1e-3)
+    samples = np.flatnonzero(known)
+    if samples.size == 0:
+        return
+    place = np.clip(np.searchsorted(t, stamps[samples]), 1, t.size - 1)
+    place -= (stamps[samples] - t[place - 1]) < (t[place] - stamps[samples])
+    distance = np.abs(t[place] - stamps[samples])
+    order = np.lexsort((distance, place))
+    first = np.concatenate([[True], np.diff(place[order]) > 0])
+    still = rest & np.concatenate([[True], rest[:-1]]) & np.concatenate([rest[1:], [True]])
+    acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
+    origin = None
+    for j in np.sort(order[first]):
+        k, m = int(place[j]), int(samples[j])
+        if still[k] and origin is not None:
+            continue  # a constant reading at rest says nothing new
+        i, ahead = index[k], t[k] - stamps[m]
+        speed = float(rolling.speed[m])
+        H = np.zeros((1, SIZE))
+        if rolling.by_rate:
+            H[0, [V, PD, TAU]] = 1.0, -1.0, acceleration[m]
+            H[0, [S, G]] = np.copysign(max(abs(speed), process.V_FLOOR), speed)
+            z = speed + acceleration[m] * ahead - nominal.v[i]
+            R = float(rolling.speed_std[m]) ** 2
+            origin = 0.0
+        else:
+            here = float(rolling.mean[m]) + speed * ahead + 0.5 * acceleration[m] * ahead**2
+            if origin is None:
+                origin = here - float(nominal.x[i])
+            H[0, [X, D, P, TAU]] = 1.0, 1.0, -1.0, speed
+            z = here - origin - float(nominal.x[i])
+            R = float(rolling.mean_std[m]) ** 2 + (1e-6) ** 2 + (0.3 * acceleration[m] * ahead**2) ** 2
+        updates[k].append(Update("wheel", z, H, R))

@@ -1,0 +1,144 @@
+"""From the sensor's axes to the robot's: orientation, levelling, the forward axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from granite_lab.errors import EstimateError
+from granite_lab.logs.trial import Array, ImuStream
+from granite_lab.parameters import GRAVITY, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class BodyImu:
+    """The IMU's samples in the axes of R (x forward, y left, z up), at the sensor's place.
+
+    Attributes:
+        t: (N,) stamps [s].
+        forward, left, up: (N,) specific force along x, y, z [m/s^2]; NaN where it was not logged.
+        roll_rate, pitch_rate, yaw_rate: (N,) [rad/s]; NaN where not logged.
+        gravity: how much of gravity the forward axis sees per radian of pitch [m/s^2]
+            (0 when the logger removed it).
+        levelled: the axes were levelled at standstill, so pitch counts from there.
+        rotation: from robot to sensor axes.
+    """
+
+    t: Array
+    forward: Array
+    left: Array
+    up: Array
+    roll_rate: Array
+    pitch_rate: Array
+    yaw_rate: Array
+    gravity: float
+    levelled: bool
+    rotation: Rotation
+
+    @property
+    def has_pitch_rate(self) -> bool:
+        """Whether a pitch gyro was logged."""
+        return bool(np.isfinite(self.pitch_rate).any())
+
+
+def given(robot: Robot) -> Rotation:
+    """Return the rotation of the robot's file: the sensor's axes are R's, turned by roll, pitch, yaw.
+
+    Intrinsic z-y-x, so that ``rotation.apply(sensor vector)`` is the vector in robot axes.
+    """
+    roll, pitch, yaw = robot.imu.rotation
+    return Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True)
+
+
+def to_body(imu: ImuStream, rotation: Rotation, *, levelled: bool = False) -> BodyImu:
+    """Turn the samples into robot axes; a column that was not logged stays NaN where it matters."""
+    force, rate = _turn(rotation, imu.specific_force), _turn(rotation, imu.angular_rate)
+    return BodyImu(
+        t=imu.t, forward=force[:, 0], left=force[:, 1], up=force[:, 2], roll_rate=rate[:, 0],
+        pitch_rate=rate[:, 1], yaw_rate=rate[:, 2], gravity=0.0 if imu.gravity_removed else GRAVITY,
+        levelled=levelled, rotation=rotation,
+    )  # fmt: skip
+
+
+def _turn(rotation: Rotation, vectors: Array) -> Array:
+    """Apply a rotation; an axis of R that needs an absent column becomes NaN, the others stay."""
+    absent = ~np.isfinite(vectors).any(axis=0)
+    matrix = rotation.as_matrix()
+    turned = np.where(absent, 0.0, vectors) @ matrix.T
+    turned[:, (np.abs(matrix[:, absent]) > 0.05).any(axis=1)] = np.nan
+    return np.asarray(turned)
+
+
+def level(imu: ImuStream, still: np.ndarray, rotation: Rotation) -> Rotation:
+    """Add the smallest turn that puts gravity on R's z axis at standstill.
+
+    Raises:
+        EstimateError: gravity is not in the data.
+    """
+    up = imu.specific_force[still].mean(axis=0)
+    size = float(np.linalg.norm(up))
+    if not np.isfinite(size) or not 0.8 * GRAVITY < size < 1.2 * GRAVITY:
+        raise EstimateError(
+            f"the IMU's specific force at standstill is {size:.2f} m/s^2, so it cannot be levelled",
+            "levelling needs all three accelerometer axes with gravity in them; give [imu] rotation instead",
+        )
+    return turn_between(rotation.apply(up / size), np.array([0.0, 0.0, 1.0])) * rotation
+
+
+def turn_between(a: Array, b: Array) -> Rotation:
+    """Return the smallest rotation that takes unit vector a to unit vector b."""
+    axis = np.cross(a, b)
+    sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
+    if sine < 1e-12:
+        if cosine > 0:
+            return Rotation.identity()
+        side = np.cross(a, [1.0, 0.0, 0.0] if abs(a[0]) < 0.9 else [0.0, 1.0, 0.0])
+        return Rotation.from_rotvec(np.pi * side / np.linalg.norm(side))
+    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine))
+
+
+def find_forward(
+    imu: ImuStream, levelled: Rotation, wheel_t: Array, wheel_acceleration: Array
+) -> tuple[Rotation, float]:
+    """Turn levelled axes about z until x points where the wheels accelerate the robot to.
+
+    The horizontal specific force is regressed on the wheels' acceleration over all lags within the
+    largest clock offset; the direction of the regression vector is forward.
+
+    Args:
+        imu: samples in sensor axes.
+        levelled: rotation with gravity on z.
+        wheel_t, wheel_acceleration: (M,) stamps [s] and acceleration of the wheels [m/s^2].
+
+    Returns:
+        the rotation and the std of its heading [rad].
+
+    Raises:
+        EstimateError: nothing accelerates, or the direction is not clear.
+    """
+    dt = 0.01
+    grid = np.arange(imu.t[0], imu.t[-1], dt)
+    flat = levelled.apply(imu.specific_force)[:, :2]
+    horizontal = np.stack([np.interp(grid, imu.t, flat[:, i]) for i in range(2)], axis=1)
+    horizontal -= np.median(horizontal, axis=0)
+    kernel = np.ones(9) / 9
+    horizontal = np.stack([np.convolve(h, kernel, mode="same") for h in horizontal.T], axis=1)
+    wheel = np.convolve(np.interp(grid, wheel_t, wheel_acceleration, left=0, right=0), kernel, mode="same")
+    best, vector = 0.0, np.zeros(2)
+    for lag in range(-40, 41):
+        moved = np.roll(wheel, lag)
+        product = moved @ horizontal / max(float(moved @ moved), 1e-12)
+        if np.linalg.norm(product) > best:
+            best, vector = float(np.linalg.norm(product)), product
+    power = float(np.sum(wheel**2)) * dt
+    across = horizontal @ np.array([-vector[1], vector[0]]) / max(best, 1e-12)
+    scatter = float(np.std(across)) * np.sqrt(len(kernel) * dt)
+    std = scatter / max(best, 1e-12) / np.sqrt(max(power, 1e-12))
+    if best < 0.2 or std > np.radians(15):
+        raise EstimateError(
+            "the IMU's forward axis cannot be found: no clear acceleration phase in common with the wheels",
+            "give it in the robot's file: [imu] rotation = [roll, pitch, yaw], forward = 'given'",
+        )
+    return Rotation.from_euler("z", -np.arctan2(vector[1], vector[0])) * levelled, std

@@ -1,0 +1,183 @@
+"""The filter's nodes: instants, what is measured at each, and the matrices between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.estimate import Estimate
+from granite_lab.estimation import process
+from granite_lab.estimation.integration import Faults, Nominal
+from granite_lab.estimation.measurements import ZERO_VELOCITY, Update, add_rest, add_wheels
+from granite_lab.estimation.mounting import BodyImu
+from granite_lab.estimation.noise import Noise
+from granite_lab.estimation.process import BA, BG, SIZE, TH, P, SlipModel, V, X
+from granite_lab.estimation.rolling import Rolling
+from granite_lab.logs.trial import Array
+
+REST_STEP = 0.05
+"""Spacing of the nodes at standstill [s]; the IMU's samples between two are averaged."""
+
+MOST = 60_000
+"""More nodes than this are thinned; the IMU is integrated at its own rate all the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Everything the filter needs.
+
+    Attributes:
+        index: (K,) places of the nodes among the IMU's stamps.
+        t: (K,) stamps [s].
+        moving: (K,) False where the step into the node lies within a standstill.
+        w: (K,) signed wheel speed [m/s], floor included, that turns slip ratio into slip velocity.
+        F, Q: (K, 12, 12) transition and noise into each node.
+        updates: (K,) lists of measurements.
+        x0, P0: (12, 1) and (12, 12) initial state and covariance.
+        thinned: nodes are sparser than the IMU's samples in motion.
+    """
+
+    index: np.ndarray
+    t: Array
+    moving: np.ndarray
+    w: Array
+    F: Array
+    Q: Array
+    updates: tuple[tuple[Update, ...], ...]
+    x0: Array
+    P0: Array
+    thinned: bool
+
+
+def choose(nominal: Nominal) -> tuple[np.ndarray, bool]:
+    """Pick nodes: every stamp in motion, every 50 ms at rest; thinned in a long log."""
+    t, rest = nominal.t, nominal.rest
+    n_moving = int((~rest).sum())
+    every = max(1, int(np.ceil(n_moving / MOST)))
+    keep = np.zeros(t.size, dtype=bool)
+    keep[np.flatnonzero(~rest)[::every]] = True
+    period = float(np.median(np.diff(t)))
+    keep[np.flatnonzero(rest)[:: max(1, round(REST_STEP / period))]] = True
+    edge = np.flatnonzero(np.diff(rest.astype(np.int8)) != 0)
+    keep[edge] = keep[edge + 1] = True
+    keep[[0, -1]] = True
+    return np.flatnonzero(keep), every > 1
+
+
+def wheel_speed(rolling: Rolling, offset: float, t: Array) -> tuple[Array, Array]:
+    """(K,) wheel speed at instants of the IMU's clock [m/s] and its relative unrest [1/s]."""
+    known = np.isfinite(rolling.speed)
+    stamps = rolling.t[known] + offset
+    speed = np.interp(t, stamps, rolling.speed[known])
+    grid = np.arange(t[0], t[-1] + 0.01, 0.01)
+    on_grid = np.interp(grid, stamps, rolling.speed[known])
+    size = 7
+    smooth = np.convolve(np.pad(on_grid, size // 2, mode="edge"), np.ones(size) / size, mode="valid")
+    change = np.abs(np.gradient(smooth, 0.01))
+    # the slip ratio goes on changing for some tenths of a second after the wheels have settled
+    relative = np.maximum(change - 0.05, 0.0) / np.maximum(np.abs(smooth), 0.1)
+    memory = np.exp(-np.arange(0, 2.0, 0.01) / 0.4)
+    lasting = np.convolve(relative, memory / memory.sum(), mode="full")[: grid.size]
+    return speed, np.interp(t, grid, np.maximum(relative, lasting * 1.0))
+
+
+def build(
+    imu: BodyImu,
+    rolling: Rolling | None,
+    nominal: Nominal,
+    noise: Noise,
+    faults: Faults,
+    slip: SlipModel,
+    *,
+    offset: float,
+    offset_std: float,
+    roll_std: float,
+    jumps: Array | None = None,
+    distance: Estimate | None = None,
+) -> Nodes:
+    """Lay out nodes, matrices and measurements.
+
+    Args:
+        imu, rolling: the sensors.
+        nominal: the integrated motion.
+        noise, slip: what drifts, and how much.
+        faults: gaps and plateaus, over which the noise grows.
+        offset, offset_std: clock offset that the wheels' stamps are moved by, and its std [s].
+        roll_std: std of the roll [rad].
+        distance: measured total distance [m].
+        jumps: (N,) std of a jump of the accelerometer bias at each sample [m/s^2].
+    """
+    index, thinned = choose(nominal)
+    t = nominal.t[index]
+    dt = np.diff(t, prepend=t[0])
+    rest = nominal.rest[index]
+    moving = ~(rest & np.concatenate([[True], rest[:-1]]))
+    moving[0] = not rest[0]
+    onset = np.concatenate([[False], rest[:-1] & ~rest[1:]])
+    coupling = nominal.coupling[index]
+    if rolling is not None:
+        speed, unrest = wheel_speed(rolling, offset, t)
+    else:
+        speed, unrest = nominal.v[index], np.zeros(t.size)
+    w = np.where(speed < 0, -1.0, 1.0) * np.maximum(np.abs(speed), process.V_FLOOR)
+    omega = 2 * np.pi * noise.vibration_frequency
+    F = process.transitions(
+        dt, coupling, moving, w, slip, None if imu.has_pitch_rate else np.zeros(1, dtype=bool), omega,
+        noise.vibration_damping,
+    )  # fmt: skip
+    accel = np.full(t.size, np.hypot(noise.accel, noise.accel_motion))
+    turn = roll_std * np.abs(nominal.heading_rate[index])  # yaw rate that leaks into the pitch gyro
+    gyro = np.hypot(noise.gyro, turn)
+    Q = process.noises(
+        dt, coupling, moving, accel=accel, gyro=gyro, accel_walk=noise.accel_walk, gyro_walk=noise.gyro_walk
+    )
+    process.add_slip(Q, dt, moving, onset, w, unrest, slip)
+    size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
+    process.add_vibration(Q, F, dt, moving, size, omega)
+    Q[onset, process.BM, process.BM] += noise.motion_bias**2
+    _add_faults(Q, t, dt, moving, faults, imu, nominal)
+    if jumps is not None:
+        edges = np.concatenate([[0.0], np.cumsum(jumps**2)])
+        spent = np.diff(edges[np.concatenate([[0], index + 1])])
+        Q[:, BA, BA] += spent
+    updates: list[list[Update]] = [[] for _ in range(t.size)]
+    add_rest(updates, imu, nominal, noise, faults, index, rest, speed)
+    if rolling is not None:
+        add_wheels(updates, rolling, nominal, index, rest, offset)
+    if distance is not None:
+        H = np.zeros((1, SIZE))
+        H[0, [X, P]] = 1.0, -1.0
+        updates[-1].append(Update("distance", distance.value - float(nominal.x[-1]), H, distance.std**2))
+    x0 = np.zeros((SIZE, 1))
+    x0[TH, 0] = -nominal.pitch[0]
+    x0[BA, 0] = -nominal.accel_bias
+    x0[BG, 0] = -nominal.gyro_bias
+    std = np.array([
+        1e-6, 1e-6, ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0]), noise.pitch, noise.accel_bias,
+        max(noise.gyro_bias, abs(nominal.gyro_bias)), 1e-7 if rest[0] else noise.motion_bias,
+        1e-6 if rest[0] else slip.limit, 1e-6 if rest[0] else slip.scatter, offset_std, 1e-8, 1e-7,
+    ])  # fmt: skip
+    return Nodes(
+        index=index, t=t, moving=moving, w=w, F=F, Q=Q, updates=tuple(tuple(u) for u in updates),
+        x0=x0, P0=np.diag(std**2), thinned=thinned,
+    )  # fmt: skip
+
+
+def _add_faults(
+    Q: Array, t: Array, dt: Array, moving: np.ndarray, faults: Faults, imu: BodyImu, nominal: Nominal
+) -> None:
+    """Let velocity and pitch drift over missing and saturated samples by as much as is usual in motion."""
+    active = ~nominal.rest & ~faults.doubt
+    shake = 1.4826 * float(np.median(np.abs(np.diff(imu.forward[active])))) if active.sum() > 2 else 1.0
+    for intervals, force in ((faults.gaps, 1.5), (faults.plateaus, 10.0)):
+        for begin, end in intervals:
+            span = (t > begin) & (t - dt < end) & moving
+            length = max(end - begin, float(np.median(np.diff(imu.t))))
+            unknown = np.hypot(force, shake) * length
+            share = dt[span] / max(float(dt[span].sum()), 1e-9)
+            Q[span, V, V] += unknown**2 * share
+            Q[span, X, X] += (unknown * dt[span]) ** 2 / 3
+            Q[span, X, V] += unknown**2 * share * dt[span] / 2
+            Q[span, V, X] += unknown**2 * share * dt[span] / 2
+            Q[span, TH, TH] += (0.3 * length) ** 2 * share

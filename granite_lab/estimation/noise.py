@@ -1,0 +1,174 @@
+"""Noise identified from the trial itself, with the robot's file as prior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import welch
+
+from granite_lab.estimation.mounting import BodyImu
+from granite_lab.estimation.rest import Interval
+from granite_lab.logs.trial import Array
+from granite_lab.parameters import GRAVITY, Robot
+
+PRIOR_SAMPLES = 20.0
+"""The grade of the robot's file weighs as much as this many samples."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise that the filter works with; densities are of both-sided spectra (std times sqrt(dt)).
+
+    Attributes:
+        accel, gyro: white noise [m/s^2 sqrt(s)], [rad/s sqrt(s)].
+        accel_motion: white noise that is there only in motion, below the vibration's band.
+        accel_bias, gyro_bias: std before the first standstill [m/s^2], [rad/s]; the former with tilt.
+        accel_walk, gyro_walk: random walk of the biases [m/s^2/sqrt(s)], [rad/s/sqrt(s)].
+        pitch: std of the pitch at the start [rad].
+        motion_bias: std of a bias that is there only in motion [m/s^2].
+        vibration: rms of the frame's vibration along x in motion [m/s^2] at `vibration_speed` [m/s].
+        vibration_frequency: its dominant frequency [Hz].
+        vibration_damping: its damping ratio (relative bandwidth over two).
+    """
+
+    accel: float
+    gyro: float
+    accel_motion: float
+    accel_bias: float
+    gyro_bias: float
+    accel_walk: float
+    gyro_walk: float
+    pitch: float
+    motion_bias: float
+    vibration: float
+    vibration_speed: float
+    vibration_frequency: float
+    vibration_damping: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the figures by name, unit in the name, as the motion record keeps them."""
+        return {
+            "accel_noise_mps2_sqrts": self.accel,
+            "gyro_noise_radps_sqrts": self.gyro,
+            "accel_noise_in_motion_mps2_sqrts": self.accel_motion,
+            "accel_bias_prior_mps2": self.accel_bias,
+            "gyro_bias_prior_radps": self.gyro_bias,
+            "accel_bias_walk_mps2_per_sqrts": self.accel_walk,
+            "gyro_bias_walk_radps_per_sqrts": self.gyro_walk,
+            "motion_bias_prior_mps2": self.motion_bias,
+            "vibration_mps2": self.vibration,
+            "vibration_frequency_hz": self.vibration_frequency,
+            "vibration_damping": self.vibration_damping,
+        }
+
+
+def white(t: Array, signal: Array, rests: Sequence[Interval], prior: float) -> float:
+    """Identify the white noise density of a signal at standstill from its Allan variance.
+
+    The Allan variance at one sample is precise, that over eight samples is blind to noise beyond the
+    filter's interest; they agree for white noise. Where they differ by more than their own scatter
+    (coloured noise, a sensor's low-pass), the longer one is used.
+
+    Args:
+        t, signal: (N,) stamps [s] and samples.
+        rests: intervals of standstill [s].
+        prior: density by the robot's file.
+
+    Returns:
+        std times sqrt(dt).
+    """
+    sums = {1: [0.0, 0.0], 8: [0.0, 0.0]}
+    for begin, end in rests:
+        part = signal[(t >= begin) & (t <= end)]
+        stamps = t[(t >= begin) & (t <= end)]
+        part, stamps = part[np.isfinite(part)], stamps[np.isfinite(part)]
+        if part.size < 16:
+            continue
+        dt = float(np.median(np.diff(stamps)))
+        for m, total in sums.items():
+            blocks = part[: part.size // m * m].reshape(-1, m).mean(axis=1)
+            step = np.diff(blocks)
+            total[0] += 0.5 * float(step @ step) * m * dt
+            total[1] += step.size * (2.0 / 3.0)  # differences overlap: fewer degrees of freedom
+    (fine, n_fine), (long, n_long) = sums[1], sums[8]
+    if n_fine == 0:
+        return prior
+    fine_var = (PRIOR_SAMPLES * prior**2 + fine * 2.0 / 3.0) / (PRIOR_SAMPLES + n_fine)
+    if n_long >= 8:
+        long_var = long * 2.0 / 3.0 / n_long
+        if abs(np.log(max(long_var, 1e-30) / fine_var)) > 3.0 * np.sqrt(2.0 / n_long):
+            return float(np.sqrt(long_var))
+    return float(np.sqrt(fine_var))
+
+
+def vibration(
+    imu: BodyImu, moving: np.ndarray, accel: float, prior_frequency: float
+) -> tuple[float, float, float]:
+    """Identify the frame's vibration along x in motion from the spectrum above 5 Hz.
+
+    Args:
+        imu: samples in robot axes.
+        moving: (N,) True in motion.
+        accel: white noise density at standstill.
+        prior_frequency: where the robot's file expects the vibration [Hz].
+
+    Returns:
+        rms beyond the white noise [m/s^2], dominant frequency [Hz], damping ratio.
+    """
+    dt = float(np.median(np.diff(imu.t)))
+    part = imu.forward[moving & np.isfinite(imu.forward)]
+    if part.size < 64 or dt > 0.05:
+        return 0.0, prior_frequency, 0.3
+    size = int(min(part.size, 2 ** np.ceil(np.log2(1.28 / dt))))
+    frequency, density = welch(part - np.mean(part), fs=1.0 / dt, nperseg=size)
+    excess = np.maximum(density - 2.0 * accel**2, 0.0)
+    band = frequency >= min(5.0, 0.2 / dt)
+    width = frequency[1] - frequency[0]
+    power = float(excess[band].sum() * width)
+    if power <= (0.5 * accel) ** 2 / dt:
+        return float(np.sqrt(power)), prior_frequency, 0.3
+    peak = float(frequency[band][np.argmax(excess[band])])
+    share = np.cumsum(excess[band]) / excess[band].sum()
+    low, high = np.interp([0.16, 0.84], share, frequency[band])
+    damping = float(np.clip(0.5 * (high - low) / peak, 0.05, 0.7))
+    return float(np.sqrt(power)), peak, damping
+
+
+def identify(
+    imu: BodyImu, robot: Robot, rests: Sequence[Interval], moving: np.ndarray, speed: float
+) -> Noise:
+    """Identify all noise figures of a trial.
+
+    Args:
+        imu: samples in robot axes.
+        robot: its file's grade is the prior.
+        rests: standstills [s].
+        moving: (N,) True in motion.
+        speed: typical velocity in motion [m/s].
+    """
+    grade = robot.imu_grade
+    assert grade is not None
+    dt = float(np.median(np.diff(imu.t)))
+    accel = white(imu.t, imu.forward, rests, grade.accel_noise)
+    gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise) if imu.has_pitch_rate else 0.0
+    accel = max(accel, grade.accel_step / np.sqrt(12.0) * np.sqrt(dt), 1e-5)
+    rms, frequency, damping = vibration(imu, moving, accel, robot.imu.vibration_frequency)
+    tilt = np.radians(2.0 if imu.levelled else robot.imu.tilt)
+    blind = imu.gravity * np.radians(1.0) if not imu.has_pitch_rate else 0.0
+    return Noise(
+        accel=accel,
+        gyro=gyro,
+        accel_motion=0.0,
+        accel_bias=float(np.hypot(grade.accel_bias, GRAVITY * tilt)),
+        gyro_bias=grade.gyro_bias,
+        accel_walk=grade.accel_instability * float(np.sqrt(2.0 / grade.instability_time)),
+        gyro_walk=grade.gyro_instability * float(np.sqrt(2.0 / grade.instability_time)),
+        pitch=float(np.radians(2.0)),
+        motion_bias=float(np.hypot(2.0 * grade.accel_instability, blind)),
+        vibration=rms,
+        vibration_speed=max(speed, 0.05),
+        vibration_frequency=frequency,
+        vibration_damping=damping,
+    )

@@ -1,0 +1,144 @@
+"""The passes over one trial: offset from the onset of motion, then filter and smoother, relinearised."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.estimate import Estimate
+from granite_lab.estimation import nodes as layout
+from granite_lab.estimation import smoother
+from granite_lab.estimation.clock import coarse_offset, refine_offset
+from granite_lab.estimation.integration import Faults, Nominal, integrate, roll_angle
+from granite_lab.estimation.mounting import BodyImu
+from granite_lab.estimation.nodes import Nodes
+from granite_lab.estimation.noise import Noise
+from granite_lab.estimation.process import BA, BG, TAU, TH, SlipModel
+from granite_lab.estimation.rest import Interval
+from granite_lab.estimation.rolling import Rolling
+from granite_lab.estimation.smoother import Smoothed
+from granite_lab.logs.trial import Array
+from granite_lab.parameters import Robot
+
+BEFORE, AFTER = 0.4, 0.7
+"""How much of the log around an onset of motion judges a clock offset [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A trial ready for the filter; see `nodes.build` for the fields."""
+
+    imu: BodyImu
+    rolling: Rolling | None
+    robot: Robot
+    rests: tuple[Interval, ...]
+    faults: Faults
+    noise: Noise
+    slip: SlipModel
+    jumps: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The last pass: nominal motion, nodes and smoothed drift, and the offset all stamps were moved by."""
+
+    nominal: Nominal
+    nodes: Nodes
+    smoothed: Smoothed
+    offset: Estimate
+
+
+def lay_out(
+    problem: Problem, nominal: Nominal, offset: float, offset_std: float, distance: Estimate | None = None
+) -> Nodes:
+    """Build the nodes of a problem about a nominal motion."""
+    _, roll_std = roll_angle(problem.imu, nominal.rest, problem.robot)
+    return layout.build(
+        problem.imu, problem.rolling, nominal, problem.noise, problem.faults, problem.slip,
+        offset=offset, offset_std=offset_std, roll_std=roll_std, jumps=problem.jumps, distance=distance,
+    )  # fmt: skip
+
+
+def first_velocity(problem: Problem, offset: float) -> float:
+    """Velocity to start the integration from: zero at rest, else the wheels'."""
+    t0 = problem.imu.t[0]
+    if problem.rolling is None or any(begin <= t0 + 0.05 for begin, _ in problem.rests):
+        return 0.0
+    known = np.isfinite(problem.rolling.speed)
+    return float(np.interp(t0, problem.rolling.t[known] + offset, problem.rolling.speed[known]))
+
+
+def solve(
+    problem: Problem, offset: Estimate, *, distance: Estimate | None = None, passes: int = 3
+) -> Solution:
+    """Filter and smooth, each pass about the last one's result.
+
+    Relinearising matters for the clock offset (wheel speed changes within it) and for gravity's share
+    of a large pitch; two or three passes settle both.
+    """
+    accel_bias, gyro_bias, pitch, shift = 0.0, None, 0.0, offset.value
+    velocity = first_velocity(problem, shift)
+    std = offset.std if np.isfinite(offset.std) else 1e-6
+    for i in range(passes):
+        nominal = integrate(
+            problem.imu, problem.robot, problem.rests, problem.faults, accel_bias=accel_bias,
+            gyro_bias=gyro_bias, pitch=pitch, velocity=velocity,
+        )  # fmt: skip
+        nodes = lay_out(problem, nominal, shift, std, distance)
+        nodes.x0[TAU, 0] = offset.value - shift
+        found = smoother.run(nodes)
+        step = float(found.x[-1, TAU])
+        middle = found.x[found.x.shape[0] // 2]
+        settled = abs(step) < 1e-3 and abs(found.x[0, TH]) < 0.01
+        if settled or i == passes - 1:
+            break
+        shift += step
+        accel_bias += float(middle[BA])
+        gyro_bias = nominal.gyro_bias + float(middle[BG])
+        pitch += float(found.x[0, TH])
+    tau_std = float(np.sqrt(found.P[-1, TAU, TAU]))
+    observable = np.isfinite(offset.std) and tau_std < 0.5 * std
+    return Solution(nominal, nodes, found, Estimate(shift + step, tau_std if observable else np.nan))
+
+
+def cut(problem: Problem, begin: float, end: float, offset: float) -> Problem:
+    """Return the part of a problem between two instants of the IMU's clock."""
+    imu, rolling = problem.imu, problem.rolling
+    keep = (imu.t >= begin) & (imu.t <= end)
+    fields = ("t", "forward", "left", "up", "roll_rate", "pitch_rate", "yaw_rate")
+    part = dataclasses.replace(imu, **{name: getattr(imu, name)[keep] for name in fields})
+    faults = dataclasses.replace(problem.faults, doubt=problem.faults.doubt[keep])
+    if rolling is not None:
+        near = (rolling.t + offset >= begin - 0.5) & (rolling.t + offset <= end + 0.5)
+        rows = ("t", "distance", "mean", "mean_std", "velocity", "velocity_std", "speed", "speed_std")
+        rolling = dataclasses.replace(rolling, **{name: getattr(rolling, name)[near] for name in rows})
+    rests = tuple((max(a, begin), min(b, end)) for a, b in problem.rests if b > begin and a < end)
+    return dataclasses.replace(problem, imu=part, rolling=rolling, rests=rests, faults=faults, jumps=None)
+
+
+def onsets(rests: Sequence[Interval], end: float) -> list[float]:
+    """Ends of the standstills after which the robot moves [s]."""
+    return [stop for start, stop in rests if stop < end - AFTER and stop - start > 0.3]
+
+
+def find_offset(problem: Problem) -> Estimate:
+    """Find the clock offset by correlation, then by the likelihood of the first onsets of motion."""
+    assert problem.rolling is not None
+    coarse = coarse_offset(problem.imu, problem.rolling)
+    if not np.isfinite(coarse.std):
+        return coarse
+    starts = onsets(problem.rests, problem.imu.t[-1])[:3]
+    if not starts:
+        return coarse
+    parts = [cut(problem, t - BEFORE, t + AFTER, coarse.value) for t in starts]
+    nominal = [integrate(p.imu, p.robot, p.rests, p.faults) for p in parts]
+
+    def log_likelihood(offset: float) -> float:
+        return sum(
+            smoother.filter_only(lay_out(p, n, offset, 1e-6)) for p, n in zip(parts, nominal, strict=True)
+        )
+
+    return refine_offset(coarse, log_likelihood)

@@ -1,0 +1,153 @@
+"""Where the robot stands still: the wheels give no counts and the IMU is quiet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
+from granite_lab.estimation.mounting import BodyImu
+from granite_lab.estimation.rolling import Rolling, runs
+from granite_lab.logs.trial import Array
+from granite_lab.parameters import ImuGrade
+
+Interval = tuple[float, float]
+
+SHORTEST = 0.3
+"""A standstill shorter than this [s] says too little about biases to be used."""
+
+CREEP = 1.0e-3
+"""Wheel velocity [m/s] below which the robot counts as standing."""
+
+WINDOW = 0.2
+"""Length of the window in which stillness is judged [s]."""
+
+
+def wheels_still(rolling: Rolling) -> np.ndarray:
+    """(M,) True where no wheel turns faster than a creep (or than its resolution allows to tell)."""
+    dt = float(np.median(np.diff(rolling.t))) if rolling.t.size > 1 else 1.0
+    size = max(round(WINDOW / dt), 1) | 1
+    if rolling.by_rate:
+        limit = max(1.01 * rolling.step, 3.0 * CREEP)
+        with np.errstate(invalid="ignore"):
+            fast = np.nanmax(np.abs(rolling.velocity), axis=1, initial=0.0) > limit
+        return ~maximum_filter1d(fast, size) & np.isfinite(rolling.speed)
+    limit = max(CREEP * size * dt, 2.5 * rolling.step)
+    moved = np.zeros(rolling.t.size, dtype=bool)
+    for distance in (*rolling.distance.T, rolling.mean):
+        known = np.isfinite(distance)
+        if known.any():
+            filled = np.interp(rolling.t, rolling.t[known], distance[known])
+            span = maximum_filter1d(filled, size, mode="nearest") - minimum_filter1d(
+                filled, size, mode="nearest"
+            )
+            moved |= (span > limit) & known
+    return ~moved & np.isfinite(rolling.mean)
+
+
+def restlessness(imu: BodyImu) -> tuple[Array, Array]:
+    """(N,) std of specific force [m/s^2] and of pitch and yaw rate [rad/s] in a sliding window."""
+    dt = float(np.median(np.diff(imu.t)))
+    size = max(round(WINDOW / dt), 3)
+    force = _moving_std([imu.forward, imu.up], size)
+    rate = _moving_std([imu.pitch_rate, imu.yaw_rate], size)
+    return force, rate
+
+
+def _moving_std(signals: list[Array], size: int) -> Array:
+    total = np.zeros(signals[0].size)
+    for signal in signals:
+        if np.isfinite(signal).any():
+            clean = np.nan_to_num(signal - np.nanmedian(signal))
+            mean = uniform_filter1d(clean, size, mode="nearest")
+            total += np.maximum(uniform_filter1d(clean**2, size, mode="nearest") - mean**2, 0.0)
+    return np.sqrt(total)
+
+
+def imu_quiet(imu: BodyImu, grade: ImuGrade, hint: np.ndarray | None = None) -> np.ndarray:
+    """(N,) True where the IMU is as quiet as it ever is in this log.
+
+    The quiet level is the lower quartile over the samples where the wheels stand (`hint`), or a low
+    percentile of all where there are none, so a motor that hums or a table that shakes is allowed
+    for; the grade's noise is the floor.
+
+    Args:
+        imu: samples in robot axes.
+        grade: the sensor's grade.
+        hint: (N,) True where the wheels are thought to stand.
+    """
+    dt = float(np.median(np.diff(imu.t)))
+    quiet = np.ones(imu.t.size, dtype=bool)
+    floors = (grade.accel_noise, grade.gyro_noise)
+    for level, density in zip(restlessness(imu), floors, strict=True):
+        if not level.any():
+            continue
+        pool = level[hint] if hint is not None and hint.sum() * dt > SHORTEST else level
+        base = float(np.percentile(pool, 25 if pool is not level else 5))
+        quiet &= level <= 2.0 * max(base, density / np.sqrt(dt))
+    return quiet
+
+
+def find_rests(
+    imu: BodyImu | None,
+    rolling: Rolling | None,
+    grade: ImuGrade,
+    *,
+    offset: float = 0.0,
+    by_hand: Sequence[Interval] = (),
+) -> tuple[Interval, ...]:
+    """Find the intervals of standstill on the IMU's clock.
+
+    Both wheels and IMU must be still where both exist. A wrong clock offset between them only
+    shortens the intervals (or lets a coasting end in, whose velocity the update's std covers).
+
+    Args:
+        imu, rolling: the sensors; at least one.
+        grade: the IMU's grade.
+        offset: of the encoders' clock behind the IMU's [s].
+        by_hand: intervals [s] that are standstill whatever the sensors say.
+    """
+    if imu is not None:
+        t = imu.t
+    else:
+        assert rolling is not None
+        t = rolling.t + offset
+    still = np.ones(t.size, dtype=bool)
+    if rolling is not None:
+        source = rolling.t + offset
+        flags = wheels_still(rolling)
+        place = np.clip(np.searchsorted(source, t), 1, source.size - 1)
+        still = flags[place] & flags[place - 1]
+        still &= (t >= source[0] - WINDOW) & (t <= source[-1] + WINDOW)
+    if imu is not None:
+        quiet = imu_quiet(imu, grade, still if rolling is not None else None)
+        if rolling is None and not imu.gravity:
+            quiet &= np.abs(imu.forward - np.nanmedian(imu.forward[quiet])) < 0.2
+        still &= quiet
+    for begin, end in by_hand:
+        still |= (t >= begin) & (t <= end)
+    found = []
+    gap = 3.0 * float(np.median(np.diff(t)))
+    for a, b in zip(*runs(_close(t, still, 0.06)), strict=True):
+        given = any(begin <= t[a] <= end or begin <= t[b - 1] <= end for begin, end in by_hand)
+        if t[b - 1] - t[a] >= (gap if given else SHORTEST):
+            found.append((float(t[a]), float(t[b - 1])))
+    return tuple(found)
+
+
+def _close(t: Array, mask: np.ndarray, longest: float) -> np.ndarray:
+    """Bridge interruptions shorter than `longest` [s] (a knock against the frame)."""
+    closed = mask.copy()
+    for a, b in zip(*runs(~mask), strict=True):
+        if a > 0 and b < mask.size and t[b] - t[a - 1] < longest:
+            closed[a:b] = True
+    return closed
+
+
+def inside(t: Array, intervals: Sequence[Interval]) -> np.ndarray:
+    """(N,) True where a stamp lies in one of the intervals."""
+    mask = np.zeros(t.size, dtype=bool)
+    for begin, end in intervals:
+        mask |= (t >= begin) & (t <= end)
+    return mask
