@@ -138,7 +138,7 @@ def wheel_forces(state: WheelState, angles: ContactAngles, soil: Soil, damping: 
         dA = weight * (b * r * half)
         sin_ϑ, cos_ϑ = ca.sin(ϑ), ca.cos(ϑ)
         rolled = sin_ϑ1 - sin_ϑ
-        j = r * (moving * (ϑ1 - ϑ - rolled) + λ * rolled)  # (6)
+        j = r * (moving * (ϑ1 - ϑ) - (moving - λ) * rolled)  # (6)
         z = ca.fmax(state.sinkage - r * (1 - cos_ϑ), 1e-12)  # (7)
         σ = k * z**soil.exponent  # (8), (9)
         τ_max = ca.fmin(soil.tyre_friction * σ, soil.cohesion + tan_φ * σ)  # (10)
