@@ -10,7 +10,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from granite_lab.parameters import GRAVITY, load_paper, load_robot, load_soil, load_variants
+from benchmarks import rk4
+from granite_lab.parameters import GRAVITY, Variant, load_paper, load_robot, load_soil, load_variants
 from tests.truth.contact import Ground, clenshaw_curtis, contact, slip_ratio
 from tests.truth.model import PITCH, Truth
 from tests.truth.simulator import Result, build, simulate
@@ -191,3 +192,15 @@ def test_equilibrium_at_rest_carries_the_weight() -> None:
     # the centre of mass lies behind the middle: the rear carries more and sinks deeper
     assert wheel.normal[1] / wheel.normal[0] == pytest.approx(0.2245 / 0.2005, rel=2e-2)
     assert y[PITCH] < 0
+
+
+def test_the_papers_own_method_agrees() -> None:
+    """Fixed-step Runge-Kutta at 0.05 ms, in the robot's axes: a third way to the same motion."""
+    variant = Variant(velocity=0.5, acceleration=1.2, distance=0.5)
+    fixed = rk4.simulate(variant, load_robot(), load_soil(), a_theta=4.919, settle=1.0, after=0.5)
+    r = simulate(velocity=0.5, acceleration=1.2, distance=0.5, a_theta=4.919, settle=0.2, after=0.5)
+    both = (fixed.t > -0.2) & (fixed.t < r.t[-1])
+    assert np.abs(fixed.v - np.interp(fixed.t, r.t, r.v))[both].max() < 1e-4
+    current = np.interp(fixed.t, r.t, r.current[:, 1])
+    assert np.abs(fixed.state[:, 11] - current)[both].max() < 2e-3 * np.abs(current).max()
+    assert np.abs(fixed.state[:, 2] - np.interp(fixed.t, r.t, r.pitch))[both].max() < 1e-5
