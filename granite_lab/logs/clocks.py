@@ -67,7 +67,7 @@ def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
         return factor, ""
     period = float(np.median(steps))
     middle = abs(float(np.median(raw)))
-    if not _plausible(period * factor, slowest, 20000.0) or _epoch(middle) not in (None, factor):
+    if not _plausible(period * factor, slowest, 20000.0):
         # A clock that counts from 1970 names its own unit; else only one unit may give a usual rate.
         fits = [f for f in _SECONDS.values() if _plausible(period * f, max(slowest, 4.0), 4000.0)]
         epoch = _epoch(middle)

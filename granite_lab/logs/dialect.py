@@ -66,6 +66,7 @@ class Dialect:
         width: cells in a row of data.
         sample: the first rows of data.
         comments: lines before the header that begin with ``#``, with their line numbers.
+        preamble: other lines above the header.
         doubts: what the reader was not sure of.
     """
 
@@ -78,6 +79,7 @@ class Dialect:
     width: int
     sample: tuple[tuple[str, ...], ...]
     comments: tuple[tuple[int, str], ...]
+    preamble: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
 
     @property
@@ -155,6 +157,7 @@ def sniff(path: Path, table: TableFormat | None = None) -> Dialect:
             "the log holds no samples; record it again",
         )
     width = Counter(len(row) for _, row in rows[first : first + 20]).most_common(1)[0][0]
+    preamble = tuple(text for _, text in lines[:first]) + ((f"sep={said}",) if said else ())
     below = [row for _, row in rows[first:] if len(row) == width]
     headers, header_line = _headers(path, rows[:first], below, comments, delimiter, table, rows[first][0])
     if headers and header_line < 0:  # the header is the last comment line, as in EuRoC
@@ -162,7 +165,7 @@ def sniff(path: Path, table: TableFormat | None = None) -> Dialect:
     return Dialect(
         encoding, delimiter, decimal, headers, header_line, rows[first][0], width,
         tuple(tuple(row) for row in below[:_SAMPLE_ROWS]),
-        tuple(comments), doubts,
+        tuple(comments), preamble, doubts,
     )  # fmt: skip
 
 

@@ -159,7 +159,8 @@ def quantum(raw: Array) -> float:
     for part in (1, 2, 3, 4, 5):
         multiples = steps * (part / steps.min())
         whole = np.rint(multiples)
-        # Equal steps alone may be a uniform motion; several different multiples are a grid.
-        if np.abs(multiples - whole).max() < 0.02 and len(np.unique(whole)) >= 3:
+        # Equal steps alone may be a uniform motion; different multiples, or values that return, are a grid.
+        grid = len(np.unique(whole)) >= 3 or len(raw[:20000]) >= 3 * len(levels)
+        if np.abs(multiples - whole).max() < 0.02 and grid:
             return float(np.median(steps[whole == whole.min()]) / whole.min())
     return 0.0

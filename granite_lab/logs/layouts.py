@@ -57,10 +57,10 @@ class Column:
     """One column of a map.
 
     Attributes:
-        to: the channels it feeds.
+        to: the channels it feeds; none for a column that only belongs to the picture.
         name: its name; upper and lower case count as one.
         pattern: or a regular expression for the whole name; a group called `unit` gives the unit.
-        unit: its unit; an encoder's unit says what it reports: an angle (rad, deg, rev, counts), a
+        unit: its unit, unless the name gives it; an encoder's unit says what it reports: an angle (rad, deg, rev, counts), a
             rate (rad/s, rpm, …), a circumferential velocity (m/s) or a cumulated distance (m).
         scale: factor on the value; a wrong sign is -1.
         wrap: range after which the raw value starts again (0: found out).
@@ -101,6 +101,7 @@ class Layout:
         name, title, source: what it is for and where that is known from.
         robot: the robot, where the log names none.
         file: regular expression for the file's name, for layouts that share their column names.
+        preamble: regular expression for a line above the header, for the same purpose.
         rows: which rows to take, as ``run_id = 4``.
         split: the column that tells several runs in one file apart; one must be chosen.
         gravity_removed: the logger takes gravity out of the acceleration.
@@ -113,6 +114,7 @@ class Layout:
     source: str = ""
     robot: str = ""
     file: str = ""
+    preamble: str = ""
     rows: str = ""
     split: str = ""
     gravity_removed: bool = False
@@ -131,6 +133,7 @@ def load_layout(name: str | Path) -> Layout:
     path = find("loggers", name)
     layout = build(Layout, read_toml(path), str(path))
     _regex(path, "file", layout.file)
+    _regex(path, "preamble", layout.preamble)
     for number, column in enumerate(layout.column, 1):
         _check(path, number, column)
     channels = [c for column in layout.column for c in column.to]
@@ -164,8 +167,6 @@ def _check(path: Path, number: int, column: Column) -> None:
             f"{where}: needs either 'name' or 'pattern'", "one of the two says which column is meant"
         )
     groups = _regex(path, f"[[column]] {number} pattern", column.pattern).groupindex
-    if not column.to:
-        raise InputError(f"{where}: 'to' is empty", f"channels: {', '.join(CHANNELS)}")
     for channel in column.to:
         if channel not in CHANNELS:
             raise InputError(f"{where}: unknown channel '{channel}'", f"channels: {', '.join(CHANNELS)}")

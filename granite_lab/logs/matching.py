@@ -81,7 +81,7 @@ def _match_row(layout: Layout, path: Path, dialect: Dialect, names: Sequence[str
         spec = layout.column[index]
         place = _one(path, dialect, spec, places, names)
         hit = spec.matches(names[place])
-        unit_text = spec.unit or (hit.groupdict().get("unit") if hit else "") or ""
+        unit_text = (hit.groupdict().get("unit") if hit else "") or spec.unit
         where = f"{at(path, dialect.header_line)}: column '{names[place]}'"
         for channel in spec.to:
             check_unit(unit_text, channel, where)
@@ -144,21 +144,18 @@ def choose(path: Path, dialect: Dialect, maps: Sequence[Layout] = ()) -> Match:
             f"{at(path, dialect.data_line)}: no header line, expected the names of the columns",
             "add one, or name the columns with names = […] under [table] in a column map",
         )
-    for group in (maps, () if len(maps) == 1 else all_layouts()):
-        fits = [
-            m
-            for m in (match(layout, path, dialect) for layout in group if _named(layout, path))
-            if m.complete
-        ]
+    catalogue = tuple(layout for layout in all_layouts() if _eligible(layout, path, dialect))
+    for group in (maps, catalogue):
+        fits = [m for m in (match(layout, path, dialect) for layout in group) if m.complete]
         if fits:
             return _best(path, fits)
-    tries = [match(layout, path, dialect) for layout in (maps or all_layouts()) if _named(layout, path)]
-    raise _no_match(path, dialect, tries, bool(maps))
+    raise no_match(path, dialect, [match(layout, path, dialect) for layout in maps or catalogue], bool(maps))
 
 
-def _named(layout: Layout, path: Path) -> bool:
-    """Say whether a layout may be tried on a file of this name."""
-    return not layout.file or re.search(layout.file, path.name) is not None
+def _eligible(layout: Layout, path: Path, dialect: Dialect) -> bool:
+    """Say whether a layout may be tried on a file of this name and preamble."""
+    named = not layout.file or re.search(layout.file, path.name) is not None
+    return named and (not layout.preamble or any(re.search(layout.preamble, s) for s in dialect.preamble))
 
 
 def _best(path: Path, fits: list[Match]) -> Match:
@@ -180,7 +177,7 @@ def _best(path: Path, fits: list[Match]) -> Match:
     return first
 
 
-def _no_match(path: Path, dialect: Dialect, tries: list[Match], given: bool) -> InputError:
+def no_match(path: Path, dialect: Dialect, tries: list[Match], given: bool) -> InputError:
     """Say what is missing from the layout that comes closest."""
     names = [name for name in dialect.headers[0] if name]
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")

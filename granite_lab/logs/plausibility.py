@@ -160,13 +160,13 @@ def noise_ratio(imu: ImuStream, robot: Robot) -> float:
     dt = float(np.median(np.diff(imu.t)))
     n = max(int(WINDOW / dt), 3)
     count = len(imu.t) // n
-    if grade is None or count < 4 or grade.gyro_noise == 0:
+    rate = imu.angular_rate
+    if grade is None or count < 4 or grade.gyro_noise == 0 or np.isnan(rate).any():
         return math.nan
-    rate = imu.angular_rate[:, ~np.isnan(imu.angular_rate).any(axis=0)]
     spread = rate[: count * n].reshape(count, n, -1).std(axis=1).mean(axis=1)
     quietest, usual = float(np.quantile(spread, 0.1)), float(np.median(spread))
     # Without a rest the quietest windows are hardly quieter than the others.
-    if quietest == 0 or quietest > 0.5 * usual:
+    if quietest == 0 or quietest > 0.3 * usual:
         return math.nan
     expected = math.hypot(grade.gyro_noise * math.sqrt(0.5 / dt), grade.gyro_step / math.sqrt(12))
     return quietest / expected

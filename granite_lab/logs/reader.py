@@ -12,7 +12,7 @@ from granite_lab.errors import InputError
 from granite_lab.logs.clocks import describe_gaps
 from granite_lab.logs.metadata import fill, trial_info
 from granite_lab.logs.plausibility import check_imu
-from granite_lab.logs.sources import Source, given_maps, open_source
+from granite_lab.logs.sources import Source, given_maps, open_source, refuse_unused
 from granite_lab.logs.streams import Parts, Samples, read_streams
 from granite_lab.logs.trial import Array, ImuStream, InputFile, Trial, TrialInfo
 from granite_lab.logs.wheelcheck import check_wheels
@@ -67,6 +67,7 @@ def read_trial(
     for role, other in extra.items():
         if other is not None and Path(other) != first:
             sources[role] = open_source(Path(other), maps, None)
+    refuse_unused(list(sources.values()), maps)
     doubts: list[str] = []
     name, the_robot = _robot(sources, robot, info, doubts)
     parts = {role: read_streams(source, the_robot) for role, source in sources.items()}

@@ -11,9 +11,9 @@ import numpy as np
 
 from granite_lab.errors import InputError, UsageError, at
 from granite_lab.files import sha256
-from granite_lab.logs.dialect import Dialect, sniff
+from granite_lab.logs.dialect import Dialect, TableFormat, sniff
 from granite_lab.logs.layouts import Layout, load_layout
-from granite_lab.logs.matching import Binding, Match, choose, match
+from granite_lab.logs.matching import Binding, Match, choose, match, no_match
 from granite_lab.logs.metadata import Metadata, collect
 from granite_lab.logs.table import line_of, load
 from granite_lab.logs.trial import Array, InputFile
@@ -108,14 +108,14 @@ def recognise(path: Path, maps: Sequence[Layout] = ()) -> tuple[Dialect, Match]:
         InputError: not a table, or of no known layout.
     """
     for layout in maps:
-        if layout.table != type(layout.table)():
+        if layout.table != TableFormat():
             dialect = sniff(path, layout.table)
             found = match(layout, path, dialect)
-            if found.complete or len(maps) == 1:
-                return dialect, choose(path, dialect, maps)
+            if found.complete:
+                return dialect, found
     dialect = sniff(path)
     found = choose(path, dialect, maps)
-    if found.layout.table != type(found.layout.table)():
+    if found.layout.table != TableFormat():
         dialect = sniff(path, found.layout.table)
         found = choose(path, dialect, [found.layout])
     return dialect, found
@@ -127,6 +127,19 @@ def given_maps(maps: str | Path | Sequence[str | Path] | None) -> tuple[Layout, 
         return ()
     names = (maps,) if isinstance(maps, (str, Path)) else tuple(maps)
     return tuple(load_layout(name) for name in names)
+
+
+def refuse_unused(sources: Sequence[Source], maps: Sequence[Layout]) -> None:
+    """Refuse column maps that fit none of the files.
+
+    Raises:
+        InputError: naming the first column that is missing.
+    """
+    for layout in maps:
+        if all(source.match.layout != layout for source in sources):
+            first = sources[0]
+            found = match(layout, first.path, first.dialect)
+            raise no_match(first.path, first.dialect, [found], given=True)
 
 
 def _place(dialect: Dialect, name: str) -> int | None:
