@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 import rerun as rr
 
 from granite_lab.comparison.record import Comparison
-from granite_lab.reporting.recording.signals import BLUE, GREEN, GREY, PURPLE, VERMILION, command_start
+from granite_lab.reporting.recording.signals import BLUE, GREEN, GREY, PURPLE, VERMILION, Rgb, command_start
 from granite_lab.reporting.recording.stream import Writer
 
 PHASES = {"rest": GREY, "accelerate": GREEN, "steady": BLUE, "brake": PURPLE}
@@ -51,6 +51,13 @@ class Event:
     level: str = "INFO"
 
 
+def within(intervals: Sequence[Interval], comparison: Comparison) -> list[Interval]:
+    """Return the intervals cut to the time of the log, without those outside it."""
+    τ = comparison.motion.t - command_start(comparison)
+    cut = [replace(i, start=max(i.start, float(τ[0])), end=min(i.end, float(τ[-1]))) for i in intervals]
+    return [i for i in cut if i.start < i.end]
+
+
 def lanes_of(intervals: Sequence[Interval]) -> int:
     """Return how many lanes of bars `write_events` draws."""
     return 2 + len({i.channel for i in intervals})
@@ -64,15 +71,14 @@ def write_events(writer: Writer, comparison: Comparison, intervals: Sequence[Int
     first = [0] + [i for i in range(1, len(t)) if motion.phase[i] != motion.phase[i - 1]]
     _lane(writer, "phase", t[first].tolist(), [motion.phase[i] for i in first], dict(PHASES))
     rests = [Interval(a - start, b - start, "standstill", "at rest") for a, b in motion.health.rests]
-    _bars(writer, "standstill", rests, t[0], t[-1], GREY)
+    _bars(writer, "standstill", within(rests, comparison), t[0], GREY)
     for channel in sorted({i.channel for i in intervals}):
         own = [i for i in intervals if i.channel == channel]
-        _bars(
-            writer, f"simulation_differs/{rr.escape_entity_path_part(channel)}", own, t[0], t[-1], VERMILION
-        )
+        name = f"simulation_differs/{rr.escape_entity_path_part(channel)}"
+        _bars(writer, name, own, t[0], VERMILION)
     events = sorted(_events(comparison, intervals), key=lambda e: e.t)
     levels = [e.level for e in events]
-    stamps = np.array([e.t for e in events])
+    stamps = np.clip([e.t for e in events], t[0], t[-1])
     writer.rows(
         "events", stamps, rr.TextLog.columns(text=[f"{e.t:6.2f} s  {e.text}" for e in events], level=levels)
     )
@@ -83,7 +89,7 @@ def _lane(
     name: str,
     t: Sequence[float],
     states: Sequence[str],
-    colours: dict[str, tuple[int, int, int]],
+    colours: dict[str, Rgb],
 ) -> None:
     values = list(colours)
     writer.static(
@@ -98,21 +104,11 @@ def _lane(
     writer.rows(f"bars/{name}", np.asarray(t), rr.StateChange.columns(state=list(states)))
 
 
-def _bars(
-    writer: Writer,
-    name: str,
-    intervals: Sequence[Interval],
-    low: float,
-    high: float,
-    colour: tuple[int, int, int],
-) -> None:
-    """Write one lane of bars; where bars of a lane overlap, the later one shows."""
+def _bars(writer: Writer, name: str, intervals: Sequence[Interval], low: float, colour: Rgb) -> None:
+    """Write one lane of bars from time `low` on; where bars of a lane overlap, the later one shows."""
     changes: dict[float, str] = {float(low): CALM}
     for one in sorted(intervals, key=lambda i: i.start):
-        start, end = max(one.start, float(low)), min(one.end, float(high))
-        if not start < end:
-            continue
-        changes = {t: s for t, s in changes.items() if not start < t < end} | {start: one.label, end: CALM}
+        changes = {t: s for t, s in changes.items() if t <= one.start} | {one.start: one.label, one.end: CALM}
     labels = dict.fromkeys(s for s in changes.values() if s != CALM)
     t = sorted(changes)
     _lane(writer, name, t, [changes[k] for k in t], {CALM: (60, 60, 60)} | dict.fromkeys(labels, colour))

@@ -109,7 +109,7 @@ def log(root: str) -> Any:
     return rrb.TextLogView(origin=f"{root}/events", name="Events", columns=columns)
 
 
-def trial_layout(root: str, lines: Sequence[Line], *, lanes: int, drawn: bool, name: str) -> Any:
+def trial_layout(root: str, lines: Sequence[Line], *, lanes: int, name: str) -> Any:
     """Return the layout of one trial: robot, bars and log on the left, plots on the right."""
     extent = extent_of(lines)
     names: dict[str, int] = {}
@@ -118,10 +118,8 @@ def trial_layout(root: str, lines: Sequence[Line], *, lanes: int, drawn: bool, n
         names[key] = names.get(key, 0) + len(line.names)
     bars = rrb.StateTimelineView(origin=f"{root}/bars", name="Phases and intervals", time_view=TIME_AXIS)
     about = rrb.TextDocumentView(origin=f"{root}/about", name="About")
-    left = [bars, rrb.Tabs(log(root), about)]
-    shares = [0.3 + 0.42 * min(lanes, 6), 2.2]
-    if drawn:
-        left, shares = [scene(root), *left], [5, *shares]
+    left = [scene(root), bars, rrb.Tabs(log(root), about)]
+    shares = [5, 0.3 + 0.42 * min(lanes, 6), 2.2]
     tabs = []
     for title, keys in TABS.items():
         views = [plot(root, key, extent, legend=names[key] > 1) for key in keys if key in names]

@@ -82,11 +82,10 @@ def poses(comparison: Comparison, t: Array) -> tuple[Pose, Pose]:
     return measured, simulated
 
 
-def write_scene(writer: Writer, comparison: Comparison) -> bool:
-    """Write the scene; False where the robot's file says too little to draw it."""
+def write_scene(writer: Writer, comparison: Comparison) -> None:
+    """Write the scene of one trial."""
     robot = comparison.run.robot
-    if robot.chassis is None:
-        return False
+    assert robot.chassis is not None  # or there were no run
     t = thinned(comparison.motion.t - command_start(comparison), STEP)
     measured, simulated = poses(comparison, t)
     writer.static("scene", rr.ViewCoordinates.FLU)
@@ -99,7 +98,6 @@ def write_scene(writer: Writer, comparison: Comparison) -> bool:
     _write_robot(writer, "scene/simulated", robot, robot.chassis, t, simulated, ghost=True)
     _write_forces(writer, comparison, robot.chassis, t[::2], measured.every(2))
     _write_torques(writer, comparison, robot.chassis, t[::2])
-    return True
 
 
 def _mesh(shape: shapes.Shape, tint: tuple[int, ...] | None = None) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -14,7 +13,7 @@ from granite_lab.comparison.record import Comparison
 from granite_lab.logs.trial import Trial
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.recording.about import about, properties
-from granite_lab.reporting.recording.events import Interval, lanes_of, write_events
+from granite_lab.reporting.recording.events import Interval, lanes_of, within, write_events
 from granite_lab.reporting.recording.layout import blueprint, extent_of, overlay, trial_layout
 from granite_lab.reporting.recording.scene import write_scene
 from granite_lab.reporting.recording.signals import Line, lines_of, robot_slip, write_lines
@@ -38,10 +37,9 @@ def record_trial(
     Raises:
         LabError: the file cannot be written.
     """
-    lines = list(lines_of(trial, comparison))
-    with recording(
-        path, trial.name, blueprint(_layout("", trial.name, comparison, lines, intervals))
-    ) as stream:
+    lines, intervals = list(lines_of(trial, comparison)), within(intervals, comparison)
+    layout = trial_layout("", lines, lanes=lanes_of(intervals), name=trial.name)
+    with recording(path, trial.name, blueprint(layout)) as stream:
         stream.send_property("trial", properties(trial, comparison))
         _write(Writer(stream), trial, comparison, lines, intervals)
     return path
@@ -64,7 +62,7 @@ def record_study(result: StudyResult, path: Path) -> Path:
     groups: dict[str, list[str]] = {}
     for name, own in sorted(trials.items(), key=lambda item: item[1].comparison.motion.variant.velocity):
         groups.setdefault(f"{own.comparison.motion.variant.velocity:.3g} m/s", []).append(name)
-    layouts = {k: _layout(root_of(k), k, r.comparison, lines[k], ()) for k, r in trials.items()}
+    layouts = {k: trial_layout(root_of(k), lines[k], lanes=lanes_of(()), name=k) for k in trials}
     tabs = [rrb.Tabs(*(layouts[name] for name in names), name=speed) for speed, names in groups.items()]
     extents = {
         speed: extent_of([x for name in names for x in lines[name]]) for speed, names in groups.items()
@@ -97,13 +95,6 @@ def _distinct(names: Sequence[str]) -> list[str]:
             unique, k = f"{name} ({k})", k + 1
         seen.append(unique)
     return seen
-
-
-def _layout(
-    root: str, name: str, comparison: Comparison, lines: Sequence[Line], intervals: Sequence[Interval]
-) -> Any:
-    drawn = comparison.run.robot.chassis is not None
-    return trial_layout(root, lines, lanes=lanes_of(intervals), drawn=drawn, name=name)
 
 
 def _write(

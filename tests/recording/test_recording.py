@@ -1,0 +1,389 @@
+"""Recordings hold what they were made from, read back with rerun's own reader."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granite_lab.errors import LabError
+from granite_lab.parameters import WHEELS
+from granite_lab.reporting.content import TrialResult
+from granite_lab.reporting.recording import Interval, record_study, record_trial
+from granite_lab.reporting.recording import write as write_module
+from granite_lab.reporting.recording.scene import FORCE_SCALE
+from granite_lab.reporting.recording.signals import MOST_ROWS, Line
+from tests.recording.made_up import REST, made_up_study, made_up_trial
+from tests.recording.read_back import ReadBack, verify
+
+NANOSECOND = 0.6e-9
+
+
+@pytest.fixture(scope="module")
+def trial() -> TrialResult:
+    return made_up_trial(0.3, repetition=2)
+
+
+@pytest.fixture(scope="module")
+def path(trial: TrialResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    intervals = [
+        Interval(0.0, 0.4, "velocity", "lag"),
+        Interval(2.0, 4.0, "slip_f", "too low"),
+        Interval(3.0, 5.0, "slip_f", "too high"),
+        Interval(50.0, 60.0, "slip_r", "after the end"),
+    ]
+    folder = tmp_path_factory.mktemp("recording")
+    return record_trial(trial.trial, trial.comparison, folder / "trial.rrd", intervals=intervals)
+
+
+@pytest.fixture(scope="module")
+def back(path: Path) -> ReadBack:
+    return ReadBack(path)
+
+
+def test_reruns_verifier_accepts_it(path: Path) -> None:
+    assert "1 file verified" in verify(path)
+
+
+def test_there_is_one_timeline_and_it_spans_the_log(trial: TrialResult, back: ReadBack) -> None:
+    assert [index.name for index in back.schema.index_columns()] == ["time"]
+    τ = trial.comparison.t
+    t = np.concatenate([back.t(entity) for entity in back.batches])
+    assert t.min() == pytest.approx(τ[0], abs=1e-9)
+    assert t.max() == pytest.approx(τ[-1], abs=1e-9)
+
+
+def test_motion_is_the_estimates_sample_by_sample(trial: TrialResult, back: ReadBack) -> None:
+    motion = trial.comparison.motion
+    for entity, expected in (
+        ("/velocity/measured", motion.v),
+        ("/pitch/measured", motion.pitch),
+        ("/wheel_velocity/measured", motion.v_wheel),
+        ("/wheel_slip/measured", motion.slip),
+    ):
+        np.testing.assert_allclose(back.t(entity), motion.t - 102.0, atol=NANOSECOND)
+        np.testing.assert_array_equal(back.scalars(entity), expected)
+
+
+def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: TrialResult, back: ReadBack) -> None:
+    moving = back.t("/wheel_slip/measured") > 0.2
+    moving &= back.t("/wheel_slip/measured") < trial.comparison.run.steady[1]
+    assert np.isfinite(back.scalars("/wheel_slip/measured")[moving]).all()
+    assert np.isnan(back.scalars("/wheel_slip/measured")[: int(REST / 0.005)]).all()
+    for entity in back.batches:
+        if "slip" in entity or "Scalars:scalars" not in back.batches[entity][0].schema.names:
+            continue
+        assert np.isfinite(back.scalars(entity)).all(), entity
+
+
+def test_simulation_is_the_runs(trial: TrialResult, back: ReadBack) -> None:
+    run = trial.comparison.run
+    np.testing.assert_array_equal(back.scalars("/velocity/simulated"), run["v_mps"])
+    np.testing.assert_array_equal(back.scalars("/pitch/simulated"), run["pitch_rad"])
+    for entity, signal in (("/torque/simulated_rear", "torque_r_Nm"), ("/slip/simulated_front", "slip_f")):
+        rows = np.searchsorted(run.t, back.t(entity) - 1e-6)
+        np.testing.assert_allclose(run.t[rows], back.t(entity), atol=NANOSECOND)
+        np.testing.assert_array_equal(back.scalars(entity), run[signal][rows])
+
+
+def test_thin_lines_stand_two_standard_deviations_beside(trial: TrialResult, back: ReadBack) -> None:
+    motion = trial.comparison.motion
+    t = back.t("/velocity/measured_2sigma")
+    low, high = back.scalars("/velocity/measured_2sigma").T
+    rows = np.searchsorted(motion.t - 102.0, t - 1e-6)
+    np.testing.assert_allclose(low, motion.v[rows] - 2 * motion.v_std[rows])
+    np.testing.assert_allclose(high, motion.v[rows] + 2 * motion.v_std[rows])
+
+
+def test_residuals_are_simulated_minus_measured(trial: TrialResult, back: ReadBack) -> None:
+    c = trial.comparison
+    for plot, channels in (("velocity", ["velocity"]), ("torque", ["torque_f", "torque_r"])):
+        entity = f"/residual_{plot}/difference"
+        rows = np.searchsorted(c.t, back.t(entity) - 1e-6)
+        expected = np.column_stack([c.simulated[k] - c.measured[k] for k in channels])[rows]
+        np.testing.assert_array_equal(back.scalars(entity).reshape(expected.shape), expected)
+
+
+def test_every_line_names_its_unit(back: ReadBack) -> None:
+    lines = [e for e in back.static if "SeriesLines:names" in back.static[e][0].schema.names]
+    assert len(lines) > 30
+    for entity in lines:
+        for name in back.fixed(entity, "SeriesLines:names"):
+            assert name.endswith("]"), (entity, name)
+            assert " [" in name
+
+
+def test_the_measured_robot_is_where_the_estimate_says(trial: TrialResult, back: ReadBack) -> None:
+    c = trial.comparison
+    t = back.t("/scene/measured")
+    x, y, z = back.values("/scene/measured", "Transform3D:translation")[:, 0].T
+    start = np.interp(0.0, c.t, c.motion.x)
+    np.testing.assert_allclose(x, np.interp(t, c.t, c.motion.x) - start, atol=1e-6)
+    assert (y == 0).all()
+    sinkage = np.interp(t, c.run.t, (c.run["sinkage_f_m"] + c.run["sinkage_r_m"]) / 2)
+    np.testing.assert_allclose(0.0965 - z, sinkage, atol=1e-6)
+    qx, qy, qz, qw = back.values("/scene/measured", "Transform3D:quaternion")[:, 0].T
+    np.testing.assert_allclose(2 * np.arctan2(qy, qw), np.interp(t, c.t, c.motion.pitch), atol=1e-6)
+    assert not qx.any()
+    assert not qz.any()
+
+
+def test_wheels_turn_as_far_as_their_encoders_say(trial: TrialResult, back: ReadBack) -> None:
+    motion = trial.comparison.motion
+    t = back.t("/scene/measured/rl/tyre")
+    _, qy, _, qw = back.values("/scene/measured/rl/tyre", "Transform3D:quaternion")[:, 0].T
+    angle = np.unwrap(2 * np.arctan2(qy, qw))
+    travelled = np.trapezoid(motion.v_wheel[:, WHEELS.index("rl")], motion.t)
+    assert angle[-1] - angle[0] == pytest.approx(travelled / 0.0965, abs=5e-3)
+    assert t[-1] == pytest.approx(trial.comparison.t[-1])
+
+
+def test_the_ghost_is_where_the_simulation_says(trial: TrialResult, back: ReadBack) -> None:
+    run = trial.comparison.run
+    t = back.t("/scene/simulated")
+    inside = (t > run.t[0]) & (t < run.t[-1])
+    x = back.values("/scene/simulated", "Transform3D:translation")[:, 0, 0]
+    start = np.interp(0.0, run.t, run["x_m"])
+    np.testing.assert_allclose(x[inside], np.interp(t[inside], run.t, run["x_m"]) - start, atol=1e-6)
+    colour = np.array(back.fixed("/scene/simulated/body", "Mesh3D:albedo_factor"), np.uint32)
+    assert 0 < (int(colour[0]) & 0xFF) < 255  # translucent
+
+
+def test_ground_forces_are_the_simulations_at_the_near_wheels(trial: TrialResult, back: ReadBack) -> None:
+    run = trial.comparison.run
+    entity = "/scene/force_ground_reaction"
+    t = back.t(entity)
+    k = int(np.argmin(np.abs(t - 3.0)))
+    vectors = back.values(entity, "Arrows3D:vectors")[k] / FORCE_SCALE
+    for row, axle in enumerate("fr"):
+        expected = [np.interp(t[k], run.t, run[f"force_{i}_{axle}_N"]) for i in "xz"]
+        np.testing.assert_allclose(vectors[row][[0, 2]], expected, atol=1e-3)
+    origins = back.values(entity, "Arrows3D:origins")[k]
+    assert (origins[:, 1] < -(0.59 + 0.128) / 2).all()  # in front of the right wheels
+    assert origins[0, 0] - origins[1, 0] == pytest.approx(0.425, abs=1e-3)
+    sinkage = [np.interp(t[k], run.t, run[f"sinkage_{axle}_m"]) for axle in "fr"]
+    np.testing.assert_allclose(-origins[:, 2], sinkage, atol=3e-3)
+
+
+def test_the_sand_is_cut_away_behind_the_near_wheels(back: ReadBack) -> None:
+    sand = np.array(back.fixed("/scene/sand", "Mesh3D:vertex_positions"))
+    inner_face, outer_face = -(0.59 - 0.128) / 2, (0.59 + 0.128) / 2
+    assert inner_face < sand[:, 1].min() < inner_face + 0.02  # shows the near wheels whole
+    assert sand[:, 1].max() > outer_face  # carries the far ones
+    assert sand[:, 2].max() == 0.0
+    assert sand[:, 2].min() < -0.03
+
+
+def test_nothing_in_the_scene_is_not_a_number(back: ReadBack) -> None:
+    def numbers(value: object) -> list[float]:
+        if isinstance(value, (list, tuple, np.ndarray)):
+            return [n for item in value for n in numbers(item)]
+        return [float(value)] if isinstance(value, (int, float)) else []
+
+    for batch in (b for entity in back.batches if "/scene" in entity for b in back.batches[entity]):
+        for name in batch.schema.names:
+            if ":" in name:
+                assert np.isfinite(numbers(batch.column(name).to_pylist())).all(), name
+
+
+def test_phases_are_the_motions(trial: TrialResult, back: ReadBack) -> None:
+    states = back.texts("/bars/phase", "StateChange:state")
+    assert states == ["rest", "accelerate", "steady", "brake", "rest"]
+    motion = trial.comparison.motion
+    changes = [0, *(i for i in range(1, len(motion.t)) if motion.phase[i] != motion.phase[i - 1])]
+    np.testing.assert_allclose(back.t("/bars/phase"), motion.t[changes] - 102.0, atol=NANOSECOND)
+
+
+def test_intervals_become_bars_that_end_and_do_not_overlap(back: ReadBack) -> None:
+    lane = "/bars/simulation_differs/slip_f"
+    assert back.texts(lane, "StateChange:state") == ["none", "too low", "too high", "none"]
+    np.testing.assert_allclose(back.t(lane), [-2.0, 2.0, 3.0, 5.0], atol=NANOSECOND)
+    visible = dict(
+        zip(
+            back.fixed(lane, "StateConfiguration:values"),
+            back.fixed(lane, "StateConfiguration:visible"),
+            strict=True,
+        )
+    )
+    assert visible == {"none": False, "too low": True, "too high": True}
+    assert "/bars/simulation_differs/velocity" in back.entities()
+    assert "/bars/simulation_differs/slip_r" not in back.entities()  # lies outside the log
+
+
+def test_the_log_tells_what_the_filter_did(trial: TrialResult, back: ReadBack) -> None:
+    lines = list(
+        zip(
+            back.t("/events"),
+            back.texts("/events", "TextLog:text"),
+            back.texts("/events", "TextLog:level"),
+            strict=True,
+        )
+    )
+    assert [t for t, _, _ in lines] == sorted(t for t, _, _ in lines)
+    text = "\n".join(line for _, line, _ in lines)
+    assert "virtual trial" in text
+    assert text.count("standstill found") == 2
+    assert text.count("zero-velocity updates") == 2
+    assert text.count("zero-rate updates") == 2
+    assert "WARN" in {level for _, line, level in lines if "duplicate stamps" in line}
+    first = next(line for _, line, _ in lines if "zero-velocity" in line)
+    rests = trial.comparison.motion.health.rests
+    kinds = np.array(trial.comparison.motion.health.kind)
+    t = trial.comparison.motion.health.t
+    expected = int(((kinds == "zero_velocity") & (t <= rests[0][1])).sum())
+    assert f"updates: {expected}, until -0.0" in first
+
+
+def test_updates_far_outside_their_std_are_named(trial: TrialResult, tmp_path: Path) -> None:
+    health = trial.comparison.motion.health
+    innovation = health.innovation.copy()
+    innovation[10] = 7.0 * health.innovation_std[10]
+    motion = dataclasses.replace(
+        trial.comparison.motion, health=dataclasses.replace(health, innovation=innovation)
+    )
+    comparison = dataclasses.replace(trial.comparison, motion=motion)
+    back = ReadBack(record_trial(trial.trial, comparison, tmp_path / "a.rrd"))
+    bad = [line for line in back.texts("/events", "TextLog:text") if "times its std off" in line]
+    assert len(bad) == 1
+    assert "7.0 times" in bad[0]
+
+
+def test_the_properties_say_what_the_recording_is(trial: TrialResult, back: ReadBack) -> None:
+    def the(name: str) -> object:
+        return back.fixed("/__properties/trial", name)[0]
+
+    assert the("name") == trial.trial.name
+    assert the("virtual") is True
+    assert the("variant_mps") == 0.3
+    assert the("k92") == trial.comparison.fit.k92.value
+    assert the("slip_ratio_measured") == trial.comparison.motion.slip_ratio.value
+    assert the("version")
+    assert back.fixed("/__properties", "RecordingInfo:name") == [trial.trial.name]
+
+
+def test_the_page_about_the_trial_says_that_it_is_virtual(back: ReadBack) -> None:
+    (text,) = back.fixed("/about", "TextDocument:text")
+    assert "**virtual**" in text
+    assert "0.0830 ± 0.0040" in text
+    assert "3 duplicate stamps were dropped" in text
+
+
+def test_it_opens_paused_on_its_timeline_with_a_layout(path: Path) -> None:
+    reader = ReadBack(path).reader
+    (store,) = reader.blueprints()
+    found: dict[str, object] = {}
+    views = 0
+    for chunk in reader.stream(store=store):
+        batch = chunk.to_record_batch()
+        if str(chunk.entity_path) == "/time_panel":
+            found |= {n: batch.column(n).to_pylist()[0] for n in batch.schema.names if "TimePanel" in n}
+        views += "ViewBlueprint:class_identifier" in batch.schema.names
+    assert found["TimePanelBlueprint:timeline"] == ["time"]
+    assert found["TimePanelBlueprint:play_state"] == [1]  # paused
+    assert views > 15
+
+
+def test_a_channel_that_was_not_measured_is_left_out(trial: TrialResult, tmp_path: Path) -> None:
+    c = trial.comparison
+    unknown = np.full_like(c.t, np.nan)
+    measured = c.measured | {"torque_f": unknown, "torque_r": unknown}
+    bare = dataclasses.replace(trial.trial, currents=None)
+    back = ReadBack(record_trial(bare, dataclasses.replace(c, measured=measured), tmp_path / "a.rrd"))
+    torque = {e for e in back.entities() if e.startswith(("/torque", "/current", "/residual_torque"))}
+    assert torque == {"/torque/simulated_front", "/torque/simulated_rear"}
+    assert "/scene/measured/fr_torque" in back.entities()  # as simulated
+
+
+def test_a_trial_without_imu_and_with_one_encoder_can_be_recorded(trial: TrialResult, tmp_path: Path) -> None:
+    c = trial.comparison
+    v_wheel = c.motion.v_wheel.copy()
+    v_wheel[:, 1:] = np.nan
+    motion = dataclasses.replace(c.motion, v_wheel=v_wheel, pitch=np.full_like(c.t, np.nan))
+    bare = dataclasses.replace(trial.trial, imu=None, currents=None, command=None)
+    path = record_trial(bare, dataclasses.replace(c, motion=motion), tmp_path / "a.rrd")
+    back = ReadBack(path)
+    np.testing.assert_array_equal(back.scalars("/velocity/wheels"), v_wheel[::2, 0])
+    assert "/pitch/measured" not in back.entities()
+    assert np.isfinite(back.values("/scene/measured", "Transform3D:quaternion")).all()
+    assert "1 file verified" in verify(path)
+
+
+HOSTILE = ("../../etc", "a/b\\c", "grüße ∂x", " ", "__properties", "tab\tand\nnewline", "[x]|`*`", "a" * 300)
+
+
+def test_hostile_names_stay_names(tmp_path: Path) -> None:
+    study = made_up_study(1, (0.7,))
+    trials = tuple(made_up_trial(0.7, name=name) for name in (*HOSTILE, "../../etc"))
+    path = record_study(dataclasses.replace(study, trials=trials), tmp_path / "study.rrd")
+    assert "1 file verified" in verify(path)
+    back = ReadBack(path)
+    roots = {
+        e.removesuffix("/velocity/measured") for e in back.entities() if e.endswith("/velocity/measured")
+    }
+    assert len(roots) == len(trials)
+    expected = {r"/..\/..\/etc", r"/a\/b\\c", r"/trial\ __properties", r"/..\/..\/etc\ \(2\)"}
+    assert expected <= roots
+    for root in roots:  # a name is one part of the path, whatever it holds
+        assert root.replace("\\\\", "").replace("\\/", "").count("/") == 1, root
+        np.testing.assert_array_equal(
+            back.scalars(f"{root}/velocity/measured"), trials[0].comparison.motion.v
+        )
+
+
+def test_a_study_lays_its_trials_over_each_other_on_one_clock(tmp_path: Path) -> None:
+    study = made_up_study(2, (0.2, 0.7))
+    path = record_study(study, tmp_path / "study.rrd")
+    assert "1 file verified" in verify(path)
+    back = ReadBack(path)
+    for result in study.trials:
+        root = f"/{result.trial.name}"
+        motion = result.comparison.motion
+        np.testing.assert_array_equal(back.scalars(f"{root}/velocity/measured"), motion.v)
+        np.testing.assert_allclose(back.t(f"{root}/velocity/measured"), motion.t - 102.0, atol=NANOSECOND)
+        mean = back.scalars(f"{root}/robot_slip/measured")
+        steady = (back.t(f"{root}/robot_slip/measured") > 1) & (back.t(f"{root}/robot_slip/measured") < 3)
+        assert mean[steady].mean() == pytest.approx(motion.slip_ratio.value, abs=0.01)
+    assert back.fixed("/__properties/study", "trials") == [r.trial.name for r in study.trials]
+    assert "broken" in back.fixed("/__properties/study", "failures")[0]
+
+
+def test_a_recording_that_fails_leaves_the_old_file_and_nothing_else(
+    trial: TrialResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.rrd"
+    path.write_bytes(b"old")
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("half way")
+
+    monkeypatch.setattr(write_module, "write_scene", fail)
+    with pytest.raises(RuntimeError, match="half way"):
+        record_trial(trial.trial, trial.comparison, path)
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.rrd"]
+
+
+def test_a_folder_that_cannot_be_written_is_named(trial: TrialResult, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LabError) as caught:
+        record_trial(trial.trial, trial.comparison, tmp_path / "file" / "a.rrd")
+    assert str(tmp_path / "file" / "a.rrd") in caught.value.message
+
+
+def test_a_trial_takes_less_than_a_second_and_two_megabytes(tmp_path: Path) -> None:
+    result = made_up_trial(0.3)  # the longest of Table 2
+    begin = time.perf_counter()
+    path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd")
+    assert time.perf_counter() - begin <= 1.0
+    assert path.stat().st_size <= 2_000_000
+
+
+def test_an_hour_is_thinned_so_that_it_still_opens() -> None:
+    t = np.arange(0, 3600, 0.005)
+    line = Line("velocity/measured", ("measured [m/s]",), t, np.sin(t), ((0, 0, 0),)).thinned()
+    assert len(line.t) <= MOST_ROWS
+    np.testing.assert_array_equal(line.value, np.sin(line.t))
+    assert line.t[-1] > 3590

@@ -1,0 +1,163 @@
+"""Opening the viewer, and a look through it where a graphics driver is present."""
+
+from __future__ import annotations
+
+import io
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from granite_lab.errors import InputError, LabError
+from granite_lab.reporting.recording import Interval, open_viewer, record_study, record_trial, viewer
+from tests.recording.made_up import made_up_study, made_up_trial
+
+ARTEFACTS = Path(__file__).parent.parent / "artefacts"
+DRIVERS = Path("/usr/share/vulkan/icd.d")
+SAND, PAINT, MAGENTA = (214, 184, 132), (52, 120, 178), (240, 90, 200)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no_such"):
+        open_viewer(tmp_path / "no_such.rrd")
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    path.write_text("t_s,imu_ax_mps2\n")
+    with pytest.raises(InputError, match="not a Rerun recording"):
+        open_viewer(path)
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    path = tmp_path / "a.rrd"
+    path.write_bytes(b"RRF2 and more")
+    return path
+
+
+def test_no_display_is_said_with_a_way_out(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(LabError, match="no display") as caught:
+        open_viewer(recorded)
+    assert "rerun a.rrd" in caught.value.hint
+
+
+def _pretend(monkeypatch: pytest.MonkeyPatch, code: str) -> list[subprocess.Popen[bytes]]:
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(*_: object) -> subprocess.Popen[bytes]:
+        started.append(subprocess.Popen([sys.executable, "-c", code]))
+        return started[0]
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(viewer, "_start", start)
+    return started
+
+
+def test_a_viewer_that_dies_at_once_is_reported(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _pretend(monkeypatch, "raise SystemExit(102)")
+    with pytest.raises(LabError, match="code 102"):
+        open_viewer(recorded)
+
+
+def test_a_viewer_that_stays_is_left_alone(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viewer, "PATIENCE", 0.3)
+    started = _pretend(monkeypatch, "import time; time.sleep(30)")
+    open_viewer(recorded)
+    (process,) = started
+    assert process.poll() is None
+    process.kill()
+    process.wait()
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def headless(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """A viewer without a window, drawing by whatever Vulkan driver there is."""
+    import rerun_cli
+    from rerun.experimental import ViewerClient
+
+    monkeypatch.setenv("RERUN_ANALYTICS", "0")
+    binary = Path(rerun_cli.__file__).parent / "rerun"
+    port = _free_port()
+    with ViewerClient.spawn(
+        headless=True, port=port, hide_welcome_screen=True, executable_path=str(binary)
+    ) as client:
+        yield client
+
+
+def _opened(client: Any, path: Path) -> Any:
+    client.open(str(path.resolve()))
+    end = time.monotonic() + 20
+    while not (state := client.get_state()).views and time.monotonic() < end:
+        time.sleep(0.2)
+    return state
+
+
+def _picture(png: bytes, keep_as: str) -> np.ndarray:
+    ARTEFACTS.mkdir(exist_ok=True)
+    (ARTEFACTS / f"{keep_as}.png").write_bytes(png)
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), float)
+
+
+def _share(picture: np.ndarray, colour: tuple[int, int, int]) -> float:
+    """Share of the pixels that have this hue, whatever the light makes of their brightness."""
+    target = np.array(colour) / np.linalg.norm(colour)
+    bright = np.linalg.norm(picture, axis=2)
+    cosine = (picture @ target) / np.maximum(bright, 1)
+    return float(((cosine > 0.995) & (bright > 60)).mean())
+
+
+@pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
+def test_a_trial_looks_right_at_three_times(headless: Any, tmp_path: Path) -> None:
+    result = made_up_trial(0.3)
+    intervals = [Interval(0.0, 0.4, "velocity", "simulated too early"), Interval(2, 4, "slip_f", "too low")]
+    path = record_trial(result.trial, result.comparison, tmp_path / "trial.rrd", intervals=intervals)
+    state = _opened(headless, path)
+    (recording,) = state.recordings
+    assert recording.current_timeline == "time"
+    assert recording.current_time == round(result.comparison.t[0] * 1e9)  # at the start, and it stays
+    pictures = []
+    for t in (-1.0, 0.2, 4.0):
+        headless.set_time("time", duration=t, play_state="paused")
+        time.sleep(2)
+        state = headless.get_state()
+        assert len(state.views) > 15
+        for view in state.views:
+            assert not view.reports, (view.name, view.reports)
+        _picture(headless.take_screenshot(), f"recording_{t:g}s")
+        robot = next(view for view in state.views if view.view_class == "3D")
+        pictures.append(_picture(headless.take_screenshot(robot.view_id), f"recording_robot_{t:g}s"))
+    for picture in pictures:
+        assert _share(picture, SAND) > 0.15
+        assert _share(picture, PAINT) > 0.05
+        assert _share(picture, MAGENTA) > 0.001
+    assert np.abs(pictures[2] - pictures[0]).mean() > 1  # it moves
+
+
+@pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
+def test_a_study_looks_right(headless: Any, tmp_path: Path) -> None:
+    path = record_study(made_up_study(2), tmp_path / "study.rrd")
+    _opened(headless, path)
+    headless.set_time("time", duration=2.0, play_state="paused")
+    time.sleep(3)
+    for view in headless.get_state().views:
+        assert not view.reports, (view.name, view.reports)
+    picture = _picture(headless.take_screenshot(), "recording_study")
+    assert _share(picture, (86, 180, 233)) > 1e-4
+    assert _share(picture, (230, 159, 0)) > 1e-4
