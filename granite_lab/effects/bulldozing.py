@@ -1,0 +1,51 @@
+"""Passive pressure of the soil that a wheel pushes ahead of itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from granite_lab.model.command import V_FLOOR
+from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
+from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.parameters import Soil
+
+UNIT_WEIGHT = 15_000.0
+"""Weight of dry, raked sand [N/m^3]; 1.4-1.6 t/m^3."""
+
+
+class Bulldozing(Effect):
+    r"""Rankine's passive earth pressure on the face of the wheel below the surface.
+
+    .. math:: F_b = b (2 c \sqrt{K_p} z_0 + \gamma K_p z_0^2 / 2), \qquad K_p = \tan^2(45° + \phi/2)
+    """
+
+    id = "bulldozing"
+    title = "soil pushed ahead of the wheels"
+    equation = "F_x = (16) − strength · b (2 c √K_p z0 + γ K_p z0²/2) tanh(v/v_floor), K_p = tan²(45° + φ/2)"
+    source = (
+        "Hegedus, A simplified method for the determination of bulldozing resistance, Land Locomotion "
+        "Laboratory report 61, 1960; Bekker, Introduction to Terrain-Vehicle Systems, University of "
+        "Michigan Press 1969; used for rovers by Ishigami et al., Journal of Field Robotics 24, 2007, 233-250"
+    )
+    signature = (
+        "a resistance that does not grow with speed but with sinkage: more slip and more current at "
+        "every speed, from the first centimetre on; with a free current offset it looks like gear "
+        "friction in the currents, but only this one adds slip"
+    )
+    parameters = (
+        EffectParameter("strength", "", "multiple of the passive pressure of a vertical wall",
+                        0.0, 10.0, 0.0, 0.1, 1.0),
+    )  # fmt: skip
+
+    def wheel_forces(
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+    ) -> WheelForces:
+        """Add the resistance at the wheel centre, through which a normal pressure on the face acts."""
+        K_p = ca.tan(np.pi / 4 + soil.friction_angle * np.pi / 360) ** 2
+        z0 = ca.fmax(state.sinkage, 0)
+        F_b = state.width * (2 * soil.cohesion * ca.sqrt(K_p) * z0 + UNIT_WEIGHT * K_p * z0**2 / 2)
+        direction = ca.tanh(state.velocity / V_FLOOR)
+        return replace(forces, extra=forces.extra - own.p["strength"] * F_b * direction)

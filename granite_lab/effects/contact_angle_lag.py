@@ -1,0 +1,61 @@
+"""A rear contact angle that follows the speed late."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+
+from granite_lab.model.command import V_FLOOR
+from granite_lab.model.contact import ContactAngles, WheelState
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.symbols import ModelParameters
+
+REFERENCE = 0.4
+"""Speed at which `time` is stated [m/s]."""
+
+FASTEST = 5e-3
+"""Time constant that is added to the lag's state [s] and taken out again by a lead, so that the
+filter (1 + s FASTEST) / (1 + s (T + FASTEST)) becomes 1 at T = 0 and stays finite on the way."""
+
+
+class ContactAngleLag(Effect):
+    """The shape of the rut behind the wheel takes time, or way, to settle to that of a new speed."""
+
+    id = "contact_angle_lag"
+    title = "rear contact angle that follows with a lag"
+    equation = "T dϑ2/dt + ϑ2 = k_92(v_d) ϑ1, T = time · (0.4 m/s / |v|)^exponent"
+    source = (
+        "the relaxation length of tyres carried over to the contact angle: Pacejka, Tire and Vehicle "
+        "Dynamics, 3rd ed., Butterworth-Heinemann 2012, ch. 7; the length to relax is that of the contact "
+        "patch, 0.04-0.1 m, hence 0.05-0.25 s; the paper's (5) itself is quasi-static"
+    )
+    signature = (
+        "while accelerating, k_92 is still large: less resistance, less current, a faster start, even "
+        "with an overshoot of the speed at 0.7 m/s; while braking the reverse; steady parts are "
+        "untouched; close kin to contact_angle_actual_speed"
+    )
+    parameters = (
+        EffectParameter("time", "s", "time constant at 0.4 m/s", 0.0, 3.0, 0.0, 0.03, 0.4),
+        EffectParameter("exponent", "", "0: a time constant; 1: a length constant",
+                        -0.5, 1.5, 0.5, 0.0, 1.0, shape=True),
+    )  # fmt: skip
+    states = ("ratio",)
+
+    def contact_angles(self, angles: ContactAngles, state: WheelState, own: Own) -> ContactAngles:
+        """Replace k_92 by its lagged value."""
+        T = _lag(state, own)
+        behind = T / (T + FASTEST) * (own.x["ratio"] - state.k92)
+        return replace(angles, rear=angles.rear + behind * angles.front)
+
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+        """Let the lagged ratio follow."""
+        state = axles[0].state
+        return {"ratio": (state.k92 - own.x["ratio"]) / (_lag(state, own) + FASTEST)}
+
+
+def _lag(state: WheelState, own: Own) -> Any:
+    """Return T [s] at the speed of the moment; speeds below V_FLOOR count as that."""
+    speed = ca.sqrt(state.velocity**2 + V_FLOOR**2)
+    return own.p["time"] * (REFERENCE / speed) ** own.p["exponent"]

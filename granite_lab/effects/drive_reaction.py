@@ -1,0 +1,36 @@
+"""Reaction of the driving torques on the body, which (22) leaves out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from granite_lab.model.body import BodyLoad, BodyState
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.symbols import ModelParameters
+
+
+class DriveReaction(Effect):
+    """The motors sit in the body: what drives a wheel forward turns the body backward."""
+
+    id = "drive_reaction"
+    title = "reaction of the driving torques on the body"
+    equation = "I_Ry Θ̈ = (22) − share · Σ T_i"
+    source = (
+        "moment balance of the body alone: Wong, Theory of Ground Vehicles, 4th ed., Wiley 2008, ch. 3; "
+        "the paper's Figs. 5-8 show rear torques above the simulated ones, which this reaction produces"
+    )
+    signature = (
+        "load shifts rearward by share · ΣT/L: nose up in proportion to the torque, rear wheels sink "
+        "deeper and take more current, front wheels less; absent at standstill, largest while accelerating"
+    )
+    parameters = (
+        EffectParameter("share", "", "part of ΣT that the body takes; 1 by Newton's third law",
+                        -0.5, 2.0, 0.0, 0.5, 1.5),
+    )  # fmt: skip
+
+    def body_load(
+        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own
+    ) -> BodyLoad:
+        """Subtract the torques of all four wheels; the pitch is positive nose down, as they are."""
+        torque = 2 * (axles[0].drive_torque + axles[1].drive_torque)
+        return replace(load, moment=load.moment - own.p["share"] * torque)

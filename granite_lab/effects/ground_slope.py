@@ -1,0 +1,41 @@
+"""Ground that is not level."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from granite_lab.model.body import BodyLoad, BodyState
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.symbols import ModelParameters
+from granite_lab.parameters import GRAVITY
+
+
+class GroundSlope(Effect):
+    """The frame O is laid into the slope; gravity turns instead."""
+
+    id = "ground_slope"
+    title = "ground that rises or falls"
+    equation = "g_x = −g sin(slope), g_z = −g cos(slope) in (20), (21)"
+    source = (
+        "(20), (21); sand in a container, raked and levelled by hand, is level to some tenths of a "
+        "degree up to 1°"
+    )
+    signature = (
+        "uphill: more slip and more current in the steady part, by m g sin(slope); the accelerometer "
+        "shows the slope at standstill, too, where it is the exact twin of imu_tilt; a run in the other "
+        "direction has the opposite sign"
+    )
+    parameters = (
+        EffectParameter("slope", "deg", "rise of the ground in the direction of travel",
+                        -15.0, 15.0, 0.0, -2.0, 2.0),
+    )  # fmt: skip
+
+    def body_load(
+        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own
+    ) -> BodyLoad:
+        """Turn gravity."""
+        slope = own.p["slope"] * np.pi / 180
+        return replace(load, gravity_x=-GRAVITY * ca.sin(slope), gravity_z=-GRAVITY * ca.cos(slope))

@@ -1,0 +1,52 @@
+"""Rear wheels in the rut that the front wheels have compacted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from granite_lab.model.command import smoothstep
+from granite_lab.model.contact import WheelState
+from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.parameters import Soil
+
+ENTRY = 0.06
+"""Length over which a contact patch enters the rut [m], that of the patch itself."""
+
+
+class MultiPass(Effect):
+    """From one wheelbase of travel on, the rear wheels run where the front wheels have been."""
+
+    id = "multi_pass"
+    title = "rear wheels in the compacted rut"
+    equation = "rear wheels, x > L: k_c, k_φ times (1 + pressure), K divided by (1 + shear)"
+    source = (
+        "Holm, Multi-pass behaviour of pneumatic tires, Journal of Terramechanics 6(3), 1969, 47-71; Wong, "
+        "Terramechanics and Off-Road Vehicle Engineering, 2nd ed., Elsevier 2010 (repetitive loading); "
+        "Senatore and Sandu, Off-road tire modeling and the multi-pass effect for vehicle mobility, "
+        "Journal of Terramechanics 48, 2011, 265-276: density, cohesion and shear modulus after a pass "
+        "change by a factor that grows with the slip of the pass"
+    )
+    signature = (
+        "a step once the robot has travelled one wheelbase: the rear wheels rise by millimetres, the "
+        "nose goes down; stiffer shear lowers slip and current, front and rear alike; its place is "
+        "fixed in distance, not in time"
+    )
+    parameters = (
+        EffectParameter("pressure", "", "relative rise of the moduli of deformation in the rut",
+                        -0.5, 5.0, 0.0, 0.05, 1.0),
+        EffectParameter("shear", "", "relative rise of the shear stiffness 1/K in the rut",
+                        -0.5, 5.0, 0.0, 0.05, 1.0),
+    )  # fmt: skip
+
+    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
+        """Stiffen the soil under the rear wheels behind the place where the front wheels stood."""
+        if state.front:
+            return soil
+        inside = smoothstep((state.travel - own.model.chassis.wheel_base) / ENTRY + 0.5)
+        factor = 1 + own.p["pressure"] * inside
+        return replace(
+            soil,
+            cohesive_modulus=soil.cohesive_modulus * factor,
+            frictional_modulus=soil.frictional_modulus * factor,
+            shear_modulus=soil.shear_modulus / (1 + own.p["shear"] * inside),
+        )

@@ -1,0 +1,30 @@
+"""A torque constant that is not the one in the robot's file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.symbols import ModelParameters
+
+
+class TorqueConstantError(Effect):
+    """k_m, or the efficiency η_d, which cannot be told from it: T holds only their product."""
+
+    id = "torque_constant_error"
+    title = "torque constant or gear efficiency off"
+    equation = "T = η_d n_d k_m (1 + error) i"
+    source = (
+        "(24); makers of DC motors state k_m within 5-10 %, warm magnets lose up to another 5-10 %: "
+        "Hughes and Drury, Electric Motors and Drives, 5th ed., Newnes 2019, ch. 3"
+    )
+    signature = (
+        "every current off by the same factor, in all phases and at all speeds; nothing moves "
+        "differently; the exact twin of an error of the gear's efficiency or of the current sensors' gain"
+    )
+    parameters = (EffectParameter("error", "", "relative error of k_m η_d", -0.5, 0.5, 0.0, -0.15, 0.15),)
+
+    def system(self, p: ModelParameters, own: Own) -> ModelParameters:
+        """Scale k_m in the torque; the back-EMF keeps its own constant k_e."""
+        constant = p.drive.torque_constant * (1 + own.p["error"])
+        return replace(p, drive=replace(p.drive, torque_constant=constant))

@@ -1,0 +1,68 @@
+"""Wheels that are not centred on their axles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+
+from granite_lab.model.command import V_FLOOR, smoothstep
+from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
+from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.parameters import Soil
+
+
+class WheelEccentricity(Effect):
+    """The geometric centre of the wheel circles about the axle.
+
+    Its place relative to the axle is (c sin θ − s cos θ, c cos θ + s sin θ) in x and z. Front and
+    rear wheels start a trial at angles that nobody knows, hence four numbers, new in each trial.
+    """
+
+    id = "wheel_eccentricity"
+    title = "wheels that run out of true"
+    equation = "wheel centre = axle + (c sin θ − s cos θ, c cos θ + s sin θ)"
+    source = (
+        "kinematics of a circle turning about a point off its centre; moulded tyres on pressed hubs run "
+        "out by 0.2-1.5 mm"
+    )
+    signature = (
+        "heave, pitch and currents swing once a revolution of the wheels, at 0.33-1.2 Hz for 0.2-0.7 m/s; "
+        "the frequency follows the speed, the phase the angle of the wheels"
+    )
+    parameters = tuple(
+        EffectParameter(f"{part}_{axle}", "m", f"{part}e of the wheel's run-out, {axle} wheels",
+                        -0.01, 0.01, 0.0, -0.0015, 0.0015, per_trial=True)
+        for axle in ("front", "rear") for part in ("cos", "sin")
+    )  # fmt: skip
+
+    def wheel(self, state: WheelState, own: Own) -> WheelState:
+        """Move the wheel as the soil meets it."""
+        d_x, d_z = _offset(state, own)
+        return replace(
+            state,
+            sinkage=state.sinkage - d_z,
+            sinkage_rate=state.sinkage_rate + state.rate * d_x,
+            velocity=state.velocity + state.rate * d_z,
+        )
+
+    def wheel_forces(
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+    ) -> WheelForces:
+        """Carry the forces from the wheel's centre to the axle.
+
+        At standstill the moment fades, as the shear does: the friction of the gears would hold it.
+        """
+        d_x, d_z = _offset(state, own)
+        lever = d_z * forces.longitudinal - d_x * forces.normal
+        moving = smoothstep(ca.fabs(state.circumferential_velocity) / V_FLOOR)
+        return replace(forces, moment=forces.moment + moving * lever)
+
+
+def _offset(state: WheelState, own: Own) -> tuple[Any, Any]:
+    """Return the place of the wheel's centre relative to the axle [m]."""
+    name = "front" if state.front else "rear"
+    c, s = own.p[f"cos_{name}"], own.p[f"sin_{name}"]
+    cos, sin = ca.cos(state.angle), ca.sin(state.angle)
+    return c * sin - s * cos, c * cos + s * sin

@@ -1,0 +1,31 @@
+"""Wheel angles that a wrong radius or count has scaled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.symbols import ModelParameters
+
+
+class WheelRadiusError(Effect):
+    """A log whose angles were computed from the way with a wrong radius, or from a wrong count."""
+
+    id = "wheel_radius_error"
+    title = "wheel angles scaled by a wrong radius or count"
+    equation = "enc' = (1 + error) enc"
+    source = (
+        "Borenstein and Feng, Measurement and correction of systematic odometry errors in mobile robots, "
+        "IEEE Transactions on Robotics and Automation 12, 1996, 869-880: wheel diameters are known to some "
+        "tenths of a percent at best; a rubber tyre wears and deflects by 1-4 % of its radius"
+    )
+    signature = (
+        "encoders and body disagree by the same factor at every speed: an apparent slip that is there even "
+        "when the torque is nil; wheels seem to miss their commanded angle in proportion to the way"
+    )
+    parameters = (EffectParameter("error", "", "relative error of the reading", -0.2, 0.2, 0.0, -0.04, 0.04),)
+
+    def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
+        """Scale the angles."""
+        scale = 1 + own.p["error"]
+        return {n: scale * s if n.startswith("enc_") else s for n, s in signals.items()}

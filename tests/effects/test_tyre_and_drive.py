@@ -1,0 +1,156 @@
+"""Tyre and drive effects act as mechanics demands."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid, solve_ivp
+
+from granite_lab.effects import get
+from granite_lab.effects.gear_backlash import CROSSING, SEATING
+from granite_lab.effects.tyre_windup import TREAD_LAG
+from granite_lab.model.effect import Own
+from granite_lab.parameters import GRAVITY
+from tests.effects.runs import CHASSIS, DRIVE, ROBOT, at, run
+
+
+def test_the_drives_reaction_moves_the_load_rearward_by_torque_over_wheelbase() -> None:
+    """Moments about the rear axle; the nose that rises carries the centre of mass back a little, too."""
+    plain, changed = run(), run("drive_reaction", share=1.0)
+    t = plain.steady[1]
+    lost = 2 * (at(plain, t, "force_z_f_N") - at(changed, t, "force_z_f_N"))
+    gained = 2 * (at(changed, t, "force_z_r_N") - at(plain, t, "force_z_r_N"))
+    torque = 2 * (at(changed, t, "torque_f_Nm") + at(changed, t, "torque_r_Nm"))
+    raised = at(plain, t, "pitch_rad") - at(changed, t, "pitch_rad")
+    tilt = CHASSIS.total_mass * GRAVITY * CHASSIS.com_z * raised
+    for shift in (lost, gained):
+        assert shift == pytest.approx((torque + tilt) / CHASSIS.wheel_base, rel=0.003)
+    assert tilt < 0.03 * torque
+    assert at(changed, -0.5, "force_z_f_N") == pytest.approx(at(plain, -0.5, "force_z_f_N"), abs=1e-6)
+
+
+def test_the_twist_of_the_tyre_is_that_of_a_spring_and_a_damper() -> None:
+    """A torque that rises at once: ψ = κ M (1 - exp(-t/T_r)), the creep of a Kelvin-Voigt body."""
+    effect, κ, T_r, M = get("tyre_windup"), 2e-3, 0.02, 6.0
+
+    def rates(_: float, x: np.ndarray) -> list[float]:
+        own = Own(
+            {"compliance": κ, "retardation": T_r},
+            dict(zip(effect.states, [*x, 0.0, 0.0], strict=True)), 0.0, None,  # type: ignore[arg-type]
+        )  # fmt: skip
+        axle = SimpleNamespace(forces=SimpleNamespace(moment=-M))
+        found = effect.rates((axle, axle), None, own)  # type: ignore[arg-type]
+        return [found["torque_f"], found["torque_rate_f"]]
+
+    t = np.linspace(0, 0.2, 200)
+    u = solve_ivp(rates, (0, 0.2), [0.0, 0.0], t_eval=t, method="LSODA", rtol=1e-8, atol=1e-8).y[0]
+    np.testing.assert_allclose(κ * u, κ * M * (1 - np.exp(-t / T_r)), atol=κ * M * 2 * TREAD_LAG / T_r)
+
+
+def test_a_softer_tyre_makes_the_body_later_at_the_start_and_leaves_the_steady_slip() -> None:
+    plain = run()
+
+    def delay(changed: Any) -> float:
+        start = (plain.t > 0) & (plain.t < 0.4)
+        reached = [np.interp(0.05, r["v_mps"][start], r.t[start]) for r in (plain, changed)]
+        return float(reached[1] - reached[0])
+
+    runs = [run("tyre_windup", compliance=κ) for κ in (1e-3, 2e-3, 4e-3)]
+    delays = [delay(r) for r in runs]
+    assert 0 < delays[0] < delays[1] < delays[2] < 0.05
+    for r in runs:
+        assert r.slip_ratio == pytest.approx(plain.slip_ratio, abs=2e-4)
+
+
+def _tread_rate(r: Any, axle: str, κ: float, T_r: float) -> np.ndarray:
+    """Solve u + T_r u̇ = -M for u, step by step, and return ω - κ u̇."""
+    τ, h, u = -r[f"moment_{axle}_Nm"], r.t[1] - r.t[0], 0.0
+    rates = np.zeros_like(τ)
+    for i, target in enumerate(τ):
+        rates[i] = (target - u) / T_r
+        u = target + (u - target) * np.exp(-h / T_r)
+    return np.asarray(r[f"omega_{axle}_radps"] - κ * rates)
+
+
+def test_a_tyre_gives_back_no_more_energy_than_was_put_into_it() -> None:
+    """Power into the rim less power out of the tread, summed from rest, is stored or lost: never negative."""
+    κ, T_r = 4e-3, 0.02
+    r = run("tyre_windup", compliance=κ, retardation=T_r, step=0.001)
+    for a in "fr":
+        power = -r[f"moment_{a}_Nm"] * (r[f"omega_{a}_radps"] - _tread_rate(r, a, κ, T_r))
+        taken = cumulative_trapezoid(power, r.t, initial=0)
+        assert taken.max() > 0.01
+        assert taken.min() > -0.01 * taken.max()
+        assert taken[-1] > 0
+
+
+def test_a_softer_tyre_lowers_the_axles_by_load_over_stiffness_at_rest() -> None:
+    """At standstill axle depth = sinkage of the soil + W/k_r."""
+    κ = 2.5e-5
+    r = run("radial_tyre_compliance", compliance=κ)
+    for sign, a in ((1, "f"), (-1, "r")):
+        depth = ROBOT.wheels.radius - (
+            at(r, -0.5, "z_m") - sign * CHASSIS.wheel_base / 2 * np.sin(at(r, -0.5, "pitch_rad"))
+        )
+        load = at(r, -0.5, f"load_{a}_N")
+        assert depth - at(r, -0.5, f"sinkage_{a}_m") == pytest.approx(κ * load, rel=1e-3)
+    plain = run()
+    assert at(r, -0.5, "sinkage_f_m") < at(plain, -0.5, "sinkage_f_m")
+    assert at(r, -0.5, "load_f_N") == pytest.approx(at(plain, -0.5, "load_f_N"), rel=1e-3)
+
+
+def test_friction_in_the_gears_costs_current_and_not_speed() -> None:
+    plain, changed = run(), run("drivetrain_friction", coulomb=1.0, viscous=0.1)
+    t = plain.steady[1]
+    for a in "fr":
+        more = at(changed, t, f"current_{a}_A") - at(plain, t, f"current_{a}_A")
+        lost = 1.0 + 0.1 * at(changed, t, f"omega_{a}_radps")
+        per_ampere = DRIVE.gear_efficiency * DRIVE.gear_ratio * DRIVE.torque_constant
+        assert more == pytest.approx(lost / per_ampere, rel=2e-3)
+    assert changed.slip_ratio == pytest.approx(plain.slip_ratio, abs=1e-4)
+
+
+def test_play_in_the_gears_delays_the_start_by_the_time_the_motor_needs_to_take_it_up() -> None:
+    """The motor follows the command a t²/2r, so that half the play passes within √(2 r (play/2) / a)."""
+    plain, changed = run(v=0.2), run("gear_backlash", v=0.2, play=2.0)
+    start = (plain.t > 0) & (plain.t < 0.3)
+    late = np.interp(0.02, changed["v_mps"][start], changed.t[start]) - np.interp(
+        0.02, plain["v_mps"][start], plain.t[start]
+    )
+    takes = np.sqrt(2 * ROBOT.wheels.radius * np.radians(1.0) / plain.variant.acceleration)
+    assert 0.4 * takes < late < takes
+    t = plain.steady[1]
+    for a in "fr":  # the encoder sits on the motor and leads the wheel by half the play
+        assert at(changed, t, f"enc_{a}_rad") - at(changed, t, f"theta_{a}_rad") == pytest.approx(
+            np.radians(1.0), rel=1e-3
+        )
+    assert takes > CROSSING
+    assert at(plain, t, "torque_f_Nm") > 5 * SEATING
+
+
+def test_play_in_the_gears_gives_back_no_more_energy_than_was_put_into_it() -> None:
+    r = run("gear_backlash", play=3.0, step=0.001)
+    for a in "fr":
+        δ_rate = np.gradient(r[f"enc_{a}_rad"] - r[f"theta_{a}_rad"], r.t)
+        taken = cumulative_trapezoid(r[f"torque_{a}_Nm"] * δ_rate, r.t, initial=0)
+        assert taken.min() > -1e-3 * taken.max()
+
+
+def test_a_sagging_supply_leaves_the_wheels_behind_the_command() -> None:
+    plain, changed = run(v=0.7), run("supply_sag", v=0.7, resistance=0.5)
+    t = plain.steady[1]
+    for a in "fr":
+        assert at(changed, t, f"enc_{a}_rad") < at(plain, t, f"enc_{a}_rad") - 0.005
+        # the motor needs the same voltage for the same speed and torque in the end
+        assert at(changed, t, f"voltage_{a}_V") == pytest.approx(at(plain, t, f"voltage_{a}_V"), rel=2e-3)
+
+
+def test_a_larger_torque_constant_takes_less_current_for_the_same_torque() -> None:
+    plain, changed = run(), run("torque_constant_error", error=0.1)
+    t = plain.steady[1]
+    for a in "fr":
+        assert at(changed, t, f"cur_{a}_A") == pytest.approx(at(plain, t, f"cur_{a}_A") / 1.1, rel=1e-3)
+        assert at(changed, t, f"torque_{a}_Nm") == pytest.approx(at(plain, t, f"torque_{a}_Nm"), rel=1e-3)
