@@ -43,7 +43,8 @@ class TableFormat:
     """
 
     delimiter: str = field(
-        default="", metadata={"choices": ("", ",", ";", "|", "\t", "tab", "space", "comma", "semicolon")}
+        default="",
+        metadata={"choices": ("", ",", ";", "|", "\t", "tab", "space", "comma", "semicolon", "bar")},
     )
     decimal: str = field(default="", metadata={"choices": ("", ".", ",")})
     skip_rows: float = field(
@@ -145,7 +146,7 @@ def sniff(path: Path, table: TableFormat | None = None) -> Dialect:
             f"{path}: no header line, only comments",
             "the header names the columns, such as t_s,imu_ax_mps2,…",
         )
-    named = {"tab": "\t", "space": " ", "comma": ",", "semicolon": ";"}
+    named = {name: sign for sign, name in _DELIMITER_NAMES.items()}
     delimiter = named.get(table.delimiter, table.delimiter) or said or _delimiter([text for _, text in lines])
     rows = list(zip((n for n, _ in lines), _cells(path, [t for _, t in lines], delimiter), strict=False))
     decimal = table.decimal or _decimal([row for _, row in rows], delimiter)

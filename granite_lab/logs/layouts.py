@@ -60,8 +60,9 @@ class Column:
         to: the channels it feeds; none for a column that only belongs to the picture.
         name: its name; upper and lower case count as one.
         pattern: or a regular expression for the whole name; a group called `unit` gives the unit.
-        unit: its unit, unless the name gives it; an encoder's unit says what it reports: an angle (rad, deg, rev, counts), a
-            rate (rad/s, rpm, …), a circumferential velocity (m/s) or a cumulated distance (m).
+        unit: its unit, unless the name gives it; an encoder's unit says what it reports: an angle
+            (rad, deg, rev, counts), a rate (rad/s, rpm, …), a circumferential velocity (m/s) or a
+            cumulated distance (m).
         scale: factor on the value; a wrong sign is -1.
         wrap: range after which the raw value starts again (0: found out).
         counts_per_rev: counts per wheel revolution (0: the robot's).
@@ -122,7 +123,6 @@ class Layout:
     column: tuple[Column, ...]
 
 
-@lru_cache
 def load_layout(name: str | Path) -> Layout:
     """Read a column map, by name or path.
 

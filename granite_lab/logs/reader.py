@@ -68,6 +68,25 @@ def read_trial(
         if other is not None and Path(other) != first:
             sources[role] = open_source(Path(other), maps, None)
     refuse_unused(list(sources.values()), maps)
+    return assemble(sources, robot, info)
+
+
+def assemble(
+    sources: dict[str, Source],
+    robot: str | Path | None = None,
+    info: TrialInfo | None = None,
+    *,
+    whole: bool = True,
+) -> Trial:
+    """Turn the files of a trial, by what each was given for ("" for the first), into a Trial.
+
+    With `whole`, a trial must hold an IMU or encoders.
+
+    Raises:
+        InputError: the samples cannot be used.
+        UsageError: unknown robot.
+    """
+    first = sources[""].path
     doubts: list[str] = []
     name, the_robot = _robot(sources, robot, info, doubts)
     parts = {role: read_streams(source, the_robot) for role, source in sources.items()}
@@ -83,7 +102,7 @@ def read_trial(
     if wheels is not None:
         wheels, more = check_wheels(wheels, stream, the_robot, str(first))
         doubts += more
-    if stream is None and wheels is None:
+    if whole and stream is None and wheels is None:
         raise InputError(f"{first}: neither IMU nor encoder samples", "a trial needs at least one of them")
     trial = Trial(
         name=first.stem,
@@ -198,8 +217,8 @@ def _across(trial: Trial) -> list[str]:
     streams = {"IMU": trial.imu, "encoders": trial.wheels, "motor currents": trial.currents}
     found = {what: stream.t for what, stream in streams.items() if stream is not None}
     doubts = [text for what, t in found.items() if (text := describe_gaps(t, what))]
-    base, *others = found.items()
-    for what, t in others:
+    base = next(iter(found.items()), ("", np.zeros(0)))
+    for what, t in list(found.items())[1:]:
         shared = min(t[-1], base[1][-1]) - max(t[0], base[1][0])
         if shared <= 0:
             raise InputError(

@@ -1,0 +1,349 @@
+"""`inspect_logs`: what a log seems to be, and how sure that is."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granite_lab.errors import InputError
+from granite_lab.logs.clocks import GAP_PERIODS
+from granite_lab.logs.dialect import Dialect, is_number, sniff
+from granite_lab.logs.guess import Guess, guess
+from granite_lab.logs.layouts import Column, Layout
+from granite_lab.logs.mapfile import Entry, map_toml
+from granite_lab.logs.matching import Match, choose
+from granite_lab.logs.reader import Maps, assemble
+from granite_lab.logs.sources import given_maps, open_source
+from granite_lab.logs.stretches import MotionGuess, look, rests
+from granite_lab.logs.table import load
+from granite_lab.logs.trial import Array, Trial
+from granite_lab.parameters import load_robot
+
+
+@dataclass(frozen=True)
+class ColumnReport:
+    """One column: what it feeds, in which unit, how sure (0 to 1) and why; NaN range for texts."""
+
+    name: str
+    place: int
+    to: tuple[str, ...]
+    unit: str
+    confidence: float
+    why: str
+    low: float = math.nan
+    high: float = math.nan
+    filled: float = math.nan
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """The clock of one sensor: [s] and [Hz]; jitter is the std of the steps."""
+
+    what: str
+    samples: int
+    start: float
+    end: float
+    rate: float
+    jitter: float
+    gaps: int
+    longest_gap: float
+
+
+@dataclass(frozen=True)
+class FileReport:
+    """One file.
+
+    Attributes:
+        path: where it is.
+        dialect: how its text is laid out; None if it is no table.
+        layout: the column map that fits; "" if none does and columns were guessed.
+        confidence: in the layout as a whole, 0 to 1.
+        columns: what the columns are.
+        streams: clocks of the sensors.
+        rests: standstills [s].
+        motion: a first look at the motion; None without wheels.
+        doubts: everything the reader was not sure of, wraps and saturation included.
+        problem: why the file cannot be read as it is; "".
+    """
+
+    path: Path
+    dialect: Dialect | None
+    layout: str
+    confidence: float
+    columns: tuple[ColumnReport, ...] = ()
+    streams: tuple[StreamReport, ...] = ()
+    rests: tuple[tuple[float, float], ...] = ()
+    motion: MotionGuess | None = None
+    doubts: tuple[str, ...] = ()
+    problem: str = ""
+    entries: tuple[Entry, ...] = ()
+    head: tuple[tuple[str, object], ...] = ()
+
+    def to_map_toml(self) -> str:
+        """Return a column map of what was recognised, which reads the file when given as ``--map``.
+
+        Raises:
+            InputError: the file is no table.
+        """
+        if self.dialect is None:
+            raise InputError(self.problem, "only a table of numbers can be mapped")
+        title = f"written from {self.path.name}"
+        return map_toml(self.path.stem, title, self.dialect, self.entries, self.head)
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What was recognised in some logs, file by file."""
+
+    files: tuple[FileReport, ...]
+
+    def to_map_toml(self, index: int = 0) -> str:
+        """Return the column map of one of the files.
+
+        Raises:
+            InputError: the file is no table.
+        """
+        return self.files[index].to_map_toml()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        return {"schema": "granite-lab/inspect/1", "files": [_plain(report) for report in self.files]}
+
+
+def _plain(report: FileReport) -> dict[str, Any]:
+    """Return a report as plain data."""
+    dialect = report.dialect
+    motion = report.motion
+    return {
+        "path": str(report.path),
+        "layout": report.layout or None,
+        "confidence": report.confidence,
+        "text": None
+        if dialect is None
+        else {
+            "encoding": dialect.encoding,
+            "delimiter": dialect.delimiter_name,
+            "decimal": dialect.decimal,
+            "header_line": dialect.header_line,
+            "first_row": dialect.data_line,
+        },
+        "columns": [dataclasses.asdict(column) for column in report.columns],
+        "streams": [dataclasses.asdict(stream) for stream in report.streams],
+        "standstills_s": [list(interval) for interval in report.rests],
+        "motion": None
+        if motion is None
+        else {
+            "velocity_mps": motion.velocity,
+            "acceleration_mps2": motion.acceleration,
+            "distance_m": motion.distance,
+            "variant_mps": motion.variant.velocity if motion.variant else None,
+            "confidence": motion.confidence,
+        },
+        "doubts": list(report.doubts),
+        "problem": report.problem or None,
+    }
+
+
+def inspect_logs(
+    paths: Sequence[str | Path],
+    *,
+    map: Maps = None,  # noqa: A002  # the option is called --map
+    robot: str | Path | None = None,
+    rows: str | None = None,
+) -> Inspection:
+    """Look at logs of known or unknown layout.
+
+    A file that cannot be used is not an error here but a `problem` in its report.
+
+    Args:
+        paths: the files.
+        map: column maps, by name or path.
+        robot: name or file of the robot.
+        rows: which rows to take, as ``run_id = 4``.
+
+    Raises:
+        UsageError: unknown robot or column map.
+    """
+    maps = given_maps(map)
+    return Inspection(tuple(_inspect(Path(path), maps, robot, rows) for path in paths))
+
+
+def _inspect(path: Path, maps: Sequence[Layout], robot: str | Path | None, rows: str | None) -> FileReport:
+    """Look at one file."""
+    try:
+        table = maps[0].table if len(maps) == 1 else None
+        dialect = sniff(path, table)
+    except InputError as error:
+        return FileReport(path, None, "", 0.0, problem=error.message)
+    columns, doubts = _numbers(path, dialect)
+    problem = ""
+    found: Match | None = None
+    try:
+        found = choose(path, dialect, maps)
+    except InputError as error:
+        problem = error.message
+    if found is not None:
+        reports, layout, name, confidence = _recognised(found, columns), found.layout, found.layout.name, 0.95
+        entries = _entries_of(found)
+    else:
+        guesses = guess({_key(dialect, place): values for place, values in columns.items()})
+        reports, entries = _guessed(dialect, columns, guesses)
+        layout, name = _layout_of(path, entries), ""
+        used = [g.confidence for g in guesses if g.to]
+        confidence = min(used, default=0.0)
+    head = tuple((key, value) for key, value in _head(layout))
+    report = FileReport(
+        path, dialect, name, confidence, tuple(reports), doubts=tuple(doubts), problem=problem,
+        entries=tuple(entries), head=head,
+    )  # fmt: skip
+    return _with_samples(report, layout, robot, rows)
+
+
+def _numbers(path: Path, dialect: Dialect) -> tuple[dict[int, Array], list[str]]:
+    """Read every column that holds numbers; a faulty one becomes a doubt."""
+    doubts: list[str] = []
+    columns: dict[int, Array] = {}
+    candidates = []
+    for place in range(dialect.width):
+        cells = [row[place].strip() for row in dialect.sample if row[place].strip()]
+        if cells and sum(is_number(cell, dialect.decimal) for cell in cells) > 0.5 * len(cells):
+            candidates.append(place)
+    try:
+        return load(path, dialect, candidates) if candidates else ({}, doubts)
+    except InputError:
+        for place in candidates:
+            try:
+                columns |= load(path, dialect, [place])[0]
+            except InputError as error:
+                doubts.append(error.message)
+    return columns, doubts
+
+
+def _key(dialect: Dialect, place: int) -> str:
+    """Name a column so that the name is unique."""
+    name = dialect.headers[0][place] if dialect.headers else f"column {place + 1}"
+    again = dialect.headers and dialect.headers[0].index(name) != place
+    return f"{name} ({place + 1})" if again else name
+
+
+def _range(values: Array) -> tuple[float, float, float]:
+    """Return lowest and highest value and the filled share of a column."""
+    seen = values[np.isfinite(values)]
+    if len(seen) == 0:
+        return math.nan, math.nan, 0.0
+    return float(seen.min()), float(seen.max()), len(seen) / len(values)
+
+
+def _recognised(found: Match, columns: dict[int, Array]) -> list[ColumnReport]:
+    """Report the columns of a known layout."""
+    reports = []
+    for place in dict.fromkeys(b.place for b in found.bindings):
+        bound = [b for b in found.bindings if b.place == place]
+        low, high, filled = _range(columns.get(place, np.zeros(0)))
+        why = f"layout '{found.layout.name}'"
+        to = tuple(b.channel for b in bound)
+        reports.append(
+            ColumnReport(bound[0].name, place, to, bound[0].unit.name, 0.95, why, low, high, filled)
+        )
+    return reports
+
+
+def _entries_of(found: Match) -> list[Entry]:
+    """Write down the columns of a known layout as entries of a map."""
+    entries = []
+    for place in dict.fromkeys(b.place for b in found.bindings):
+        bound = [b for b in found.bindings if b.place == place]
+        spec = bound[0].spec
+        defaults = {f.name: f.default for f in dataclasses.fields(Column)}
+        keys = ("scale", "wrap", "counts_per_rev", "increment")
+        settings = tuple((k, getattr(spec, k)) for k in keys if getattr(spec, k) != defaults[k])
+        to = tuple(b.channel for b in bound)
+        if "t" in to and sum(b.channel == "t" for b in found.bindings) > 1:
+            settings = (*settings, ("optional", True))
+        entries.append(Entry(bound[0].name, place, to, bound[0].unit.name, settings))
+    return entries
+
+
+def _guessed(
+    dialect: Dialect, columns: dict[int, Array], guesses: Sequence[Guess]
+) -> tuple[list[ColumnReport], list[Entry]]:
+    """Report the columns of an unknown layout."""
+    reports, entries = [], []
+    for (place, values), one in zip(columns.items(), guesses, strict=True):
+        name = dialect.headers[0][place] if dialect.headers else one.name
+        low, high, filled = _range(values)
+        reports.append(
+            ColumnReport(name, place, one.to, one.unit, one.confidence, one.why, low, high, filled)
+        )
+        note = f"{one.confidence:.0%} sure ({one.why}); values from {low:.6g} to {high:.6g}"
+        # Two columns of one name cannot be told apart by a map.
+        clear = not dialect.headers or dialect.headers[0].count(name) == 1
+        entries.append(Entry(name, place, one.to if clear else (), one.unit, note=note))
+    if not dialect.headers:
+        texts = [p for p in range(dialect.width) if p not in columns]
+        entries += [Entry(f"column {p + 1}", p, (), "", note="texts") for p in texts]
+        entries.sort(key=lambda entry: entry.place)
+    return reports, entries
+
+
+def _layout_of(path: Path, entries: Sequence[Entry]) -> Layout:
+    """Make a layout of guessed columns."""
+    columns = tuple(Column(to=e.to, name=e.name, unit=e.unit) for e in entries if e.to and e.name)
+    return Layout(name=path.stem, column=columns)
+
+
+def _head(layout: Layout) -> list[tuple[str, object]]:
+    """Return what a written map takes over from the layout."""
+    keys = ("robot", "rows", "split", "gravity_removed")
+    return [(key, getattr(layout, key)) for key in keys if getattr(layout, key)]
+
+
+def _with_samples(
+    report: FileReport, layout: Layout, robot: str | Path | None, rows: str | None
+) -> FileReport:
+    """Read the file by the layout and look at its samples."""
+    try:
+        if not report.layout and not any("t" in e.to for e in report.entries):
+            return report
+        trial = assemble({"": open_source(report.path, [layout], rows)}, robot, whole=False)
+    except InputError as error:
+        return dataclasses.replace(
+            report, problem=report.problem or error.message, doubts=(*report.doubts, error.message)
+        )
+    the_robot = load_robot(trial.info.robot or "granite")
+    return dataclasses.replace(
+        report,
+        streams=tuple(_streams(trial)),
+        rests=tuple(rests(trial, the_robot)),
+        motion=look(trial, the_robot),
+        doubts=report.doubts + trial.warnings,
+    )
+
+
+def _streams(trial: Trial) -> list[StreamReport]:
+    """Describe the clock of every sensor."""
+    sensors = {
+        "imu": trial.imu,
+        "encoders": trial.wheels,
+        "motor currents": trial.currents,
+        "command": trial.command,
+        "reference": trial.reference_x or trial.reference_v,
+    }
+    reports = []
+    for what, stream in sensors.items():
+        if stream is None:
+            continue
+        steps = np.diff(stream.t)
+        period = float(np.median(steps))
+        usual = steps[steps <= GAP_PERIODS * period]
+        gaps = int((steps > GAP_PERIODS * period).sum())
+        jitter, longest = float(usual.std()), float(steps.max())
+        start, end = float(stream.t[0]), float(stream.t[-1])
+        reports.append(StreamReport(what, len(stream.t), start, end, 1 / period, jitter, gaps, longest))
+    return reports
