@@ -1,0 +1,248 @@
+"""Figures without global state: one size, one palette with fixed meaning, the same bytes each time."""
+
+from __future__ import annotations
+
+import io
+import re
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from granite_lab.logs.trial import Array
+
+# Okabe and Ito's palette, safe for all common kinds of colour blindness. Blue tones are always
+# measured, orange tones simulated, the light tone of each the rear axle or the wheels.
+MEASURED = "#0072b2"
+MEASURED_LIGHT = "#56b4e9"
+SIMULATED = "#d55e00"
+SIMULATED_LIGHT = "#e69f00"
+FITTED = "#009e73"
+PAPER = "#cc79a7"
+DESIRED = "#555555"
+INK = "#000000"
+FAINT = "#b0b0b0"
+GREY = "#8a8a8a"
+SHADE = "#ededed"
+GROUND = "#ffffff"
+
+THEMED = {
+    MEASURED: "measured",
+    MEASURED_LIGHT: "measured-light",
+    SIMULATED: "simulated",
+    SIMULATED_LIGHT: "simulated-light",
+    FITTED: "fitted",
+    PAPER: "paper",
+    DESIRED: "desired",
+    INK: "ink",
+    FAINT: "faint",
+    GREY: "grey",
+    SHADE: "shade",
+    GROUND: "ground",
+}
+"""Colours that a page may replace by its own variable of that name, for dark mode."""
+
+RC = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.titlesize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "axes.edgecolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.unicode_minus": True,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.4,
+    "lines.linewidth": 1.2,
+    "path.simplify": True,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "granite-lab",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+
+def styled() -> AbstractContextManager[None]:
+    """Return a context in which figures are made with `RC`, whatever the user's matplotlibrc says."""
+    settings: Any = RC
+    return mpl.rc_context(settings)
+
+
+WIDTH = 4.8  # [in]; a figure then reads at the width of a phone and in half a page
+LEFT, RIGHT = 0.78, 0.14  # margins [in]
+XLABEL = 0.48  # room below the lowest panel [in]
+HEAD = 0.08  # room above the highest legend [in]
+LEGEND_ROW = 0.165  # height of one row of a legend [in]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A finished figure with what a reader is told about it.
+
+    Attributes:
+        id: stem of its files.
+        title: what it shows.
+        sentence: what to see in it.
+        alt: for those who cannot see it.
+        figure: the figure.
+    """
+
+    id: str
+    title: str
+    sentence: str
+    alt: str
+    figure: Figure
+
+
+def stacked(
+    heights: list[float], legend_rows: list[int], width: float = WIDTH, gap: float = 0.12
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with panels above each other that share the x axis, legends between them.
+
+    Args:
+        heights: of the panels [in].
+        legend_rows: rows of the legend above each panel.
+        width: of the figure [in].
+        gap: between a panel and the legend of the next one [in].
+    """
+    total = (
+        HEAD
+        + XLABEL
+        + sum(heights)
+        + LEGEND_ROW * sum(legend_rows)
+        + gap * (len(heights) - 1)
+        + 0.04 * len(heights)
+    )
+    with styled():
+        figure = Figure(figsize=(width, total))
+        axes: list[Axes] = []
+        top = total - HEAD
+        for height, rows in zip(heights, legend_rows, strict=True):
+            top -= LEGEND_ROW * rows + 0.04
+            box = (LEFT / width, (top - height) / total, (width - LEFT - RIGHT) / width, height / total)
+            axes.append(figure.add_axes(box, sharex=axes[0] if axes else None))
+            top -= height + gap
+        for axis in axes[:-1]:
+            axis.tick_params(labelbottom=False)
+    return figure, axes
+
+
+def legend_above(axis: Axes, columns: int = 3) -> None:
+    """Put the legend of a panel above it, where it covers nothing."""
+    handles, labels = axis.get_legend_handles_labels()
+    if handles:
+        axis.legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=columns, frameon=False,
+            borderaxespad=0.1, borderpad=0.1, handlelength=1.8, columnspacing=1.1, labelspacing=0.2,
+        )  # fmt: skip
+
+
+def align_labels(axes: list[Axes]) -> None:
+    """Put the labels of the y axes on one vertical line."""
+    for axis in axes:
+        figure = axis.get_figure(root=True)
+        assert figure is not None
+        wide = axis.get_position().width * figure.get_size_inches()[0]
+        axis.yaxis.set_label_coords(-(LEFT - 0.16) / wide, 0.5)
+
+
+def data_tag(virtual: bool) -> str:
+    """Return what follows a title whose data come from a simulator."""
+    return " (virtual data)" if virtual else ""
+
+
+def mark_virtual(figure: Figure, virtual: bool) -> None:
+    """Write on the figure itself, in its lower left corner, that its data come from a simulator."""
+    if virtual:
+        width, height = figure.get_size_inches()
+        figure.text(0.06 / width, 0.06 / height, "virtual\ndata", ha="left", va="bottom", fontsize=7.5,
+                    style="italic", color=DESIRED, linespacing=1.0)  # fmt: skip
+
+
+def envelope(t: Array, *values: Array, points: int = 700) -> tuple[Array, ...]:
+    """Thin traces for drawing: keep the smallest and the largest sample of the first in each bin.
+
+    Args:
+        t: (N,) instants.
+        *values: (N,) traces; all are thinned at the same samples, NaN stays where a bin has nothing else.
+        points: about how many samples remain.
+    """
+    n = len(t)
+    if n <= points:
+        return (t, *values)
+    edges = np.linspace(0, n, points // 2 + 1).astype(int)
+    keep = [0, n - 1]
+    first = values[0]
+    for a, b in pairwise(edges):
+        part = first[a:b]
+        if np.isnan(part).all():
+            keep.append(a)
+            continue
+        keep.extend((a + int(np.nanargmin(part)), a + int(np.nanargmax(part))))
+    index = np.unique(keep)
+    return (t[index], *(v[index] for v in values))
+
+
+_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+_STYLE_COLOUR = re.compile(r"#[0-9a-f]{6}")
+
+
+def to_svg(figure: Figure) -> str:
+    """Return the figure as SVG text: the same bytes for the same figure, coordinates to 0.01 pt."""
+    buffer = io.StringIO()
+    with styled():
+        canvas: Any = FigureCanvasSVG(figure)
+        canvas.print_svg(buffer, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    text = buffer.getvalue()
+    text = _NUMBER.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), text)
+    return text.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif")
+
+
+def to_png(figure: Figure, dpi: int = 150) -> bytes:
+    """Return the figure as PNG, without a date in it."""
+    buffer = io.BytesIO()
+    figure.set_dpi(dpi)
+    with styled():
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.print_png(buffer, metadata={"Software": None}, pil_kwargs={"optimize": False})
+        return buffer.getvalue()
+
+
+def inline_svg(svg: str, drawing_id: str, label: str) -> str:
+    """Turn an SVG file into an element of a page.
+
+    Its ids become unique, its colours follow the page's theme, its size the page's width, and
+    it carries a title for screen readers.
+
+    Args:
+        svg: text of `to_svg`.
+        drawing_id: unique in the page.
+        label: escaped text for screen readers.
+    """
+    body = svg[svg.index("<svg") :].strip()
+    body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.S)
+    body = re.sub(r'\bid="([^"]*)"', rf'id="{drawing_id}-\1"', body)
+    body = re.sub(r'(xlink:href|href)="#([^"]*)"', rf'href="#{drawing_id}-\2"', body)
+    body = re.sub(r"url\(#([^)]*)\)", rf"url(#{drawing_id}-\1)", body)
+    body = _STYLE_COLOUR.sub(lambda m: f"var(--{THEMED[m[0]]}, {m[0]})" if m[0] in THEMED else m[0], body)
+    head, rest = body.split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', head)
+    size = re.search(r'width="([\d.]+)pt" height="([\d.]+)pt"', head)
+    assert box is not None
+    assert size is not None
+    head = f'<svg {box[0]} width="{size[1]}" height="{size[2]}" role="img" aria-label="{label}"'
+    return f"{head}>{rest}"

@@ -1,0 +1,165 @@
+"""A report as JSON: the numbers behind it, slip ratios as fractions, NaN as null."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from granite_lab.parameters import load_paper
+from granite_lab.reporting.content import StudyResult, TrialResult
+from granite_lab.reporting.document import Discovery, Report
+from granite_lab.reporting.summary import MeanEstimate, Speed, by_speed, gaps
+
+SCHEMA = "granite-lab/report/1"
+
+
+def to_json(result: StudyResult, report: Report, discovery: Discovery | None = None) -> str:
+    """Return the report as one JSON document; the same study gives the same bytes."""
+    return dumps(as_document(result, report, discovery))
+
+
+def as_document(result: StudyResult, report: Report, discovery: Discovery | None = None) -> dict[str, Any]:
+    """Return the report as plain objects."""
+    paper = load_paper()
+    return {
+        "schema": SCHEMA,
+        "name": result.name,
+        "virtual": result.virtual,
+        "summary": {
+            "measured": report.lead,
+            "virtual": report.virtual or None,
+            "answers": [
+                {"id": a.id, "question": a.question, "verdict": a.verdict or None, "text": a.text}
+                for a in report.answers
+            ],
+        },
+        "speeds": [_speed(s) for s in by_speed(result, paper)],
+        "a_theta": _a_theta(result),
+        "misfits": [dataclasses.asdict(g) for g in gaps([r.comparison for r in result.trials]).values()],
+        "discovery": discovery.data if discovery else None,
+        "trials": [_trial(r) for r in result.trials],
+        "failures": [dataclasses.asdict(f) for f in result.failures],
+        "figures": [
+            {
+                "id": d.id,
+                "title": d.title,
+                "sentence": d.sentence,
+                "svg": f"figures/{d.id}.svg",
+                "png": f"figures/{d.id}.png",
+            }
+            for d in report.drawings
+        ],
+        "tables": [{"id": t.id, "title": t.title, "csv": f"tables/{t.id}.csv"} for t in report.tables],
+        "provenance": {
+            "version": result.source.version,
+            "command": result.source.command,
+            "inputs": [{"file": shown_path(i.path), "sha256": i.sha256} for i in result.source.inputs],
+            "parameters": [
+                {"key": key, "value": value, "unit": unit, "origin": origin}
+                for key, value, unit, origin in result.source.parameters
+            ],
+        },
+    }
+
+
+def shown_path(path: Path) -> str:
+    """Return a path as a report may show it: of an absolute one only the name."""
+    return path.name if path.is_absolute() else path.as_posix()
+
+
+def _mean(mean: MeanEstimate) -> dict[str, Any]:
+    return {"value": mean.value, "std": mean.std, "ci95": [mean.low, mean.high], "trials": mean.count}
+
+
+def _speed(speed: Speed) -> dict[str, Any]:
+    published = speed.published
+    return {
+        "speed_mps": speed.velocity,
+        "slip_ratio": _mean(speed.slip),
+        "slip_ratio_simulated": speed.simulated,
+        "k92": _mean(speed.k92),
+        "paper": {
+            "slip_ratio_simulated": published.slip_simulated,
+            "slip_ratio_measured": published.slip_measured,
+            "k92": published.k92,
+        }
+        if published
+        else None,
+        "paper_inside_interval": speed.slip.holds(published.slip_measured) if published else None,
+        "trials": [r.trial.name for r in speed.results],
+    }
+
+
+def _a_theta(result: StudyResult) -> dict[str, Any] | None:
+    fit = result.a_theta
+    if fit is None:
+        return None
+    return {
+        "value": fit.a_theta.value,
+        "std": fit.a_theta.std,
+        "ci95": fit.ci95,
+        "log_linear": fit.log_linear,
+        "ordinary": fit.ordinary,
+        "scatter": fit.scatter,
+        "published": fit.published,
+        "agrees": fit.agrees,
+        "points": [
+            {"trial": trial, "speed_mps": v, "k92": k92.as_json(), "slip_ratio": slip.as_json()}
+            for trial, v, k92, slip in fit.points
+        ],
+        "laws": [dataclasses.asdict(law) for law in fit.laws],
+        "notes": fit.notes,
+    }
+
+
+def _trial(r: TrialResult) -> dict[str, Any]:
+    m, fit = r.comparison.motion, r.comparison.fit
+    return {
+        "name": r.trial.name,
+        "virtual": r.trial.info.virtual or m.virtual,
+        "layout": r.trial.layout,
+        "repetition": r.trial.info.repetition,
+        "variant": dataclasses.asdict(m.variant) | {"source": m.variant_source},
+        "slip_ratio": m.slip_ratio.as_json(),
+        "distance_m": m.distance.as_json(),
+        "distance_wheels_m": m.distance_wheels.as_json(),
+        "steady_s": m.steady,
+        "t_start_s": m.t_start.as_json(),
+        "clock_offset_s": m.clock_offset.as_json(),
+        "noise": m.noise,
+        "k92": fit.k92.as_json() | {"status": fit.status},
+        "k92_trajectory": fit.k92_trajectory.as_json() | {"status": fit.status_trajectory},
+        "slip_ratio_simulated": fit.slip_simulated,
+        "effects": r.comparison.run.effects,
+        "health": {
+            "good": m.health.good,
+            "verdict": m.health.verdict,
+            "nis": m.health.nis,
+            "rests_s": m.health.rests,
+        },
+        "misfits": [dataclasses.asdict(x) for x in r.comparison.misfits],
+        "warnings": list(dict.fromkeys((*r.trial.warnings, *m.warnings, *fit.notes))),
+    }
+
+
+def dumps(document: Mapping[str, Any]) -> str:
+    """Write JSON; NaN and infinity become null."""
+    return json.dumps(_plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, str) or value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, Sequence):
+        return [_plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

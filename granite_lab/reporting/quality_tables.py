@@ -1,0 +1,117 @@
+"""The tables that say how good model and estimates are, and what they were made from."""
+
+from __future__ import annotations
+
+import math
+
+from granite_lab.reporting.content import StudyResult
+from granite_lab.reporting.json_report import shown_path
+from granite_lab.reporting.rounding import NONE, shown_as, significant, tidy_unit
+from granite_lab.reporting.study_tables import data_cell
+from granite_lab.reporting.summary import PHASES, Gap, word_for
+from granite_lab.reporting.table import Cell, Table, columns, count, number, words
+
+TONES = {"within the noise": "good", "visible gap": "fair", "large gap": "bad"}
+
+
+def channel_table(found: dict[tuple[str, str], Gap], virtual: bool) -> Table:
+    """Return how well the model explains each channel over whole trials: the table of the first page."""
+    rows = []
+    for (_, phase), gap in found.items():
+        if phase != "all":
+            continue
+        unit, scale = shown_as(gap.unit)
+        worst = max(
+            (found[gap.channel, p] for p in PHASES if (gap.channel,
+            p) in found and math.isfinite(found[gap.channel, p].normalised)),
+            key=lambda g: g.normalised, default=None,
+        )  # fmt: skip
+        word = word_for(gap.normalised)
+        rows.append(
+            (
+                words(gap.name), Cell(f"{significant(gap.rms * scale, 2)} {tidy_unit(unit)}",
+                (gap.rms, gap.unit)),
+                number(gap.normalised, 2), words(word, TONES.get(word, "")),
+                words(worst.phase if worst else NONE),
+                data_cell(virtual),
+            )
+        )  # fmt: skip
+    return Table(
+        "channels", "How well the model explains each channel",
+        "Simulated minus measured over whole trials; 1 in the third column is the noise floor.",
+        columns("channel", ("misfit, rms", ("rms", "unit")), ("over noise", ("rms_over_noise",)), "verdict",
+        "worst phase", "data"),
+        tuple(rows),
+    )  # fmt: skip
+
+
+def misfit_table(found: dict[tuple[str, str], Gap], virtual: bool) -> Table:
+    """Return the misfit per channel and phase."""
+    rows = []
+    for (_, phase), gap in found.items():
+        unit, scale = shown_as(gap.unit)
+        rows.append(
+            (
+                words(gap.name), words(phase), words(tidy_unit(unit)), number(gap.rms, 2, scale=scale),
+                number(gap.bias, 2, scale=scale),
+                number(gap.peak, 2, scale=scale), number(gap.normalised, 2), count(gap.trials),
+                data_cell(virtual),
+            )
+        )  # fmt: skip
+    return Table(
+        "misfits", "Misfit per channel and phase, over all trials",
+        "Simulated minus measured: root mean square, mean, largest; the CSV holds them in SI units, slip "
+        "ratios as fractions.",
+        columns(
+            "channel", "phase", "unit", ("rms", ("rms_si",)), ("mean", ("bias_si",)),
+            ("largest", ("peak_si",)),
+            ("rms over noise", ("rms_over_noise",)), ("trials", ("trials",)), "data",
+        ),
+        tuple(rows),
+    )  # fmt: skip
+
+
+def health_table(result: StudyResult) -> Table:
+    """Return the verdicts on the filter."""
+    rows = []
+    for r in result.trials:
+        h = r.comparison.motion.health
+        nis = ", ".join(f"{kind.replace('_', ' ')} {significant(value, 2)}" for kind, value in h.nis.items())
+        rest = sum(end - start for start, end in h.rests)
+        rows.append(
+            (
+                words(r.trial.name), data_cell(r.trial.info.virtual),
+                words("good" if h.good else "doubtful", "good" if h.good else "bad"), number(rest, 2),
+                words(nis or NONE), words(h.verdict),
+            )
+        )  # fmt: skip
+    return Table(
+        "health", "Health of the estimates",
+        "NIS is the mean normalised innovation squared: 1 is ideal, below 1 cautious, above 1 overconfident.",
+        columns("trial", "data", "filter", ("at rest [s]", ("rest_s",)), "NIS per update", "verdict"),
+        tuple(rows),
+    )  # fmt: skip
+
+
+def parameter_table(result: StudyResult) -> Table:
+    """Return every parameter in force and its origin."""
+    rows = tuple(
+        (words(key), Cell(value, (value,)), words(tidy_unit(unit)), words(origin))
+        for key, value, unit, origin in result.source.parameters
+    )
+    return Table(
+        "parameters", "Parameters in force", "Each with the file it was read from.",
+        columns("parameter", ("value", ("value",)), "unit", "origin"), rows,
+    )  # fmt: skip
+
+
+def input_table(result: StudyResult) -> Table:
+    """Return the files that were read; of an absolute path only the name."""
+    rows = tuple((words(shown_path(i.path)), words(i.sha256)) for i in result.source.inputs)
+    return Table(
+        "inputs",
+        "Files that were read",
+        "With them and the parameters the report can be made again.",
+        columns("file", "SHA-256"),
+        rows,
+    )

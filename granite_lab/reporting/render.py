@@ -1,0 +1,62 @@
+"""A report as HTML and as Markdown; whatever comes from a log is escaped in both."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from granite_lab.reporting.canvas import inline_svg
+from granite_lab.reporting.document import Fold, Gallery, Listing, Report, Words
+from granite_lab.reporting.table import Table
+
+_KINDS = {"words": Words, "listing": Listing, "gallery": Gallery, "table": Table, "fold": Fold}
+_SYMBOL = re.compile(r"\b(k_92|a_θ|λ_R|b_0|b_1)\b")
+_UNIT = re.compile(r"(?<=\d) (?=[%°]|(?:m/s|mm/s|s/m|N m|ms)\b)")
+_MARKDOWN = {c: f"\\{c}" for c in "\\`*_[]|~#$"} | {"&": "&amp;", "<": "&lt;", ">": "&gt;"}
+
+
+def to_html(report: Report, svgs: dict[str, str]) -> str:
+    """Return the report as one HTML page that needs nothing else.
+
+    Args:
+        report: the report.
+        svgs: SVG text of each figure by its id.
+    """
+    inlined = {d.id: Markup(inline_svg(svgs[d.id], d.id, str(escape(d.alt)))) for d in report.drawings}
+    return _environment(html=True).get_template("report.html").render(report=report, svg=inlined)
+
+
+def to_markdown(report: Report) -> str:
+    """Return the report as Markdown that shows the figures beside it."""
+    text = _environment(html=False).get_template("report.md").render(report=report)
+    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
+
+
+def marked(text: object) -> Markup:
+    """Escape a text, keep numbers on the line of their units, and set λ_R with its index low."""
+    safe = _UNIT.sub("\u00a0", str(escape(text)))
+    return Markup(_SYMBOL.sub(lambda m: m[1].replace("_", "<sub>", 1) + "</sub>", safe))
+
+
+def plain_markdown(value: object) -> str:
+    """Escape a text so that Markdown shows it as it is, on one line, also inside a table."""
+    flat = re.sub(r"[\r\n\t\v\f\x00-\x1f]+", " ", str(value))
+    return "".join(_MARKDOWN.get(c, c) for c in flat)
+
+
+@lru_cache
+def _environment(*, html: bool) -> Environment:
+    environment = Environment(
+        loader=PackageLoader("granite_lab.reporting"),
+        autoescape=html,
+        finalize=None if html else plain_markdown,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    environment.filters["marked"] = marked
+    for name, kind in _KINDS.items():
+        environment.tests[name] = lambda value, kind=kind: isinstance(value, kind)
+    return environment

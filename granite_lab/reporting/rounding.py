@@ -1,0 +1,115 @@
+"""Numbers as a reader wants them: no more digits than their uncertainty carries, with units."""
+
+from __future__ import annotations
+
+import math
+
+from granite_lab.estimate import Estimate
+
+NONE = "–"
+"""What stands where a number could not be had."""
+
+_SPACE = "\u00a0"  # no line break between a number and its unit
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def decimals_for(std: float) -> int:
+    """Return the decimal place a standard deviation is rounded to.
+
+    The rule of the Particle Data Group: of the three leading digits, 100 to 354 keep two, 355 to
+    949 keep one, 950 to 999 become 1000 and keep two (which is the same place).
+    """
+    exponent = math.floor(math.log10(std))
+    leading = round(std / 10.0 ** (exponent - 2))
+    if leading >= 1000:
+        exponent, leading = exponent + 1, 100
+    return -exponent + (1 if leading < 355 else 0)
+
+
+def _fixed(value: float, decimals: int) -> str:
+    rounded = round(value, decimals) + 0.0  # no "-0"
+    return f"{rounded:.{max(decimals, 0)}f}".replace("-", "−")
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits, as a power of ten outside 1e-4 … 1e6."""
+    if not math.isfinite(value):
+        return NONE if math.isnan(value) else ("∞" if value > 0 else "−∞")
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(value)))
+    if -4 <= exponent < 6:
+        decimals = digits - 1 - exponent
+        if round(abs(value), decimals) >= 10.0 ** (exponent + 1):
+            decimals -= 1  # 9.996 with three digits is 10.0
+        return _fixed(value, decimals)
+    mantissa = round(value / 10.0**exponent, digits - 1)
+    if abs(mantissa) >= 10:
+        mantissa, exponent = mantissa / 10, exponent + 1
+    return f"{_fixed(mantissa, digits - 1)}·10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def with_unit(text: str, unit: str) -> str:
+    """Put a unit behind a printed number; ``-`` and the empty unit add nothing."""
+    return text if text == NONE or unit in ("", "-") else f"{text}{_SPACE}{tidy_unit(unit)}"
+
+
+def tidy_unit(unit: str) -> str:
+    """Write a unit as a reader expects it: m/s² for m/s^2."""
+    return unit.replace("^2", "²").replace("^3", "³").replace("deg", "°").replace("ohm", "Ω")
+
+
+def plus_minus(estimate: Estimate, unit: str = "", scale: float = 1.0) -> str:
+    """Return ``value ± std unit``, both rounded to the place the standard deviation carries.
+
+    Args:
+        estimate: value and std, in the unit of the record.
+        unit: as printed.
+        scale: from the record's unit to the printed one.
+    """
+    value, std = estimate.value * scale, abs(estimate.std * scale)
+    if not math.isfinite(value):
+        return NONE
+    if not math.isfinite(std) or std == 0:
+        return with_unit(significant(value), unit)
+    decimals = decimals_for(std)
+    exponent = math.floor(math.log10(max(abs(value), std)))
+    if exponent >= 6 or decimals > 6:
+        shown = Estimate(value / 10.0**exponent, std / 10.0**exponent)
+        power = f"·10{str(exponent).translate(_SUPERSCRIPT)}"
+        return with_unit(f"({plus_minus(shown)}){power}", unit)
+    return with_unit(f"{_fixed(value, decimals)} ± {_fixed(std, decimals)}", unit)
+
+
+def interval(low: float, high: float, unit: str = "", scale: float = 1.0) -> str:
+    """Return ``low to high unit``, both with the digits that half the width carries."""
+    low, high = low * scale, high * scale
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return NONE
+    if high <= low:
+        return with_unit(significant(low), unit)
+    decimals = decimals_for((high - low) / 4)
+    return with_unit(f"{_fixed(low, decimals)} to {_fixed(high, decimals)}", unit)
+
+
+def rounded_like(value: float, std: float, unit: str = "", scale: float = 1.0) -> str:
+    """Return a value with the digits its standard deviation carries, without the deviation."""
+    std = abs(std * scale)
+    if not math.isfinite(value) or not math.isfinite(std) or std == 0:
+        return with_unit(significant(value * scale), unit)
+    return with_unit(_fixed(value * scale, decimals_for(std)), unit)
+
+
+SHOWN_AS: dict[str, tuple[str, float]] = {
+    "m/s": ("mm/s", 1e3),
+    "rad": ("deg", 180 / math.pi),
+    "rad/s": ("deg/s", 180 / math.pi),
+    "-": ("%", 100.0),
+    "": ("%", 100.0),
+}
+"""Unit and factor in which a small difference of a channel is printed (dimensionless: slip ratios)."""
+
+
+def shown_as(unit: str) -> tuple[str, float]:
+    """Return the unit and factor in which differences in `unit` are printed."""
+    return SHOWN_AS.get(unit, (unit, 1.0))

@@ -1,0 +1,216 @@
+"""The numbers of the answer: slip and k_92 per speed, and how far the model is from each channel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from granite_lab.comparison.record import Comparison, Misfit
+from granite_lab.estimate import Estimate
+from granite_lab.parameters import Paper, Published
+from granite_lab.reporting.content import StudyResult, TrialResult
+
+PHASES = ("rest", "accelerate", "steady", "brake")
+
+CHANNELS = {
+    "velocity": "body velocity",
+    "wheel_fl": "wheel speed, front left",
+    "wheel_fr": "wheel speed, front right",
+    "wheel_rl": "wheel speed, rear left",
+    "wheel_rr": "wheel speed, rear right",
+    "slip_f": "slip ratio, front",
+    "slip_r": "slip ratio, rear",
+    "torque_f": "driving torque, front",
+    "torque_r": "driving torque, rear",
+    "pitch": "pitch",
+    "accel": "forward acceleration",
+    "pitch_rate": "pitch rate",
+}
+"""Channels of a comparison, in the order of the report, as a reader calls them."""
+
+
+@dataclass(frozen=True)
+class MeanEstimate:
+    """A mean over repetitions.
+
+    Attributes:
+        value, std: the mean and its standard error.
+        low, high: 95 % interval.
+        count: how many went in.
+    """
+
+    value: float
+    std: float
+    low: float
+    high: float
+    count: int
+
+    @property
+    def estimate(self) -> Estimate:
+        """The mean with its standard error."""
+        return Estimate(self.value, self.std)
+
+    def holds(self, value: float) -> bool | None:
+        """Whether the interval holds a value; None where there is no interval."""
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and math.isfinite(value)):
+            return None
+        return self.low <= value <= self.high
+
+
+def mean_over(estimates: Iterable[Estimate]) -> MeanEstimate:
+    """Average repetitions, with the wider of two 95 % intervals.
+
+    One comes from the scatter between the repetitions (Student's t), the other from their stated
+    standard deviations. The first knows the sand's scatter, the second the sensors'; with few
+    repetitions either can be too small by chance.
+    """
+    finite = [e for e in estimates if math.isfinite(e.value)]
+    n = len(finite)
+    if n == 0:
+        return MeanEstimate(math.nan, math.nan, math.nan, math.nan, 0)
+    values = np.array([e.value for e in finite])
+    stated = np.array([e.std for e in finite])
+    by_statement = float(np.sqrt(np.sum(stated**2)) / n) if np.isfinite(stated).all() else math.nan
+    by_scatter = float(np.std(values, ddof=1) / np.sqrt(n)) if n > 1 else math.nan
+    halves = [1.959964 * by_statement, float(stdtrit(max(n - 1, 1), 0.975)) * by_scatter]
+    known = [h for h in halves if math.isfinite(h)]
+    half = max(known) if known else math.nan
+    errors = [s for s in (by_statement, by_scatter) if math.isfinite(s)]
+    mean = float(values.mean())
+    return MeanEstimate(mean, max(errors) if errors else math.nan, mean - half, mean + half, n)
+
+
+@dataclass(frozen=True, eq=False)
+class Speed:
+    """All trials at one desired velocity.
+
+    Attributes:
+        velocity: desired velocity [m/s].
+        results: the trials.
+        slip: λ_R as measured, over the trials.
+        simulated: mean λ_R of the simulations with the fitted k_92.
+        k92: fitted to the steady slip, over the trials.
+        published: the paper's row of Table 3; None where it has none.
+    """
+
+    velocity: float
+    results: tuple[TrialResult, ...]
+    slip: MeanEstimate
+    simulated: float
+    k92: MeanEstimate
+    published: Published | None
+
+    @property
+    def typical(self) -> TrialResult:
+        """The trial whose λ_R is in the middle; the one that is drawn."""
+        ranked = sorted(
+            self.results,
+            key=lambda r: (
+                math.isnan(r.comparison.motion.slip_ratio.value),
+                r.comparison.motion.slip_ratio.value,
+            ),
+        )
+        usable = [r for r in ranked if math.isfinite(r.comparison.motion.slip_ratio.value)]
+        return usable[(len(usable) - 1) // 2] if usable else ranked[0]
+
+
+def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
+    """Group the trials by desired velocity, to 0.01 m/s."""
+    groups: dict[float, list[TrialResult]] = {}
+    for trial in result.trials:
+        groups.setdefault(round(trial.comparison.motion.variant.velocity, 2), []).append(trial)
+    rows = []
+    for velocity, trials in sorted(groups.items()):
+        simulated = [
+            t.comparison.fit.slip_simulated for t in trials if math.isfinite(t.comparison.fit.slip_simulated)
+        ]
+        fits = [t.comparison.fit for t in trials]
+        rows.append(
+            Speed(
+                velocity=velocity,
+                results=tuple(trials),
+                slip=mean_over(t.comparison.motion.slip_ratio for t in trials),
+                simulated=float(np.mean(simulated)) if simulated else math.nan,
+                k92=mean_over(f.k92 for f in fits if f.status == "ok"),
+                published=next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None),
+            )
+        )
+    return tuple(rows)
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far simulation and measurement are apart in one channel and phase, over trials.
+
+    Attributes:
+        channel, unit, phase: as in `Misfit`.
+        rms, bias, peak: root mean square, mean and largest absolute difference over the trials.
+        normalised: root mean square over the noise (1 is the noise floor); NaN if unknown.
+        trials: how many trials have this channel.
+    """
+
+    channel: str
+    unit: str
+    phase: str
+    rms: float
+    bias: float
+    peak: float
+    normalised: float
+    trials: int
+
+    @property
+    def name(self) -> str:
+        """The channel as a reader calls it."""
+        return CHANNELS.get(self.channel, self.channel)
+
+
+def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
+    """Pool the misfits of several trials, weighted by samples; (channel, phase) to gap."""
+    pooled: dict[tuple[str, str], list[Misfit]] = {}
+    for comparison in comparisons:
+        for m in comparison.misfits:
+            if m.samples and math.isfinite(m.rms):
+                pooled.setdefault((m.channel, m.phase), []).append(m)
+    return {key: _pool(misfits) for key, misfits in sorted(pooled.items(), key=lambda item: _rank(item[0]))}
+
+
+def _rank(key: tuple[str, str]) -> tuple[int, str, int]:
+    order, phases = list(CHANNELS), ("all", *PHASES)
+    place = order.index(key[0]) if key[0] in order else len(order)
+    return place, key[0], phases.index(key[1]) if key[1] in phases else len(phases)
+
+
+def _pool(misfits: list[Misfit]) -> Gap:
+    weights = np.array([m.samples for m in misfits], dtype=float)
+    known = [m for m in misfits if math.isfinite(m.normalised)]
+    return Gap(
+        channel=misfits[0].channel,
+        unit=misfits[0].unit,
+        phase=misfits[0].phase,
+        rms=float(np.sqrt(np.average([m.rms**2 for m in misfits], weights=weights))),
+        bias=float(np.average([m.bias for m in misfits], weights=weights)),
+        peak=max(m.peak for m in misfits),
+        normalised=float(
+            np.sqrt(np.average([m.normalised**2 for m in known], weights=[m.samples for m in known]))
+        )
+        if known
+        else math.nan,
+        trials=len(misfits),
+    )
+
+
+NOISE, VISIBLE = 1.5, 3.0
+"""Misfit over noise below which a channel is met within the noise, and above which the gap is large."""
+
+
+def word_for(normalised: float) -> str:
+    """Say in words how large a misfit over its noise is."""
+    if not math.isfinite(normalised):
+        return "not judged: its noise is not known"
+    if normalised <= NOISE:
+        return "within the noise"
+    return "visible gap" if normalised <= VISIBLE else "large gap"

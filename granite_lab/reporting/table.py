@@ -1,0 +1,127 @@
+"""One table, written as HTML (by the template), Markdown, CSV or on a terminal."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from granite_lab.estimate import Estimate
+from granite_lab.reporting.rounding import NONE, plus_minus, significant, with_unit
+
+Raw = float | int | bool | str | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: what stands above it, and the names of the plain columns it becomes in a CSV.
+
+    Attributes:
+        title: above the column, with its unit in brackets.
+        keys: names in the CSV, with the unit behind them; one per raw value of a cell.
+        number: set flush right.
+    """
+
+    title: str
+    keys: tuple[str, ...]
+    number: bool = True
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What is printed, and the plain values behind it.
+
+    Attributes:
+        text: as printed.
+        raw: as in the CSV, one per key of the column.
+        tone: "", "good", "fair" or "bad"; the text says the same.
+    """
+
+    text: str
+    raw: tuple[Raw, ...]
+    tone: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the report.
+
+    Attributes:
+        id: stem of its CSV.
+        title: what it lists.
+        sentence: what to see in it.
+        columns, rows: its content; the first cell of a row names the row.
+    """
+
+    id: str
+    title: str
+    sentence: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    def to_csv(self) -> str:
+        """Return the plain values as CSV; a text that a spreadsheet would run gets a leading quote."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow([key for column in self.columns for key in column.keys])
+        for row in self.rows:
+            writer.writerow([_plain(value) for cell in row for value in cell.raw])
+        return out.getvalue()
+
+
+def _plain(value: Raw) -> str:
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    return safe_cell(str(value))
+
+
+def safe_cell(text: str) -> str:
+    """Return a text that no spreadsheet takes for a formula, on one line."""
+    flat = re.sub(r"[\r\n\t\v\f\x00]+", " ", text)
+    return f"'{flat}" if flat.lstrip().startswith(("=", "+", "-", "@")) else flat
+
+
+def words(text: str, tone: str = "") -> Cell:
+    """Return a cell that holds a text."""
+    return Cell(text, (text,), tone)
+
+
+def number(value: float, digits: int = 3, unit: str = "", scale: float = 1.0) -> Cell:
+    """Return a cell that holds a number without uncertainty; the raw value stays in the record's unit."""
+    return Cell(
+        with_unit(significant(value * scale, digits), unit) if math.isfinite(value) else NONE, (value,)
+    )
+
+
+def fixed(value: float, decimals: int, scale: float = 1.0) -> Cell:
+    """Return a cell with so many decimals."""
+    text = f"{value * scale:.{decimals}f}".replace("-", "−") if math.isfinite(value) else NONE
+    return Cell(text, (value,))
+
+
+def count(value: int) -> Cell:
+    """Return a cell that holds a whole number."""
+    return Cell(str(value), (value,))
+
+
+def estimate(value: Estimate, scale: float = 1.0) -> Cell:
+    """Return a cell with value ± std; the raw values stay in the record's unit."""
+    return Cell(plus_minus(value, scale=scale), (value.value, value.std))
+
+
+def columns(*titles: str | tuple[str, Sequence[str]] | tuple[str, Sequence[str], bool]) -> tuple[Column, ...]:
+    """Build columns from (title, keys) or (title, keys, number); a bare title is a column of words."""
+    made = []
+    for t in titles:
+        if isinstance(t, str):
+            made.append(Column(t, (re.sub(r"\W+", "_", t.lower()).strip("_"),), number=False))
+        else:
+            made.append(Column(t[0], tuple(t[1]), bool(t[2]) if len(t) == 3 else True))
+    return tuple(made)

@@ -1,0 +1,114 @@
+"""Write a report's files: complete, or not at all."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from granite_lab.comparison.record import Comparison
+from granite_lab.files import readable
+from granite_lab.reporting.assemble import assemble
+from granite_lab.reporting.canvas import Drawing, to_png, to_svg
+from granite_lab.reporting.content import StudyResult
+from granite_lab.reporting.document import Discovery
+from granite_lab.reporting.json_report import to_json
+from granite_lab.reporting.plot_motion import comparison_drawing
+from granite_lab.reporting.plot_quality import misfit_drawing
+from granite_lab.reporting.quality_tables import channel_table, misfit_table
+from granite_lab.reporting.render import to_html, to_markdown
+from granite_lab.reporting.summary import gaps
+from granite_lab.reporting.table import Table
+
+
+def write_report(result: StudyResult, folder: Path, discovery: Discovery | None = None) -> Path:
+    """Write ``index.html``, ``report.md``, ``report.json``, ``figures/`` and ``tables/``.
+
+    Everything is written beside the folder first and then moved into place; other files in the
+    folder stay.
+
+    Args:
+        result: the study.
+        folder: of the report; made if it does not exist.
+        discovery: what a search for a missing effect found, if one was run.
+
+    Returns:
+        path of ``index.html``.
+
+    Raises:
+        LabError: a file cannot be written.
+    """
+    report = assemble(result, discovery)
+    with _replacing(folder) as new:
+        svgs = _write_figures(report.drawings, new / "figures")
+        _write_tables(report.tables, new / "tables")
+        _write(new / "report.json", to_json(result, report, discovery))
+        _write(new / "report.md", to_markdown(report))
+        _write(new / "index.html", to_html(report, svgs))
+    return folder / "index.html"
+
+
+def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Path]:
+    """Write the panels of each trial and the tables of misfits, without a report around them.
+
+    Raises:
+        LabError: a file cannot be written.
+    """
+    found = gaps(comparisons)
+    virtual = any(c.motion.virtual for c in comparisons)
+    drawings = [comparison_drawing(c, i) for i, c in enumerate(comparisons, 1)]
+    heat = misfit_drawing(found, virtual)
+    tables = [channel_table(found, virtual), misfit_table(found, virtual)]
+    with _replacing(folder) as new:
+        _write_figures([*drawings, *([heat] if heat else [])], new / "figures")
+        _write_tables(tables, new / "tables")
+        names = sorted(p.relative_to(new) for p in new.rglob("*") if p.is_file())
+    return [folder / name for name in names]
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_bytes(text.encode("utf-8", errors="replace"))
+
+
+def _write_figures(drawings: Sequence[Drawing], folder: Path) -> dict[str, str]:
+    folder.mkdir()
+    svgs = {}
+    for drawing in drawings:
+        svgs[drawing.id] = to_svg(drawing.figure)
+        _write(folder / f"{drawing.id}.svg", svgs[drawing.id])
+        (folder / f"{drawing.id}.png").write_bytes(to_png(drawing.figure))
+    return svgs
+
+
+def _write_tables(tables: Sequence[Table], folder: Path) -> None:
+    folder.mkdir()
+    for table in tables:
+        _write(folder / f"{table.id}.csv", table.to_csv())
+
+
+@contextmanager
+def _replacing(folder: Path) -> Iterator[Path]:
+    """Give a new folder to write into and move its entries into `folder` once the block ended well.
+
+    Raises:
+        LabError: something cannot be written; `folder` is then as it was before.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name[:100]}.", dir=folder.parent) as temporary:
+            new, old = Path(temporary) / "new", Path(temporary) / "old"
+            new.mkdir()
+            old.mkdir()
+            yield new
+            folder.mkdir(exist_ok=True)
+            # The page comes last: whoever opens it finds what it speaks of.
+            for entry in sorted(new.iterdir(), key=lambda p: (p.suffix == ".html", p.name)):
+                target = folder / entry.name
+                if target.is_dir() and not target.is_symlink():
+                    target.replace(old / entry.name)
+                elif entry.is_dir() and target.exists():
+                    target.unlink()
+                entry.replace(target)
+    except OSError as error:
+        raise readable(error, folder, "write") from error
