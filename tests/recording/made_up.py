@@ -93,7 +93,7 @@ def made_up_trial(velocity: float = 0.3, repetition: int = 1, name: str | None =
     run = _run(variant, SLIP[velocity])
     name = name or f"virtual_{velocity:g}_{repetition}"
     start = ORIGIN + REST
-    t = ORIGIN + np.arange(0, run.t[-1] + REST + 1.0, 0.005)
+    t = ORIGIN + np.arange(0, run.t[-1] + 2 * REST, 0.005)
     τ = t - start
 
     v_true = (1 - slip) * _trapezoid(τ - 0.09, variant)

@@ -58,21 +58,21 @@ def test_there_is_one_timeline_and_it_spans_the_log(trial: TrialResult, back: Re
 
 def test_motion_is_the_estimates_sample_by_sample(trial: TrialResult, back: ReadBack) -> None:
     motion = trial.comparison.motion
-    for entity, expected in (
-        ("/velocity/measured", motion.v),
-        ("/pitch/measured", motion.pitch),
-        ("/wheel_velocity/measured", motion.v_wheel),
-        ("/wheel_slip/measured", motion.slip),
+    for entity, expected, every in (
+        ("/velocity/measured", motion.v, 1),
+        ("/pitch/measured", motion.pitch, 1),
+        ("/wheel_velocity/measured", motion.v_wheel, 2),
+        ("/wheel_slip/measured", motion.slip, 2),
     ):
-        np.testing.assert_allclose(back.t(entity), motion.t - 102.0, atol=NANOSECOND)
-        np.testing.assert_array_equal(back.scalars(entity), expected)
+        np.testing.assert_allclose(back.t(entity), motion.t[::every] - 102.0, atol=NANOSECOND)
+        np.testing.assert_array_equal(back.scalars(entity), expected[::every])
 
 
 def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: TrialResult, back: ReadBack) -> None:
     moving = back.t("/wheel_slip/measured") > 0.2
     moving &= back.t("/wheel_slip/measured") < trial.comparison.run.steady[1]
     assert np.isfinite(back.scalars("/wheel_slip/measured")[moving]).all()
-    assert np.isnan(back.scalars("/wheel_slip/measured")[: int(REST / 0.005)]).all()
+    assert np.isnan(back.scalars("/wheel_slip/measured")[: int(REST / 0.01)]).all()
     for entity in back.batches:
         if "slip" in entity or "Scalars:scalars" not in back.batches[entity][0].schema.names:
             continue
@@ -81,9 +81,14 @@ def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: TrialResult, back: Re
 
 def test_simulation_is_the_runs(trial: TrialResult, back: ReadBack) -> None:
     run = trial.comparison.run
-    np.testing.assert_array_equal(back.scalars("/velocity/simulated"), run["v_mps"])
-    np.testing.assert_array_equal(back.scalars("/pitch/simulated"), run["pitch_rad"])
-    for entity, signal in (("/torque/simulated_rear", "torque_r_Nm"), ("/slip/simulated_front", "slip_f")):
+    for entity, signal in (
+        ("/velocity/desired", "v_desired_mps"),
+        ("/velocity/simulated", "v_mps"),
+        ("/pitch/simulated", "pitch_rad"),
+        ("/torque/simulated_rear", "torque_r_Nm"),
+        ("/slip/simulated_front", "slip_f"),
+    ):
+        assert np.diff(back.t(entity)).max() < 0.011
         rows = np.searchsorted(run.t, back.t(entity) - 1e-6)
         np.testing.assert_allclose(run.t[rows], back.t(entity), atol=NANOSECOND)
         np.testing.assert_array_equal(back.scalars(entity), run[signal][rows])
@@ -175,6 +180,20 @@ def test_the_sand_is_cut_away_behind_the_near_wheels(back: ReadBack) -> None:
     assert sand[:, 1].max() > outer_face  # carries the far ones
     assert sand[:, 2].max() == 0.0
     assert sand[:, 2].min() < -0.03
+
+
+def test_there_is_sand_under_a_robot_that_drives_backward_or_far(trial: TrialResult, tmp_path: Path) -> None:
+    c = trial.comparison
+    for factor in (-1.0, 300.0):
+        x = factor * c.motion.x
+        moved = dataclasses.replace(c, motion=dataclasses.replace(c.motion, x=x))
+        back = ReadBack(record_trial(trial.trial, moved, tmp_path / "a.rrd"))
+        sand = np.array(back.fixed("/scene/sand", "Mesh3D:vertex_positions"))
+        robot = back.values("/scene/measured", "Transform3D:translation")[:, 0, 0]
+        assert sand[:, 0].min() < robot.min() - 0.425 / 2
+        assert sand[:, 0].max() > robot.max() + 0.425 / 2
+        assert 2 < len(back.fixed("/scene/sand/distance", "LineStrips3D:strips")) < 120
+        assert "0 m" in back.fixed("/scene/sand/distance_names", "Points3D:labels")
 
 
 def test_nothing_in_the_scene_is_not_a_number(back: ReadBack) -> None:

@@ -12,7 +12,7 @@ from granite_lab.comparison.record import Comparison
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS, Chassis, Robot
 from granite_lab.reporting.recording import shapes
-from granite_lab.reporting.recording.signals import SIMULATED, command_start
+from granite_lab.reporting.recording.signals import MOST_ROWS, SIMULATED, command_start
 from granite_lab.reporting.recording.stream import Writer, thinned
 
 STEP = 0.02
@@ -86,16 +86,16 @@ def write_scene(writer: Writer, comparison: Comparison) -> None:
     """Write the scene of one trial."""
     robot = comparison.run.robot
     assert robot.chassis is not None  # or there were no run
-    t = thinned(comparison.motion.t - command_start(comparison), STEP)
+    t = thinned(comparison.motion.t - command_start(comparison), STEP, MOST_ROWS)
     measured, simulated = poses(comparison, t)
     writer.static("scene", rr.ViewCoordinates.FLU)
     # The view's origin travels with the robot, but neither pitches nor sinks: what does is then seen.
     along = np.column_stack([measured.x, np.zeros_like(t), np.zeros_like(t)])
     writer.rows(VIEWPOINT, t, rr.Transform3D.columns(translation=along))
-    reach = float(max(measured.x.max(), simulated.x.max()))
-    _write_sand(writer, robot, robot.chassis, reach)
-    _write_robot(writer, "scene/measured", robot, robot.chassis, t, measured, ghost=False)
-    _write_robot(writer, "scene/simulated", robot, robot.chassis, t, simulated, ghost=True)
+    travel = np.concatenate([measured.x, simulated.x])
+    _write_sand(writer, robot, robot.chassis, float(travel.min()), float(travel.max()))
+    _write_solid(writer, "scene/measured", robot, robot.chassis, t, measured)
+    _write_ghost(writer, "scene/simulated", robot, robot.chassis, t, simulated)
     _write_forces(writer, comparison, robot.chassis, t[::2], measured.every(2))
     _write_torques(writer, comparison, robot.chassis, t[::2])
 
@@ -122,50 +122,63 @@ def _quaternion(angle: Array) -> Array:
     return np.column_stack([zero, np.sin(angle / 2), zero, np.cos(angle / 2)])
 
 
-def _write_robot(
-    writer: Writer, entity: str, robot: Robot, chassis: Chassis, t: Array, pose: Pose, *, ghost: bool
-) -> None:
-    """Write one robot: solid, or as a slightly smaller translucent ghost with its edges drawn.
-
-    The ghost hides inside the solid robot where the two agree, and comes out where they do not.
-    """
+def _write_pose(writer: Writer, entity: str, t: Array, pose: Pose) -> None:
     place = np.column_stack([pose.x, np.zeros_like(t), pose.z])
     writer.rows(entity, t, rr.Transform3D.columns(translation=place, quaternion=_quaternion(pose.pitch)))
-    _write_part(writer, f"{entity}/body", shapes.body(chassis, robot.wheels, PAINT), ghost)
-    if ghost:
-        writer.static(f"{entity}/body/edges", _edges(shapes.body_edges(chassis, robot.wheels)))
-    tyre = shapes.wheel(robot.wheels, PAINT, spokes=not ghost)
+
+
+def _write_solid(writer: Writer, entity: str, robot: Robot, chassis: Chassis, t: Array, pose: Pose) -> None:
+    """Write the measured robot: body and four wheels, each with its own spin."""
+    _write_pose(writer, entity, t, pose)
+    writer.static(f"{entity}/body", _mesh(shapes.body(chassis, robot.wheels, PAINT)))
+    tyre = _mesh(shapes.wheel(robot.wheels, PAINT))
     for i, (wheel, (x, y)) in enumerate(_mount(chassis).items()):
         writer.static(f"{entity}/{wheel}", rr.Transform3D(translation=(x, y, 0)))
         spin = f"{entity}/{wheel}/tyre"
+        writer.static(spin, tyre)
         writer.rows(spin, t, rr.Transform3D.columns(quaternion=_quaternion(pose.spin[:, i])))
-        _write_part(writer, spin, tyre, ghost)
-        if ghost:
-            writer.static(f"{spin}/edges", _edges(shapes.wheel_edges(robot.wheels)))
 
 
-def _write_part(writer: Writer, entity: str, shape: shapes.Shape, ghost: bool) -> None:
-    writer.static(entity, _mesh(shapes.shrunk(shape, 0.985), (*SIMULATED, 70)) if ghost else _mesh(shape))
+def _write_ghost(writer: Writer, entity: str, robot: Robot, chassis: Chassis, t: Array, pose: Pose) -> None:
+    """Write the simulated robot: translucent, a little smaller, its edges drawn, wheels in pairs.
+
+    It hides inside the solid robot where the two agree, and comes out where they do not.
+    """
+    tint, wheels, half = (*SIMULATED, 70), robot.wheels, chassis.track / 2
+    _write_pose(writer, entity, t, pose)
+    body = shapes.shrunk(shapes.body(chassis, wheels, PAINT), 0.985)
+    writer.static(f"{entity}/body", _mesh(body, tint))
+    writer.static(f"{entity}/body/edges", _edges(shapes.body_edges(chassis, wheels)))
+    tyre = shapes.shrunk(shapes.wheel(wheels, PAINT, spokes=False), 0.985)
+    pair = shapes.merge(*(shapes.moved(tyre, (0, y, 0)) for y in (half, -half)))
+    rims = [e + np.array([0, y, 0], np.float32) for e in shapes.wheel_edges(wheels) for y in (half, -half)]
+    for i, axle, x in ((0, "front", chassis.wheel_base / 2), (2, "rear", -chassis.wheel_base / 2)):
+        writer.static(f"{entity}/{axle}", rr.Transform3D(translation=(x, 0, 0)))
+        spin = f"{entity}/{axle}/tyres"
+        writer.static(spin, _mesh(pair, tint))
+        writer.static(f"{spin}/edges", _edges(rims))
+        writer.rows(spin, t, rr.Transform3D.columns(quaternion=_quaternion(pose.spin[:, i])))
 
 
 def _edges(strips: list[shapes.Floats]) -> Any:
     return rr.LineStrips3D(strips, colors=SIMULATED, radii=0.0012)
 
 
-def _write_sand(writer: Writer, robot: Robot, chassis: Chassis, reach: float) -> None:
+def _write_sand(writer: Writer, robot: Robot, chassis: Chassis, start: float, end: float) -> None:
     """Write the sand: a solid box, cut off behind the near (right) wheels so that they are seen to sink."""
     half = chassis.wheel_base / 2 + 3 * robot.wheels.radius
     near = -(chassis.track - robot.wheels.width) / 2 + 0.004
     far, depth = chassis.track / 2 + 2.5 * robot.wheels.radius, 1.1 * robot.wheels.radius
-    low, high = -half - 0.1, reach + half + 0.1
+    low, high = start - half - 0.1, end + half + 0.1
     top = shapes.box((low, near, -depth), (high, far, 0.0), SAND)
     cut = shapes.box((low, near - 0.001, -depth), (high, near, -0.0005), SAND_CUT)
     writer.static("scene/sand", _mesh(shapes.merge(top, cut)))
     face = near - 0.003
-    marks = np.arange(0, reach + 0.26, 0.25)
-    ticks = [[(x, face, 0), (x, face, -(0.03 if k % 2 == 0 else 0.018))] for k, x in enumerate(marks)]
+    tick = 0.25 * 10.0 ** max(0, np.ceil(np.log10((end - start + 0.1) / 25)))
+    marks = tick * np.arange(np.ceil(start / tick), end / tick + 1)
+    named = marks[np.isclose(np.remainder(marks / tick, 2), 0)]
+    ticks = [[(x, face, 0), (x, face, -(0.03 if x in named else 0.018))] for x in marks]
     writer.static("scene/sand/distance", rr.LineStrips3D(ticks, colors=TICK, radii=0.0012))
-    named = marks[::2]
     writer.static(
         "scene/sand/distance_names",
         rr.Points3D(

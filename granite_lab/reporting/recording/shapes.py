@@ -5,7 +5,7 @@ Axes as in frame R: x forward, y left, z up, origin midway between the axles at 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -128,6 +128,11 @@ def wheel(wheels: Wheels, paint: Colour, *, spokes: bool = True) -> Shape:
     return merge(*parts)
 
 
+def moved(shape: Shape, offset: tuple[float, float, float]) -> Shape:
+    """Return the shape moved by an offset [m]."""
+    return replace(shape, vertices=shape.vertices + np.array(offset, np.float32))
+
+
 def turned(shape: Shape, angle: float) -> Shape:
     """Return the shape turned about y by an angle [rad], positive the way a wheel rolls forward."""
     c, s = np.cos(angle), np.sin(angle)
@@ -161,8 +166,7 @@ def body(chassis: Chassis, wheels: Wheels, paint: Colour) -> Shape:
 def shrunk(shape: Shape, factor: float) -> Shape:
     """Return the shape scaled about the middle of its extent."""
     middle = (shape.vertices.min(axis=0) + shape.vertices.max(axis=0)) / 2
-    vertices = (middle + factor * (shape.vertices - middle)).astype(np.float32)
-    return Shape(vertices, shape.triangles, shape.normals, shape.colours)
+    return replace(shape, vertices=(middle + factor * (shape.vertices - middle)).astype(np.float32))
 
 
 def body_edges(chassis: Chassis, wheels: Wheels) -> list[Floats]:
@@ -183,7 +187,7 @@ def wheel_edges(wheels: Wheels) -> list[Floats]:
     return strips
 
 
-def arc_arrow(radius: float, sweep: Floats, steps: int = 9) -> Floats:
+def arc_arrow(radius: float, sweep: Floats, steps: int = 7) -> Floats:
     """Return arcs with an arrow head in the plane y = 0, one per sweep angle.
 
     Args:

@@ -26,8 +26,11 @@ GREEN, PURPLE, GREY = (0, 158, 115), (204, 121, 167), (150, 150, 150)
 MEASURED, SIMULATED = SKY, ORANGE
 OF_WHEELS = (SKY, GREEN, BLUE, PURPLE)
 
-FINE, COARSE = 0.01, 0.04
-"""Spacing of secondary lines and of ±2σ lines and biases [s]; what was measured keeps every sample."""
+FINE, MEDIUM, COARSE = 0.01, 0.02, 0.04
+"""Spacing of lines [s]: sensors and simulation; residuals; ±2σ lines and biases.
+
+The estimated velocity and pitch keep every sample; the others keep enough for the eye.
+"""
 MOST_ROWS = 20_000
 """A line of more samples is thinned, so that a log of an hour still opens."""
 
@@ -113,17 +116,17 @@ def _motion(trial: Trial, comparison: Comparison) -> Iterator[Line]:
     yield Line("velocity/desired", ("desired [m/s]",), run.t, run["v_desired_mps"], (GREY,), step=FINE)
     yield Line("velocity/wheels", ("wheels [m/s]",), t, _mean(motion.v_wheel), (GREEN,), step=FINE)
     yield from _band("velocity/measured", "measured [m/s]", t, motion.v, motion.v_std, MEASURED)
-    yield Line("velocity/simulated", ("simulated [m/s]",), run.t, run["v_mps"], (SIMULATED,), 2.0)
+    yield Line("velocity/simulated", ("simulated [m/s]",), run.t, run["v_mps"], (SIMULATED,), 2.0, FINE)
     if trial.reference_v is not None:
         reference = trial.reference_v
         yield Line(
             "velocity/reference", ("reference [m/s]",), reference.t - start, reference.value, (PURPLE,)
         )
     yield from _band("pitch/measured", "measured [rad]", t, motion.pitch, motion.pitch_std, MEASURED)
-    yield Line("pitch/simulated", ("simulated [rad]",), run.t, run["pitch_rad"], (SIMULATED,), 2.0)
+    yield Line("pitch/simulated", ("simulated [rad]",), run.t, run["pitch_rad"], (SIMULATED,), 2.0, FINE)
     for entity, unit, value in (("wheel_velocity", "m/s", motion.v_wheel), ("wheel_slip", "-", motion.slip)):
         names = tuple(f"{wheel} [{unit}]" for wheel in WHEELS)
-        yield Line(f"{entity}/measured", names, t, value, OF_WHEELS)
+        yield Line(f"{entity}/measured", names, t, value, OF_WHEELS, step=FINE)
 
 
 def _axles(comparison: Comparison) -> Iterator[Line]:
@@ -149,7 +152,7 @@ def _residuals(comparison: Comparison) -> Iterator[Line]:
             value = np.column_stack([c.simulated[k] - c.measured[k] for k in known])
             names = tuple(f"{channels[k]} [{unit}]" for k in known)
             colours = OF_WHEELS if len(channels) == len(WHEELS) else (MEASURED, BLUE)
-            yield Line(f"{plot}/difference", names, c.t, value, colours[: len(known)], step=FINE)
+            yield Line(f"{plot}/difference", names, c.t, value, colours[: len(known)], step=MEDIUM)
 
 
 def _sensors(trial: Trial, comparison: Comparison) -> Iterator[Line]:
@@ -158,14 +161,14 @@ def _sensors(trial: Trial, comparison: Comparison) -> Iterator[Line]:
     for channel, unit, plot in (("accel", "m/s²", "specific_force"), ("pitch_rate", "rad/s", "pitch_rate")):
         if channel in c.measured:
             yield Line(
-                f"{plot}/measured", (f"measured [{unit}]",), c.t, c.measured[channel], (MEASURED,), 1.0
+                f"{plot}/measured", (f"measured [{unit}]",), c.t, c.measured[channel], (MEASURED,), 1.0, FINE
             )
             name = (f"simulated [{unit}]",)
             yield Line(f"{plot}/simulated", name, c.t, c.simulated[channel], (SIMULATED,), 2.0, FINE)
     if trial.imu is not None:
         names = tuple(f"sensor's {axis} [m/s²]" for axis in "xyz")
         t, force = trial.imu.t - start, trial.imu.specific_force
-        yield Line("imu/specific_force", names, t, force, (SKY, GREEN, PURPLE), 1.0)
+        yield Line("imu/specific_force", names, t, force, (SKY, GREEN, PURPLE), 1.0, FINE)
     if trial.currents is not None:
         names = tuple(f"{wheel} [A]" for wheel in WHEELS)
         yield Line(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,7 +96,7 @@ def recording(path: Path, name: str, blueprint: Any) -> Iterator[Any]:
         rr.set_strict_mode(strict)
 
 
-def thinned(t: Sequence[float] | Array, step: float) -> Array:
-    """Return times from the first to the last of `t` with an even spacing near `step` [s]."""
+def thinned(t: Array, step: float, most: int) -> Array:
+    """Return times from the first to the last of `t`, evenly spaced near `step` [s], `most` at most."""
     start, end = float(t[0]), float(t[-1])
-    return np.linspace(start, end, max(2, round((end - start) / step) + 1))
+    return np.linspace(start, end, min(most, max(2, round((end - start) / step) + 1)))
