@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
 import re
 from collections import Counter
@@ -13,16 +12,11 @@ from pathlib import Path
 from typing import TextIO
 
 from granite_lab.errors import InputError, at
-from granite_lab.files import readable
+from granite_lab.logs.encoding import encoding_of, open_text
 
 MISSING = ("", "nan", "NaN", "NAN", "Nan", "-nan", "-NaN", "NA", "N/A", "n/a", "null", "NULL", "None", "none")
 """Cells that stand for "not sampled"."""
 
-_MAGIC = {
-    b"#ROSBAG": "a ROS bag", b"\x89MCAP": "an MCAP file", b"PK\x03\x04": "a zip archive or Excel workbook",
-    b"\x1f\x8b": "gzip-compressed", b"PAR1": "a Parquet file", b"\x89HDF": "an HDF5 file",
-    b"MATLAB": "a MATLAB file", b"SQLite": "an SQLite database", b"%PDF": "a PDF document",
-}  # fmt: skip
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _DELIMITERS = (",", ";", "\t", "|")
@@ -104,18 +98,6 @@ def is_number(cell: str, decimal: str = ".") -> bool:
     return bool(_NUMBER.fullmatch(cell.strip().replace(decimal, ".")))
 
 
-def open_text(path: Path, encoding: str) -> TextIO:
-    """Open a log as text; characters that do not fit the encoding become U+FFFD.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
-    try:
-        return path.open(encoding=encoding, errors="replace")
-    except OSError as error:
-        raise readable(error, path) from None
-
-
 def split_rows(lines: Iterator[str], delimiter: str) -> Iterator[list[str]]:
     """Split lines into cells; quotes are honoured."""
     if delimiter == " ":
@@ -134,7 +116,7 @@ def sniff(path: Path, table: TableFormat | None = None) -> Dialect:
         InputError: missing, unreadable, empty, binary, without a table or without rows of data.
     """
     table = table or TableFormat()
-    encoding, doubts = _encoding(path)
+    encoding, doubts = encoding_of(path)
     with open_text(path, encoding) as file:
         comments, lines, said = _head(file, int(table.skip_rows))
     if not lines and not comments:
@@ -168,34 +150,6 @@ def sniff(path: Path, table: TableFormat | None = None) -> Dialect:
         tuple(tuple(row) for row in below[:_SAMPLE_ROWS]),
         tuple(comments), preamble, doubts,
     )  # fmt: skip
-
-
-def _encoding(path: Path) -> tuple[str, tuple[str, ...]]:
-    """Recognise the encoding from the first bytes."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(1 << 16)
-    except OSError as error:
-        raise readable(error, path) from None
-    for magic, what in _MAGIC.items():
-        if head.startswith(magic):
-            raise InputError(f"{path}: is not text but {what}", "export the log as CSV")
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return "utf-16", ()
-    if b"\0" in head:
-        for name, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[0::2])):
-            if zeros.count(0) > 0.9 * len(zeros) and head.count(0) < 0.6 * len(head):
-                return name, (f"{path.name}: read as {name.upper()}, which the file does not say",)
-        if 0 in head[:512] or head.count(0) > 0.01 * len(head):
-            raise InputError(f"{path}: is binary, not text", "export the log as CSV")
-    try:
-        codecs.getincrementaldecoder("utf-8-sig")().decode(head)
-    except UnicodeDecodeError:
-        odd = sum(byte < 32 and byte not in b"\t\r\n\f" for byte in head)
-        if odd > 0.01 * len(head):
-            raise InputError(f"{path}: is binary, not text", "export the log as CSV") from None
-        return "cp1252", (f"{path.name}: not UTF-8, read as Windows-1252",)
-    return "utf-8-sig", ()
 
 
 def _head(file: TextIO, skip: int) -> tuple[list[tuple[int, str]], list[tuple[int, str]], str]:

@@ -14,7 +14,8 @@ import pandas as pd
 
 from granite_lab.errors import InputError, at
 from granite_lab.files import readable
-from granite_lab.logs.dialect import MISSING, Dialect, is_number, open_text, split_rows
+from granite_lab.logs.dialect import MISSING, Dialect, is_number, split_rows
+from granite_lab.logs.encoding import open_text
 from granite_lab.logs.trial import Array
 
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
