@@ -87,12 +87,11 @@ def _free_port() -> int:
 
 
 @pytest.fixture
-def headless(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def headless() -> Iterator[Any]:
     """A viewer without a window, drawing by whatever Vulkan driver there is."""
     import rerun_cli
     from rerun.experimental import ViewerClient
 
-    monkeypatch.setenv("RERUN_ANALYTICS", "0")
     binary = Path(rerun_cli.__file__).parent / "rerun"
     port = _free_port()
     with ViewerClient.spawn(

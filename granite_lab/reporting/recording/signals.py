@@ -27,7 +27,7 @@ MEASURED, SIMULATED = SKY, ORANGE
 OF_WHEELS = (SKY, GREEN, BLUE, PURPLE)
 
 FINE, MEDIUM, COARSE = 0.01, 0.02, 0.04
-"""Spacing of lines [s]: sensors and simulation; residuals; ±2σ lines and biases.
+"""Spacing of lines [s]: sensors and simulation; residuals and currents; ±2σ lines and biases.
 
 The estimated velocity and pitch keep every sample; the others keep enough for the eye.
 """
@@ -172,7 +172,13 @@ def _sensors(trial: Trial, comparison: Comparison) -> Iterator[Line]:
     if trial.currents is not None:
         names = tuple(f"{wheel} [A]" for wheel in WHEELS)
         yield Line(
-            "current/measured", names, trial.currents.t - start, trial.currents.current, OF_WHEELS, 1.0
+            "current/measured",
+            names,
+            trial.currents.t - start,
+            trial.currents.current,
+            OF_WHEELS,
+            1.0,
+            MEDIUM,
         )
 
 

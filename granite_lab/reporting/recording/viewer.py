@@ -11,7 +11,7 @@ from pathlib import Path
 from granite_lab.errors import InputError, LabError
 from granite_lab.files import readable
 
-PATIENCE = 2.0
+PATIENCE = 4.0
 """How long a viewer that cannot start may take to say so [s]."""
 MAGIC = b"RRF"
 
