@@ -158,6 +158,12 @@ def _refuse_reset(stamps: Array, rows: Rows, what: str, values: Array) -> None:
     long stretches of the file claim the same time with different stamps.
     """
     cuts = np.flatnonzero(np.diff(stamps) < 0) + 1
+    if len(cuts) > 0.5 * len(stamps):
+        raise ClockResetError(
+            f"{what}: time runs backwards, from {stamps[0]:.3f} s to {stamps[-1]:.3f} s",
+            "stamps increase from row to row: sort the log, or correct its time column",
+            int(rows[cuts[0]]),
+        )
     latest = np.maximum.accumulate(stamps)
     period = float(np.median(np.abs(np.diff(stamps)))) or 1.0
     for cut in cuts:

@@ -100,7 +100,7 @@ def assemble(
         doubts += more
     wheels = merged.wheels
     if wheels is not None:
-        wheels, more = check_wheels(wheels, stream, the_robot, str(first))
+        wheels, more = check_wheels(wheels, stream, the_robot, str(first), merged.declared.get("wheels", ""))
         doubts += more
     if whole and stream is None and wheels is None:
         raise InputError(f"{first}: neither IMU nor encoder samples", "a trial needs at least one of them")

@@ -195,6 +195,7 @@ def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream
     angle = np.full(samples.values.shape, np.nan)
     rate = np.full(samples.values.shape, np.nan)
     steps: list[float] = []
+    parts.declared["wheels"] = source.bindings(*ENCODERS)[0].unit.name
     name = source.path.name
     for binding in source.bindings(*ENCODERS):
         wheel = ENCODERS.index(binding.channel)

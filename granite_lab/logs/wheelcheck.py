@@ -14,18 +14,14 @@ from granite_lab.parameters import Robot
 TOO_FAST = 30.0
 """No ground robot drives faster [m/s]."""
 
-_OTHER_UNITS = {
-    "deg": math.pi / 180,
-    "rev": 2 * math.pi,
-    "rpm": 2 * math.pi / 60,
-    "rad, not deg": 180 / math.pi,
-    "rad, not rev": 1 / (2 * math.pi),
-    "rad/s, not rpm": 60 / (2 * math.pi),
+_UNITS = {
+    "angle": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi},
+    "rate": {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30, "rev/s": 2 * math.pi},
 }
 
 
 def check_wheels(
-    wheels: WheelStream, imu: ImuStream | None, robot: Robot, where: str
+    wheels: WheelStream, imu: ImuStream | None, robot: Robot, where: str, declared: str = "rad"
 ) -> tuple[WheelStream, list[str]]:
     """Check the wheels' unit against the speed that the IMU gains while the robot drives off.
 
@@ -34,6 +30,7 @@ def check_wheels(
         imu: the IMU, if there is one; only how fast it accelerates is used, in any direction.
         robot: for the wheel radius.
         where: the file, for messages.
+        declared: unit that the columns were said to have.
 
     Returns:
         the stream with a corrected unit, and warnings.
@@ -48,11 +45,14 @@ def check_wheels(
     doubts += _dead(wheels)
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
     if not 0.3 < ratio < 8:
-        fits = [(unit, f) for unit, f in _OTHER_UNITS.items() if 0.7 < ratio * f < 3]
+        units = next((kind for kind in _UNITS.values() if declared in kind), {})
+        factors = {unit: size / units[declared] for unit, size in units.items() if unit != declared}
+        fits = [(unit, f) for unit, f in factors.items() if 0.7 < ratio * f < 3]
         if len(fits) == 1:
             unit, factor = fits[0]
             doubts.append(
-                f"the wheels gain {ratio:.3g} times the speed that the IMU gains: taken as {unit}, converted"
+                f"the encoders, declared in {declared}, gain {ratio:.3g} times the speed that the IMU gains: "
+                f"they are in {unit}; converted"
             )
             return _scaled(wheels, factor), doubts
         if not math.isnan(ratio):
