@@ -59,12 +59,10 @@ class SimulatedBins:
 
     def __init__(self, run: Run) -> None:
         self.t = run.t
-        self._integrals = {"velocity": cumulative_trapezoid(run["v_mps"], run.t, initial=0.0)}
+        self._integrals = {"velocity": cumulative_trapezoid(run["v_mps"], run.t, initial=0)}
         for axle in AXLES:
             self._integrals[f"wheel_{axle}"] = run.robot.wheels.radius * run[f"enc_{axle}_rad"]
-            self._integrals[f"current_{axle}"] = cumulative_trapezoid(
-                run[f"cur_{axle}_A"], run.t, initial=0.0
-            )
+            self._integrals[f"current_{axle}"] = cumulative_trapezoid(run[f"cur_{axle}_A"], run.t, initial=0)
 
     def __call__(self, channel: str, edges: Array, t_start: float) -> Array:
         """Return the means (B,) between edges [s, the log's time] when the command begins at `t_start`."""
@@ -158,7 +156,7 @@ def _mean(t: Array, signal: Array, edges: Array) -> Array:
     good = np.isfinite(signal)
     if good.sum() < 2:
         return np.full(edges.size - 1, np.nan)
-    return _slope(t[good], cumulative_trapezoid(signal[good], t[good], initial=0.0), edges)
+    return _slope(t[good], cumulative_trapezoid(signal[good], t[good], initial=0), edges)
 
 
 def _slope(t: Array, signal: Array, edges: Array) -> Array:

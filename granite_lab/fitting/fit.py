@@ -60,7 +60,7 @@ class Law:
         rms: root mean square residual of k_92.
         aicc: corrected Akaike information criterion (smaller is better); NaN where the points are
             too few for the law.
-        weight: Akaike weight among the laws that have an `aicc`, NaN for the others.
+        weight: Akaike weight among the laws that have an `aicc`; NaN for the others, and where it is one.
     """
 
     id: str

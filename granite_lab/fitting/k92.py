@@ -157,9 +157,10 @@ def _notes(by_slip: SlipFit, shift: SandShift, measured: Estimate, std_measureme
 
 def _trajectory_notes(history: TrajectoryFit) -> list[str]:
     misfit = ", ".join(f"{name} {value:.1f}" for name, value in history.misfit.items())
+    seconds = history.correlation.get("velocity", VELOCITY_CORRELATION)
     notes = [
-        f"trajectory: rms of the residuals over their stated std: {misfit}; velocity errors taken as "
-        f"correlated over {history.correlation.get('velocity', VELOCITY_CORRELATION):.1f} s"
+        f"trajectory: residuals over their stated std, rms: {misfit}",
+        f"trajectory: velocity errors taken as correlated over {seconds:.1f} s",
     ]
     if history.status != "ok":
         notes.append(f"trajectory fit {history.status.replace('_', ' ')}")
