@@ -1,0 +1,243 @@
+"""`model.toml`: the paper's model with effects switched on, their fitted values and where they come from."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from granite_lab.effects.library import get, library, load_effects
+from granite_lab.errors import InputError, LabError
+from granite_lab.estimate import Estimate
+from granite_lab.files import write_text
+from granite_lab.model.effect import Active, Effect, activate
+from granite_lab.parameters import load_robot, load_soil
+from granite_lab.parameters.quantity import check_number, read_toml, unknown_key
+
+SCHEMA = "granite-lab/model/1"
+LAWS = ("exponential", "constant")
+
+
+@dataclass(frozen=True)
+class FittedEffect:
+    """An effect with the values that a fit found.
+
+    Attributes:
+        effect: the effect.
+        values: parameter name to value and standard deviation, in the parameter's unit; every
+            parameter of the effect.
+        twins: ids of effects that the data could not tell from it.
+    """
+
+    effect: Effect
+    values: Mapping[str, Estimate]
+    twins: tuple[str, ...] = ()
+
+    @property
+    def active(self) -> Active:
+        """The effect switched on."""
+        return activate(self.effect, {name: e.value for name, e in self.values.items()})
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A baseline with effects.
+
+    Attributes:
+        robot, soil: names of the catalogue or paths.
+        law: "exponential", k_92 = exp(-a_θ v_d), or "constant".
+        law_value: a_θ [s/m] or the constant k_92 [-].
+        fitted: the effects, in the order in which their hooks apply.
+        provenance: whatever tells where the values come from: version, inputs, seed.
+    """
+
+    robot: str
+    soil: str
+    law: str
+    law_value: Estimate
+    fitted: tuple[FittedEffect, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def effects(self) -> tuple[Active, ...]:
+        """The effects switched on."""
+        return tuple(f.active for f in self.fitted)
+
+    @property
+    def k92(self) -> float | None:
+        """The constant k_92, or None under the exponential law."""
+        return self.law_value.value if self.law == "constant" else None
+
+    @property
+    def a_theta(self) -> float | None:
+        """a_θ [s/m], or None under a constant k_92."""
+        return self.law_value.value if self.law == "exponential" else None
+
+
+def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
+    """Read a model file.
+
+    Args:
+        path: the file; robot and soil files it names by path are looked for beside it.
+        code: a user's own effect file, which is run, for effects that are not in the package.
+
+    Raises:
+        InputError: the file, or a key in it, cannot be used; the message names both and what is allowed.
+    """
+    file = Path(path)
+    table = read_toml(file)
+    where = str(file)
+    _known(where, table, ("schema", "robot", "soil", "k92", "provenance", "effect"))
+    if table.get("schema") != SCHEMA:
+        raise InputError(
+            f"{where}: schema = {table.get('schema')!r} is not a model's", f'expected "{SCHEMA}"'
+        )
+    known = library() | (load_effects(code) if code else {})
+    rows = table.get("effect", [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{where}: 'effect' must be a list of tables", "write [[effect]] above each")
+    fitted = tuple(_read_effect(f"{where}: [[effect]] {i}", row, known) for i, row in enumerate(rows, 1))
+    ids = [f.effect.id for f in fitted]
+    for name in ids:
+        if ids.count(name) > 1:
+            raise InputError(f"{where}: effect '{name}' stands there twice", "keep one of the two")
+    provenance = table.get("provenance", {})
+    if not isinstance(provenance, dict):
+        raise InputError(f"{where}: 'provenance' must be a table", "write [provenance] above its keys")
+    law, value = _read_law(where, table.get("k92"))
+    robot = _catalogued(file, table, "robot", load_robot)
+    soil = _catalogued(file, table, "soil", load_soil)
+    return ModelFile(robot, soil, law, value, fitted, provenance)
+
+
+def _known(where: str, table: dict[str, Any], keys: tuple[str, ...]) -> None:
+    for key in table:
+        if key not in keys:
+            raise unknown_key(where, key, list(keys))
+
+
+def _catalogued(file: Path, table: dict[str, Any], key: str, load: Any) -> str:
+    """Return the name or path of a robot or a soil after a look whether it can be had."""
+    name = table.get(key)
+    if not isinstance(name, str):
+        raise InputError(f"{file}: '{key}' is missing", f'add {key} = "<name or path>"')
+    if name.endswith(".toml") and not Path(name).is_absolute():
+        name = str(file.parent / name)
+    try:
+        load(name)
+    except LabError as error:
+        raise InputError(f"{file}: {key}: {error.message}", error.hint) from None
+    return name
+
+
+def _read_law(where: str, table: Any) -> tuple[str, Estimate]:
+    if not isinstance(table, dict):
+        raise InputError(f"{where}: [k92] is missing", "add [k92] with law, value and std")
+    place = f"{where}: [k92]"
+    _known(place, table, ("law", "value", "std"))
+    law = table.get("law")
+    if law not in LAWS:
+        raise InputError(f"{place}: law = {law!r} is not known", f"one of: {', '.join(LAWS)}")
+    unit, high = ("", 2.0) if law == "constant" else ("s/m", 100.0)
+    return law, _read_estimate(place, table, unit, 0.0, high)
+
+
+def _read_estimate(place: str, table: dict[str, Any], unit: str, low: float, high: float) -> Estimate:
+    if "value" not in table:
+        raise InputError(f"{place}: 'value' is missing", f"add value = … ({unit or 'a number'})")
+    value = check_number(place, "value", table["value"], unit, low, high)
+    if "std" not in table:
+        return Estimate(value)
+    return Estimate(value, check_number(place, "std", table["std"], unit, 0.0, 1e12))
+
+
+def _read_effect(place: str, row: dict[str, Any], known: Mapping[str, Effect]) -> FittedEffect:
+    _known(place, row, ("id", "parameters", "indistinguishable_from"))
+    name = row.get("id")
+    if not isinstance(name, str):
+        raise InputError(f"{place}: 'id' is missing", 'add id = "<effect>"')
+    try:
+        effect = get(name, known)
+    except LabError as error:
+        hint = f"{error.hint}; an effect of your own needs --effects FILE"
+        raise InputError(f"{place}: {error.message}", hint) from None
+    place = f"{place} ({name})"
+    given = row.get("parameters", {})
+    if not isinstance(given, dict) or not all(isinstance(v, dict) for v in given.values()):
+        raise InputError(
+            f"{place}: 'parameters' must hold a table for each parameter",
+            'write name = { value = …, std = …, unit = "…" } below [effect.parameters]',
+        )
+    _known(f"{place}: parameters", given, tuple(p.name for p in effect.parameters))
+    values = {}
+    for p in effect.parameters:
+        if p.name not in given:
+            values[p.name] = Estimate(p.neutral)
+            continue
+        table, where = given[p.name], f"{place}: {p.name}"
+        _known(where, table, ("value", "std", "unit"))
+        if table.get("unit", p.unit) != p.unit:
+            raise InputError(f"{where}: unit = {table['unit']!r} does not fit", f"expected {p.unit!r}")
+        values[p.name] = _read_estimate(where, table, p.unit, p.low, p.high)
+    twins = row.get("indistinguishable_from", [])
+    if not isinstance(twins, list) or not all(isinstance(t, str) for t in twins):
+        raise InputError(f"{place}: 'indistinguishable_from' is not a list of ids", 'write ["<id>", …]')
+    return FittedEffect(effect, values, tuple(twins))
+
+
+def save_model(model: ModelFile, path: Path | str) -> None:
+    """Write a model file, whole or not at all; `load_model` gives back what was written.
+
+    Raises:
+        LabError: the file cannot be written.
+    """
+    lines = [
+        "# The paper's model with effects switched on. Use it with --model.",
+        f"schema = {_toml(SCHEMA)}",
+        f"robot = {_toml(model.robot)}",
+        f"soil = {_toml(model.soil)}",
+        "",
+        "[k92]",
+        f"law = {_toml(model.law)}",
+        *_estimate_lines(model.law_value),
+    ]
+    if model.provenance:
+        lines += ["", "[provenance]"]
+        lines += [f"{_key(k)} = {_toml(v)}" for k, v in model.provenance.items() if v is not None]
+    for item in model.fitted:
+        lines += ["", "[[effect]]", f"id = {_toml(item.effect.id)}  # {item.effect.title}"]
+        if item.twins:
+            lines.append(f"indistinguishable_from = {_toml(list(item.twins))}")
+        lines.append("[effect.parameters]")
+        for p in item.effect.parameters:
+            if p.name in item.values:
+                body = ", ".join([*_estimate_lines(item.values[p.name]), f"unit = {_toml(p.unit)}"])
+                lines.append(f"{_key(p.name)} = {{ {body} }}  # {p.meaning}")
+    write_text(Path(path), "\n".join(lines) + "\n")
+
+
+def _estimate_lines(e: Estimate) -> list[str]:
+    std = [f"std = {_toml(float(e.std))}"] if math.isfinite(e.std) else []
+    return [f"value = {_toml(float(e.value))}", *std]
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml(key)
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML text: text, number, truth value, list or inline table."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(_toml(v) for v in value)}]"
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(str(k))} = {_toml(v)}" for k, v in value.items()) + " }"
+    # JSON's escapes are TOML's, but for DEL, which TOML wants escaped, too
+    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
