@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
-from scipy.signal import bilinear, lfilter
+from scipy.signal import bilinear, fftconvolve, lfilter
 
 from tests.truth.command import Trapezoid
 from tests.truth.contact import Array
@@ -74,7 +74,7 @@ def wander(rng: np.random.Generator, size: int, step: float, length: float) -> A
     reach = max(1, int(np.ceil(4 * length / step)))
     kernel = np.exp(-((np.arange(-reach, reach + 1) * step / length) ** 2))
     kernel /= np.sqrt((kernel**2).sum())
-    return np.convolve(rng.standard_normal(size + 2 * reach), kernel, mode="valid")
+    return np.asarray(fftconvolve(rng.standard_normal(size + 2 * reach), kernel, mode="valid"))
 
 
 def field_over(rng: np.random.Generator, x: Array, length: float, std: float) -> Array:

@@ -1,0 +1,102 @@
+"""The benchmark of the estimation says what it measured."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.estimation import main_row, offset_row, seed_of
+from benchmarks.estimation_cell import Cell, Score, score, successive_correlation, summarise
+from granite_lab.estimation.motion import Health
+
+
+def made_up(error: float, std: float) -> Score:
+    return Score(
+        v_square=error**2, v_nees=(error / std) ** 2, v_within=float(abs(error) < 2 * std), distance=error,
+        distance_std=std, slip=error, slip_std=std, offset=error, offset_std=std, white=(0.1, 0.0, -0.1),
+    )  # fmt: skip
+
+
+def health_of(innovation: np.ndarray, std: float) -> Health:
+    n, nothing = innovation.size, np.zeros(0)
+    return Health(
+        t=np.arange(n, dtype=float),
+        kind=("wheel",) * n,
+        innovation=innovation,
+        innovation_std=np.full(n, std),
+        nis={},
+        accel_bias=nothing,
+        accel_bias_std=nothing,
+        gyro_bias=nothing,
+        gyro_bias_std=nothing,
+        rests=(),
+        verdict="",
+        good=True,
+    )
+
+
+def test_errors_as_large_as_stated_give_unit_nees_and_normal_coverage() -> None:
+    rng = np.random.default_rng(0)
+    s = summarise([made_up(0.002 * z, 0.002) for z in rng.standard_normal(4000)])
+    assert s.nees == pytest.approx(1.0, abs=0.06)
+    assert s.slip_cover == pytest.approx(0.954, abs=0.01)
+    assert s.v_rmse == pytest.approx(0.002, rel=0.03)
+    assert s.slip_mean == pytest.approx(0.0, abs=1e-4)
+    assert s.white == pytest.approx((0.1, 0.0, -0.1))
+
+
+def test_too_small_stds_show_in_nees_and_coverage() -> None:
+    rng = np.random.default_rng(1)
+    s = summarise([made_up(0.004 * z, 0.001) for z in rng.standard_normal(1000)])
+    assert s.nees > 10
+    assert s.distance_cover < 0.5
+
+
+def test_refused_trials_are_counted_and_do_not_enter() -> None:
+    s = summarise([made_up(0.001, 0.001), Score(refused="no standstill")])
+    assert (s.trials, s.refused) == (2, 1)
+    assert s.v_rmse == pytest.approx(0.001)
+    nothing = summarise([Score(refused="no standstill")])
+    assert math.isnan(nothing.nees)
+    assert "1/1" in main_row(Cell("industrial", 8.0, 0.3), nothing)
+
+
+def test_an_unobservable_offset_is_left_out() -> None:
+    seen, unseen = made_up(0.002, 0.001), Score(v_square=0, distance=0, slip=0, offset=0.7)
+    s = summarise([seen, unseen])
+    assert s.observable == 0.5
+    assert s.offset_rmse == pytest.approx(0.002)
+
+
+def test_figures_outside_the_aim_are_bold() -> None:
+    cell = Cell("industrial", 8.0, 0.3)
+    good = summarise([made_up(z, 0.001) for z in (0.001, -0.001)])
+    assert "| 1.00 |" in main_row(cell, good)
+    bad = summarise([made_up(0.009, 0.001)])
+    assert "**9.00**" in main_row(cell, bad)
+    assert "**81.00**" in main_row(cell, bad)
+    assert "**9.00**" in offset_row(cell, bad)
+
+
+def test_correlation_of_innovations() -> None:
+    rng = np.random.default_rng(2)
+    white = rng.standard_normal(2000)
+    assert abs(successive_correlation(health_of(white, 1.0), "wheel")) < 0.06
+    coloured = np.convolve(white, [1.0, 1.0], mode="valid")
+    assert successive_correlation(health_of(coloured, 1.0), "wheel") == pytest.approx(0.5, abs=0.05)
+    assert math.isnan(successive_correlation(health_of(white[:5], 1.0), "wheel"))
+
+
+def test_no_two_trials_share_a_seed() -> None:
+    cells = [Cell(g, d, v, o) for g in "ab" for d in (8.0, 30.0) for v in (0.2, 0.3) for o in (0.0, 0.05)]
+    seeds = {seed_of(cell, i) for cell in cells for i in range(100)}
+    assert len(seeds) == 100 * len(cells)
+
+
+def test_a_trial_is_judged() -> None:
+    s = score(Cell("industrial", 4.0, 0.5), 3)
+    assert not s.refused
+    assert 0 < s.v_square < 0.02**2
+    assert 0 < s.slip_std < 0.1
