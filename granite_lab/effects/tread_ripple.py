@@ -31,9 +31,9 @@ class TreadRipple(Effect):
         "rate, 8-28 Hz for 24 lugs at 0.2-0.7 m/s; its frequency follows the speed and its mean is nil"
     )
     parameters = tuple(
-        EffectParameter(f"{part}_{axle}", "", f"{part}e of the relative ripple of pressure, {axle} wheels",
+        EffectParameter(f"{part}_{axle}", "", f"{word} of the relative ripple of pressure, {axle} wheels",
                         -0.8, 0.8, 0.0, -0.3, 0.3, per_trial=True)
-        for axle in ("front", "rear") for part in ("cos", "sin")
+        for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
     )  # fmt: skip
 
     def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:

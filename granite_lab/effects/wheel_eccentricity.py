@@ -32,9 +32,9 @@ class WheelEccentricity(Effect):
         "the frequency follows the speed, the phase the angle of the wheels"
     )
     parameters = tuple(
-        EffectParameter(f"{part}_{axle}", "m", f"{part}e of the wheel's run-out, {axle} wheels",
+        EffectParameter(f"{part}_{axle}", "m", f"{word} of the wheel's run-out, {axle} wheels",
                         -0.01, 0.01, 0.0, -0.0015, 0.0015, per_trial=True)
-        for axle in ("front", "rear") for part in ("cos", "sin")
+        for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
     )  # fmt: skip
 
     def wheel(self, state: WheelState, own: Own) -> WheelState:
