@@ -1,19 +1,21 @@
 """From measured and simulated slip to k_92 of each trial and a_θ over trials."""
 
 from granite_lab.fitting.atheta import fit_a_theta, published_fit
-from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit, Law
+from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit, K92Law, Law
 from granite_lab.fitting.k92 import fit_k92, slip_interval
-from granite_lab.fitting.slip import fit_k92_to_slip, simulated_slip
+from granite_lab.fitting.slip import fit_k92_to_slip, simulate_k92, simulated_slip
 
 __all__ = [
     "AThetaFit",
     "FitStatus",
     "K92Fit",
+    "K92Law",
     "Law",
     "fit_a_theta",
     "fit_k92",
     "fit_k92_to_slip",
     "published_fit",
+    "simulate_k92",
     "simulated_slip",
     "slip_interval",
 ]

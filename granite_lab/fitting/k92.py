@@ -9,7 +9,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.bins import AXLES, measured_bins, standstill_mean
-from granite_lab.fitting.fit import FitStatus, K92Fit
+from granite_lab.fitting.fit import FitStatus, K92Fit, K92Law
 from granite_lab.fitting.sand import SHARED_STEP
 from granite_lab.fitting.slip import SandShift, SlipFit, fit_slip, sand_shift, simulated_slip
 from granite_lab.fitting.trajectory import VELOCITY_CORRELATION, TrajectoryFit, fit_trajectory
@@ -66,7 +66,7 @@ def fit_k92(
 
     measured = motion.slip_ratio
     by_slip = fit_slip(measured.value, slip_of)
-    shift = sand_shift(by_slip, variant, robot, soil, interval, effects)
+    shift = sand_shift(by_slip, variant, robot, soil, interval, effects=effects)
     std_measurement = measured.std / abs(by_slip.slope)
     notes = _notes(by_slip, shift, measured, std_measurement)
     history, reason = None, "not asked for"
@@ -93,6 +93,7 @@ def fit_k92(
         notes=tuple(notes),
         std_measurement=std_measurement,
         std_sand=shift.std,
+        law=history.law if history else "exponential",
     )
 
 
@@ -109,16 +110,23 @@ def _trajectory(
     if not math.isfinite(t_start):
         raise EstimateError(f"{motion.trial}: the start of the motion is unknown")
     bins = measured_bins(motion, trial, robot, t_start)
-    return fit_trajectory(
-        bins,
-        motion.variant,
-        robot,
-        soil,
-        start=(by_slip.k92, t_start),
-        sand=shift.runs,
-        offsets=_current_offsets(motion, trial, robot),
-        effects=effects,
-    )
+    offsets = _current_offsets(motion, trial, robot)
+    laws: tuple[K92Law, ...] = ("exponential", "constant")
+    fits = [
+        fit_trajectory(
+            bins,
+            motion.variant,
+            robot,
+            soil,
+            start=(by_slip.k92, t_start),
+            sand=shift.runs,
+            offsets=offsets,
+            law=law,
+            effects=effects,
+        )
+        for law in laws
+    ]
+    return min(fits, key=lambda fit: fit.cost)
 
 
 def _current_offsets(motion: Motion, trial: Trial, robot: Robot) -> dict[str, float]:
@@ -157,8 +165,10 @@ def _notes(by_slip: SlipFit, shift: SandShift, measured: Estimate, std_measureme
 
 def _trajectory_notes(history: TrajectoryFit) -> list[str]:
     misfit = ", ".join(f"{name} {value:.1f}" for name, value in history.misfit.items())
+    course = "follows the desired velocity by (5)" if history.law == "exponential" else "is constant"
     seconds = history.correlation.get("velocity", VELOCITY_CORRELATION)
     notes = [
+        f"trajectory: fits better when k_92 {course}",
         f"trajectory: residuals over their stated std, rms: {misfit}",
         f"trajectory: velocity errors taken as correlated over {seconds:.1f} s",
     ]

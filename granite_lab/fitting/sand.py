@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 
+from granite_lab.model.virtual import Scatter
 from granite_lab.parameters import Soil
 
-SAND_SCATTER = {"frictional_modulus": 0.05, "cohesion": 0.05, "friction_angle": 0.02}
+_RAKED = Scatter()
+
+SAND_SCATTER = {
+    "frictional_modulus": _RAKED.frictional_modulus,
+    "cohesion": _RAKED.cohesion,
+    "friction_angle": 0.02,
+}
 """Relative std of k_φ, c and φ from one raking and levelling to the next.
 
-An assumption: prepared dry sand repeats to several percent in stiffness and strength and better in
-the angle of friction, and no test of the container's sand itself is published. The repetitions of
-each variant check it: scatter beyond it shows up as `AThetaFit.scatter`. k_92 itself may scatter
-as well; that is part of what is fitted, not a nuisance.
+An assumption, the same that virtual trials are made with: prepared dry sand repeats to several
+percent in stiffness and strength and better in the angle of friction, and no test of the
+container's sand itself is published. The repetitions of each variant check it: scatter beyond it
+shows up as `AThetaFit.scatter`. k_92 itself may scatter as well; that is part of what is fitted,
+not a nuisance.
 """
 
 SHARED = ("exponent", "shear_modulus", "tyre_friction")

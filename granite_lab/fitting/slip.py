@@ -10,14 +10,18 @@ import numpy as np
 from scipy.optimize import brentq
 
 from granite_lab.errors import EstimateError
-from granite_lab.fitting.fit import FitStatus
+from granite_lab.fitting.fit import FitStatus, K92Law
 from granite_lab.fitting.sand import SAND_SCATTER, SHARED, SHARED_STEP, perturbed
 from granite_lab.model import Run, simulate
+from granite_lab.model.command import peak_velocity
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil, Variant
 
 K92_BOUNDS = (0.0, 1.0)
 """The model needs k_92 >= 0 (section 5), and k_92 = 1 is the value at rest, below (4)."""
+
+LEAST_K92 = 1e-3
+"""Below it the exponential law's exponent runs away: it takes k_92 for this value."""
 
 _TOLERANCE = 1e-5  # of the root; the simulated slip ratio is good to about the same
 _STEP = 0.01  # of k_92 in finite differences
@@ -40,6 +44,32 @@ class SlipFit:
     slope: float
     status: FitStatus
     attainable: tuple[float, float]
+
+
+def simulate_k92(
+    variant: Variant,
+    robot: Robot,
+    soil: Soil,
+    k92: float,
+    law: K92Law = "constant",
+    *,
+    effects: Sequence[Active] = (),
+) -> Run:
+    """Simulate a run in which k_92 has a given value at the steady desired velocity.
+
+    Args:
+        variant, robot, soil, effects: as for `simulate`.
+        k92: at the steady desired velocity.
+        law: how it gets there from 1 at rest.
+
+    Raises:
+        InputError: the robot's file lacks chassis or drive.
+        EstimateError: the simulation does not converge.
+    """
+    if law == "constant":
+        return simulate(variant, robot, soil, k92=k92, effects=effects)
+    a_theta = -math.log(min(max(k92, LEAST_K92), 1.0)) / peak_velocity(variant)
+    return simulate(variant, robot, soil, a_theta=a_theta, effects=effects)
 
 
 def simulated_slip(run: Run, interval: tuple[float, float] | None = None) -> float:
@@ -143,6 +173,7 @@ def sand_shift(
     robot: Robot,
     soil: Soil,
     interval: tuple[float, float] | None = None,
+    *,
     effects: Sequence[Active] = (),
 ) -> SandShift:
     """Propagate the scatter of the sand to k_92 by differences, dk_92 = -dλ_R / slope.

@@ -1,5 +1,10 @@
 r"""k_92 and the start time from the whole time history of a trial.
 
+Table 3's k_92 is a constant of the trial, (5) lets it follow the desired velocity from 1 at rest.
+On the steady part the two are the same; in the ramps they are not, and the time history shows
+which it was. Both are fitted with their value at the steady desired velocity as the unknown, and
+the one that fits better is kept.
+
 Velocity, wheel speeds and currents are compared in bins. The errors are
 
 .. math:: y_c(t) = f_c(t - t_0; k) + \sum_j z_j g_{cj}(t) + e_c(t), \quad z_j \sim N(0, 1)
@@ -26,10 +31,10 @@ from scipy.optimize import least_squares
 
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.bins import AXLES, CHANNELS, Bins, SimulatedBins
-from granite_lab.fitting.fit import FitStatus
-from granite_lab.fitting.slip import K92_BOUNDS
+from granite_lab.fitting.fit import FitStatus, K92Law
+from granite_lab.fitting.slip import K92_BOUNDS, LEAST_K92, simulate_k92
 from granite_lab.logs.trial import Array
-from granite_lab.model import Run, simulate
+from granite_lab.model import Run
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Currents, Robot, Soil, Variant
 
@@ -46,20 +51,22 @@ class TrajectoryFit:
     """Result of the trajectory fit.
 
     Attributes:
-        k92: constant k_92 of the trial.
+        k92: at the steady desired velocity.
+        law: how k_92 gets there.
         t_start: start of the command [s, the log's time].
         status: of `k92`.
         misfit: channel to rms of its residuals over the stated std (1: as stated).
         correlation: channel to the correlation time that was used [s].
-        run: the simulation at the optimum.
+        cost: half the sum of squares under the stated noise, to compare laws.
     """
 
     k92: Estimate
+    law: K92Law
     t_start: Estimate
     status: FitStatus
     misfit: dict[str, float]
     correlation: dict[str, float]
-    run: Run
+    cost: float
 
 
 def fit_trajectory(
@@ -71,6 +78,7 @@ def fit_trajectory(
     start: tuple[float, float],
     sand: dict[str, tuple[Run, Run]],
     offsets: dict[str, float],
+    law: K92Law,
     effects: Sequence[Active] = (),
 ) -> TrajectoryFit:
     """Fit k_92 and the start of the command to the binned time history.
@@ -81,26 +89,29 @@ def fit_trajectory(
         start: k_92 and t_start [s] to begin with.
         sand: parameter of the sand to runs at minus and plus one std.
         offsets: current channel to std of its remaining offset [A].
+        law: how k_92 gets to its value.
 
     Raises:
         EstimateError: the simulation fails.
     """
-    problem = _Problem(bins, variant, robot, soil, effects)
+    problem = _Problem(bins, variant, robot, soil, law, effects)
     problem.add_nuisances(start, sand, offsets, robot.currents)
     x0 = np.concatenate([start, np.zeros(len(problem.signatures))])
-    inner = 1e-3  # begin off the bounds: at a bound no direction leads out
-    x0[0] = np.clip(x0[0], K92_BOUNDS[0] + inner, K92_BOUNDS[1] - inner)
+    low, high = (K92_BOUNDS[0] if law == "constant" else LEAST_K92), K92_BOUNDS[1]
+    x0[0] = np.clip(x0[0], low + 1e-3, high - 1e-3)  # at a bound no direction leads out
     free = np.full(x0.size - 2, np.inf)
     bounds = (
-        np.concatenate([[K92_BOUNDS[0], start[1] - _START_RANGE], -free]),
-        np.concatenate([[K92_BOUNDS[1], start[1] + _START_RANGE], free]),
+        np.concatenate([[low, start[1] - _START_RANGE], -free]),
+        np.concatenate([[high, start[1] + _START_RANGE], free]),
     )
+    costs = []
     for _ in range(2):  # the second time with the noise that the first found
         solution = least_squares(
             problem.residuals, x0, problem.jacobian, bounds, method="dogbox",
             x_scale=np.concatenate([[0.05, 0.02], np.ones(x0.size - 2)]), xtol=1e-6, ftol=1e-6, max_nfev=30,
         )  # fmt: skip
         x0 = solution.x
+        costs.append(float(solution.cost))
         problem.learn_noise(x0)
     covariance = problem.covariance(x0)
     status: FitStatus = "ok" if solution.status > 0 else "not_converged"
@@ -111,11 +122,12 @@ def fit_trajectory(
     std = np.sqrt(np.diag(covariance))
     return TrajectoryFit(
         Estimate(float(x0[0]), float(std[0])),
+        law,
         Estimate(float(x0[1]), float(std[1])),
         status,
         problem.misfit,
         problem.correlation,
-        problem.run(x0[0]),
+        costs[0],
     )
 
 
@@ -123,10 +135,17 @@ class _Problem:
     """Residuals of the fit; unknowns are k_92, t_start and one z per nuisance."""
 
     def __init__(
-        self, bins: Bins, variant: Variant, robot: Robot, soil: Soil, effects: Sequence[Active]
+        self,
+        bins: Bins,
+        variant: Variant,
+        robot: Robot,
+        soil: Soil,
+        law: K92Law,
+        effects: Sequence[Active],
     ) -> None:
         self.bins = bins
         self._system = (variant, robot, soil)
+        self._law: K92Law = law
         self._effects = effects
         self.masks = {c: np.isfinite(bins.values[c]) & np.isfinite(bins.std[c]) for c in CHANNELS}
         self.channels = [c for c in CHANNELS if self.masks[c].any()]
@@ -134,17 +153,13 @@ class _Problem:
         self.correlation = {c: VELOCITY_CORRELATION if c == "velocity" else 0.0 for c in self.channels}
         self.misfit = dict.fromkeys(self.channels, np.nan)
         self.signatures: list[Array] = []
-        self._runs: dict[float, tuple[Run, SimulatedBins]] = {}
+        self._runs: dict[float, SimulatedBins] = {}
 
-    def run(self, k92: float) -> Run:
-        """Return the simulation with this k_92."""
-        return self._at(k92)[0]
-
-    def _at(self, k92: float) -> tuple[Run, SimulatedBins]:
+    def _at(self, k92: float) -> SimulatedBins:
         key = float(k92)
         if key not in self._runs:
-            run = simulate(*self._system, k92=key, effects=self._effects)
-            self._runs[key] = run, SimulatedBins(run)
+            run = simulate_k92(*self._system, key, self._law, effects=self._effects)
+            self._runs[key] = SimulatedBins(run)
         return self._runs[key]
 
     def _stack(self, of: SimulatedBins, t_start: float) -> Array:
@@ -161,7 +176,7 @@ class _Problem:
         for minus, plus in sand.values():
             ends = [self._stack(SimulatedBins(run), at[1]) for run in (minus, plus)]
             self.signatures.append((ends[1] - ends[0]) / 2)
-        simulated = self._stack(self._at(at[0])[1], at[1])
+        simulated = self._stack(self._at(at[0]), at[1])
         for axle in AXLES:
             name = f"current_{axle}"
             if name in self.channels:
@@ -177,7 +192,7 @@ class _Problem:
     def difference(self, x: Array) -> Array:
         """Return simulation with nuisances minus measurement, all channels in a row."""
         measured = np.concatenate([self.bins.values[c][self.masks[c]] for c in self.channels])
-        simulated = self._stack(self._at(x[0])[1], x[1])
+        simulated = self._stack(self._at(x[0]), x[1])
         return np.asarray(
             simulated + sum(z * g for z, g in zip(x[2:], self.signatures, strict=True)) - measured
         )
@@ -189,7 +204,7 @@ class _Problem:
     def _slopes(self, x: Array) -> Array:
         """Return d difference / dx, one column per unknown."""
         other = x[0] + (_STEP_K92 if x[0] + _STEP_K92 <= K92_BOUNDS[1] else -_STEP_K92)
-        here, there = self._at(x[0])[1], self._at(other)[1]
+        here, there = self._at(x[0]), self._at(other)
         by_k92 = (self._stack(there, x[1]) - self._stack(here, x[1])) / (other - x[0])
         by_time = (self._stack(here, x[1] + _STEP_TIME) - self._stack(here, x[1] - _STEP_TIME)) / (
             2 * _STEP_TIME

@@ -1,0 +1,187 @@
+"""The channels of a comparison: what was measured and what the model says, at the same instants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from granite_lab.errors import EstimateError
+from granite_lab.estimation import mounting
+from granite_lab.estimation.motion import Motion
+from granite_lab.fitting.bins import AXLES, standstill_mean
+from granite_lab.logs.trial import Array, Trial
+from granite_lab.model import Run
+from granite_lab.model.command import V_FLOOR
+from granite_lab.parameters import WHEELS, Robot
+
+UNITS = {
+    "velocity": "m/s",
+    **{f"wheel_{wheel}": "m/s" for wheel in WHEELS},
+    **{f"slip_{axle}": "-" for axle in AXLES},
+    **{f"torque_{axle}": "N m" for axle in AXLES},
+    "pitch": "rad",
+    "accel": "m/s^2",
+    "pitch_rate": "rad/s",
+}
+"""Channel to unit, in the order in which they are shown."""
+
+_FAST = 0.1
+"""What a moving average over this time [s] takes out of an IMU signal counts as its noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Channel to (N,) values and std; what was not measured is absent."""
+
+    value: dict[str, Array]
+    std: dict[str, Array]
+
+
+def measured_channels(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Channels:
+    """Return what was measured, at the stamps of the motion.
+
+    Currents become driving torques of one wheel by (24), T = η_d n_d k_m i, mean of a pair; their
+    offsets are taken out at the standstill before the start.
+
+    Args:
+        motion: the estimate.
+        trial: the log with IMU and currents.
+        robot: with the sensors' figures.
+        t: (N,) the motion's stamps as time since the start of the command [s].
+    """
+    value, std = {"velocity": motion.v}, {"velocity": motion.v_std}
+    for i, wheel in enumerate(WHEELS):
+        value[f"wheel_{wheel}"], std[f"wheel_{wheel}"] = motion.v_wheel[:, i], motion.v_wheel_std[:, i]
+    for axle, columns in AXLES.items():
+        value[f"slip_{axle}"] = _mean_known(motion.slip[:, columns])
+        # the body's velocity is common to a pair and rules the error, so a mean is no better than one
+        std[f"slip_{axle}"] = _mean_known(motion.slip_std[:, columns])
+    value["pitch"], std["pitch"] = motion.pitch, motion.pitch_std
+    _add_torques(value, std, motion, trial, robot, t)
+    _add_imu(value, std, motion, trial, robot)
+    known = [name for name in UNITS if name in value and np.isfinite(value[name]).any()]
+    return Channels({name: value[name] for name in known}, {name: std[name] for name in known})
+
+
+def simulated_channels(run: Run, t: Array) -> dict[str, Array]:
+    """Return every channel of a run at `t` (N,) [s after command start]; at rest outside the run.
+
+    Wheel speeds and slip are those of the virtual encoders with the nominal radius, specific force
+    and pitch rate those of the virtual IMU, so that a sensor's fault in the model appears in them.
+    """
+    channels = {"velocity": _at(run, "v_mps", t), "pitch": _at(run, "pitch_rad", t)}
+    for axle in AXLES:
+        v_o = run.robot.wheels.radius * np.gradient(run[f"enc_{axle}_rad"], run.t)
+        v = run["v_mps"]
+        slip = (v_o - v) / np.maximum(np.maximum(np.abs(v_o), np.abs(v)), V_FLOOR)  # (1)
+        for wheel in (w for w in WHEELS if w.startswith(axle)):
+            channels[f"wheel_{wheel}"] = np.interp(t, run.t, v_o)
+        channels[f"slip_{axle}"] = np.interp(t, run.t, slip)
+        drive = run.robot.drive
+        assert drive is not None
+        factor = drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
+        channels[f"torque_{axle}"] = factor * _at(run, f"cur_{axle}_A", t)  # (24), as if measured
+    channels["accel"] = _at(run, "imu_ax_mps2", t)
+    channels["pitch_rate"] = _at(run, "imu_gy_radps", t)
+    return {name: channels[name] for name in UNITS}
+
+
+def without_offsets(measured: Channels, simulated: dict[str, Array], t: Array) -> Channels:
+    """Shift pitch, specific force and pitch rate so that they agree with the model at standstill.
+
+    Before the start, tilt of the sensor and bias cannot be told from the robot's own pitch; what is
+    compared is the change since then.
+    """
+    value = dict(measured.value)
+    for name in ("pitch", "accel", "pitch_rate"):
+        if name in value:
+            value[name] = value[name] - standstill_mean(t, value[name] - simulated[name], 0.0)[0]
+    return Channels(value, measured.std)
+
+
+def _at(run: Run, signal: str, t: Array) -> Array:
+    return np.asarray(np.interp(t, run.t, run[signal]))
+
+
+def _mean_known(columns: Array) -> Array:
+    known = np.isfinite(columns)
+    total = np.where(known, columns, 0.0).sum(axis=1)
+    return np.where(known.any(axis=1), total / np.maximum(1, known.sum(axis=1)), np.nan)
+
+
+def _add_torques(
+    value: dict[str, Array], std: dict[str, Array], motion: Motion, trial: Trial, robot: Robot, t: Array
+) -> None:
+    drive, sensor = robot.drive, robot.currents
+    if trial.currents is None or drive is None:
+        return
+    lag = motion.clock_offset.value if np.isfinite(motion.clock_offset.value) else 0.0
+    stamps = trial.currents.t + lag - (motion.t[0] - t[0])  # time since command start
+    factor = drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
+    for axle, columns in AXLES.items():
+        pair = []
+        offset_std = sensor.offset
+        for i in columns:
+            current = trial.currents.current[:, i]
+            good = np.isfinite(current)
+            if good.sum() < 2:
+                continue
+            offset, samples = standstill_mean(stamps, current, 0.0)
+            if samples:
+                offset_std = max(sensor.noise / np.sqrt(samples), sensor.step / np.sqrt(12))
+            pair.append(np.interp(t, stamps[good], current[good] - offset, left=np.nan, right=np.nan))
+        if not pair:
+            continue
+        mean = np.mean(pair, axis=0)
+        value[f"torque_{axle}"] = factor * mean
+        spread = np.sqrt(sensor.noise**2 + offset_std**2 + (sensor.gain * mean) ** 2)
+        std[f"torque_{axle}"] = factor * spread / np.sqrt(len(pair))
+
+
+def _add_imu(
+    value: dict[str, Array], std: dict[str, Array], motion: Motion, trial: Trial, robot: Robot
+) -> None:
+    if trial.imu is None or trial.imu.t.size < 8:
+        return
+    imu = _body_imu(motion, trial, robot)
+    if imu is None:
+        return
+    period = float(np.median(np.diff(imu.t)))
+    phase = np.array(motion.phase)
+    for name, signal in (("accel", imu.forward), ("pitch_rate", imu.pitch_rate)):
+        good = np.isfinite(signal)
+        if good.sum() < 8:
+            continue
+        t, y = imu.t[good], signal[good]
+        fast = y - uniform_filter1d(y, max(3, round(_FAST / period)), mode="nearest")
+        value[name] = np.interp(motion.t, t, y)
+        std[name] = _per_phase(phase, np.interp(motion.t, t, fast**2))
+
+
+def _per_phase(phase: np.ndarray, square: Array) -> Array:
+    """Return for each sample the root of the mean square over its phase."""
+    result = np.empty(square.size)
+    for name in np.unique(phase):
+        result[phase == name] = np.sqrt(square[phase == name].mean())
+    return result
+
+
+def _body_imu(motion: Motion, trial: Trial, robot: Robot) -> mounting.BodyImu | None:
+    """Return the IMU in robot axes, oriented as the estimation did; None where that is impossible."""
+    assert trial.imu is not None
+    rotation = mounting.given(robot)
+    if robot.imu.forward == "find":
+        still = np.zeros(trial.imu.t.size, dtype=bool)
+        for begin, end in motion.health.rests:
+            still |= (trial.imu.t >= begin) & (trial.imu.t <= end)
+        if not still.any():
+            return None
+        speed = np.nan_to_num(_mean_known(motion.v_wheel))
+        try:
+            levelled = mounting.level(trial.imu, still, rotation)
+            rotation, _ = mounting.find_forward(trial.imu, levelled, motion.t, np.gradient(speed, motion.t))
+        except EstimateError:
+            return None
+    return mounting.to_body(trial.imu, rotation)
