@@ -6,7 +6,6 @@ import io
 import re
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import matplotlib as mpl
@@ -184,16 +183,14 @@ def envelope(t: Array, *values: Array, points: int = 700) -> tuple[Array, ...]:
     n = len(t)
     if n <= points:
         return (t, *values)
-    edges = np.linspace(0, n, points // 2 + 1).astype(int)
-    keep = [0, n - 1]
-    first = values[0]
-    for a, b in pairwise(edges):
-        part = first[a:b]
-        if np.isnan(part).all():
-            keep.append(a)
-            continue
-        keep.extend((a + int(np.nanargmin(part)), a + int(np.nanargmax(part))))
-    index = np.unique(keep)
+    size = -(-n // (points // 2))
+    bins = -(-n // size)
+    first = np.full(bins * size, np.nan)
+    first[:n] = values[0]
+    blocks, starts = first.reshape(bins, size), np.arange(bins) * size
+    lowest = starts + np.where(np.isnan(blocks), np.inf, blocks).argmin(axis=1)
+    highest = starts + np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1)
+    index = np.unique(np.concatenate([[0, n - 1], lowest, highest]))
     return (t[index], *(v[index] for v in values))
 
 

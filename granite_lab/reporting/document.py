@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.table import Table
+
+if TYPE_CHECKING:
+    from granite_lab.reporting.canvas import Drawing
 
 
 @dataclass(frozen=True)

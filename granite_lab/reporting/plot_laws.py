@@ -62,7 +62,7 @@ def k92_over_velocity(result: StudyResult, speeds: Sequence[Speed], paper: Paper
         canvas.legend_above(axis, 2)
         canvas.mark_virtual(figure, result.virtual)
     return Drawing(
-        "k92_over_velocity", 
+        "k92_over_velocity",
         f"k_92 over desired velocity, as Fig. 3 of the paper{canvas.data_tag(result.virtual)}",
         _describe_law(fit),
         "Contact angle ratio k92 over desired velocity: trials, fitted exponential law with its 95 % "
@@ -126,7 +126,7 @@ def k92_over_slip(result: StudyResult, speeds: Sequence[Speed], paper: Paper) ->
         canvas.legend_above(axis, 2)
         canvas.mark_virtual(figure, result.virtual)
     return Drawing(
-        "k92_over_slip", 
+        "k92_over_slip",
         f"k_92 over robot slip ratio, as Fig. 4 of the paper{canvas.data_tag(result.virtual)}",
         _describe_line(line, paper),
         "Contact angle ratio k92 over robot slip ratio: trials, fitted line, the paper's line and values.",

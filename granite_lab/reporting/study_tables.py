@@ -180,6 +180,8 @@ def describe_laws(fit: AThetaFit) -> str:
     if len(fit.laws) == 1:
         return f"Only {best.formula} could be fitted."
     lead = fit.laws[1].aicc - best.aicc
+    if not math.isfinite(lead):
+        return "Too few values of k_92 for an information criterion of every law; compare the residuals."
     clear = "clearly" if lead > 10 else "slightly" if lead > 2 else "hardly"
     return (
         f"Best by the corrected Akaike criterion: {best.formula} (weight {significant(best.weight, 2)}), "

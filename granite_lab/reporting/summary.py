@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
 from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.estimate import Estimate
@@ -68,6 +67,8 @@ def mean_over(estimates: Iterable[Estimate]) -> MeanEstimate:
     standard deviations. The first knows the sand's scatter, the second the sensors'; with few
     repetitions either can be too small by chance.
     """
+    from scipy.special import stdtrit  # noqa: PLC0415, heavy
+
     finite = [e for e in estimates if math.isfinite(e.value)]
     n = len(finite)
     if n == 0:
