@@ -2,7 +2,8 @@
 
 Everything made here is virtual and says so in its metadata. The sensors have turn-on bias, bias
 instability, mounting tilt, white noise, saturation, quantisation, jitter and a frame vibration
-that shakes but does not carry the robot away (its integral stays bounded).
+that shakes but does not carry the robot away (its integral stays bounded). A sample of the IMU is
+the mean over its sampling interval.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, lfilter, sosfilt
 from scipy.spatial.transform import Rotation
 
@@ -114,6 +116,17 @@ def _at(run: Run, name: str, t: Array) -> Array:
     return np.asarray(np.interp(t, run.t, run[name]))
 
 
+def _mean_at(run: Run, name: str, t: Array, width: float) -> Array:
+    """Average a signal over an interval around each t, as a sensor's own low-pass filter does."""
+    gained: Array = cumulative_trapezoid(run[name], run.t, initial=0)
+
+    def integral(at: Array) -> Array:
+        beyond = np.minimum(at - run.t[0], 0) * run[name][0] + np.maximum(at - run.t[-1], 0) * run[name][-1]
+        return np.asarray(np.interp(at, run.t, gained) + beyond)
+
+    return np.asarray((integral(t + width / 2) - integral(t - width / 2)) / width)
+
+
 def _stamps(rng: np.random.Generator, rate: float, end: float, jitter: float) -> Array:
     """Return strictly increasing stamps [s] from 0 to `end`, rounded to the microsecond."""
     t = rng.uniform(0, 1 / rate) + np.arange(int((end - 1 / rate) * rate)) / rate
@@ -127,9 +140,9 @@ def _imu(
     n = t.size
     force = np.zeros((n, 3))
     rate = np.zeros((n, 3))
-    force[:, 0] = _at(run, "imu_ax_mps2", t - origin)
-    force[:, 2] = _at(run, "imu_az_mps2", t - origin)
-    rate[:, 1] = _at(run, "imu_gy_radps", t - origin)
+    force[:, 0] = _mean_at(run, "imu_ax_mps2", t - origin, 1 / grade.rate)
+    force[:, 2] = _mean_at(run, "imu_az_mps2", t - origin, 1 / grade.rate)
+    rate[:, 1] = _mean_at(run, "imu_gy_radps", t - origin, 1 / grade.rate)
     shaken = np.abs(_at(run, "v_wheel_f_mps", t - origin)) / 0.5
     for axis, share in enumerate((1.0, LATERAL_VIBRATION, 1.0)):
         force[:, axis] += robot.imu.vibration * share * shaken * _vibration(robot, grade, n, rng)
