@@ -16,6 +16,7 @@ from granite_lab.errors import InputError, LabError
 _REASONS = {
     errno.ENOENT: ("does not exist", "check the path"),
     errno.EISDIR: ("is a directory", "give the path of a file inside it"),
+    errno.EEXIST: ("a part of its path is not a directory", "check the path"),
     errno.ENOTDIR: ("a part of its path is not a directory", "check the path"),
     errno.EACCES: ("permission denied", "check the permissions of the file and its folder"),
     errno.EPERM: ("permission denied", "check the permissions of the file and its folder"),

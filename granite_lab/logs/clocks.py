@@ -69,7 +69,7 @@ def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
     middle = abs(float(np.median(raw)))
     if not _plausible(period * factor, slowest, 20000.0):
         # A clock that counts from 1970 names its own unit; else only one unit may give a usual rate.
-        fits = [f for f in _SECONDS.values() if _plausible(period * f, max(slowest, 4.0), 4000.0)]
+        fits = [f for f in _SECONDS.values() if _plausible(period * f, max(slowest, 4.0), 2000.0)]
         epoch = _epoch(middle)
         chosen = epoch if epoch is not None else fits[0] if len(fits) == 1 else None
         if chosen is None or not _plausible(period * chosen, slowest, 20000.0):

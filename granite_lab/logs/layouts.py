@@ -187,7 +187,7 @@ def check_unit(text: str, channel: str, where: str) -> None:
     unit = find_unit(text)
     allowed = CHANNELS[channel]
     if unit is None:
-        close = resembling(text)
+        close = resembling(text, *allowed)
         what = f"unit '{text}' is not known" if text else "the unit is missing"
         raise InputError(
             f"{where}: {what}, expected one of {spellings(*allowed)}",

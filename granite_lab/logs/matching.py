@@ -189,7 +189,8 @@ def no_match(path: Path, dialect: Dialect, tries: list[Match], given: bool) -> I
             "granite-lab inspect shows what the columns seem to be and writes a column map for --map",
         )
     lacking = near.missing[0]
-    close = difflib.get_close_matches(lacking, names, n=1, cutoff=0.6)
+    unused = [name for name in names if not any(spec.matches(name) for spec in near.layout.column)]
+    close = difflib.get_close_matches(lacking, unused, n=1, cutoff=0.6)
     hint = f"there is '{close[0]}'; " if close and close[0] != lacking else ""
     if near.layout.name == "canonical":
         hint += "names are channel_unit, such as imu_gy_radps or enc_fl_rad"

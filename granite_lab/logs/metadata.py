@@ -100,7 +100,7 @@ def fill(sources: Sequence[Metadata]) -> Metadata:
         said["extra"] = said.get("extra", {}) | metadata.extra
         for f in _KEYS.values():
             value = getattr(metadata, f.name)
-            if value and not (isinstance(value, float) and math.isnan(value)):
+            if (not math.isnan(value)) if isinstance(value, float) else value:
                 said[f.name] = value
     return Metadata(**said)
 

@@ -92,9 +92,10 @@ def spellings(*quantities: str) -> str:
     return ", ".join(names)
 
 
-def resembling(text: str) -> str:
-    """Return the known unit that `text` resembles, or nothing."""
-    close = difflib.get_close_matches(text, list(_UNITS), n=1, cutoff=0.5)
+def resembling(text: str, *quantities: str) -> str:
+    """Return the known unit of some quantities that `text` resembles, or nothing."""
+    known = [spelling for spelling, unit in _UNITS.items() if unit.quantity in quantities]
+    close = difflib.get_close_matches(text, known, n=1, cutoff=0.5)
     return close[0] if close else ""
 
 

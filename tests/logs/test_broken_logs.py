@@ -1,0 +1,241 @@
+"""Broken logs: each is refused in one line that names the place, with a hint and exit code 3."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granite_lab.errors import InputError
+from granite_lab.logs import inspect_logs, read_trial
+from tests.logs import make
+
+LINES = make.lines()
+COLUMNS = LINES[0].split(",")
+
+
+def cell(line: int, column: str, text: str) -> str:
+    """Put a text into one cell; line 2 is the first row."""
+    return cells({(line, column): text})
+
+
+def cells(changes: dict[tuple[int, str], str]) -> str:
+    lines = list(LINES)
+    for (line, column), text in changes.items():
+        row = lines[line - 1].split(",")
+        row[COLUMNS.index(column)] = text
+        lines[line - 1] = ",".join(row)
+    return "\n".join(lines) + "\n"
+
+
+def stretch(column: str, first: int, last: int, text: str) -> str:
+    return cells({(line, column): text for line in range(first, last)})
+
+
+def header(change: Callable[[str], str]) -> str:
+    return "\n".join([change(LINES[0]), *LINES[1:]]) + "\n"
+
+
+def column(name: str, change: Callable[[float], float]) -> str:
+    """Change every value of a column."""
+    place = COLUMNS.index(name)
+    out = [LINES[0]]
+    for line in LINES[1:]:
+        row = line.split(",")
+        row[place] = repr(change(float(row[place])))
+        out.append(",".join(row))
+    return "\n".join(out) + "\n"
+
+
+def scaled(prefix: str, factor: float) -> str:
+    """Multiply all columns that begin with a prefix."""
+    hit = [i for i, name in enumerate(COLUMNS) if name.startswith(prefix)]
+    out = [LINES[0]]
+    for line in LINES[1:]:
+        row = line.split(",")
+        out.append(",".join(repr(float(c) * factor) if i in hit else c for i, c in enumerate(row)))
+    return "\n".join(out) + "\n"
+
+
+def insert(line: int, text: str) -> str:
+    lines = list(LINES)
+    lines.insert(line - 1, text)
+    return "\n".join(lines) + "\n"
+
+
+def restart(at: int) -> str:
+    """Let the clock start over from the first stamp."""
+    lines = list(LINES)
+    for k in range(at, len(lines)):
+        lines[k] = ",".join([LINES[k - at + 1].split(",")[0], *lines[k].split(",")[1:]])
+    return "\n".join(lines) + "\n"
+
+
+def jump_back(at: int, by: float) -> str:
+    lines = list(LINES)
+    for k in range(at, len(lines)):
+        row = lines[k].split(",")
+        lines[k] = ",".join([f"{float(row[0]) - by:.6f}", *row[1:]])
+    return "\n".join(lines) + "\n"
+
+
+def only(*names: str) -> str:
+    """Keep some columns."""
+    keep = [COLUMNS.index(name) for name in names]
+    return "\n".join(",".join(line.split(",")[i] for i in keep) for line in LINES) + "\n"
+
+
+TEXT = "\n".join(LINES) + "\n"
+HALF = len(TEXT) // 2
+
+# name: (content, what the message says behind the path, what the hint says)
+CASES: dict[str, tuple[str | bytes, str, str]] = {
+    # files that are no tables
+    "empty": ("", r": the file is empty", "header line"),
+    "blank lines": ("\n" * 1000, r": the file is empty", "header line"),
+    "only comments": ('# robot = "granite"\n# soil = "dry_sand"\n', r": no header line, only comments", "header"),
+    "header only": (LINES[0] + "\n", r":1: no row of numbers below the header", "no samples"),
+    "a letter": ("Dear Jan,\nthe log is attached.\nBest\n", r":\d: no (table here|row of numbers.*)", ""),
+    "binary": (bytes(range(256)) * 40, r": is binary, not text", "CSV"),
+    "random bytes": (np.random.default_rng(1).bytes(5000), r": is binary, not text", "CSV"),
+    "a bag": (b"#ROSBAG V2.0\n" + bytes(100), r": is not text but a ROS bag", "CSV"),
+    "a workbook": (b"PK\x03\x04" + bytes(100), r": is not text but a zip archive or Excel workbook", "CSV"),
+    "compressed": (b"\x1f\x8b\x08" + bytes(100), r": is not text but gzip-compressed", "CSV"),
+    "parquet": (b"PAR1" + bytes(100), r": is not text but a Parquet file", "CSV"),
+    # headers
+    "no header": ("\n".join(LINES[1:]), r":1: no header line, expected the names of the columns", "names ="),
+    "missing gyro": (header(lambda h: h.replace("imu_gy_radps", "x")), r":1: column 'imu_gy' is missing.*", "imu_gy_radps"),
+    "missing accelerometer": (header(lambda h: h.replace("imu_ax_mps2", "x")), r":1: column 'imu_ax' is missing.*", ""),
+    "missing wheel": (header(lambda h: h.replace("enc_rr_rad", "x")), r":1: column 'enc_rr' is missing.*", ""),
+    "missing time": (header(lambda h: h.replace("t_s", "x")), r":1: column 't' is missing.*", ""),
+    "misspelt wheel": (header(lambda h: h.replace("enc_fr", "encfr")), r":1: column 'enc_fr' is missing.*", "encfr_rad"),
+    "no unit": (header(lambda h: h.replace("imu_gy_radps", "imu_gy")), r":1: column 'imu_gy' is missing.*", "imu_gy_radps"),
+    "unknown unit": (header(lambda h: h.replace("ax_mps2", "ax_mps3")), r":1: column 'imu_ax_mps3': unit 'mps3' is not known, expected one of m/s\^2.*", "mps2"),
+    "unit of another kind": (header(lambda h: h.replace("gy_radps", "gy_rad")), r":1: column 'imu_gy_rad': unit 'rad' is one of angle, but imu_gy is angular rate", "rad/s"),
+    "duplicate column": (header(lambda h: h.replace("imu_ay", "imu_ax")), r":1: 'imu_ax_mps2' \(column 2\) and 'imu_ax_mps2' \(column 3\) both are imu_ax.*", "remove"),
+    "two units of one channel": (header(lambda h: h.replace("imu_ay_mps2", "imu_ax_g")), r":1: 'imu_ax_mps2' \(column 2\) and 'imu_ax_g' \(column 3\) both are imu_ax.*", "remove"),
+    "header too short": (header(lambda h: h.rsplit(",", 1)[0]), r":1: the header names 10 columns, the rows below have 11", "one name a column"),
+    "header too long": (header(lambda h: h + ",more,and_more"), r":1: the header names 13 columns, the rows below have 11", "one name a column"),
+    "comma in a name": (header(lambda h: h.replace("t_s", "t, in s")), r":1: the header names 12 columns, the rows below have 11", "quote"),
+    "unknown layout": ("alpha,beta,gamma\n1,2,3\n2,3,4\n", r":1: the layout is not known: alpha, beta, gamma", "inspect"),
+    # cells
+    "text in a number": (cell(12, "imu_ax_mps2", "fast"), r":12: column 'imu_ax_mps2': 'fast' is not a number, expected one", "empty"),
+    "text in a stamp": (cell(40, "t_s", "12:30:05"), r":40: column 't_s': '12:30:05' is not a number.*", ""),
+    "text in the last row": (cell(601, "enc_rl_rad", "END"), r":601: column 'enc_rl_rad': 'END' is not a number.*", ""),
+    "formula": (cell(30, "enc_fl_rad", "=cmd|' /C calc'!A0"), r":30: column 'enc_fl_rad': .*=cmd.* is not a number.*", ""),
+    "script": (cell(31, "enc_fl_rad", "<script>alert(1)</script>"), r":31: column 'enc_fl_rad': '<script>.*' is not a number.*", ""),
+    "letter O for zero": (cell(77, "imu_gz_radps", "O.01"), r":77: column 'imu_gz_radps': 'O.01' is not a number.*", ""),
+    "underscore": (cell(77, "imu_gz_radps", "1_000"), r":77: column 'imu_gz_radps': '1_000' is not a number.*", ""),
+    "hexadecimal": (cell(77, "imu_gz_radps", "0x1F"), r":77: column 'imu_gz_radps': '0x1F' is not a number.*", ""),
+    "infinity": (cell(50, "imu_az_mps2", "inf"), r":50: column 'imu_az_mps2': inf is not finite.*", "empty"),
+    "overflow": (cell(50, "imu_az_mps2", "1e999"), r":50: column 'imu_az_mps2': 1e999 is not finite.*", "empty"),
+    "decimal comma in one cell": (cell(50, "imu_az_mps2", '"9,81"'), r":50: column 'imu_az_mps2': '9,81' is not a number.*", "decimal"),
+    "decimal commas, comma separated": (TEXT.replace(".", ","), r":1: the header names 11 columns, the rows below have \d+", "decimal comma"),
+    "zeros of a lost sector": (TEXT[:HALF].encode() + bytes(512) + TEXT[HALF:].encode(), r":\d+: .*", ""),
+    "a row too long": (insert(20, LINES[19] + ",1,2"), r":20: 13 cells, expected 11", "delimiter"),
+    "a row too short": (insert(20, "0.18,1,2"), r":20: 3 cells, expected 11", "damaged"),
+    "second header in the middle": (insert(200, LINES[0]), r":200: column 't_s': 't_s' is not a number.*", ""),
+    "long NaN stretch": (stretch("imu_gy_radps", 200, 300, "NaN"), r":200: column 'imu_gy_radps': no number for 0.99 s from t = 1.980 s on.*", "cut"),
+    "long empty stretch": (stretch("imu_ax_mps2", 200, 300, ""), r":200: column 'imu_ax_mps2': no number for 0.99 s.*", "cut"),
+    # clocks
+    "one row": ("\n".join(LINES[:2]), r": column 't_s' does not advance, expected time stamps", "two rows"),
+    "constant time": (column("t_s", lambda t: 5.0), r": column 't_s' does not advance, expected time stamps", ""),
+    "clock starts over": (restart(300), r":301: .*time runs backwards by 2.980 s and starts over at 0.000 s", "cut"),
+    "clock set back": (jump_back(300, 1.234), r":301: .*time runs backwards by 1.2\d\d s and starts over.*", "cut"),
+    "time reversed": ("\n".join([LINES[0], *LINES[:0:-1]]), r":3: .*time runs backwards, from 5.990 s to 0.000 s", "increase"),
+    "time in years": (column("t_s", lambda t: t * 3e7), r": column 't_s': stamps .* times a second.*, expected .*", "unit"),
+    # units and signs that nothing fits
+    "raw accelerometer": (scaled("imu_a", 16384 / 9.81), r": the accelerometer, declared in m/s\^2, reads 1\.6\d+e\+04 at rest, expected 9.81.*", "scale"),
+    "half gravity": (scaled("imu_a", 0.5), r": the accelerometer, declared in m/s\^2, reads 4\.9\d* at rest, expected 9.81.*", "scale"),
+    "absurd wheels": (scaled("enc", 1000.0), r": the wheels' circumference moves at .* m/s, expected at most 30 m/s", "radius"),
+    # metadata
+    "metadata of the wrong type": ("# v_desired_mps = fast\n" + TEXT, r":1: v_desired_mps = fast is not valid", "TOML"),
+    "metadata as text": ('# v_desired_mps = "0.3"\n' + TEXT, r":1: v_desired_mps = '0.3' is not a number", "m/s"),
+    "metadata out of range": ("# soil = \"dry_sand\"\n# v_desired_mps = -1\n" + TEXT, r":2: v_desired_mps = -1 is out of range", "from 0 to 50"),
+    "metadata not finite": ("# distance_m = nan\n" + TEXT, r":1: distance_m = nan is out of range", "m"),
+    "metadata counts": ("# enc_counts_per_rev = 0\n" + TEXT, r":1: enc_counts_per_rev = 0 is out of range", "1/rev"),
+    # nothing to estimate from
+    "only a clock": ("t_s,v_cmd_mps\n" + "\n".join(f"{k / 100},0.1" for k in range(100)), r": neither IMU nor encoder samples", "at least one"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_broken_log_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    content, expected, hint = CASES[name]
+    path = tmp_path / "trial.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(InputError) as caught:
+        read_trial(path)
+    error = caught.value
+    assert re.fullmatch(re.escape(str(path)) + expected, error.message), error.message
+    assert hint in error.hint, error.hint
+    assert error.hint or hint == ""
+    assert "\n" not in error.message
+    assert "\n" not in error.hint
+    assert error.exit_code == 3
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_broken_log_can_be_inspected(name: str, tmp_path: Path) -> None:
+    content, _, _ = CASES[name]
+    path = tmp_path / "trial.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    report = inspect_logs([path]).files[0]
+    assert report.problem or report.doubts
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="does not exist"):
+        read_trial(tmp_path / "nothing.csv")
+
+
+def test_a_directory(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a directory"):
+        read_trial(tmp_path)
+
+
+def test_a_loop_of_links(tmp_path: Path) -> None:
+    loop = tmp_path / "loop.csv"
+    loop.symlink_to(loop)
+    with pytest.raises(InputError, match="loop"):
+        read_trial(loop)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_an_unreadable_file(tmp_path: Path) -> None:
+    path = tmp_path / "secret.csv"
+    path.write_text(TEXT)
+    path.chmod(0)
+    with pytest.raises(InputError, match="permission denied"):
+        read_trial(path)
+
+
+def test_files_of_different_clocks(tmp_path: Path) -> None:
+    imu, enc = tmp_path / "imu.csv", tmp_path / "enc.csv"
+    imu.write_text(only(*COLUMNS[:7]))
+    shifted = [line.split(",") for line in only(COLUMNS[0], *COLUMNS[7:]).splitlines()]
+    later = [",".join([f"{float(row[0]) + 1e6}", *row[1:]]) for row in shifted[1:]]
+    enc.write_text("\n".join([",".join(shifted[0]), *later]))
+    with pytest.raises(InputError, match="have no time in common"):
+        read_trial(imu, encoders=enc)
+
+
+def test_a_file_given_for_what_it_does_not_hold(tmp_path: Path) -> None:
+    path, other = tmp_path / "a.csv", tmp_path / "b.csv"
+    path.write_text(TEXT)
+    other.write_text(only(*COLUMNS[:7]))
+    with pytest.raises(InputError, match="given as --encoders, but nothing in it is of that kind"):
+        read_trial(path, encoders=other)
+
+
+def test_counts_of_an_encoder_nobody_describes(tmp_path: Path) -> None:
+    robot = tmp_path / "mine.toml"
+    robot.write_text('name = "mine"\ntitle = "Mine"\n[wheels]\nradius_m = 0.1\n')
+    path = tmp_path / "trial.csv"
+    path.write_text(TEXT.replace("_rad,", "_counts,").replace("enc_rr_rad", "enc_rr_counts"))
+    with pytest.raises(InputError, match="counts per wheel revolution are not known"):
+        read_trial(path, robot=robot)
