@@ -112,6 +112,15 @@ def test_residuals_are_simulated_minus_measured(trial: TrialResult, back: ReadBa
         np.testing.assert_array_equal(back.scalars(entity).reshape(expected.shape), expected)
 
 
+def test_innovations_are_dots_in_units_of_their_std(trial: TrialResult, back: ReadBack) -> None:
+    health = trial.comparison.motion.health
+    own = np.array(health.kind) == "zero_velocity"
+    expected = (health.innovation / health.innovation_std)[own]
+    every = round(0.04 * (own.sum() - 1) / np.ptp(health.t[own])) or 1
+    np.testing.assert_array_equal(back.scalars("/innovation/zero_velocity"), expected[::every])
+    assert back.fixed("/innovation/zero_velocity", "SeriesPoints:names") == ["zero velocity [σ]"]
+
+
 def test_every_line_names_its_unit(back: ReadBack) -> None:
     lines = [e for e in back.static if "SeriesLines:names" in back.static[e][0].schema.names]
     assert len(lines) > 30
@@ -193,7 +202,9 @@ def test_there_is_sand_under_a_robot_that_drives_backward_or_far(trial: TrialRes
         assert sand[:, 0].min() < robot.min() - 0.425 / 2
         assert sand[:, 0].max() > robot.max() + 0.425 / 2
         assert 2 < len(back.fixed("/scene/sand/distance", "LineStrips3D:strips")) < 120
-        assert "0 m" in back.fixed("/scene/sand/distance_names", "Points3D:labels")
+        names = back.fixed("/scene/sand/distance_names", "Points3D:labels")
+        assert "0 m" in names
+        assert "-0 m" not in names
 
 
 def test_nothing_in_the_scene_is_not_a_number(back: ReadBack) -> None:

@@ -175,7 +175,7 @@ def _write_sand(writer: Writer, robot: Robot, chassis: Chassis, start: float, en
     writer.static("scene/sand", _mesh(shapes.merge(top, cut)))
     face = near - 0.003
     tick = 0.25 * 10.0 ** max(0, np.ceil(np.log10((end - start + 0.1) / 25)))
-    marks = tick * np.arange(np.ceil(start / tick), end / tick + 1)
+    marks = tick * np.arange(np.ceil(start / tick), end / tick + 1) + 0.0  # no "-0 m"
     named = marks[np.isclose(np.remainder(marks / tick, 2), 0)]
     ticks = [[(x, face, 0), (x, face, -(0.03 if x in named else 0.018))] for x in marks]
     writer.static("scene/sand/distance", rr.LineStrips3D(ticks, colors=TICK, radii=0.0012))

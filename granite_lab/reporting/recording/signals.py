@@ -5,6 +5,7 @@ All numbers are SI, the same as in the motion and run CSV files.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain, cycle
@@ -58,6 +59,7 @@ class Line:
         colours: (K,) red, green, blue.
         width: in points of the screen.
         step: smallest spacing that is kept [s].
+        dots: single dots, not joined by lines.
     """
 
     entity: str
@@ -67,6 +69,7 @@ class Line:
     colours: tuple[Rgb, ...]
     width: float = 1.5
     step: float = 0.0
+    dots: bool = False
 
     def thinned(self) -> Line:
         """Return the line with every n-th sample only, where that is enough."""
@@ -105,7 +108,7 @@ def _band(
     """Yield a line and the two thin lines two standard deviations beside it."""
     yield Line(entity, (name,), t, value, (colour,), 2.0, step)
     both = np.column_stack([value - 2 * std, value + 2 * std])
-    label = "±2σ " + name.removeprefix("measured ")
+    label = "±2σ " + re.sub("^(measured|estimated|meas.) ", "", name)
     yield Line(f"{entity}_2sigma", (label,) * 2, t, both, (colour,) * 2, 0.7, COARSE)
 
 
@@ -136,10 +139,10 @@ def _axles(comparison: Comparison) -> Iterator[Line]:
         for kind, unit, signal in (("slip", "-", f"slip_{axle}"), ("torque", "N m", f"torque_{axle}_Nm")):
             channel = f"{kind}_{axle}"
             if channel in c.measured:
-                label = f"measured {name} [{unit}]"
+                label = f"meas. {name} [{unit}]"
                 value, std = c.measured[channel], c.measured_std[channel]
                 yield from _band(f"{kind}/measured_{name}", label, c.t, value, std, cold, FINE)
-            label = f"simulated {name} [{unit}]"
+            label = f"sim. {name} [{unit}]"
             yield Line(f"{kind}/simulated_{name}", (label,), run.t, run[signal], (warm,), 2.0, FINE)
 
 
@@ -190,14 +193,16 @@ def _filter(comparison: Comparison) -> Iterator[Line]:
         ("accel_bias", "m/s²", health.accel_bias, health.accel_bias_std),
         ("gyro_bias", "rad/s", health.gyro_bias, health.gyro_bias_std),
     ):
-        yield from _band(f"{plot}/estimated", f"measured [{unit}]", t, value, std, MEASURED, COARSE)
+        yield from _band(f"{plot}/estimated", f"estimated [{unit}]", t, value, std, MEASURED, COARSE)
     scale = np.where(health.innovation_std > 0, health.innovation_std, np.nan)
     kinds = tuple(dict.fromkeys(health.kind))
     for kind, colour in zip(kinds, cycle((*OF_WHEELS, VERMILION, GREY))):
         own = np.array([k == kind for k in health.kind])
         ratio = (health.innovation / scale)[own]
         name = (f"{kind.replace('_', ' ')} [σ]",)
-        yield Line(f"innovation/{kind}", name, health.t[own] - start, ratio, (colour,), 1.0, COARSE)
+        yield Line(
+            f"innovation/{kind}", name, health.t[own] - start, ratio, (colour,), 1.3, COARSE, dots=True
+        )
 
 
 def robot_slip(comparison: Comparison) -> Iterator[Line]:
@@ -223,7 +228,12 @@ def write_lines(writer: Writer, lines: Iterable[Line]) -> None:
     """Write the lines of a trial."""
     for line in lines:
         many = len(line.names)
-        style = rr.SeriesLines(names=line.names, colors=line.colours, widths=[line.width] * many)
+        names, widths = line.names, [line.width] * many
+        style = (
+            rr.SeriesPoints(names=names, colors=line.colours, marker_sizes=widths)
+            if line.dots
+            else rr.SeriesLines(names=names, colors=line.colours, widths=widths)
+        )
         writer.static(line.entity, style)
         columns = rr.Scalars.columns(scalars=line.value.ravel())
         writer.rows(line.entity, line.t, columns.partition([many] * len(line.t)) if many > 1 else columns)
