@@ -9,10 +9,11 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.bins import AXLES, measured_bins, standstill_mean
-from granite_lab.fitting.fit import FitStatus, K92Fit, K92Law
+from granite_lab.fitting.fit import FitStatus, K92Fit
+from granite_lab.fitting.history import VELOCITY_CORRELATION
 from granite_lab.fitting.sand import SHARED_STEP
 from granite_lab.fitting.slip import SandShift, SlipFit, fit_slip, sand_shift, simulated_slip
-from granite_lab.fitting.trajectory import VELOCITY_CORRELATION, TrajectoryFit, fit_trajectory
+from granite_lab.fitting.trajectory import TrajectoryFit, fit_trajectory
 from granite_lab.logs.trial import Trial
 from granite_lab.model import simulate
 from granite_lab.model.command import steady_interval, steady_part
@@ -111,22 +112,17 @@ def _trajectory(
         raise EstimateError(f"{motion.trial}: the start of the motion is unknown")
     bins = measured_bins(motion, trial, robot, t_start)
     offsets = _current_offsets(motion, trial, robot)
-    laws: tuple[K92Law, ...] = ("exponential", "constant")
-    fits = [
-        fit_trajectory(
-            bins,
-            motion.variant,
-            robot,
-            soil,
-            start=(by_slip.k92, t_start),
-            sand=shift.runs,
-            offsets=offsets,
-            law=law,
-            effects=effects,
-        )
-        for law in laws
-    ]
-    return min(fits, key=lambda fit: fit.cost)
+    return fit_trajectory(
+        bins,
+        motion.variant,
+        robot,
+        soil,
+        start=(by_slip.k92, t_start),
+        sand=shift.runs,
+        offsets=offsets,
+        clock_std=motion.clock_offset.std if math.isfinite(motion.clock_offset.std) else 0.0,
+        effects=effects,
+    )
 
 
 def _current_offsets(motion: Motion, trial: Trial, robot: Robot) -> dict[str, float]:
