@@ -139,7 +139,7 @@ def _misfit(result: StudyResult, found: dict[tuple[str, str], Gap]) -> Section |
         "to trial, or from its file, counts as misfit. Noise is the standard deviation of the measurement."
     )
     return Section(
-        "misfit", "Where the model and the trials differ",
+        "misfits", "Where the model and the trials differ",
         (Gallery((drawing,)), Words(note),
         Fold("All channels and phases", (quality_tables.misfit_table(found, result.virtual),))),
     )  # fmt: skip

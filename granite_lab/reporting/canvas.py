@@ -146,7 +146,8 @@ def legend_above(axis: Axes, columns: int = 3) -> None:
     if handles:
         axis.legend(
             handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=columns, frameon=False,
-            borderaxespad=0.1, borderpad=0.1, handlelength=1.8, columnspacing=1.1, labelspacing=0.2,
+            borderaxespad=0.1, borderpad=0.1, handlelength=1.5, handletextpad=0.5, columnspacing=0.9,
+            labelspacing=0.2,
         )  # fmt: skip
 
 
@@ -232,7 +233,8 @@ def inline_svg(svg: str, drawing_id: str, label: str) -> str:
     """
     body = svg[svg.index("<svg") :].strip()
     body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.S)
-    body = re.sub(r'\bid="([^"]*)"', rf'id="{drawing_id}-\1"', body)
+    used = set(re.findall(r'(?:href="|url\()#([^")]*)', body))
+    body = re.sub(r' id="([^"]*)"', lambda m: f' id="{drawing_id}-{m[1]}"' if m[1] in used else "", body)
     body = re.sub(r'(xlink:href|href)="#([^"]*)"', rf'href="#{drawing_id}-\2"', body)
     body = re.sub(r"url\(#([^)]*)\)", rf"url(#{drawing_id}-\1)", body)
     body = _STYLE_COLOUR.sub(lambda m: f"var(--{THEMED[m[0]]}, {m[0]})" if m[0] in THEMED else m[0], body)

@@ -69,6 +69,8 @@ def misfit_drawing(found: dict[tuple[str, str], Gap], virtual: bool) -> Drawing 
         scale = figure.colorbar(image, cax=bar, orientation="horizontal", ticks=[0.5, 1, 2, 5, 10, 20])
         scale.ax.set_xticklabels(["≤0.5", "1", "2", "5", "10", "≥20"])
         scale.ax.minorticks_off()
+        assert scale.solids is not None
+        scale.solids.set(rasterized=False, edgecolor="face", linewidth=0.3)  # no image inside the SVG
         scale.set_label("rms misfit over noise [–] (1: noise floor); cells: rms", fontsize=8)
         scale.outline.set_linewidth(0.4)
         canvas.mark_virtual(figure, virtual)

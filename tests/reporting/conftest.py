@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from granite_lab.reporting import write_report
+from granite_lab.reporting.content import StudyResult
+from tests.reporting.made_up import made_up_study, rename
+
+HOSTILE = "<script>alert(1)</script>|`x`\"'{{7*7}}</table>[a](b)=HYPERLINK()\n-z"
+
+
+@pytest.fixture(scope="session")
+def study() -> StudyResult:
+    return made_up_study(speeds=(0.3, 0.7), repetitions=2)
+
+
+@pytest.fixture(scope="session")
+def folder(study: StudyResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a small study."""
+    folder = tmp_path_factory.mktemp("reports") / "small"
+    assert write_report(study, folder) == folder / "index.html"
+    return folder
+
+
+@pytest.fixture(scope="session")
+def hostile_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a study whose names try to break out of every format."""
+    folder = tmp_path_factory.mktemp("reports") / "hostile"
+    write_report(rename(made_up_study(speeds=(0.3,), repetitions=1), HOSTILE), folder)
+    return folder
