@@ -35,7 +35,8 @@ class Options:
 
     Attributes:
         robot, soil, column_map: names of the catalogue or paths of TOML files.
-        imu, encoders: further files of a trial whose sensors were logged apart.
+        imu, encoders, currents, reference: further files of a trial whose sensors were logged apart.
+        rows: which rows of the log to take, as ``run_id = 4``.
         model: model.toml with effects to switch on.
         effects: the user's own effect file that the model may need.
         info: metadata that overrides the log's.
@@ -48,6 +49,9 @@ class Options:
     column_map: str | None = None
     imu: Path | None = None
     encoders: Path | None = None
+    currents: Path | None = None
+    reference: Path | None = None
+    rows: str | None = None
     model: Path | None = None
     effects: Path | None = None
     info: TrialInfo | None = None
@@ -66,6 +70,9 @@ def ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
         path,
         imu=options.imu,
         encoders=options.encoders,
+        currents=options.currents,
+        reference=options.reference,
+        rows=options.rows,
         map=options.column_map,
         robot=options.robot,
         info=options.info,

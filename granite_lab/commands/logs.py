@@ -78,6 +78,13 @@ def ingest(
     trials: TrialsArgument = None,
     imu: ImuOption = None,
     encoders: EncodersOption = None,
+    currents: Annotated[Path | None, typer.Option(help="File with the motor currents.")] = None,
+    reference: Annotated[
+        Path | None, typer.Option(help="File with an external reference, as GPS or motion capture.")
+    ] = None,
+    rows: Annotated[
+        str | None, typer.Option(help="Rows to take from a log of several runs, as 'run_id = 4'.")
+    ] = None,
     column_map: MapOption = None,
     robot: RobotOption = None,
     variant: Annotated[
@@ -108,13 +115,16 @@ def ingest(
     if against not in (None, "ref"):
         raise UsageError(f"--against {against}: not known", "use --against ref")
     files = trial_files(trials or ([imu] if imu else None))
-    if len(files) > 1 and (encoders or imu):
-        raise UsageError("--imu and --encoders go with one trial", "ingest the trials one by one")
+    if len(files) > 1 and (encoders or imu or currents or reference):
+        raise UsageError("files of single sensors go with one trial", "ingest the trials one by one")
     options = Options(
         robot=robot,
         column_map=column_map,
         imu=imu if trials else None,
         encoders=encoders,
+        currents=currents,
+        reference=reference,
+        rows=rows,
         info=TrialInfo(robot=robot, v_desired=variant) if variant else None,
         rests=tuple(_interval(text) for text in rest or ()),
         distance_measured=_measured(distance_measured) if distance_measured else None,
@@ -122,7 +132,7 @@ def ingest(
     with progress(quiet) as display:
         task = display.add_task("ingesting", total=len(files))
         outcomes = each_trial(_ingest, files, options, jobs=jobs, done=lambda _: display.advance(task))
-    rows: list[dict[str, Any]] = []
+    documents: list[dict[str, Any]] = []
     good = []
     for outcome in outcomes:
         if isinstance(outcome, LabError):
@@ -131,11 +141,11 @@ def ingest(
         path = out / f"{motion.trial}.csv"
         write_text(path, motion.to_frame().to_csv(index=False, float_format="%.9g"))
         verdict = judge(motion, trial) if against else None
-        rows.append(_as_json(motion, path) | ({"judgement": verdict} if against else {}))
+        documents.append(_as_json(motion, path) | ({"judgement": verdict} if against else {}))
         good.append((trial, motion, path, verdict))
         warn([f"{motion.trial}: {line}" for line in motion.warnings])
     if as_json:
-        print_json({"schema": "granite-lab/ingest/1", "trials": rows})
+        print_json({"schema": "granite-lab/ingest/1", "trials": documents})
     else:
         show_motions([(motion, path, verdict) for _, motion, path, verdict in good], console())
 
