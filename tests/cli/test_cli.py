@@ -131,7 +131,7 @@ def test_published_a_theta_is_the_papers() -> None:
     linear = next(law for law in document["laws"] if law["id"] == "linear_slip")
     values = sorted(p["value"] for p in linear["parameters"].values())
     assert values[1] == pytest.approx(0.4108, abs=0.0001)
-    assert values[0] == pytest.approx(-1.73, abs=0.005)  # per unit of slip ratio; -0.0173 per percent
+    assert values[0] == pytest.approx(-0.0173, abs=0.0001)  # per percent of slip
 
 
 def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> None:
