@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.bins import AXLES, measured_bins, standstill_mean
-from granite_lab.fitting.fit import FitStatus, K92Fit
+from granite_lab.fitting.fit import FitStatus, K92Fit, K92Law
 from granite_lab.fitting.history import VELOCITY_CORRELATION
-from granite_lab.fitting.sand import SHARED_STEP
-from granite_lab.fitting.slip import SandShift, SlipFit, fit_slip, sand_shift, simulated_slip
+from granite_lab.fitting.sand import SAND_SCATTER, SHARED_STEP, perturbed
+from granite_lab.fitting.slip import SandShift, SlipFit, fit_slip, sand_shift, simulate_k92, simulated_slip
 from granite_lab.fitting.trajectory import TrajectoryFit, fit_trajectory
 from granite_lab.logs.trial import Trial
-from granite_lab.model import simulate
+from granite_lab.model import Run, simulate
 from granite_lab.model.command import steady_interval, steady_part
 from granite_lab.model.effect import Active
-from granite_lab.parameters import Robot, Soil
+from granite_lab.parameters import Robot, Soil, Variant
 
 _SYMBOLS = {"exponent": "n", "shear_modulus": "K", "tyre_friction": "μ_s"}
 
@@ -67,13 +68,14 @@ def fit_k92(
 
     measured = motion.slip_ratio
     by_slip = fit_slip(measured.value, slip_of)
-    shift = sand_shift(by_slip, variant, robot, soil, interval, effects=effects)
+    on_sand = _Sand(variant, robot, soil, by_slip.k92, effects)
+    shift = sand_shift(by_slip, on_sand.run, lambda run: simulated_slip(run, interval))
     std_measurement = measured.std / abs(by_slip.slope)
     notes = _notes(by_slip, shift, measured, std_measurement)
     history, reason = None, "not asked for"
     if trajectory:
         try:
-            history = _trajectory(motion, trial, robot, soil, by_slip, shift, effects)
+            history = _trajectory(motion, trial, robot, soil, by_slip, on_sand, effects)
         except EstimateError as error:
             reason = error.message
     if history is None:
@@ -98,13 +100,35 @@ def fit_k92(
     )
 
 
+class _Sand:
+    """Simulations of one trial on changed sand, each computed once."""
+
+    def __init__(
+        self, variant: Variant, robot: Robot, soil: Soil, k92: float, effects: Sequence[Active]
+    ) -> None:
+        self._simulate = partial(simulate_k92, variant, robot, k92=k92, effects=effects)
+        self._soil = soil
+        self._runs: dict[tuple[str, float, K92Law], Run] = {}
+
+    def run(self, parameter: str, relative: float, law: K92Law = "exponential") -> Run:
+        key = parameter, relative, law
+        if key not in self._runs:
+            self._runs[key] = self._simulate(perturbed(self._soil, parameter, relative), law=law)
+        return self._runs[key]
+
+    def scattered(self, law: K92Law) -> dict[str, tuple[Run, Run]]:
+        return {
+            name: (self.run(name, -std, law), self.run(name, std, law)) for name, std in SAND_SCATTER.items()
+        }
+
+
 def _trajectory(
     motion: Motion,
     trial: Trial,
     robot: Robot,
     soil: Soil,
     by_slip: SlipFit,
-    shift: SandShift,
+    on_sand: _Sand,
     effects: Sequence[Active],
 ) -> TrajectoryFit:
     t_start = motion.t_start.value
@@ -118,7 +142,7 @@ def _trajectory(
         robot,
         soil,
         start=(by_slip.k92, t_start),
-        sand=shift.runs,
+        sand=on_sand.scattered,
         offsets=offsets,
         clock_std=motion.clock_offset.std if math.isfinite(motion.clock_offset.std) else 0.0,
         effects=effects,

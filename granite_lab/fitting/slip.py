@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from granite_lab.errors import EstimateError
 from granite_lab.fitting.fit import FitStatus, K92Law
-from granite_lab.fitting.sand import SAND_SCATTER, SHARED, SHARED_STEP, perturbed
+from granite_lab.fitting.sand import SAND_SCATTER, SHARED, SHARED_STEP
 from granite_lab.model import Run, simulate
 from granite_lab.model.command import peak_velocity
 from granite_lab.model.effect import Active
@@ -159,34 +159,28 @@ class SandShift:
     Attributes:
         std: std of k_92 from `SAND_SCATTER`.
         shared: parameter of `SHARED` to the change of k_92 for +`SHARED_STEP`.
-        runs: parameter of `SAND_SCATTER` to the runs at minus and plus one std.
     """
 
     std: float
     shared: dict[str, float]
-    runs: dict[str, tuple[Run, Run]]
 
 
 def sand_shift(
-    fit: SlipFit,
-    variant: Variant,
-    robot: Robot,
-    soil: Soil,
-    interval: tuple[float, float] | None = None,
-    *,
-    effects: Sequence[Active] = (),
+    fit: SlipFit, simulate_on: Callable[[str, float], Run], slip_of: Callable[[Run], float]
 ) -> SandShift:
     """Propagate the scatter of the sand to k_92 by differences, dk_92 = -dλ_R / slope.
 
     The mean square of the steps to either side is taken, because (10) has a kink.
+
+    Args:
+        fit: the root.
+        simulate_on: run with the fitted k_92 for a parameter of the soil and its relative change.
+        slip_of: λ_R of a run, as in the fit.
     """
 
-    def run(parameter: str, relative: float) -> Run:
-        return simulate(variant, robot, perturbed(soil, parameter, relative), k92=fit.k92, effects=effects)
+    def shift(parameter: str, relative: float) -> float:
+        return -(slip_of(simulate_on(parameter, relative)) - fit.slip) / fit.slope
 
-    def shift(of: Run) -> float:
-        return -(simulated_slip(of, interval) - fit.slip) / fit.slope
-
-    runs = {name: (run(name, -std), run(name, std)) for name, std in SAND_SCATTER.items()}
-    variance = sum((shift(minus) ** 2 + shift(plus) ** 2) / 2 for minus, plus in runs.values())
-    return SandShift(math.sqrt(variance), {name: shift(run(name, SHARED_STEP)) for name in SHARED}, runs)
+    steps = [(shift(name, -std), shift(name, std)) for name, std in SAND_SCATTER.items()]
+    variance = sum((minus**2 + plus**2) / 2 for minus, plus in steps)
+    return SandShift(math.sqrt(variance), {name: shift(name, SHARED_STEP) for name in SHARED})

@@ -22,7 +22,7 @@ the sensor and what the residuals show, so a channel that the model does not rep
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +41,14 @@ LAWS: tuple[K92Law, ...] = ("exponential", "constant")
 
 _START_RANGE = 0.5  # how far the start may move from its first estimate [s]
 _ITERATIONS = 12
-_ROUGHLY, _FINELY = np.array([2e-3, 4e-4]), np.array([1e-4, 2e-5])
-"""Steps of k_92 and t_start [s] that end the iteration: to compare laws, and for the result."""
+_ROUGHLY = 0.03
+"""Share of the cost that a step must promise to be worth it while laws are compared."""
+
+_SMOOTH = 0.01
+"""Share of the cost below which a promise may fail for the accuracy of the integration."""
+
+_FINELY = 0.05
+"""The same of the result, as a sum of squares: about a fifth of a std. The last step is still taken."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,7 @@ def fit_trajectory(
     soil: Soil,
     *,
     start: tuple[float, float],
-    sand: dict[str, tuple[Run, Run]],
+    sand: Callable[[K92Law], dict[str, tuple[Run, Run]]],
     offsets: dict[str, float],
     clock_std: float,
     effects: Sequence[Active] = (),
@@ -92,7 +98,7 @@ def fit_trajectory(
         bins: the measurement.
         variant, robot, soil, effects: of the simulation.
         start: k_92 and t_start [s] to begin with.
-        sand: parameter of the sand to runs at minus and plus one std.
+        sand: runs with each parameter of the sand at minus and plus one std, for a law.
         offsets: current channel to std of its remaining offset [A].
         clock_std: std of the offset between the clocks of IMU and encoders [s].
 
@@ -102,17 +108,17 @@ def fit_trajectory(
 
     def by(law: K92Law) -> _Optimum:
         history = History(bins, variant, robot, soil, law, effects)
-        history.add_nuisances(start, sand, offsets, clock_std, robot.currents)
+        history.add_nuisances(start, sand(law), offsets, clock_std, robot.currents)
         x = np.concatenate([start, np.zeros(len(history.signatures))])
         low, high = _bounds(law, start[1])
         x[0] = np.clip(x[0], low[0] + 1e-3, high[0] - 1e-3)
-        return _minimise(history, x, low, high, _ROUGHLY)
+        return _minimise(history, x, low, high, relative=_ROUGHLY)
 
     best = min((by(law) for law in LAWS), key=lambda optimum: optimum.cost)
     history = best.history
     low, high = _bounds(history.law, start[1])
     history.learn_noise(best.x)
-    best = _minimise(history, best.x, low, high, _FINELY)
+    best = _minimise(history, best.x, low, high)
     history.learn_noise(best.x)
 
     std = np.sqrt(np.diag(history.covariance(best.x)))
@@ -139,29 +145,41 @@ def _bounds(law: K92Law, t_start: float) -> tuple[Array, Array]:
     return np.array([least, t_start - _START_RANGE]), np.array([K92_BOUNDS[1], t_start + _START_RANGE])
 
 
-def _minimise(history: History, x: Array, low: Array, high: Array, settled: Array) -> _Optimum:
-    """Minimise the sum of squares by Gauss-Newton steps within bounds, halved where they overshoot."""
+def _minimise(history: History, x: Array, low: Array, high: Array, *, relative: float = 0.0) -> _Optimum:
+    """Minimise the sum of squares by Gauss-Newton steps within bounds, shortened where they overshoot.
+
+    Ends when the next step promises little; that step is taken, but not checked.
+    """
+
+    def moved(step: Array) -> Array:
+        candidate = x + step
+        candidate[:2] = np.clip(candidate[:2], low, high)
+        return np.asarray(candidate)
+
     residuals = history.residuals(x)
     cost = float(residuals @ residuals)
     for _ in range(_ITERATIONS):
         slopes = history.jacobian(x)
-        step = np.linalg.lstsq(slopes, -residuals, rcond=None)[0]
+        step = _least_squares(slopes, -residuals)
         held = ((x[:2] <= low) & (step[:2] < 0)) | ((x[:2] >= high) & (step[:2] > 0))
         if held.any():
             free = np.append(~held, np.ones(x.size - 2, dtype=bool))
             step = np.zeros(x.size)
-            step[free] = np.linalg.lstsq(slopes[:, free], -residuals, rcond=None)[0]
-        for share in (1.0, 0.5, 0.25, 0.1, 0.02):
-            candidate = x + share * step
-            candidate[:2] = np.clip(candidate[:2], low, high)
-            there = history.residuals(candidate)
+            step[free] = _least_squares(slopes[:, free], -residuals)
+        expected = residuals + slopes @ (moved(step) - x)
+        promised = cost - float(expected @ expected)
+        if promised < max(_FINELY, relative * cost):
+            return _Optimum(history, moved(step), cost, True)
+        for share in (1.0, 0.5, 0.25, 0.1):
+            there = history.residuals(moved(share * step))
             if there @ there < cost:
                 break
-        else:  # no way down: as low as the accuracy of the simulation allows
-            small = bool((np.abs(step[:2]) < 100 * _FINELY).all())
-            return _Optimum(history, x, cost, small)
-        moved = np.abs(candidate - x)[:2]
-        x, residuals, cost = candidate, there, float(there @ there)
-        if (moved < settled).all():
-            return _Optimum(history, x, cost, True)
+        else:
+            # the cost itself is only as smooth as the integration is accurate
+            return _Optimum(history, x, cost, promised < _SMOOTH * cost)
+        x, residuals, cost = moved(share * step), there, float(there @ there)
     return _Optimum(history, x, cost, False)
+
+
+def _least_squares(slopes: Array, target: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(slopes, target, rcond=None)[0], dtype=np.float64)
