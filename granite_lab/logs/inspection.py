@@ -169,7 +169,9 @@ def _guessed(
 
 def _layout_of(path: Path, entries: Sequence[Entry]) -> Layout:
     """Make a layout of guessed columns."""
-    columns = tuple(Column(to=e.to, name=e.name, unit=e.unit) for e in entries if e.to and e.name)
+    columns = tuple(
+        Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit) for e in entries if e.to
+    )
     return Layout(name=path.stem, column=columns)
 
 

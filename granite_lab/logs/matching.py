@@ -113,7 +113,7 @@ def _missing(layout: Layout, found: dict[int, list[int]]) -> tuple[str, ...]:
 
 def _one(path: Path, dialect: Dialect, spec: Column, places: list[int], names: Sequence[str]) -> int:
     """Choose between several columns that fit one entry: only an angle beside its own rate is clear."""
-    if len(places) == 1:
+    if len(places) == 1 or not spec.to:
         return places[0]
     if spec.to[0].startswith("enc_") and len({names[p] for p in places}) == len(places):
         hits = {p: spec.matches(names[p]) for p in places}
@@ -148,7 +148,7 @@ def choose(path: Path, dialect: Dialect, maps: Sequence[Layout] = ()) -> Match:
     for group in (maps, catalogue):
         fits = [m for m in (match(layout, path, dialect) for layout in group) if m.complete]
         if fits:
-            return _best(path, fits)
+            return best(path, fits)
     raise no_match(path, dialect, [match(layout, path, dialect) for layout in maps or catalogue], bool(maps))
 
 
@@ -158,17 +158,17 @@ def _eligible(layout: Layout, path: Path, dialect: Dialect) -> bool:
     return named and (not layout.preamble or any(re.search(layout.preamble, s) for s in dialect.preamble))
 
 
-def _best(path: Path, fits: list[Match]) -> Match:
+def best(path: Path, fits: list[Match]) -> Match:
     """Take the layout that explains most of the file, if there is one."""
-    fits = sorted(fits, key=lambda m: (m.columns, bool(m.layout.file)), reverse=True)
-    first, *others = fits
-    rivals = [
-        m.layout.name
-        for m in others
-        if (m.columns, bool(m.layout.file)) == (first.columns, bool(first.layout.file))
-        and {(b.place, b.channel, b.unit) for b in m.bindings}
-        != {(b.place, b.channel, b.unit) for b in first.bindings}
-    ]
+
+    def rank(m: Match) -> tuple[int, bool]:
+        return m.columns, bool(m.layout.file or m.layout.preamble)
+
+    def meaning(m: Match) -> set[tuple[int, str, Unit, float]]:
+        return {(b.place, b.channel, b.unit, b.spec.scale) for b in m.bindings}
+
+    first, *others = sorted(fits, key=rank, reverse=True)
+    rivals = [m.layout.name for m in others if rank(m) == rank(first) and meaning(m) != meaning(first)]
     if rivals:
         raise InputError(
             f"{path}: could be of layout '{first.layout.name}' or '{rivals[0]}'",

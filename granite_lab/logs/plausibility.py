@@ -155,8 +155,8 @@ def turning_ratio(imu: ImuStream) -> float:
     # Only turning about axes across gravity moves the gravity vector.
     across = np.cross(seen.turned, (up[1:] + up[:-1]) / 2)
     turned, tilted = np.linalg.norm(across, axis=1), np.linalg.norm(moved, axis=1)
-    if np.median(tilted) < 1e-6:
-        return math.nan
+    if np.median(tilted) < 1e-6 or np.median(turned) < 1e-12:
+        return math.nan  # a dead sensor says nothing about units
     by_square = float(np.sqrt((turned**2).mean() / (tilted**2).mean()))
     return max(by_square, float(np.median(turned) / np.median(tilted)))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from granite_lab.errors import InputError, UsageError, at
 from granite_lab.files import sha256
 from granite_lab.logs.dialect import Dialect, TableFormat, sniff
 from granite_lab.logs.layouts import Layout, load_layout
-from granite_lab.logs.matching import Binding, Match, choose, match, no_match
+from granite_lab.logs.matching import Binding, Match, best, choose, match, no_match
 from granite_lab.logs.metadata import Metadata, collect
 from granite_lab.logs.table import line_of, load
 from granite_lab.logs.trial import Array, InputFile
@@ -107,12 +108,15 @@ def recognise(path: Path, maps: Sequence[Layout] = ()) -> tuple[Dialect, Match]:
     Raises:
         InputError: not a table, or of no known layout.
     """
+    fits = []
     for layout in maps:
-        if layout.table != TableFormat():
+        with suppress(InputError):  # the map may be meant for another file of the trial
             dialect = sniff(path, layout.table)
-            found = match(layout, path, dialect)
-            if found.complete:
-                return dialect, found
+            fits.append((dialect, match(layout, path, dialect)))
+    fits = [(dialect, found) for dialect, found in fits if found.complete]
+    if fits:
+        chosen = best(path, [found for _, found in fits])
+        return next(fit for fit in fits if fit[1] is chosen)
     dialect = sniff(path)
     found = choose(path, dialect, maps)
     if found.layout.table != TableFormat():

@@ -27,7 +27,7 @@ def rows(
     v = profile(t)
     pitch = 0.02 * np.sin(2 * np.pi * 0.4 * np.clip(t - 1, 0, 4)) * (v > 0)
     force = np.column_stack(
-        [np.gradient(v, t) - 9.81 * np.sin(pitch) * -1, np.zeros_like(t), 9.81 * np.cos(pitch)]
+        [np.gradient(v, t) + 9.81 * np.sin(pitch), np.zeros_like(t), 9.81 * np.cos(pitch)]
     ) + rng.normal(0, 0.02, (len(t), 3))
     turn = np.column_stack([np.zeros_like(t), np.gradient(-pitch, t), np.zeros_like(t)])
     turn = turn + rng.normal(0, 5e-4, (len(t), 3))

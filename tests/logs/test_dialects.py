@@ -65,7 +65,10 @@ WAYS: dict[str, Callable[[], str | bytes]] = {
 
 
 def same(a: Trial, b: Trial) -> None:
-    assert a.imu is not None and b.imu is not None and a.wheels is not None and b.wheels is not None
+    assert a.imu is not None
+    assert b.imu is not None
+    assert a.wheels is not None
+    assert b.wheels is not None
     np.testing.assert_array_equal(a.imu.t, b.imu.t)
     np.testing.assert_array_equal(a.imu.specific_force, b.imu.specific_force)
     np.testing.assert_array_equal(a.imu.angular_rate, b.imu.angular_rate)
@@ -85,7 +88,8 @@ def test_a_row_that_was_cut_off_at_the_end_is_left_out_and_said(tmp_path: Path) 
     path = tmp_path / "cut.csv"
     path.write_text("\n".join(LINES)[:-40])
     trial = read_trial(path)
-    assert trial.imu is not None and len(trial.imu.t) == len(LINES) - 2
+    assert trial.imu is not None
+    assert len(trial.imu.t) == len(LINES) - 2
     assert any(f"cut.csv:{len(LINES)}: the last row is cut off" in line for line in trial.warnings)
 
 
@@ -101,14 +105,15 @@ def test_a_million_blank_lines(tmp_path: Path) -> None:
     path = tmp_path / "blank.csv"
     path.write_text("\n" * 1_000_000 + "\n".join(LINES[:300]) + "\n" * 1_000_000 + "\n".join(LINES[300:]))
     trial = read_trial(path)
-    assert trial.imu is not None and len(trial.imu.t) == len(LINES) - 1
+    assert trial.imu is not None
+    assert len(trial.imu.t) == len(LINES) - 1
 
 
 def test_six_minutes_are_read_in_two_seconds(tmp_path: Path) -> None:
     """A tenth of the hour that may take 20 s."""
     path = tmp_path / "long.csv"
     t = np.arange(72_000) / 200
-    cells = np.random.default_rng(1).normal(0, 0.02, (len(t), 7)) + [0, 0, 9.81, 0, 0, 0, 0]
+    cells = np.random.default_rng(1).normal(0, 0.02, (len(t), 7)) + np.array([0, 0, 9.81, 0, 0, 0, 0])
     rows = [
         f"{a:.6f},{x:.6f},{y:.6f},{z:.6f},{p:.6f},{q:.6f},{r:.6f}" + (f",{s:.6f}" * 4 if k % 2 else ",,,,")
         for k, (a, (x, y, z, p, q, r, s)) in enumerate(zip(t, cells, strict=True))
@@ -117,5 +122,6 @@ def test_six_minutes_are_read_in_two_seconds(tmp_path: Path) -> None:
     start = time.process_time()
     trial = read_trial(path)
     assert time.process_time() - start < 2
-    assert trial.imu is not None and trial.wheels is not None
+    assert trial.imu is not None
+    assert trial.wheels is not None
     assert (len(trial.imu.t), len(trial.wheels.t)) == (72_000, 36_000)

@@ -1,0 +1,104 @@
+"""Stamps: order, duplicates, wraps, units, gaps; resets are refused, repeated blocks are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granite_lab.errors import InputError
+from granite_lab.logs.clocks import ClockResetError, describe_gaps, tidy, unit_factor, unwrap_stamps
+
+T = np.arange(1000) / 100
+
+
+@given(st.data())
+@settings(max_examples=60, deadline=None)
+def test_late_and_double_samples_are_sorted_and_the_first_is_kept(data: st.DataObject) -> None:
+    seed = data.draw(st.integers(0, 10_000))
+    reach = data.draw(st.integers(1, 6))
+    rng = np.random.default_rng(seed)
+    order = np.argsort(np.arange(len(T)) + rng.uniform(0, reach, len(T)), kind="stable")
+    order = np.insert(order, 500, order[480:490])
+    values = rng.normal(size=(len(order), 2))
+    stamps = tidy(T[order], "x", values)
+    np.testing.assert_array_equal(stamps.t, T)
+    # The first row of the file that has the stamp.
+    np.testing.assert_array_equal(stamps.rows, [int(np.flatnonzero(order == k)[0]) for k in range(len(T))])
+
+
+def test_blocks_in_the_wrong_order_are_sorted() -> None:
+    order = np.concatenate((np.arange(500, 1000), np.arange(500)))
+    np.testing.assert_array_equal(tidy(T[order], "x").t, T)
+
+
+def test_a_block_written_twice_is_read_once_but_a_new_start_is_refused() -> None:
+    twice = np.concatenate((T[:600], T[400:]))
+    values = np.sin(twice * 7)[:, None]
+    np.testing.assert_array_equal(tidy(twice, "x", values).t, T)
+    other = values.copy()
+    other[600:] += 1
+    with pytest.raises(ClockResetError) as caught:
+        tidy(twice, "x", other)
+    assert caught.value.row == 600
+
+
+def test_a_new_start_between_the_old_stamps_is_refused() -> None:
+    with pytest.raises(ClockResetError):
+        tidy(np.concatenate((T[:600], T[:300] + 0.003)), "x")
+
+
+def test_rows_without_a_stamp_are_left_out() -> None:
+    t = T.copy()
+    t[[3, 500]] = np.nan
+    stamps = tidy(t, "x")
+    assert len(stamps.t) == 998
+    assert "2 samples without a time stamp" in stamps.doubts[0]
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+def test_a_clock_of_fixed_width_is_unwrapped(bits: int) -> None:
+    true = 2**bits - 5000 + 20 * np.arange(2000)
+    raw, doubt = unwrap_stamps(np.mod(true, 2**bits).astype(float))
+    np.testing.assert_array_equal(raw - raw[0], (true - true[0]).astype(float))
+    assert "wrapped 1 times" in doubt
+
+
+def test_a_reset_is_not_taken_for_a_wrap() -> None:
+    raw = np.concatenate((np.arange(0, 40_000, 20.0), np.arange(0, 8_000, 20.0)))
+    assert unwrap_stamps(raw)[0] is raw
+
+
+@given(
+    rate=st.floats(5, 1500),
+    true=st.sampled_from([1.0, 1e-3, 1e-6, 1e-9]),
+    declared=st.sampled_from([1.0, 1e-3, 1e-6, 1e-9]),
+)
+@settings(max_examples=200, deadline=None)
+def test_a_unit_is_corrected_refused_or_right_but_never_wrong_by_thousands(
+    rate: float, true: float, declared: float
+) -> None:
+    raw = np.arange(50) / rate / true
+    try:
+        factor, doubt = unit_factor(raw, declared, 4.0)
+    except InputError:
+        return
+    assert (doubt == "") == (factor == declared)
+    # Where a wrong unit passes, its rate is one that sensors have: only those lie within a thousand.
+    assert factor == true or 4 <= rate * true / factor <= 20_000
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_dates_name_their_own_unit(unit: str, scale: float) -> None:
+    raw = (1.7e9 + T) * scale
+    factor, doubt = unit_factor(raw, 1.0, 4.0)
+    assert factor == 1 / scale
+    assert f"stamps are in {unit}" in doubt
+
+
+def test_gaps_are_counted_from_three_periods_on() -> None:
+    t = np.delete(T, [100, 101, 500, 501, 502, 503])
+    assert describe_gaps(np.delete(T, [100]), "x") == ""
+    text = describe_gaps(t, "x")
+    assert "the longest 0.050 s at t = 4.990 s" in text

@@ -1,0 +1,117 @@
+"""Counters that wrap are unwrapped exactly; resets and resolution are told apart from motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granite_lab.logs import read_trial
+from granite_lab.logs.encoders import convert, quantum, unwrap
+from granite_lab.logs.units import find_unit
+
+COUNTS = find_unit("counts")
+assert COUNTS is not None
+
+
+@st.composite
+def motions(draw: st.DrawFn) -> tuple[np.ndarray, int, int]:
+    """True counts of a drive that is smooth from sample to sample, and the width of the counter."""
+    bits = draw(st.sampled_from([16, 32]))
+    speed = draw(st.integers(1, 2 ** (bits - 6)))
+    count = draw(st.integers(20, 300))
+    sign = draw(st.sampled_from([-1, 1]))
+    wobble = np.array(draw(st.lists(st.integers(0, speed), min_size=count, max_size=count)))
+    start = draw(st.integers(0, 2**bits - 1))
+    return start + sign * np.cumsum(wobble), bits, sign
+
+
+@given(motion=motions(), signed=st.booleans())
+@settings(max_examples=150, deadline=None)
+def test_every_wrap_is_undone_exactly(motion: tuple[np.ndarray, int, int], signed: bool) -> None:
+    true, bits, _ = motion
+    logged = np.mod(true, 2**bits)
+    if signed:
+        logged = np.where(logged >= 2 ** (bits - 1), logged - 2**bits, logged)
+    values, wraps, width = unwrap(logged.astype(float), [2.0**16, 2.0**32])
+    np.testing.assert_array_equal(values - values[0], (true - true[0]).astype(float))
+    assert wraps == 0 or width == 2.0**bits
+
+
+def test_a_reset_to_zero_is_not_taken_for_a_wrap() -> None:
+    counts = np.concatenate((np.arange(0, 60_000, 50.0), np.arange(0, 5_000, 50.0)))
+    values, wraps, _ = unwrap(counts, [2.0**16, 2.0**32])
+    assert wraps == 0
+    np.testing.assert_array_equal(values, counts)
+
+
+def test_a_reset_is_taken_out_and_said() -> None:
+    counts = np.concatenate((np.arange(0, 60_000, 50.0), np.arange(0, 5_000, 50.0)))
+    t = np.arange(len(counts)) / 100
+    wheel = convert(t, counts, COUNTS, scale=1, wrap=0, per_rev=10_000, radius=0.1, increment=False)
+    assert any("jumps" in doubt for doubt in wheel.doubts)
+    steps = np.diff(wheel.angle)
+    assert steps.max() == pytest.approx(50 * 2 * np.pi / 10_000)
+    assert steps.min() >= 0
+
+
+def test_an_angle_of_one_turn_is_unwrapped(tmp_path: Path) -> None:
+    t = np.arange(500) / 100
+    true = 3.0 * t
+    path = tmp_path / "turn.csv"
+    rows = [f"{a:.2f}" + f",{np.mod(x, 2 * np.pi):.6f}" * 4 for a, x in zip(t, true, strict=True)]
+    path.write_text("t_s,enc_fl_rad,enc_fr_rad,enc_rl_rad,enc_rr_rad\n" + "\n".join(rows))
+    wheels = read_trial(path).wheels
+    assert wheels is not None
+    np.testing.assert_allclose(wheels.angle[:, 0], true, atol=1e-6)
+
+
+def test_counts_turned_into_an_angle_by_the_logger_are_unwrapped(tmp_path: Path) -> None:
+    q = 2 * np.pi / 106_000
+    t = np.arange(600) / 100
+    true = np.rint(3.0 * t / q).astype(int) + 60_000
+    path = tmp_path / "angle.csv"
+    rows = [f"{a:.2f}" + f",{np.mod(x, 2**16) * q:.9f}" * 4 for a, x in zip(t, true, strict=True)]
+    head = '# robot = "granite"\nt_s,enc_fl_rad,enc_fr_rad,enc_rl_rad,enc_rr_rad\n'
+    path.write_text(head + "\n".join(rows))
+    wheels = read_trial(path).wheels
+    assert wheels is not None
+    np.testing.assert_array_equal(np.rint(wheels.angle[:, 0] / q), true)
+
+
+@given(
+    step=st.floats(1e-6, 1.0),
+    levels=st.lists(st.integers(-500, 500), min_size=60, max_size=200, unique=True),
+)
+@settings(max_examples=60, deadline=None)
+def test_the_resolution_is_found(step: float, levels: list[int]) -> None:
+    gaps = np.gcd.reduce(np.diff(np.sort(levels)))
+    values = step * np.array(levels, dtype=float)
+    found = quantum(values)
+    assert found == pytest.approx(step * gaps, rel=1e-6) or found == 0.0
+    # A dense grid is always found.
+    assert quantum(step * np.repeat(np.arange(-50, 50.0), 4)) == pytest.approx(step, rel=1e-6)
+
+
+def test_a_uniform_motion_is_no_resolution() -> None:
+    assert quantum(0.0123 * np.arange(500)) == 0.0
+    assert quantum(np.random.default_rng(1).normal(size=500)) == 0.0
+
+
+def test_velocity_and_distance_of_the_circumference_need_the_radius() -> None:
+    t = np.arange(101) / 100
+    for text, raw in (("m/s", np.full(101, 0.3)), ("m", 0.3 * t), ("mm", 300 * t)):
+        unit = find_unit(text)
+        assert unit is not None
+        wheel = convert(t, raw, unit, scale=1, wrap=0, per_rev=0, radius=0.1, increment=False)
+        assert wheel.angle[-1] == pytest.approx(3.0)
+        assert (wheel.rate is None) == (text != "m/s")
+
+
+def test_steps_since_the_last_row_are_added_up() -> None:
+    t = np.arange(11) / 10
+    wheel = convert(t, np.full(11, 7.0), COUNTS, scale=-1, wrap=0, per_rev=70, radius=0.1, increment=True)
+    assert wheel.angle[-1] - wheel.angle[0] == pytest.approx(-2 * np.pi)

@@ -1,0 +1,342 @@
+"""Logs as other programs write them are recognised by their columns; the numbers are checked by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granite_lab.errors import InputError, UsageError
+from granite_lab.logs import read_trial
+from granite_lab.logs.layouts import all_layouts, load_layout
+from granite_lab.logs.sources import recognise
+from granite_lab.logs.trial import Trial
+
+N = 200
+T = np.arange(N) / 100  # [s]
+G = 9.80665
+EPOCH = 1_494_450_133_515_674_721
+
+
+def table(header: str, row: str, **values: np.ndarray) -> str:
+    """Fill a row's pattern for every instant; k is its number, t its time."""
+    noise = np.random.default_rng(1).normal(0, 0.003, (N, 6))
+    rows = [
+        row.format(
+            k=k, t=T[k], ns=EPOCH + 10_000_000 * k, ms=1000 * T[k], us=10_000 * k,
+            ax=0.1 + noise[k, 0], ay=0.2 + noise[k, 1], az=9.8 + noise[k, 2],
+            gx=0.01 + noise[k, 3] / 10, gy=0.02 + noise[k, 4] / 10, gz=0.03 + noise[k, 5] / 10,
+            ga=0.1 / G, gb=0.2 / G, gc=9.8 / G, dx=0.573, dy=1.146, dz=1.719, turn=0.05 * k,
+        )
+        for k in range(N)
+    ]  # fmt: skip
+    return "\n".join([header, *rows]) + "\n"
+
+
+SIX = "{gx},{gy},{gz},{ax},{ay},{az}"
+ACC_FIRST = "{ax},{ay},{az},{gx},{gy},{gz}"
+
+# name: (file name, content, layout)
+IMUS = {
+    "plain": ("imu.csv", table("time,wx,wy,wz,ax,ay,az", "{t}," + SIX), "plain_imu"),
+    "plain with units": (
+        "imu.csv",
+        table(
+            "timestamp (ms),acc_x (g),acc_y (g),acc_z (g),gyr_x (deg/s),gyr_y (deg/s),gyr_z (deg/s)",
+            "{ms},{ga},{gb},{gc},{dx},{dy},{dz}",
+        ),
+        "plain_imu",
+    ),
+    "rostopic": (
+        "imu.csv",
+        table(
+            "%time,field.header.seq,field.header.stamp,field.header.frame_id,field.orientation.x,"
+            "field.angular_velocity.x,field.angular_velocity.y,field.angular_velocity.z,"
+            "field.linear_acceleration.x,field.linear_acceleration.y,field.linear_acceleration.z",
+            "{ns},{k},{ns},imu_link,0.0," + SIX,
+        ),
+        "rostopic_imu",
+    ),
+    "rostopic without header stamp": (
+        "imu.csv",
+        table(
+            "%time,field.header.stamp,field.angular_velocity.x,field.angular_velocity.y,"
+            "field.angular_velocity.z,field.linear_acceleration.x,field.linear_acceleration.y,"
+            "field.linear_acceleration.z",
+            "{ns},0," + SIX,
+        ),
+        "rostopic_imu",
+    ),
+    "Xsens MT": (
+        "MT_0080003F51.txt",
+        "// Start Time: Unknown\n// Sample rate: 100.0Hz\n// Firmware: 2.6.0\n"
+        + table(
+            "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X",
+            "{k}\t{tick}\t".replace("{tick}", "{k}00") + ACC_FIRST.replace(",", "\t") + "\t0.5",
+        ),
+        "xsens_mt",
+    ),
+    "Xsens DOT": (
+        "D1.csv",
+        "sep=,\nDeviceTag:,D1\nOutputRate:,100Hz\n\n"
+        + table(
+            "PacketCounter,SampleTimeFine,Euler_X,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z,",
+            "{k},{us},0.1,{ax},{ay},{az},{dx},{dy},{dz},",
+        ),
+        "xsens_dot",
+    ),
+    "EuRoC": (
+        "data.csv",
+        table(
+            "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+            "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]",
+            "{ns}," + SIX,
+        ),
+        "euroc",
+    ),
+    "VESC": (
+        "vesc.csv",
+        table(
+            "ms_today;input_voltage;current_motor;erpm;tachometer;speed_meters_per_sec;accX;accY;accZ;gyroX;"
+            "gyroY;gyroZ;",
+            "{ms};40.1;8.0;1000;5;0.0;{ga};{gb};{gc};{dx};{dy};{dz};",
+        ),
+        "vesc",
+    ),
+}  # fmt: skip
+
+
+def read(folder: Path, name: str, content: str, **options: object) -> Trial:
+    path = folder / name
+    path.write_text(content)
+    return read_trial(path, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("case", IMUS)
+def test_an_imu_log_is_recognised(case: str, tmp_path: Path) -> None:
+    name, content, layout = IMUS[case]
+    trial = read(tmp_path, name, content, robot="granite")
+    assert trial.layout == layout
+    assert trial.imu is not None
+    assert len(trial.imu.t) == N
+    np.testing.assert_allclose(np.diff(trial.imu.t), 0.01, atol=3e-7)
+    np.testing.assert_allclose(trial.imu.specific_force.mean(axis=0), [0.1, 0.2, 9.8], atol=2e-3)
+    np.testing.assert_allclose(trial.imu.angular_rate.mean(axis=0), [0.01, 0.02, 0.03], atol=2e-4)
+    assert not [line for line in trial.warnings if "constant" not in line]
+
+
+def test_a_vesc_gives_wheels_and_a_share_of_the_current(tmp_path: Path) -> None:
+    trial = read(tmp_path, *IMUS["VESC"][:2])
+    assert trial.currents is not None
+    np.testing.assert_array_equal(trial.currents.current, 2.0)
+    assert trial.wheels is not None
+    assert trial.wheels.rate is not None
+
+
+def test_phones_write_one_file_a_sensor(tmp_path: Path) -> None:
+    header = "time,seconds_elapsed,z,y,x"
+    gyro = tmp_path / "Gyroscope.csv"
+    gyro.write_text(table(header, "{ns},{t},{gz},{gy},{gx}"))
+    trial = read(tmp_path, "TotalAcceleration.csv", table(header, "{ns},{t},{az},{ay},{ax}"), imu=gyro)
+    assert trial.layout == "sensor_logger_total + sensor_logger_gyroscope"
+    assert trial.imu is not None
+    np.testing.assert_allclose(trial.imu.specific_force.mean(axis=0), [0.1, 0.2, 9.8], atol=2e-3)
+    np.testing.assert_allclose(trial.imu.angular_rate.mean(axis=0), [0.01, 0.02, 0.03], atol=2e-4)
+    assert not trial.imu.gravity_removed
+
+
+def test_a_phone_that_takes_gravity_away_is_known(tmp_path: Path) -> None:
+    content = table("time,seconds_elapsed,z,y,x", "{ns},{t},{gz},{gy},{gx}")
+    trial = read(tmp_path, "Accelerometer.csv", content)
+    assert trial.imu is not None
+    assert trial.imu.gravity_removed
+
+
+def test_phyphox_with_sensors_on_different_stamps(tmp_path: Path) -> None:
+    acc = table(
+        '"Time (s)";"Acceleration x (m/s^2)";"Acceleration y (m/s^2)";"Acceleration z (m/s^2)"',
+        "{t};{ax};{ay};{az}",
+    )
+    gyro = tmp_path / "Gyroscope.csv"
+    lines = table(
+        '"Time (s)";"Gyroscope x (rad/s)";"Gyroscope y (rad/s)";"Gyroscope z (rad/s)"', "{t};{gx};{gy};{gz}"
+    ).splitlines()
+    shifted = [f"{float(line.split(';')[0]) + 0.004};" + line.split(";", 1)[1] for line in lines[1:]]
+    gyro.write_text("\n".join([lines[0], *shifted]))
+    trial = read(tmp_path, "Accelerometer.csv", acc, imu=gyro)
+    assert trial.imu is not None
+    assert len(trial.imu.t) == N - 1
+    assert trial.imu.t[0] == 0.01
+    np.testing.assert_allclose(trial.imu.angular_rate.mean(axis=0), [0.01, 0.02, 0.03], atol=2e-4)
+    assert any("interpolated" in line for line in trial.warnings)
+
+
+def test_a_rover_with_numbered_wheels(tmp_path: Path) -> None:
+    header = "timestamp," + ",".join(f"enc{i}_rad" for i in range(1, 5))
+    header += "," + ",".join(f"vel{i}_rad_s" for i in range(1, 5))
+    header += "," + ",".join(f"current{i}" for i in range(1, 5))
+    trial = read(tmp_path, "rover.csv", table(header, "{t},{turn},1,2,3,9,9,9,9,0.1,0.2,0.3,0.4"))
+    assert trial.layout == "rover"
+    assert trial.wheels is not None
+    assert trial.wheels.rate is None
+    np.testing.assert_allclose(trial.wheels.angle[:, 0], 0.05 * np.arange(N))
+    assert trial.currents is not None
+    np.testing.assert_array_equal(trial.currents.current[0], [0.1, 0.2, 0.3, 0.4])
+
+
+def test_rostopic_odometry_gives_the_wheels_speed(tmp_path: Path) -> None:
+    trial = read(
+        tmp_path, "odom.csv", table("%time,field.header.stamp,field.twist.twist.linear.x", "{ns},{ns},0.33"),
+        robot="husky",
+    )  # fmt: skip
+    assert trial.wheels is not None
+    assert trial.wheels.rate is not None
+    np.testing.assert_allclose(trial.wheels.rate, 2.0)
+
+
+def test_a_clock_of_the_day_goes_past_midnight(tmp_path: Path) -> None:
+    lines = IMUS["VESC"][1].splitlines()
+    late = [
+        f"{(86_399_000 + 10 * k) % 86_400_000};" + line.split(";", 1)[1] for k, line in enumerate(lines[1:])
+    ]
+    trial = read(tmp_path, "vesc.csv", "\n".join([lines[0], *late]))
+    assert trial.imu is not None
+    np.testing.assert_allclose(np.diff(trial.imu.t), 0.01, atol=1e-9)
+
+
+MAP = """
+name = "mine"
+[table]
+delimiter = ";"
+[[column]]
+name = "tick"
+to = ["t"]
+unit = "ms"
+[[column]]
+pattern = 'left_(?P<unit>.*)'
+to = ["enc_fl", "enc_rl"]
+[[column]]
+name = "right"
+to = ["enc_fr", "enc_rr"]
+unit = "counts"
+counts_per_rev = 100
+scale = -1
+"""
+
+
+def own(folder: Path, text: str = MAP) -> Path:
+    path = folder / "mine.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_new_logger_is_one_file(tmp_path: Path) -> None:
+    content = table("tick;left_deg;right;mood", "{ms};{k};{k};good")
+    trial = read(tmp_path, "log.csv", content, map=own(tmp_path))
+    assert trial.wheels is not None
+    np.testing.assert_allclose(trial.wheels.angle[10], np.deg2rad([10, -36, 10, -36]))
+
+
+def test_a_map_may_name_the_columns_of_a_file_without_header(tmp_path: Path) -> None:
+    text = MAP.replace('delimiter = ";"', 'delimiter = "tab"\nnames = ["tick", "left_deg", "right"]')
+    content = "\n".join(table("", "{ms}\t{k}\t{k}").splitlines()[1:])
+    trial = read(tmp_path, "log.csv", content, map=own(tmp_path, text))
+    assert trial.wheels is not None
+    assert len(trial.wheels.t) == N
+
+
+def test_rows_are_chosen_by_a_column(tmp_path: Path) -> None:
+    text = MAP + '[[column]]\nname = "run"\nto = []\n'
+    content = "tick;left_deg;right;run\n" + "\n".join(
+        f"{10 * (k % 100)};{k};{k};{k // 100}" for k in range(300)
+    )
+    path = own(tmp_path, text.replace('name = "mine"', 'name = "mine"\nsplit = "run"'))
+    with pytest.raises(InputError, match="holds several runs: run = 0, 1, 2"):
+        read(tmp_path, "log.csv", content, map=path)
+    trial = read(tmp_path, "log.csv", content, map=path, rows="run = 2")
+    assert trial.wheels is not None
+    assert trial.wheels.angle[0, 0] == pytest.approx(np.deg2rad(200))
+    fixed = own(tmp_path, text.replace('name = "mine"', 'name = "mine"\nrows = "run = 1"'))
+    trial = read(tmp_path, "log.csv", content, map=fixed)
+    assert trial.wheels is not None
+    assert trial.wheels.angle[0, 0] == pytest.approx(np.deg2rad(100))
+    with pytest.raises(InputError, match="no row has run = 7"):
+        read(tmp_path, "log.csv", content, map=fixed, rows="run = 7")
+    with pytest.raises(InputError, match="there is no column 'lap'"):
+        read(tmp_path, "log.csv", content, map=fixed, rows="lap = 7")
+    with pytest.raises(UsageError, match="cannot be understood"):
+        read(tmp_path, "log.csv", content, map=fixed, rows="run 7")
+
+
+def test_two_maps_that_fit_equally_are_not_chosen_between(tmp_path: Path) -> None:
+    one, two = own(tmp_path), tmp_path / "other.toml"
+    two.write_text(MAP.replace('"mine"', '"other"').replace("scale = -1", "scale = 1"))
+    content = table("tick;left_deg;right", "{ms};{k};{k}")
+    with pytest.raises(InputError, match="could be of layout 'mine' or 'other'"):
+        read(tmp_path, "log.csv", content, map=[one, two])
+
+
+def test_a_map_that_fits_no_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"column 'tick' is missing .*expected by layout 'mine'"):
+        read(tmp_path, "imu.csv", IMUS["plain"][1], map=own(tmp_path))
+
+
+WRONG_MAPS = {
+    "unknown key": (("scale = -1", "scael = -1"), "unknown key 'scael'", "scale"),
+    "unknown channel": (('"enc_fr", ', '"enc_front", '), "unknown channel 'enc_front'", "enc_fl"),
+    "unknown unit": (('unit = "ms"', 'unit = "msecond"'), "unit 'msecond' is not known", "second"),
+    "unit of another kind": (
+        ('unit = "ms"', 'unit = "mm"'),
+        "unit 'mm' is one of length, but t is time",
+        "s, ms",
+    ),
+    "no unit": (('unit = "ms"\n', "\n"), "the unit is missing", ""),
+    "neither name nor pattern": (('name = "right"\n', "\n"), "needs either 'name' or 'pattern'", ""),
+    "broken pattern": (("(?P<unit>.*)", "(?P<unit>.*"), "is not a regular expression", "quotes"),
+    "scale of nothing": (("scale = -1", "scale = 0"), "scale = 0 would make every sample zero", ""),
+    "scale not a number": (("scale = -1", "scale = nan"), "scale = nan is out of range", ""),
+    "no clock": (('to = ["t"]\nunit = "ms"', "to = []"), "no column feeds 't'", "unit"),
+    "no column": ((MAP, 'name = "x"'), "'column' is missing", ""),
+    "not a list": (('to = ["t"]', 'to = "t"'), "to = 't' is not a list", ""),
+    "not TOML": (("[table]", "[table"), "not valid TOML", ""),
+    "a wrong delimiter": (
+        ('delimiter = ";"', 'delimiter = "dash"'),
+        "delimiter = 'dash' is not known",
+        "comma",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_MAPS)
+def test_a_wrong_map_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    (old, new), said, hint = WRONG_MAPS[name]
+    assert old in MAP
+    path = own(tmp_path, MAP.replace(old, new))
+    with pytest.raises(InputError) as caught:
+        load_layout(path)
+    assert said in caught.value.message
+    assert str(path) in caught.value.message
+    assert hint in caught.value.hint
+
+
+def test_an_unknown_map_suggests_a_known_one() -> None:
+    with pytest.raises(UsageError) as caught:
+        load_layout("kobukki")
+    assert "did you mean 'kobuki'" in caught.value.hint
+
+
+def test_every_map_of_the_catalogue_is_valid_and_named_like_its_file() -> None:
+    assert len(all_layouts()) >= 20
+    for layout in all_layouts():
+        assert load_layout(layout.name) == layout
+        assert layout.title
+        assert layout.source
+
+
+@pytest.mark.parametrize("case", IMUS)
+def test_every_sample_fits_one_layout_only(case: str, tmp_path: Path) -> None:
+    name, content, layout = IMUS[case]
+    path = tmp_path / name
+    path.write_text(content)
+    assert recognise(path)[1].layout.name == layout
