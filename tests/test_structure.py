@@ -18,6 +18,7 @@ STAGES = [
     {"files"},
     {"parameters"},
     {"logs"},
+    {"hidden"},
     {"estimation"},
     {"model"},
     {"effects"},

@@ -7,52 +7,19 @@ oscillations of velocity and the squat that the paper saw in its experiments but
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
-from scipy.signal import bilinear, fftconvolve, lfilter
+from scipy.signal import bilinear, lfilter
 
-from tests.truth.command import Trapezoid
-from tests.truth.contact import Array
-from tests.truth.simulator import Result
-
-DT = 0.001
-"""Spacing of the truth [s]."""
+from granite_lab.hidden.body import DT, Body, wander
+from granite_lab.hidden.command import Trapezoid
+from granite_lab.hidden.contact import Array
 
 SLIP_SPEED = np.array([0.0, 0.2, 0.3, 0.5, 0.7, 1.0])
 SLIP_LEVEL = np.array([0.03, 0.0531, 0.0835, 0.165, 0.229, 0.3])
 """Measured slip ratio of the robot over desired velocity [m/s] (Table 3), extended at both ends."""
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """True motion at `t` (N,), evenly spaced by DT.
-
-    Attributes:
-        x, v, a: distance along R's x [m], velocity [m/s] and its derivative [m/s^2].
-        w: velocity of R along R's z [m/s]; dw: its derivative.
-        pitch, roll, yaw_rate: attitude [rad] (pitch positive nose down) and heading rate [rad/s].
-        v_wheel: (N, 4) circumferential velocity of each wheel [m/s].
-        force: (N, 4) longitudinal force each wheel transmits [N], for the currents.
-        start, stop: of the command [s]; steady: settled half of its constant part [s].
-    """
-
-    t: Array
-    x: Array
-    v: Array
-    a: Array
-    w: Array
-    dw: Array
-    pitch: Array
-    roll: Array
-    yaw_rate: Array
-    v_wheel: Array
-    force: Array
-    start: float
-    stop: float
-    steady: tuple[float, float]
 
 
 def smooth(signal: Array, width: float, *, delayed: bool = True) -> Array:
@@ -67,14 +34,6 @@ def smooth(signal: Array, width: float, *, delayed: bool = True) -> Array:
     ahead = 0 if delayed else reach // 2
     padded = np.concatenate([np.full(reach - ahead, signal[0]), signal, np.full(ahead, signal[-1])])
     return np.convolve(padded, kernel, mode="valid")
-
-
-def wander(rng: np.random.Generator, size: int, step: float, length: float) -> Array:
-    """Return a Gaussian random function of unit variance with correlation `length`, sampled every `step`."""
-    reach = max(1, int(np.ceil(4 * length / step)))
-    kernel = np.exp(-((np.arange(-reach, reach + 1) * step / length) ** 2))
-    kernel /= np.sqrt((kernel**2).sum())
-    return np.asarray(fftconvolve(rng.standard_normal(size + 2 * reach), kernel, mode="valid"))
 
 
 def field_over(rng: np.random.Generator, x: Array, length: float, std: float) -> Array:
@@ -196,40 +155,4 @@ def random_body(
         start=still[0],
         stop=still[0] + duration,
         steady=steady,
-    )
-
-
-def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
-    """Return the motion of a run of the reference simulator, its first sample moved to t = 0.
-
-    Args:
-        run: with samples dense enough for cubic interpolation (5 ms or less).
-        steady: settled interval in the run's own time [s].
-    """
-    origin = float(run.t[0])
-    t = DT * np.arange(int((run.t[-1] - origin) / DT + 1e-6) + 1)
-
-    def fine(signal: Array) -> Array:
-        return np.asarray(CubicSpline(run.t - origin, signal)(t))
-
-    v, pitch, zeros = fine(run.v), fine(run.pitch), np.zeros(t.size)
-    wx = np.gradient(run.height, run.t) * np.cos(run.pitch) + np.gradient(run.x, run.t) * np.sin(run.pitch)
-    w = fine(wx)
-    still = np.flatnonzero(run.v_d > 0)
-    both = [0, 0, 1, 1]
-    return Body(
-        t=t,
-        x=fine(run.x) - run.x[0],
-        v=v,
-        a=np.gradient(v, DT),
-        w=w,
-        dw=np.gradient(w, DT),
-        pitch=pitch,
-        roll=zeros,
-        yaw_rate=zeros,
-        v_wheel=np.stack([fine(run.v_o[:, i]) for i in both], axis=1),
-        force=np.stack([fine((run.F + run.R)[:, i]) for i in both], axis=1),
-        start=-origin,
-        stop=float(run.t[still[-1]]) - origin,
-        steady=(steady[0] - origin, steady[1] - origin),
     )

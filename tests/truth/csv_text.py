@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from granite_lab.hidden.contact import Array
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import WHEELS
-from tests.truth.contact import Array
 
 IMU_COLUMNS = [f"imu_a{axis}_mps2" for axis in "xyz"] + [f"imu_g{axis}_radps" for axis in "xyz"]
 ENCODER_COLUMNS = [f"enc_{wheel}_rad" for wheel in WHEELS]

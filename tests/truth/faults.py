@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from granite_lab.hidden.contact import Array
 from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS
-from tests.truth.contact import Array
 
 Mask = npt.NDArray[np.bool_]
 

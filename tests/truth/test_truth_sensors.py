@@ -7,11 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from granite_lab.hidden.body import DT, Body
+from granite_lab.hidden.sensors import felt_at, read_wheels, rotation, vibration
+from granite_lab.hidden.simulator import simulate
 from granite_lab.parameters import GRAVITY, ImuGrade, Robot, load_grade, load_robot
 from tests.truth import generate, log_run, trials
-from tests.truth.body import DT, Body, random_body
-from tests.truth.sensors import felt_at, read_wheels, rotation, vibration
-from tests.truth.simulator import simulate
+from tests.truth.body import random_body
 
 
 def draw_body(seed: int = 1, *, velocity: float = 0.5, wobble: float = 1.0) -> Body:
@@ -36,7 +37,7 @@ def faultless(monkeypatch: pytest.MonkeyPatch) -> Robot:
         if field.name.endswith(("noise", "bias", "instability", "step"))
     }
     monkeypatch.setattr(trials, "load_grade", lambda _: dataclasses.replace(noisy, **still))
-    monkeypatch.setattr("tests.truth.sensors.IMU_JITTER", 0.0)
+    monkeypatch.setattr("granite_lab.hidden.sensors.IMU_JITTER", 0.0)
     robot = load_robot()
     return dataclasses.replace(robot, imu=dataclasses.replace(robot.imu, tilt=0.0, vibration=0.0))
 

@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import brentq, fsolve
 
+from granite_lab.hidden.command import Trapezoid
+from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Ground, contact, smoothstep
 from granite_lab.parameters import GRAVITY, Robot, Soil
-from tests.truth.command import Trapezoid
-from tests.truth.contact import V_FLOOR, Array, Contact, Ground, contact, smoothstep
 
 X, Z, PITCH, VX, VZ, Q = range(6)
 ANGLE, OMEGA, CURRENT = slice(6, 8), slice(8, 10), slice(10, 12)

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter
 
+from granite_lab.hidden.body import DT, Body, wander
+from granite_lab.hidden.contact import Array
 from granite_lab.logs.trial import CurrentStream, ImuStream, WheelStream
 from granite_lab.parameters import GRAVITY, Robot
-from tests.truth.body import DT, Body, wander
-from tests.truth.contact import Array
 
 IMU_JITTER = 1e-4
 """Std of the IMU's stamps [s]."""
@@ -77,12 +77,12 @@ def vibration(rng: np.random.Generator, body: Body, robot: Robot) -> tuple[Array
             shake = gain * resonance(rng, n, frequency, quality) * size * loudness * factor / per
             acceleration[:, axis] += np.gradient(shake, DT)
             angle[:, axis] += gain * resonance(rng, n, frequency, quality) * size * loudness * 0.5 / per**2
-    return acceleration, np.gradient(angle, DT, axis=0)
+    return acceleration, np.asarray(np.gradient(angle, DT, axis=0))
 
 
 def averaged(signal: Array, t: Array, instants: Array, window: float) -> Array:
     """Return the mean of a signal (N, 3) over a window around each instant, as integrating sensors do."""
-    whole = cumulative_trapezoid(signal, t, axis=0, initial=0.0)
+    whole = cumulative_trapezoid(signal, t, axis=0, initial=0)
     ends = [
         np.stack([np.interp(instants + shift, t, column) for column in whole.T], axis=1)
         for shift in (-0.5 * window, 0.5 * window)
@@ -151,7 +151,7 @@ def read_wheels(rng: np.random.Generator, body: Body, robot: Robot, clock_offset
     """Return the encoders' samples, stamped by their own clock."""
     enc = robot.encoders
     instants = np.arange(rng.uniform(0, 1) / enc.rate, body.t[-1], 1 / enc.rate)
-    angle = cumulative_trapezoid(body.v_wheel, dx=DT, axis=0, initial=0.0) / robot.wheels.radius
+    angle = cumulative_trapezoid(body.v_wheel, dx=DT, axis=0, initial=0) / robot.wheels.radius
     sampled = np.stack([np.interp(instants, body.t, column) for column in angle.T], axis=1)
     step = 2 * np.pi / enc.counts if enc.counts else 0.0
     if step:
