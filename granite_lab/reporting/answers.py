@@ -11,14 +11,7 @@ from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.document import Answer
 from granite_lab.reporting.rounding import interval, plus_minus, shown_as, significant, with_unit
 from granite_lab.reporting.study_tables import three_digits
-from granite_lab.reporting.summary import NOISE, PHASES, VISIBLE, Gap, Speed
-
-IN_PHASE = {
-    "rest": "at rest",
-    "accelerate": "while accelerating",
-    "steady": "in steady motion",
-    "brake": "while braking",
-}
+from granite_lab.reporting.summary import IN_PHASE, NOISE, Gap, Speed, worst_of
 
 
 def lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
@@ -119,8 +112,8 @@ def law_answer(fit: AThetaFit | None) -> Answer:
 def model_answer(found: dict[tuple[str, str], Gap]) -> Answer:
     """Say how well the model explains the trials, and where it fails most."""
     question = "Does the model explain the trials?"
-    judged = [g for (_, phase), g in found.items() if phase == "all" and math.isfinite(g.normalised)]
-    worst = worst_gap(found)
+    judged = [g for g in found.values() if g.phase == "all" and math.isfinite(g.normalised)]
+    worst = worst_of(found.values())
     if not judged or worst is None:
         return Answer(
             "model",
@@ -128,40 +121,34 @@ def model_answer(found: dict[tuple[str, str], Gap]) -> Answer:
             "The noise of the channels is not known, so the misfit cannot be judged.",
             "unknown",
         )
-    within = [g for g in judged if g.normalised <= NOISE]
-    text = f"{len(within)} of {len(judged)} channels are met within their noise."
-    if worst.normalised > NOISE:
-        text += f" The largest gap is the {describe_gap(worst)}."
+    within = sum(g.normalised <= NOISE for g in judged)
+    small = sum(g.word == "small gap" for g in judged)
+    text = f"{within} of {len(judged)} channels are met within their noise"
+    text += f", {small} more to within 1 % of their largest value." if small else "."
     if worst.normalised <= NOISE:
         return Answer("model", question, text, "yes", "good")
-    if len(within) == len(judged) and worst.normalised <= VISIBLE:
-        return Answer("model", question, text, "mostly", "good")
-    return Answer("model", question, text, "in part" if within else "no", "fair" if within else "bad")
+    text += f" The largest gap is the {describe_gap(worst)}."
+    if within + small == len(judged):
+        return Answer("model", question, text, "nearly", "good")
+    return Answer(
+        "model", question, text, "in part" if within + small else "no", "fair" if within + small else "bad"
+    )
 
 
 def missing_answer(found: dict[tuple[str, str], Gap]) -> Answer:
     """Say that no search for a missing effect was run, and which gaps one would have to explain."""
     question = "What is missing from the model?"
-    open_gaps: dict[str, Gap] = {}
-    for (channel, phase), gap in found.items():
-        if phase in PHASES and gap.normalised > NOISE:
-            best = open_gaps.get(channel)
-            if best is None or gap.normalised > best.normalised:
-                open_gaps[channel] = gap
     start = "No search for a missing effect was run."
-    ranked = sorted(open_gaps.values(), key=lambda g: -g.normalised)[:3]
+    channels = dict.fromkeys(channel for channel, _ in found)
+    worst = [worst_of(g for g in found.values() if g.channel == channel) for channel in channels]
+    real = [g for g in worst if g is not None and g.word in ("visible gap", "large gap")]
+    ranked = sorted(real, key=lambda g: -g.normalised)[:3]
     if not ranked:
-        return Answer("missing", question, f"{start} No gap above the noise asks for one.", "not searched")
-    listed = _and([describe_gap(g) for g in ranked])
+        return Answer("missing", question, f"{start} No visible gap asks for one.", "not searched")
+    listed = "; ".join(describe_gap(g) for g in ranked)
     return Answer(
         "missing", question, f"{start} A missing effect would have to explain: {listed}.", "not searched"
     )
-
-
-def worst_gap(found: dict[tuple[str, str], Gap]) -> Gap | None:
-    """Return the channel and phase with the largest misfit over its noise."""
-    known = [g for (_, phase), g in found.items() if phase in PHASES and math.isfinite(g.normalised)]
-    return max(known, key=lambda g: g.normalised, default=None)
 
 
 def describe_gap(gap: Gap) -> str:
@@ -172,7 +159,8 @@ def describe_gap(gap: Gap) -> str:
     if abs(gap.bias) > 0.5 * gap.rms:
         side = ", simulated above measured" if gap.bias > 0 else ", simulated below measured"
     phase = IN_PHASE.get(gap.phase, gap.phase)
-    return f"{gap.name} {phase} ({size} rms{side}, {significant(gap.normalised, 2)} times the noise)"
+    share = f"{significant(100 * gap.relative, 2)} % of its largest value, " if gap.size > 0 else ""
+    return f"{gap.name} {phase} ({size} rms{side}; {share}{significant(gap.normalised, 2)} times the noise)"
 
 
 def _plural(n: int, what: str) -> str:

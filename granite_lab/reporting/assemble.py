@@ -30,7 +30,8 @@ def assemble(result: StudyResult, discovery: Discovery | None = None) -> Report:
     paper = load_paper()
     speeds = by_speed(result, paper)
     found = gaps([r.comparison for r in result.trials])
-    missing = discovery.answer if discovery else answers.missing_answer(found)
+    brief = gaps([r.comparison for r in result.trials], wheels_as_one=True)
+    missing = discovery.answer if discovery else answers.missing_answer(brief)
     sections = [
         _slip(result, speeds, paper),
         _law(result, speeds, paper),
@@ -47,10 +48,10 @@ def assemble(result: StudyResult, discovery: Discovery | None = None) -> Report:
         lead=answers.lead(result, speeds),
         virtual=answers.virtual_note(result),
         answers=(
-            answers.slip_answer(speeds), answers.law_answer(result.a_theta), answers.model_answer(found),
+            answers.slip_answer(speeds), answers.law_answer(result.a_theta), answers.model_answer(brief),
             missing,
         ),
-        first_page=_first_page(result, speeds, paper, found),
+        first_page=_first_page(result, speeds, paper, brief),
         sections=tuple(s for s in sections if s is not None),
         version=result.source.version,
         command=result.source.command,
@@ -186,13 +187,30 @@ def _warnings(result: StudyResult) -> Section:
         f"{f.trial} could not be used: {f.message}" + (f" ({f.hint})" if f.hint else "")
         for f in result.failures
     ]
-    doubts = []
-    for r in result.trials:
-        lines = (*r.trial.warnings, *r.comparison.motion.warnings, *r.comparison.fit.notes)
-        doubts += [f"{r.trial.name}: {line}" for line in dict.fromkeys(lines)]
+    doubts = _shared(
+        [(r.trial.name, (*r.trial.warnings, *r.comparison.motion.warnings)) for r in result.trials]
+    )
+    notes = _shared([(r.trial.name, r.comparison.fit.notes) for r in result.trials])
     blocks: list[Block] = []
     if failures:
         blocks += [Words("Trials that failed:"), Listing(tuple(failures))]
     if doubts:
-        blocks += [Words("Doubts of the reader, the estimator and the fit:"), Listing(tuple(doubts))]
+        blocks += [Words("Doubts of the reader and the estimator:"), Listing(doubts)]
+    if notes:
+        blocks.append(Fold("Notes of the fits", (Listing(notes),)))
     return Section("warnings", "Warnings and failures", tuple(blocks) or (Words("None."),))
+
+
+def _shared(lines: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
+    """Say once what several trials say alike."""
+    speakers: dict[str, list[str]] = {}
+    for trial, said in lines:
+        for line in dict.fromkeys(said):
+            speakers.setdefault(line, []).append(trial)
+    everybody = len(lines)
+    return tuple(
+        f"all {everybody} trials: {line}"
+        if everybody > 1 and len(trials) == everybody
+        else f"{', '.join(trials)}: {line}"
+        for line, trials in speakers.items()
+    )

@@ -195,8 +195,13 @@ def envelope(t: Array, *values: Array, points: int = 700) -> tuple[Array, ...]:
     return (t[index], *(v[index] for v in values))
 
 
+_TAG = re.compile(r"<[^>]+>")
 _NUMBER = re.compile(r"-?\d+\.\d{3,}")
 _STYLE_COLOUR = re.compile(r"#[0-9a-f]{6}")
+
+
+def _shorter(number: re.Match[str]) -> str:
+    return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
 
 def to_svg(figure: Figure) -> str:
@@ -206,7 +211,7 @@ def to_svg(figure: Figure) -> str:
         canvas: Any = FigureCanvasSVG(figure)
         canvas.print_svg(buffer, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text = buffer.getvalue()
-    text = _NUMBER.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), text)
+    text = _TAG.sub(lambda tag: _NUMBER.sub(_shorter, tag[0]), text)
     return text.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif")
 
 

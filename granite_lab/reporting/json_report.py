@@ -142,7 +142,8 @@ def _trial(r: TrialResult) -> dict[str, Any]:
             "rests_s": m.health.rests,
         },
         "misfits": [dataclasses.asdict(x) for x in r.comparison.misfits],
-        "warnings": list(dict.fromkeys((*r.trial.warnings, *m.warnings, *fit.notes))),
+        "warnings": list(dict.fromkeys((*r.trial.warnings, *m.warnings))),
+        "notes": list(fit.notes),
     }
 
 

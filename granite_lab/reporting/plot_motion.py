@@ -15,7 +15,7 @@ from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.rounding import rounded_like, shown_as, significant, with_unit
-from granite_lab.reporting.summary import PHASES, Speed, gaps
+from granite_lab.reporting.summary import IN_PHASE, NOISE, Speed, gaps, worst_of
 from granite_lab.reporting.traces import (
     PANELS,
     Mask,
@@ -118,28 +118,17 @@ def _describe_overlay(c: Comparison) -> str:
 
 
 def _describe_difference(speed: Speed) -> str:
-    found = gaps([r.comparison for r in speed.results])
-    known = [
-        g for (_, phase), g in found.items()
-        if phase in PHASES and math.isfinite(g.normalised) and g.channel.split("_")[0] in ("velocity",
-        "slip", "torque", "pitch")
-        and g.channel != "pitch_rate"
-    ]  # fmt: skip
-    if not known:
-        return "Averages over 0.1 s; what all trials share is the model's, what differs is noise or sand."
-    worst = max(known, key=lambda g: g.normalised)
+    drawn = ("velocity", "slip_f", "slip_r", "torque_f", "torque_r", "pitch")
+    found = gaps([r.comparison for r in speed.results]).values()
+    worst = worst_of(g for g in found if g.channel in drawn)
+    if worst is None:
+        return f"Averages over {BLOCK:g} s; what trials share is the model's, the rest noise or sand."
+    if worst.normalised <= NOISE:
+        return f"Averages over {BLOCK:g} s: no channel leaves its noise by much."
     unit, scale = shown_as(worst.unit)
     side = "above" if worst.bias > 0 else "below"
-    phase = {
-        "rest": "at rest",
-        "accelerate": "while accelerating",
-        "steady": "in steady motion",
-        "brake": "while braking",
-    }
-    if worst.normalised < 1.5:
-        return "Averages over 0.1 s: no channel leaves its noise by much."
     return (
-        f"Averages over 0.1 s: the largest gap against its noise is the {worst.name} {phase[worst.phase]}, "
+        f"Averages over {BLOCK:g} s: the largest gap is the {worst.name} {IN_PHASE[worst.phase]}, "
         f"simulated on average {with_unit(significant(abs(worst.bias) * scale, 2), unit)} {side} measured."
     )
 
@@ -203,9 +192,11 @@ def _differences(speed: Speed, virtual: bool) -> Figure:
     with canvas.styled():
         for axis, panel in zip(axes, PANELS, strict=True):
             _steady_part(axis, typical)
-            drawn = _difference_lines(axis, panel, speed, start, end)
-            if not drawn:
+            height = _difference_lines(axis, panel, speed, start, end)
+            if height is None:
                 _say_nothing(axis, "not measured")
+            else:
+                axis.set_ylim(-height, height)
             axis.axhline(0, color=canvas.INK, linewidth=0.6)
             axis.set_ylabel(panel.difference_label)
             axis.yaxis.set_major_locator(MaxNLocator(5))
@@ -215,17 +206,15 @@ def _differences(speed: Speed, virtual: bool) -> Figure:
     return figure
 
 
-def _difference_lines(axis: Axes, panel: Panel, speed: Speed, start: float, end: float) -> bool:
-    """Draw the differences of all trials and the noise of the typical one; return whether there are any."""
-    scale, drawn = panel.difference_scale, False
+def _difference_lines(axis: Axes, panel: Panel, speed: Speed, start: float, end: float) -> float | None:
+    """Draw the differences of all trials and the noise of the typical one.
+
+    Returns:
+        the height the axis needs on either side; None without any difference. A band of noise far
+        wider than the lines fills the panel rather than flatten them.
+    """
+    scale, largest = panel.difference_scale, []
     names = [row for row in panel.channels if row[1] != "wheels"]
-    c = speed.typical.comparison
-    std = channel(c, "measured", names[0][1])[1] * scale
-    inside = (c.t >= start) & (c.t <= end) & np.isfinite(channel(c, "measured", names[0][1])[0])
-    if np.isfinite(std[inside]).any():
-        band = np.where(inside, std, np.nan)
-        t, low, high = canvas.envelope(c.t, -2 * band, 2 * band, points=300)
-        axis.fill_between(t, low, high, color=canvas.FAINT, alpha=0.5, linewidth=0, label="±2σ of a sample")
     for label, name, _, dashed in names:
         for i, result in enumerate(speed.results):
             c = result.comparison
@@ -237,8 +226,18 @@ def _difference_lines(axis: Axes, panel: Panel, speed: Speed, start: float, end:
                     t, y, color=canvas.GREY if dashed else canvas.INK, linewidth=0.9,
                     linestyle=(0, (4, 1.5)) if dashed else "-", label=label if i == 0 else None,
                 )  # fmt: skip
-                drawn = True
-    return drawn
+                largest.append(float(np.nanmax(np.abs(y))))
+    if not largest:
+        return None
+    height = 1.15 * max(largest) or 1.0
+    c = speed.typical.comparison
+    value, std = channel(c, "measured", names[0][1])
+    band = np.where((c.t >= start) & (c.t <= end) & np.isfinite(value), 2 * std * scale, np.nan)
+    if np.isfinite(band).any():
+        t, high = canvas.envelope(c.t, band, points=300)
+        axis.fill_between(t, -high, high, color=canvas.FAINT, alpha=0.5, linewidth=0, label="±2σ of a sample")
+        height = max(height, min(1.1 * float(np.nanmax(band)), 3 * height))
+    return height
 
 
 def _say_nothing(axis: Axes, text: str) -> None:

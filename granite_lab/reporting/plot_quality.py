@@ -14,7 +14,7 @@ from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.rounding import shown_as, significant, tidy_unit
-from granite_lab.reporting.summary import CHANNELS, PHASES, Gap
+from granite_lab.reporting.summary import CHANNELS, NOISE, PHASES, Gap, worst_of
 
 KINDS = (canvas.MEASURED, canvas.SIMULATED, canvas.FITTED, canvas.PAPER, canvas.SIMULATED_LIGHT)
 MARKERS = ("o", "s", "^", "D", "v")
@@ -90,14 +90,16 @@ def _cell(gap: Gap | None) -> str:
 
 def describe_misfit(found: dict[tuple[str, str], Gap]) -> str:
     """Say which cell stands out."""
-    known = [g for (_, phase), g in found.items() if phase in PHASES and math.isfinite(g.normalised)]
-    if not known:
+    worst = worst_of(found.values())
+    if worst is None:
         return "The noise of the channels is not known, so only the misfit itself is given."
-    worst = max(known, key=lambda g: g.normalised)
-    if worst.normalised < 1.5:
+    if worst.normalised <= NOISE:
         return "No channel is further from the simulation than its noise explains."
-    size = significant(worst.normalised, 2)
-    return f"Lightest is the largest gap: {worst.name}, phase “{worst.phase}”, {size} times its noise."
+    size, share = significant(worst.normalised, 2), significant(100 * worst.relative, 2)
+    return (
+        f"Lighter is further beyond the noise; the largest gap is the {worst.name} in phase “{worst.phase}” "
+        f"({size} times its noise, {share} % of its largest value)."
+    )
 
 
 def health_drawing(motion: Motion, index: int) -> Drawing:

@@ -2,45 +2,39 @@
 
 from __future__ import annotations
 
-import math
-
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.json_report import shown_path
 from granite_lab.reporting.rounding import NONE, shown_as, significant, tidy_unit
 from granite_lab.reporting.study_tables import data_cell
-from granite_lab.reporting.summary import PHASES, Gap, word_for
+from granite_lab.reporting.summary import Gap, worst_of
 from granite_lab.reporting.table import Cell, Table, columns, count, number, words
 
-TONES = {"within the noise": "good", "visible gap": "fair", "large gap": "bad"}
+TONES = {"within the noise": "good", "small gap": "good", "visible gap": "fair", "large gap": "bad"}
 
 
 def channel_table(found: dict[tuple[str, str], Gap], virtual: bool) -> Table:
     """Return how well the model explains each channel over whole trials: the table of the first page."""
     rows = []
-    for (_, phase), gap in found.items():
-        if phase != "all":
-            continue
+    for gap in (gap for gap in found.values() if gap.phase == "all"):
         unit, scale = shown_as(gap.unit)
-        worst = max(
-            (found[gap.channel, p] for p in PHASES if (gap.channel,
-            p) in found and math.isfinite(found[gap.channel, p].normalised)),
-            key=lambda g: g.normalised, default=None,
-        )  # fmt: skip
-        word = word_for(gap.normalised)
+        worst = worst_of(g for g in found.values() if g.channel == gap.channel)
         rows.append(
             (
-                words(gap.name), Cell(f"{significant(gap.rms * scale, 2)} {tidy_unit(unit)}",
-                (gap.rms, gap.unit)),
-                number(gap.normalised, 2), words(word, TONES.get(word, "")),
+                words(gap.name), words(gap.word, TONES.get(gap.word, "")),
+                Cell(f"{significant(gap.rms * scale, 2)} {tidy_unit(unit)}", (gap.rms, gap.unit)),
+                number(gap.normalised, 2), number(gap.relative, 2, scale=100),
                 words(worst.phase if worst else NONE),
                 data_cell(virtual),
             )
         )  # fmt: skip
     return Table(
         "channels", "How well the model explains each channel",
-        "Simulated minus measured over whole trials; 1 in the third column is the noise floor.",
-        columns("channel", ("misfit, rms", ("rms", "unit")), ("over noise", ("rms_over_noise",)), "verdict",
-        "worst phase", "data"),
+        "Simulated minus measured over whole trials, beside the noise of the measurement (1: at the "
+        "noise) and the largest value of the channel. Below 1 % of that a gap is small however quiet the sensor.",
+        columns(
+            "channel", "verdict", ("misfit, rms", ("rms", "unit")), ("over noise", ("rms_over_noise",)),
+            ("of largest value [%]", ("rms_over_largest",)), "worst phase", "data",
+        ),
         tuple(rows),
     )  # fmt: skip
 

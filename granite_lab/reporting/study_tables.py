@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from granite_lab.estimate import Estimate
-from granite_lab.fitting.fit import AThetaFit
+from granite_lab.fitting.fit import AThetaFit, FitStatus
 from granite_lab.parameters import Paper
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.rounding import NONE, plus_minus, significant
@@ -119,32 +119,38 @@ def trial_table(result: StudyResult) -> Table:
     for r in result.trials:
         m, fit = r.comparison.motion, r.comparison.fit
         repetition = r.trial.info.repetition
-        warnings = len(set(r.trial.warnings) | set(m.warnings)) + len(fit.notes)
+        speed = significant(m.variant.velocity) + (
+            "" if m.variant_source == "given" else f" ({m.variant_source})"
+        )
         rows.append(
             (
-                words(r.trial.name), data_cell(r.trial.info.virtual or m.virtual), number(m.variant.velocity),
-                words(m.variant_source), Cell(NONE if repetition is None else str(repetition), (repetition,)),
-                estimate(m.distance), estimate(m.slip_ratio, 100), estimate(fit.k92),
-                words(STATUS[fit.status], "" if fit.status == "ok" else "fair"), estimate(fit.k92_trajectory),
-                words(STATUS[fit.status_trajectory], "" if fit.status_trajectory == "ok" else "fair"),
-                estimate(m.clock_offset, 1e3),
+                words(r.trial.name), data_cell(r.trial.info.virtual or m.virtual),
+                Cell(speed, (m.variant.velocity, m.variant_source)),
+                Cell(NONE if repetition is None else str(repetition), (repetition,)),
+                estimate(m.distance), estimate(m.slip_ratio, 100), _fitted(fit.k92, fit.status),
+                _fitted(fit.k92_trajectory, fit.status_trajectory), estimate(m.clock_offset, 1e3),
                 words("good" if m.health.good else "doubtful", "good" if m.health.good else "bad"),
-                count(warnings),
+                count(len(set(r.trial.warnings) | set(m.warnings))),
             )
         )  # fmt: skip
     return Table(
         "trials", "Trials", "Value ± standard deviation of a single trial.",
         columns(
-            "trial", "data", ("speed [m/s]", ("speed_mps",)), "speed is", ("rep.", ("repetition",)),
+            "trial", "data", ("speed [m/s]", ("speed_mps", "speed_is")), ("rep.", ("repetition",)),
             ("distance [m]", ("distance_m", "distance_std_m")), ("λ_R [%]", ("slip_ratio", "slip_ratio_std")),
-            ("k_92, steady slip", ("k92", "k92_std")), ("fit", ("k92_status",), False),
-            ("k_92, trajectory", ("k92_trajectory", "k92_trajectory_std")),
-            ("fit", ("k92_trajectory_status",), False),
+            ("k_92, steady slip", ("k92", "k92_std", "k92_status")),
+            ("k_92, trajectory", ("k92_trajectory", "k92_trajectory_std", "k92_trajectory_status")),
             ("clock offset [ms]", ("clock_offset_s", "clock_offset_std_s")), ("filter", ("filter",), False),
             ("warnings", ("warnings",)),
         ),
         tuple(rows),
     )  # fmt: skip
+
+
+def _fitted(value: Estimate, status: FitStatus) -> Cell:
+    text = plus_minus(value)
+    raw = (value.value, value.std, STATUS[status])
+    return Cell(text, raw) if status == "ok" else Cell(f"{text} ({STATUS[status]})", raw, "fair")
 
 
 def law_table(fit: AThetaFit) -> Table:

@@ -15,8 +15,16 @@ from granite_lab.reporting.content import StudyResult, TrialResult
 
 PHASES = ("rest", "accelerate", "steady", "brake")
 
+IN_PHASE = {
+    "rest": "at rest",
+    "accelerate": "while accelerating",
+    "steady": "in steady motion",
+    "brake": "while braking",
+}
+
 CHANNELS = {
     "velocity": "body velocity",
+    "wheels": "wheel speeds",
     "wheel_fl": "wheel speed, front left",
     "wheel_fr": "wheel speed, front right",
     "wheel_rl": "wheel speed, rear left",
@@ -143,6 +151,11 @@ def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
     return tuple(rows)
 
 
+NOISE, VISIBLE, SMALL = 1.5, 3.0, 0.01
+"""Misfit over noise below which a channel is met within it, and above which a gap is large; a gap
+below this share of the channel's size is small however quiet the sensor."""
+
+
 @dataclass(frozen=True)
 class Gap:
     """How far simulation and measurement are apart in one channel and phase, over trials.
@@ -151,6 +164,7 @@ class Gap:
         channel, unit, phase: as in `Misfit`.
         rms, bias, peak: root mean square, mean and largest absolute difference over the trials.
         normalised: root mean square over the noise (1 is the noise floor); NaN if unknown.
+        size: largest simulated magnitude of the channel, rare spikes left out, same unit.
         trials: how many trials have this channel.
     """
 
@@ -161,7 +175,24 @@ class Gap:
     bias: float
     peak: float
     normalised: float
+    size: float
     trials: int
+
+    @property
+    def relative(self) -> float:
+        """The misfit as a share of the channel's size; NaN if that is not known."""
+        return self.rms / self.size if self.size > 0 else math.nan
+
+    @property
+    def word(self) -> str:
+        """The misfit in words."""
+        if not math.isfinite(self.normalised):
+            return "not judged: its noise is not known"
+        if self.normalised <= NOISE:
+            return "within the noise"
+        if self.relative < SMALL:
+            return "small gap"
+        return "visible gap" if self.normalised <= VISIBLE else "large gap"
 
     @property
     def name(self) -> str:
@@ -169,14 +200,31 @@ class Gap:
         return CHANNELS.get(self.channel, self.channel)
 
 
-def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
-    """Pool the misfits of several trials, weighted by samples; (channel, phase) to gap."""
+def gaps(comparisons: Sequence[Comparison], *, wheels_as_one: bool = False) -> dict[tuple[str, str], Gap]:
+    """Pool the misfits of several trials, weighted by samples; (channel, phase) to gap.
+
+    Args:
+        comparisons: the trials.
+        wheels_as_one: pool the speeds of the four wheels as "wheels".
+    """
     pooled: dict[tuple[str, str], list[Misfit]] = {}
+    sizes: dict[str, float] = {}
     for comparison in comparisons:
         for m in comparison.misfits:
+            channel = "wheels" if wheels_as_one and m.channel.startswith("wheel_") else m.channel
+            sizes[channel] = max(sizes.get(channel, 0.0), _size(comparison, m.channel))
             if m.samples and math.isfinite(m.rms):
-                pooled.setdefault((m.channel, m.phase), []).append(m)
-    return {key: _pool(misfits) for key, misfits in sorted(pooled.items(), key=lambda item: _rank(item[0]))}
+                pooled.setdefault((channel, m.phase), []).append(m)
+    return {
+        key: _pool(*key, sizes[key[0]], misfits)
+        for key, misfits in sorted(pooled.items(), key=lambda item: _rank(item[0]))
+    }
+
+
+def _size(comparison: Comparison, channel: str) -> float:
+    values = np.abs(comparison.simulated.get(channel, np.empty(0)))
+    values = values[np.isfinite(values)]
+    return float(np.percentile(values, 99.5)) if values.size else 0.0
 
 
 def _rank(key: tuple[str, str]) -> tuple[int, str, int]:
@@ -185,33 +233,29 @@ def _rank(key: tuple[str, str]) -> tuple[int, str, int]:
     return place, key[0], phases.index(key[1]) if key[1] in phases else len(phases)
 
 
-def _pool(misfits: list[Misfit]) -> Gap:
+def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> Gap:
     weights = np.array([m.samples for m in misfits], dtype=float)
     known = [m for m in misfits if math.isfinite(m.normalised)]
+    normalised = math.nan
+    if known:
+        squares = np.average([m.normalised**2 for m in known], weights=[m.samples for m in known])
+        normalised = float(np.sqrt(squares))
     return Gap(
-        channel=misfits[0].channel,
+        channel=channel,
         unit=misfits[0].unit,
-        phase=misfits[0].phase,
+        phase=phase,
         rms=float(np.sqrt(np.average([m.rms**2 for m in misfits], weights=weights))),
         bias=float(np.average([m.bias for m in misfits], weights=weights)),
         peak=max(m.peak for m in misfits),
-        normalised=float(
-            np.sqrt(np.average([m.normalised**2 for m in known], weights=[m.samples for m in known]))
-        )
-        if known
-        else math.nan,
+        normalised=normalised,
+        size=size,
         trials=len(misfits),
     )
 
 
-NOISE, VISIBLE = 1.5, 3.0
-"""Misfit over noise below which a channel is met within the noise, and above which the gap is large."""
-
-
-def word_for(normalised: float) -> str:
-    """Say in words how large a misfit over its noise is."""
-    if not math.isfinite(normalised):
-        return "not judged: its noise is not known"
-    if normalised <= NOISE:
-        return "within the noise"
-    return "visible gap" if normalised <= VISIBLE else "large gap"
+def worst_of(found: Iterable[Gap]) -> Gap | None:
+    """Return the gap that matters most in a phase: the furthest beyond its noise, small ones last."""
+    known = [g for g in found if g.phase in PHASES and math.isfinite(g.normalised)]
+    return max(
+        known, key=lambda g: (g.word not in ("within the noise", "small gap"), g.normalised), default=None
+    )

@@ -41,7 +41,7 @@ VIRTUAL = "virtual data: written by a simulator"
 def show_study(result: StudyResult, console: Console) -> None:
     """Print the answers of a study: slip and k_92 per speed beside the paper, then the verdicts."""
     speeds = by_speed(result, load_paper())
-    found = gaps([r.comparison for r in result.trials])
+    found = gaps([r.comparison for r in result.trials], wheels_as_one=True)
     say(console, answers.lead(result, speeds))
     if result.virtual:
         say(console, f"{VIRTUAL}.", "yellow")
@@ -184,7 +184,7 @@ def _tenths(value: float) -> str:
 def show_misfits(comparisons: Sequence[Comparison], console: Console) -> None:
     """Print the misfit of each channel in each phase, over all trials; colour says how far beyond the "
     "noise."""
-    found = gaps(comparisons)
+    found = gaps(comparisons, wheels_as_one=True)
     table = grid("rms of the\ndifference", "unit", "all", *PHASES, "all over\nnoise", words=(0, 1))
     for channel in dict.fromkeys(channel for channel, _ in found):
         cells = [found.get((channel, phase)) for phase in ("all", *PHASES)]

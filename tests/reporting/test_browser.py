@@ -53,6 +53,17 @@ CUT_IN_FIGURES = """(() => {
   return found;
 })()"""
 
+STACKED_LETTERS = """(() => {
+  const found = [], range = document.createRange();
+  for (const d of document.querySelectorAll('details')) d.open = true;
+  for (const cell of document.querySelectorAll('th, td')) {
+    range.selectNodeContents(cell);
+    const lines = new Set([...range.getClientRects()].map(box => Math.round(box.bottom / 8))).size;
+    if (lines > 3 && cell.textContent.length / lines < 4) found.push(cell.textContent);
+  }
+  return found;
+})()"""
+
 COLOURS = """(() => {
   const of = (e, p) => getComputedStyle(e)[p];
   return [of(document.body, 'backgroundColor'), of(document.body, 'color'),
@@ -76,6 +87,8 @@ def test_the_page_fits_its_window(
     assert page.evaluate("document.documentElement.scrollWidth") == width
     assert page.evaluate(OVERFLOWING) == []
     assert page.complaints() == []
+    if which == "folder":
+        assert page.evaluate(STACKED_LETTERS) == []
     page.screenshot(ARTEFACTS / f"report_{which.removesuffix('_folder')}_{name}.png")
     assert (ARTEFACTS / f"report_{which.removesuffix('_folder')}_{name}.png").stat().st_size > 50_000
 

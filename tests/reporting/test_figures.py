@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from granite_lab.reporting.assemble import assemble
-from granite_lab.reporting.canvas import RC, Drawing, envelope
+from granite_lab.reporting.canvas import RC, Drawing, envelope, to_svg
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.plot_motion import comparison_drawing
 from granite_lab.reporting.traces import block_means
@@ -93,6 +93,18 @@ def test_svg_files_carry_the_labels_as_text(folder: Path) -> None:
         labels = [text for text in shown if re.search(r"\[[^\]]+\]", text)]
         assert len(labels) >= (1 if path.stem == "misfit" else 2), path
         assert not path.read_text(encoding="utf-8").count("<dc:date>")
+
+
+def test_svg_text_is_what_was_drawn(drawings: list[Drawing]) -> None:
+    """Shortening coordinates must not shorten the numbers a reader sees."""
+    for drawing in drawings:
+        root = ElementTree.fromstring(to_svg(drawing.figure))
+        shown = {"".join(node.itertext()).strip() for node in root.iter(f"{SVG}text")}
+        wanted = {t.get_text() for t in drawing.figure.findobj(Text) if re.search(r"[A-Za-z]", t.get_text())}
+        assert {line for text in wanted for line in text.split("\n")} >= shown - {
+            text for text in shown if not re.search(r"[A-Za-z]", text)
+        }
+        assert len(shown) > 5
 
 
 def test_every_figure_says_what_to_see(drawings: list[Drawing]) -> None:

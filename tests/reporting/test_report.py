@@ -20,7 +20,7 @@ from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_comparison, write_report
 from granite_lab.reporting.content import Failure, StudyResult
 from granite_lab.reporting.document import Answer, Discovery, Section, Words
-from granite_lab.reporting.summary import by_speed, mean_over
+from granite_lab.reporting.summary import Gap, by_speed, gaps, mean_over, worst_of
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
 
@@ -244,6 +244,15 @@ def test_failures_alone_make_a_report_too(tmp_path: Path) -> None:
     assert "x.csv: is empty (log again)" in page
 
 
+@pytest.fixture
+def no_png(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out what takes longest where a test is not about pictures."""
+    from granite_lab.reporting import write
+
+    monkeypatch.setattr(write, "to_png", lambda _: b"")
+
+
+@pytest.mark.usefixtures("no_png")
 def test_a_discovery_takes_its_place(tmp_path: Path) -> None:
     discovery = Discovery(
         Answer("missing", "What is missing from the model?", "Tyre wind-up.", "named", "good"),
@@ -258,6 +267,7 @@ def test_a_discovery_takes_its_place(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "found" / "report.json").read_text())["discovery"] == {"verdict": "named"}
 
 
+@pytest.mark.usefixtures("no_png")
 def test_a_second_report_replaces_the_first_and_nothing_else(tmp_path: Path) -> None:
     folder = tmp_path / "report"
     (folder / "recordings").mkdir(parents=True)
@@ -270,6 +280,7 @@ def test_a_second_report_replaces_the_first_and_nothing_else(tmp_path: Path) -> 
     assert [p.name for p in tmp_path.iterdir()] == ["report"]
 
 
+@pytest.mark.usefixtures("no_png")
 def test_an_interrupted_report_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from granite_lab.reporting import write
 
@@ -325,3 +336,30 @@ def test_repetitions_are_grouped_and_the_middle_one_is_drawn(study: StudyResult)
     three = by_speed(made_up_study(speeds=(0.2,), repetitions=3), load_paper())[0]
     slips = sorted(r.comparison.motion.slip_ratio.value for r in three.results)
     assert three.typical.comparison.motion.slip_ratio.value == slips[1]
+
+
+def gap(normalised: float, rms: float = 0.05, phase: str = "steady", channel: str = "velocity") -> Gap:
+    return Gap(channel, "m/s", phase, rms, 0.0, rms, normalised, size=1.0, trials=1)
+
+
+def test_a_gap_is_named_by_its_noise_and_its_share_of_the_channel() -> None:
+    assert gap(1.4).word == "within the noise"
+    assert gap(2.0).word == "visible gap"
+    assert gap(50.0).word == "large gap"
+    assert gap(50.0, rms=0.009).word == "small gap"
+    assert gap(math.nan).word.startswith("not judged")
+
+
+def test_a_small_gap_of_a_quiet_sensor_does_not_hide_a_real_one() -> None:
+    quiet, real = gap(76.0, rms=0.004), gap(2.0)
+    assert worst_of([quiet, real]) is real
+    assert worst_of([quiet, gap(1.0)]) is quiet
+    assert worst_of([gap(9.0, phase="all")]) is None
+
+
+def test_the_speeds_of_four_wheels_are_pooled_by_their_squares(study: StudyResult) -> None:
+    comparisons = [r.comparison for r in study.trials]
+    each, pooled = gaps(comparisons), gaps(comparisons, wheels_as_one=True)
+    wheels = [each[f"wheel_{w}", "all"].rms for w in ("fl", "fr", "rl", "rr")]
+    assert pooled["wheels", "all"].rms == pytest.approx(math.sqrt(np.mean(np.square(wheels))))
+    assert not any(channel.startswith("wheel_") for channel, _ in pooled)
