@@ -164,7 +164,7 @@ def _list(record: Any, group: str, origin: str, given: dict[str, Any]) -> Iterat
         value, key = getattr(record, field.name), key_of(field)
         if field.name == "imu_grade" and key not in given and value is not None:
             everything = {key_of(f): True for f in dataclasses.fields(value)}
-            yield from _list(value, f"{group}.imu", _short(CATALOGUE / "imu_grades.toml"), everything)
+            yield from _list(value, f"{group}.imu_grade", _short(CATALOGUE / "imu_grades.toml"), everything)
         elif dataclasses.is_dataclass(value):
             yield from _list(value, f"{group}.{field.name}", origin, given.get(key, {}))
         elif "unit" in field.metadata:

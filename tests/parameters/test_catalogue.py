@@ -135,7 +135,7 @@ def test_every_parameter_in_force_has_unit_range_and_origin() -> None:
         assert row.origin.endswith(".toml") or row.origin == "default"
     origins = {(r.group, r.key): r.origin for r in rows}
     assert origins["robot.wheels", "radius_m"] == "catalogue/robots/granite.toml"
-    assert origins["robot.imu", "rate_hz"] == "catalogue/imu_grades.toml"
+    assert origins["robot.imu_grade", "rate_hz"] == "catalogue/imu_grades.toml"
     assert origins["soil", "exponent"] == "catalogue/soils/dry_sand.toml"
 
 
