@@ -41,6 +41,7 @@ LAWS: tuple[K92Law, ...] = ("exponential", "constant")
 
 _START_RANGE = 0.5  # how far the start may move from its first estimate [s]
 _ITERATIONS = 12
+_INTERPOLATION = 4e-4  # error of the start from linear interpolation between samples 10 ms apart [s]
 _ROUGHLY = 0.03
 """Share of the cost that a step must promise to be worth it while laws are compared."""
 
@@ -132,7 +133,7 @@ def fit_trajectory(
     return TrajectoryFit(
         k92=Estimate(float(best.x[0]), float(std[0])),
         law=history.law,
-        t_start=Estimate(float(best.x[1]), float(std[1])),
+        t_start=Estimate(float(best.x[1]), float(np.hypot(std[1], _INTERPOLATION))),
         status=status,
         misfit=history.misfit,
         correlation=history.correlation,

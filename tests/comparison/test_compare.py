@@ -1,0 +1,156 @@
+"""One trial beside its simulation."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from granite_lab.comparison import compare, table3
+from granite_lab.comparison.compare import misfits_of
+from granite_lab.errors import EstimateError
+from granite_lab.estimate import Estimate
+from granite_lab.fitting import fit_k92, simulate_k92
+from granite_lab.logs.trial import ImuStream
+from granite_lab.parameters import load_paper, load_robot, load_soil, variant_of
+from tests.fitting.made_up import T_START, made_up_trial, without_currents
+
+ROBOT, SOIL = load_robot(), load_soil()
+CHANNELS = {
+    "velocity", "wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr", "slip_f", "slip_r",
+    "torque_f", "torque_r", "pitch", "accel", "pitch_rate",
+}  # fmt: skip
+
+
+@lru_cache
+def fitted(velocity=0.3, k92=0.2286, seed=0):
+    variant = variant_of(velocity)
+    run = simulate_k92(variant, ROBOT, SOIL, k92, "exponential")
+    motion, trial, run = made_up_trial(variant, k92, run=run, seed=seed, name=f"v{velocity}_{seed}")
+    return motion, trial, run, fit_k92(motion, trial, ROBOT, SOIL)
+
+
+def misfit(comparison, channel, phase="all"):
+    return next(m for m in comparison.misfits if (m.channel, m.phase) == (channel, phase))
+
+
+def test_every_channel_is_there_on_the_motions_stamps():
+    motion, trial, _, fit = fitted()
+    c = compare(motion, trial, fit, ROBOT, SOIL)
+    assert set(c.measured) == set(c.measured_std) == set(c.simulated) == set(c.units) == CHANNELS
+    assert all(values.shape == motion.t.shape for values in c.measured.values())
+    assert c.t == pytest.approx(motion.t - fit.t_start.value)
+    assert {m.phase for m in c.misfits} == {"all", "rest", "accelerate", "steady", "brake"}
+
+
+def test_the_model_that_made_the_log_is_at_the_noise_floor():
+    motion, trial, _, fit = fitted()
+    c = compare(motion, trial, fit, ROBOT, SOIL)
+    for channel, low, high in [
+        ("velocity", 0.3, 2.0), ("torque_f", 0.5, 1.6), ("torque_r", 0.5, 1.6), ("accel", 0.9, 1.2),
+        ("pitch_rate", 0.9, 1.2),
+    ]:  # fmt: skip
+        assert low < misfit(c, channel, "steady").normalised < high, channel
+    assert misfit(c, "wheel_fl").rms < 1e-3
+    assert misfit(c, "pitch").rms < 2e-4  # the made-up offset of 4 mrad is gone
+
+
+def test_a_wrong_k92_shows_in_slip_and_velocity_and_not_in_the_wheels():
+    motion, trial, _, fit = fitted()
+    right = compare(motion, trial, fit, ROBOT, SOIL)
+    wrong_run = simulate_k92(variant_of(0.3), ROBOT, SOIL, 0.10)
+    wrong = compare(motion, trial, fit, ROBOT, SOIL, run=wrong_run)
+    assert wrong.run is wrong_run
+    bias = misfit(wrong, "slip_f", "steady").bias
+    assert bias == pytest.approx(0.170 - 0.0973, abs=0.01)  # λ_R of the two k_92
+    assert misfit(wrong, "velocity", "steady").bias == pytest.approx(-0.3 * bias, abs=0.003)
+    assert misfit(wrong, "velocity", "steady").normalised > 5 * misfit(right, "velocity", "steady").normalised
+    assert abs(misfit(wrong, "wheel_fl", "steady").bias) < 1e-3
+
+
+def test_driving_torques_come_from_the_currents_by_24():
+    motion, trial, run, fit = fitted()
+    c = compare(motion, trial, fit, ROBOT, SOIL)
+    i = int(np.argmin(np.abs(c.t - 4.0)))
+    j = int(np.argmin(np.abs(trial.currents.t - motion.t[i])))
+    still = trial.currents.t < T_START - 0.1
+    window = trial.currents.current[j - 10 : j + 11, :2].mean()
+    expected = 0.8 * 53 * 0.03 * (window - trial.currents.current[still, :2].mean())
+    assert c.measured["torque_f"][i - 20 : i + 21].mean() == pytest.approx(expected, abs=0.03)
+    assert c.measured["torque_f"][i] == pytest.approx(np.interp(4.0, run.t, run["torque_f_Nm"]), abs=0.25)
+    assert 0.8 * 53 * 0.03 * 0.05 / np.sqrt(2) < c.measured_std["torque_f"][i] < 0.1
+
+
+def test_a_rotated_imu_is_compared_in_robot_axes():
+    turned = dataclasses.replace(ROBOT, imu=dataclasses.replace(ROBOT.imu, rotation=(0.0, 0.0, 180.0)))
+    motion, trial, _, fit = fitted()
+    sign = np.array([-1.0, -1.0, 1.0])
+    imu = ImuStream(trial.imu.t, sign * trial.imu.specific_force, sign * trial.imu.angular_rate)
+    straight = compare(motion, trial, fit, ROBOT, SOIL)
+    rotated = compare(motion, dataclasses.replace(trial, imu=imu), fit, turned, SOIL)
+    assert rotated.measured["accel"] == pytest.approx(straight.measured["accel"], abs=1e-9)
+    assert rotated.measured["pitch_rate"] == pytest.approx(straight.measured["pitch_rate"], abs=1e-9)
+
+
+def test_what_was_not_measured_is_absent():
+    motion, trial, _, fit = fitted()
+    bare = dataclasses.replace(without_currents(trial), imu=None)
+    c = compare(motion, bare, fit, ROBOT, SOIL)
+    assert set(c.measured) == CHANNELS - {"torque_f", "torque_r", "accel", "pitch_rate"}
+    assert not [m for m in c.misfits if m.channel == "accel"]
+
+
+def test_an_unknown_start_is_refused():
+    motion, trial, _, fit = fitted()
+    nowhere = Estimate(math.nan)
+    with pytest.raises(EstimateError, match="start of the command"):
+        compare(
+            dataclasses.replace(motion, t_start=nowhere), trial,
+            dataclasses.replace(fit, t_start=nowhere), ROBOT, SOIL,
+        )  # fmt: skip
+
+
+def test_a_misfit_counts_what_it_says():
+    phase = np.array(["rest", "steady", "steady", "brake"])
+    measured = np.array([0.0, 1.0, 2.0, np.nan])
+    simulated = np.array([0.0, 1.3, 1.6, 5.0])
+    std = np.array([0.1, 0.1, 0.2, 0.1])
+    found = {m.phase: m for m in misfits_of("velocity", measured, std, simulated, phase)}
+    assert set(found) == {"all", "rest", "steady"}  # nothing was measured while braking
+    steady = found["steady"]
+    assert steady.rms == pytest.approx(math.sqrt((0.3**2 + 0.4**2) / 2))
+    assert steady.bias == pytest.approx(-0.05)
+    assert steady.peak == pytest.approx(0.4)
+    assert steady.normalised == pytest.approx(math.sqrt((3**2 + 2**2) / 2))
+    assert (steady.samples, found["all"].samples) == (2, 3)
+
+
+def test_slip_of_unknown_size_is_left_out():
+    phase = np.array(["steady"] * 3)
+    found = misfits_of(
+        "slip_f", np.array([0.1, 0.1, 9.0]), np.array([0.01, 0.01, 0.5]), np.array([0.1, 0.1, 0.1]), phase
+    )
+    assert {m.samples for m in found} == {2}
+
+
+def test_table3_puts_means_beside_the_papers():
+    comparisons = []
+    for velocity, k92, seed in [(0.5, 0.0855, 1), (0.3, 0.2286, 0), (0.3, 0.2286, 2)]:
+        motion, trial, _, fit = fitted(velocity, k92, seed)
+        comparisons.append(compare(motion, trial, fit, ROBOT, SOIL))
+    slow, fast = table3(comparisons)
+    assert (slow.velocity, fast.velocity) == (0.3, 0.5)
+    assert slow.trials == ("v0.3_0", "v0.3_2")
+    assert slow.virtual
+    a, b = (c.fit.slip_measured for c in comparisons[1:])
+    assert slow.slip_measured.value == pytest.approx((a.value + b.value) / 2)
+    assert slow.slip_measured.std == pytest.approx(
+        max(math.hypot(a.std, b.std) / 2, abs(a.value - b.value) / 2)
+    )
+    assert slow.slip_simulated == pytest.approx(slow.slip_measured.value, abs=1e-4)
+    assert slow.paper == load_paper().table3[1]
+    assert fast.k92.value == comparisons[0].fit.k92.value
+    assert fast.at_bound == 0

@@ -1,0 +1,222 @@
+"""a_θ over trials and the rival laws."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import curve_fit
+
+from granite_lab.errors import EstimateError
+from granite_lab.estimate import Estimate
+from granite_lab.fitting import fit_a_theta, published_fit, simulate_k92
+from granite_lab.fitting.fit import K92Fit
+from granite_lab.fitting.sand import SAND_SCATTER
+from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, variant_of
+from tests.fitting.made_up import draw_soil
+
+SPEEDS = (0.2, 0.3, 0.5, 0.7)
+TABLE3 = load_paper().table3
+
+
+def law(fit, name):
+    return next(law for law in fit.laws if law.id == name)
+
+
+def rows(rng, *, scatter=0.05, std=0.006, a=4.919, repetitions=3, shift=None):
+    """Draw k_92 of trials around the exponential law; `shift` is a relative deviation per speed."""
+    found = []
+    for v in SPEEDS:
+        for i in range(repetitions):
+            k = math.exp(-a * v) * (1 + scatter * rng.standard_normal() + (shift or {}).get(v, 0.0))
+            found.append(
+                (
+                    f"{v}/{i}",
+                    v,
+                    Estimate(k + std * rng.standard_normal(), std),
+                    Estimate(0.26 - 0.7 * k, 0.004),
+                )
+            )
+    return found
+
+
+def test_the_published_k92_give_the_published_a_theta():
+    fit = published_fit()
+    assert fit.a_theta.value == pytest.approx(4.919, abs=5e-4)
+    assert fit.log_linear == pytest.approx(4.9192, abs=5e-5)
+    assert fit.ordinary == pytest.approx(4.933, abs=5e-4)
+    assert fit.agrees
+    assert fit.ci95[0] < 4.919 < fit.ci95[1]
+
+
+def test_the_published_line_over_slip_is_found():
+    line = law(published_fit(), "linear_slip")
+    b_0, b_1 = line.parameters["b_0"], line.parameters["b_1"]
+    assert b_0.value == pytest.approx(0.4108, abs=5e-5)
+    assert b_1.value == pytest.approx(-0.01727, abs=5e-6)
+    assert line.units["b_1"] == "1/%"
+    assert "0.4108 - 0.0173" in line.formula
+    # the root, where the model ends: 23.75 % in the paper's rounded figures
+    assert -b_0.value / b_1.value == pytest.approx(23.79, abs=0.01)
+    # the textbook's covariance of a straight line
+    _, covariance = curve_fit(
+        lambda x, a, b: a + b * x, [100 * p.slip_measured for p in TABLE3], [p.k92 for p in TABLE3]
+    )
+    assert [b_0.std, b_1.std] == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-3)
+
+
+def test_four_points_are_too_few_to_weigh_the_laws_and_it_is_said():
+    fit = published_fit()
+    assert math.isnan(law(fit, "linear_slip").aicc)
+    assert all(math.isnan(law.weight) for law in fit.laws)
+    assert any("too few for an AICc" in note for note in fit.notes)
+
+
+def test_equal_errors_without_scatter_give_least_squares_on_k92():
+    points = [(f"{p.velocity}", p.velocity, Estimate(p.k92, 0.05), Estimate(p.slip_measured)) for p in TABLE3]
+    fit = fit_a_theta(points)
+    assert fit.scatter == 0.0  # 0.05 covers all deviations
+    assert fit.a_theta.value == pytest.approx(fit.ordinary, abs=1e-6)
+    v = np.array(SPEEDS)
+    assert fit.a_theta.std == pytest.approx(0.05 / np.linalg.norm(v * np.exp(-fit.ordinary * v)), rel=1e-6)
+
+
+def test_a_precise_trial_outweighs_a_vague_one():
+    precise = ("a", 0.3, Estimate(math.exp(-5.5 * 0.3), 0.001), Estimate(0.1))
+    vague = ("b", 0.3, Estimate(math.exp(-4.0 * 0.3), 0.2), Estimate(0.1))
+    assert fit_a_theta([precise, vague]).a_theta.value == pytest.approx(5.5, abs=0.02)
+
+
+def test_scatter_beyond_the_stated_errors_is_found_and_widens_the_interval():
+    found = [fit_a_theta(rows(np.random.default_rng(s), scatter=0.10, std=0.001)) for s in range(12)]
+    assert np.median([fit.scatter for fit in found]) == pytest.approx(0.10, rel=0.25)
+    calm = fit_a_theta(rows(np.random.default_rng(0), scatter=0.0, std=0.001))
+    assert found[0].a_theta.std > 3 * calm.a_theta.std
+
+
+def test_speeds_that_leave_the_law_rule_the_interval():
+    shift = {0.2: -0.12, 0.3: 0.13, 0.5: 0.25, 0.7: -0.2}
+    fit = fit_a_theta(rows(np.random.default_rng(2), scatter=0.02, std=0.001, shift=shift))
+    assert any("over 4 speeds, not 12 trials" in note for note in fit.notes)
+    assert fit.a_theta.std > 0.1
+    assert fit.scatter < 0.06
+    assert law(fit, "exponential").weight < 0.01
+
+
+def k92_fit(trial, velocity, k92, std, slip, status="ok"):
+    return K92Fit(
+        trial=trial, virtual=True, variant=variant_of(velocity), k92=Estimate(k92, std),
+        k92_trajectory=Estimate(math.nan), t_start=Estimate(0.0), slip_measured=Estimate(slip, 0.004),
+        slip_simulated=slip, status=status, status_trajectory="not_evaluated",
+    )  # fmt: skip
+
+
+def test_a_k92_at_the_lower_bound_counts_as_below_it():
+    """Some trials at 0.7 m/s end at 0; taking the 0 for a value or leaving it out biases a_θ."""
+    rng = np.random.default_rng(5)
+    truth, naive, dropped, censored = 4.0, [], [], []
+    for _ in range(40):
+        fits = []
+        for v in (0.5, 0.7):
+            for i in range(6):
+                k = math.exp(-truth * v) + 0.06 * rng.standard_normal()
+                fits.append(
+                    k92_fit(f"{v}/{i}", v, max(k, 0.0), 0.06, 0.2, "ok" if k > 0 else "at_lower_bound")
+                )
+        at_value = [(f.trial, f.variant.velocity, f.k92, f.slip_measured) for f in fits]
+        naive.append(fit_a_theta(at_value).a_theta.value)
+        dropped.append(fit_a_theta([f for f in fits if f.status == "ok"]).a_theta.value)
+        fit = fit_a_theta(fits)
+        censored.append(fit.a_theta.value)
+    assert abs(np.mean(censored) - truth) < 0.1
+    assert abs(np.mean(censored) - truth) < 0.5 * abs(np.mean(dropped) - truth)
+    assert np.mean(naive) < np.mean(censored)
+    assert any("censored" in note for note in fit.notes)
+
+
+def test_k92_below_zero_enters_the_weighted_fit_but_not_the_logarithm():
+    points = [*rows(np.random.default_rng(1)), ("odd", 0.7, Estimate(-0.004, 0.01), Estimate(0.26, 0.004))]
+    fit = fit_a_theta(points)
+    assert any("<= 0 cannot enter" in note for note in fit.notes)
+    assert math.isfinite(fit.log_linear)
+    assert len(fit.points) == 13
+
+
+def test_one_trial_gives_a_normal_interval_and_says_what_it_lacks():
+    fit = fit_a_theta([("only", 0.3, Estimate(0.23, 0.01), Estimate(0.09, 0.004))])
+    assert fit.a_theta.value == pytest.approx(-math.log(0.23) / 0.3)
+    assert fit.a_theta.std == pytest.approx(0.01 / (0.23 * 0.3), rel=1e-6)
+    assert any("one trial only" in note for note in fit.notes)
+
+
+@pytest.mark.parametrize(
+    "items",
+    [
+        [],
+        [("x", 0.3, Estimate(math.nan), Estimate(0.1))],
+        [k92_fit("x", 0.7, 0.0, 0.01, 0.3, "at_lower_bound")],
+    ],
+)
+def test_nothing_usable_is_refused(items):
+    with pytest.raises(EstimateError) as caught:
+        fit_a_theta(items)
+    assert caught.value.exit_code == 4
+    assert caught.value.hint
+
+
+def test_laws_compare_on_the_same_data_and_the_true_one_wins():
+    wins = [fit_a_theta(rows(np.random.default_rng([3, s]))).laws[0].id for s in range(10)]
+    fit = fit_a_theta(rows(np.random.default_rng([3, 0])))
+    assert sum(law.weight for law in fit.laws) == pytest.approx(1.0)
+    assert [law.aicc for law in fit.laws] == sorted(law.aicc for law in fit.laws)
+    # the rows' λ_R is a line in k_92, so both laws are true there; a constant per speed is wasteful
+    assert "free" not in wins
+
+
+def test_aicc_of_the_exponential_law_is_the_textbooks():
+    points = [(f"{i}", v, Estimate(k), Estimate(0.1 + v / 5)) for i, (v, k) in enumerate(
+        [(0.2, 0.38), (0.2, 0.36), (0.3, 0.22), (0.3, 0.24), (0.5, 0.09), (0.7, 0.04)]
+    )]  # fmt: skip
+    fit = fit_a_theta(points)
+    v, k = np.array([p[1] for p in points]), np.array([p[2].value for p in points])
+    rss, n, count = float(((k - np.exp(-fit.ordinary * v)) ** 2).sum()), 6, 2
+    expected = (
+        n * (math.log(2 * math.pi * rss / n) + 1) + 2 * count + 2 * count * (count + 1) / (n - count - 1)
+    )
+    assert law(fit, "exponential").aicc == pytest.approx(expected, abs=1e-3)
+
+
+def test_the_95_percent_interval_holds_the_true_a_theta():
+    """80 virtual studies of 12 trials with scattered sand and k_92, slip from the simulator.
+
+    λ_R over k_92 and k_φ is tabulated once per speed; c and φ move it by less than 0.1 points.
+    """
+    robot, soil = load_robot(), load_soil()
+    k_grid = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5])
+    table = {}
+    for variant in load_variants():
+        for step in (-0.1, 0.1):
+            sand = type(soil)(**{**soil.__dict__, "frictional_modulus": soil.frictional_modulus * (1 + step)})
+            table[variant.velocity, step] = [
+                simulate_k92(variant, robot, sand, k, "exponential").slip_ratio for k in k_grid[1:]
+            ]
+    inside = []
+    for seed in range(80):
+        rng = np.random.default_rng([23, seed])
+        points = []
+        for v in SPEEDS:
+            softer, stiffer = (np.array(table[v, step]) for step in (-0.1, 0.1))
+            nominal, slope = (softer + stiffer) / 2, (stiffer - softer) / 0.2
+            for i in range(3):
+                k = math.exp(-4.919 * v) * (1 + 0.04 * rng.standard_normal())
+                k_phi = draw_soil(rng, soil).frictional_modulus / soil.frictional_modulus - 1
+                measured = np.interp(k, k_grid[1:], nominal + slope * k_phi) + 0.004 * rng.standard_normal()
+                found = float(np.interp(-measured, -nominal, k_grid[1:]))
+                per_k = abs(np.interp(found, k_grid[1:], np.gradient(nominal, k_grid[1:])))
+                sand_std = abs(np.interp(found, k_grid[1:], slope)) * SAND_SCATTER["frictional_modulus"]
+                std = math.hypot(0.004, sand_std) / per_k
+                points.append((f"{v}/{i}", v, Estimate(found, std), Estimate(measured, 0.004)))
+        low, high = fit_a_theta(points).ci95
+        inside.append(low <= 4.919 <= high)
+    assert 0.90 <= np.mean(inside) <= 0.99
