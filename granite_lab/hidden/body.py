@@ -24,7 +24,8 @@ class Body:
         w: velocity of R along R's z [m/s]; dw: its derivative.
         pitch, roll, yaw_rate: attitude [rad] (pitch positive nose down) and heading rate [rad/s].
         v_wheel: (N, 4) circumferential velocity of each wheel [m/s].
-        force: (N, 4) longitudinal force each wheel transmits [N], for the currents.
+        force: (N, 4) longitudinal force each wheel transmits [N], for the currents where those are
+            not known; current: (N, 4) of the motors [A] where they are.
         start, stop: of the command [s]; steady: settled half of its constant part [s].
     """
 
@@ -42,6 +43,7 @@ class Body:
     start: float
     stop: float
     steady: tuple[float, float]
+    current: Array | None = None
 
 
 def wander(rng: np.random.Generator, size: int, step: float, length: float) -> Array:
@@ -52,12 +54,13 @@ def wander(rng: np.random.Generator, size: int, step: float, length: float) -> A
     return np.asarray(fftconvolve(rng.standard_normal(size + 2 * reach), kernel, mode="valid"))
 
 
-def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
+def body_from_run(run: Result, *, steady: tuple[float, float], radius: float) -> Body:
     """Return the motion of a run of the reference simulator, its first sample moved to t = 0.
 
     Args:
         run: with samples dense enough for cubic interpolation (5 ms or less).
         steady: settled interval in the run's own time [s].
+        radius: of the wheels [m].
     """
     origin = float(run.t[0])
     t = np.asarray(DT * np.arange(int((run.t[-1] - origin) / DT + 1e-6) + 1))
@@ -65,9 +68,8 @@ def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
     def fine(signal: Array) -> Array:
         return np.asarray(CubicSpline(run.t - origin, signal)(t))
 
-    v, pitch, zeros = fine(run.v), fine(run.pitch), np.zeros(t.size)
-    wx = np.gradient(run.height, run.t) * np.cos(run.pitch) + np.gradient(run.x, run.t) * np.sin(run.pitch)
-    w = fine(wx)
+    v, pitch, zeros = fine(run.v), fine(run.pitch) - run.rise, np.zeros(t.size)
+    w = fine(run.w)
     still = np.flatnonzero(run.v_d > 0)
     both = [0, 0, 1, 1]
     return Body(
@@ -80,8 +82,9 @@ def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
         pitch=pitch,
         roll=zeros,
         yaw_rate=zeros,
-        v_wheel=np.stack([fine(run.v_o[:, i]) for i in both], axis=1),
+        v_wheel=np.stack([radius * fine(run.shaft_rate[:, i]) for i in both], axis=1),
         force=np.stack([fine((run.F + run.R)[:, i]) for i in both], axis=1),
+        current=np.stack([np.interp(t, run.t - origin, run.current[:, i]) for i in both], axis=1),
         start=-origin,
         stop=float(run.t[still[-1]]) - origin,
         steady=(steady[0] - origin, steady[1] - origin),

@@ -5,6 +5,7 @@ Written from the paper alone, for any number of wheels at once; independent of t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,18 +32,23 @@ def clenshaw_curtis(intervals: int) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Ground:
-    """Soil and wheel numbers of (6)-(17), in the paper's symbols and SI units."""
+    """Soil and wheel numbers of (6)-(17), in the paper's symbols and SI units.
+
+    A number of the soil may differ from wheel to wheel: an array (wheels, 1) then. `harden` gives
+    a factor on the pressure (8) from sin(theta) along the arc, (wheels, nodes).
+    """
 
     r: float
     b: float
-    n: float
-    k_c: float
-    k_phi: float
-    c: float
+    n: float | Array
+    k_c: float | Array
+    k_phi: float | Array
+    c: float | Array
     tan_phi: float
-    K: float
+    K: float | Array
     mu_s: float
     c_t: float
+    harden: Callable[[Array], Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,7 @@ def contact(
     dz0: Array,
     k92: Array | float,
     intervals: int = 32,
+    flat: Array | None = None,
 ) -> Contact:
     """Return the forces on each wheel.
 
@@ -89,27 +96,35 @@ def contact(
         dz0: its rate [m/s].
         k92: ratio of rear to front contact angle.
         intervals: of the quadrature.
+        flat: by how much the tyre's lowest part is pressed in [m]; its underside is level there.
     """
     g = ground
     slip = slip_ratio(v_o, v)
     fade = smoothstep(np.maximum(np.abs(v_o), np.abs(v)) / V_FLOOR)
     touching = z0 > 0
-    front = np.arccos(np.clip(1.0 - np.where(touching, z0, 0.0) / g.r, -1.0, 1.0))  # theta_1
+    drop = z0 if flat is None else z0 + flat
+    front = np.arccos(np.clip(1.0 - np.where(touching, drop, 0.0) / g.r, -1.0, 1.0))  # theta_1
     rear = k92 * front  # (4)
     nodes, weights = clenshaw_curtis(intervals)
     half = 0.5 * (front + rear)
     arc = 0.5 * (front - rear)[:, None] + half[:, None] * nodes
     weight = half[:, None] * weights
     sin, cos = np.sin(arc), np.cos(arc)
-    z = np.maximum(z0[:, None] - g.r * (1.0 - cos), 0.0)  # (7)
+    z = np.maximum(drop[:, None] - g.r * (1.0 - cos), 0.0)  # (7)
+    steep = sin
+    if flat is not None:
+        steep = np.where(z > z0[:, None], 0.0, sin)
+        z = np.minimum(z, np.maximum(z0[:, None], 0.0))
     sigma = (g.k_c / g.b + g.k_phi) * z**g.n  # (8), (9)
+    if g.harden is not None:
+        sigma = sigma * g.harden(sin)
     reach = np.sin(front)[:, None] - sin
     j = g.r * (fade[:, None] * (front[:, None] - arc - reach) + slip[:, None] * reach)  # (6)
     limit = np.minimum(g.mu_s * sigma, g.c + sigma * g.tan_phi)  # (10)
     tau = np.sign(j) * limit * -np.expm1(-np.abs(j) / g.K)  # (11)
     area = g.b * g.r
-    W = area * ((sigma * cos + tau * sin) * weight).sum(axis=1)  # (12)
-    R = -area * (sigma * sin * weight).sum(axis=1)  # (13), with the sign that opposes motion
+    W = area * ((sigma * cos + tau * steep) * weight).sum(axis=1)  # (12)
+    R = -area * (sigma * steep * weight).sum(axis=1)  # (13), with the sign that opposes motion
     F = area * (tau * cos * weight).sum(axis=1)  # (14)
     M = -area * g.r * (tau * weight).sum(axis=1)  # (15)
     normal = np.where(touching, np.maximum(W + g.c_t * dz0, 0.0), 0.0)  # (17), never pulls

@@ -1,50 +1,57 @@
-"""Equations (1)-(26) for the whole robot, in plain NumPy: the right-hand side of the tests' own truth.
+"""Equations (1)-(26) for the whole robot, in plain NumPy: the right-hand side of the truth.
 
 Written from the paper and nothing else of the project; robot and soil numbers come from the
 parameter records. The motion is formulated in the ground frame O about the centre of mass, which
-is (20)-(22) rotated by (19).
+is (20)-(22) rotated by (19). What the paper leaves out overrides one of the small methods of
+`Truth`, calls `super()` and so can be combined with any other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.optimize import brentq, fsolve
 
 from granite_lab.hidden.command import Trapezoid
 from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Ground, contact, smoothstep
+from granite_lab.hidden.parts import Law, Misreading, Push, Sizes, Stance
 from granite_lab.parameters import GRAVITY, Robot, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
 ANGLE, OMEGA, CURRENT = slice(6, 8), slice(8, 10), slice(10, 12)
 """Places in the state: centre of mass in O, pitch, their rates; then front and rear wheel of each kind."""
 
-Law = Callable[[float], float]
-
-
-def constant_k92(value: float) -> Law:
-    """Return k_92(v_d) of Table 3: constant while driving, 1 at rest, blended below v_floor."""
-    return lambda v_d: 1.0 + (value - 1.0) * float(smoothstep(v_d / V_FLOOR))
-
-
-def exponential_k92(a_theta: float) -> Law:
-    """Return k_92(v_d) of (5)."""
-    return lambda v_d: float(np.exp(-a_theta * v_d))
-
 
 class Truth:
     """The model for one robot, soil, command and law of k_92.
 
-    The methods are small so that a variation of the model overrides one of them.
+    Args:
+        robot, soil, command, law: what the paper's model needs.
+        intervals: of the quadrature along the arc.
+        sizes: parameters of the influences that a subclass adds, by the influence's id.
     """
 
-    def __init__(self, robot: Robot, soil: Soil, command: Trapezoid, law: Law, intervals: int = 32) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        soil: Soil,
+        command: Trapezoid,
+        law: Law,
+        intervals: int = 32,
+        sizes: Mapping[str, Sizes] | None = None,
+    ) -> None:
         if robot.chassis is None or robot.drive is None:
             raise ValueError("the robot has no chassis or no drive")
-        self.chassis, self.drive, self.command, self.law = robot.chassis, robot.drive, command, law
+        self.robot, self.chassis, self.drive, self.command, self.law = (
+            robot, robot.chassis, robot.drive, command, law,
+        )  # fmt: skip
         self.intervals = intervals
+        self.sizes = dict(sizes or {})
+        self.order = 12
         self.r = robot.wheels.radius
+        self.rim_inertia = robot.chassis.wheel_inertia
+        self.rise = 0.0  # of the ground [rad]
         ch = robot.chassis
         self.mass = ch.body_mass + 4 * ch.wheel_mass
         self.arm_x = np.array([0.5, -0.5]) * ch.wheel_base - ch.com_x
@@ -62,7 +69,20 @@ class Truth:
             c_t=ch.contact_damping,
         )
 
-    def k92(self, t: float) -> float:
+    def claim(self, count: int) -> slice:
+        """Return the place of further states, at the end of the state."""
+        self.order += count
+        return slice(self.order - count, self.order)
+
+    def marks(self) -> tuple[float, ...]:
+        """Return the instants at which a law changes [s]."""
+        return self.command.corners(V_FLOOR)
+
+    def demand(self, t: float) -> tuple[float, float]:
+        """Return distance [m] and velocity [m/s] that the controller follows."""
+        return self.command.position(t), self.command.velocity(t)
+
+    def k92(self, t: float, y: Array) -> float:
         """Return k_92 in force."""
         return self.law(self.command.velocity(t))
 
@@ -70,32 +90,65 @@ class Truth:
         """Return the longitudinal component in R of the velocity of the wheel centres, and of R [m/s]."""
         return float(np.cos(y[PITCH]) * y[VX] - np.sin(y[PITCH]) * y[VZ] + y[Q] * self.arm_z)
 
-    def contact(self, t: float, y: Array) -> Contact:
-        """Return the wheel forces in the state y."""
+    def places(self, y: Array) -> Array:
+        """Return how far along O front and rear wheel centre are [m]."""
+        return np.asarray(y[X] + np.cos(y[PITCH]) * self.arm_x + np.sin(y[PITCH]) * self.arm_z)
+
+    def fade(self, y: Array) -> float:
+        """Return 0 at rest and 1 above v_floor: what the ground holds at rest acts on nothing."""
+        return float(smoothstep(abs(self.velocity(y)) / V_FLOOR))
+
+    def stance(self, t: float, y: Array) -> Stance:
+        """Return how the wheels meet the ground."""
         s, c = np.sin(y[PITCH]), np.cos(y[PITCH])
         height = y[Z] - s * self.arm_x + c * self.arm_z
         rising = y[VZ] - y[Q] * (c * self.arm_x + s * self.arm_z)
+        return Stance(y[OMEGA] * self.r, np.full(2, self.velocity(y)), self.r - height, -rising)
+
+    def soil(self, t: float, y: Array, at: Stance) -> Ground:
+        """Return the soil under the wheels."""
+        return self.ground
+
+    def contact(self, t: float, y: Array) -> Contact:
+        """Return the wheel forces in the state y."""
+        at = self.stance(t, y)
         return contact(
-            self.ground,
-            v_o=y[OMEGA] * self.r,
-            v=np.full(2, self.velocity(y)),
-            z0=self.r - height,
-            dz0=-rising,
-            k92=self.k92(t),
-            intervals=self.intervals,
-        )
+            self.soil(t, y, at), v_o=at.v_o, v=at.v, z0=at.z0, dz0=at.dz0,
+            k92=self.k92(t, y), intervals=self.intervals, flat=at.flat,
+        )  # fmt: skip
+
+    def shaft(self, y: Array) -> tuple[Array, Array]:
+        """Return angle and rate at the wheel's side of the gear that encoder, controller, back-EMF meet."""
+        return y[ANGLE], y[OMEGA]
 
     def voltage(self, t: float, y: Array) -> Array:
         """Return the motor voltages (25), (26) [V]."""
         d = self.drive
-        e_theta = self.command.position(t) / self.r - y[ANGLE]
-        e_omega = self.command.velocity(t) / self.r - y[OMEGA]
-        return np.clip(d.gain_p * e_theta + d.gain_d * e_omega, d.voltage_min, d.voltage_max)
+        angle, rate = self.shaft(y)
+        s_d, v_d = self.demand(t)
+        wanted = d.gain_p * (s_d / self.r - angle) + d.gain_d * (v_d / self.r - rate)
+        return np.clip(wanted, d.voltage_min, d.voltage_max)
+
+    def resistance(self, y: Array) -> float | Array:
+        """Return the resistance of the rotors [ohm]."""
+        return self.drive.resistance
 
     def torque(self, y: Array) -> Array:
         """Return the driving torques at the wheels (24) [N m]."""
         d = self.drive
         return np.asarray(d.gear_efficiency * d.gear_ratio * d.torque_constant * y[CURRENT])
+
+    def load(self, y: Array, wheel: Contact) -> Array:
+        """Return the torques with which tyre and ground act on the rims [N m]."""
+        return wheel.M
+
+    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+        """Return what acts on the body besides the wheel forces."""
+        return Push(0.0, -self.mass * GRAVITY)
+
+    def misreading(self) -> Misreading:
+        """Return the lasting errors of the sensors."""
+        return Misreading(np.eye(3), np.eye(3))
 
     def derivative(self, t: float, y: Array) -> Array:
         """Return dy/dt."""
@@ -107,16 +160,22 @@ class Truth:
         s, c = np.sin(y[PITCH]), np.cos(y[PITCH])
         f_x, f_z = wheel.F + wheel.R, wheel.normal  # (16)-(18), in O
         f_rx, f_rz = c * f_x - s * f_z, s * f_x + c * f_z  # (19)
-        dy = np.empty_like(y)
+        push = self.push(t, y, wheel)
+        dy = np.zeros_like(y)
         dy[X], dy[Z], dy[PITCH] = y[VX], y[VZ], y[Q]
-        dy[VX] = 2 * f_x.sum() / self.mass  # (20) and (21), seen from O
-        dy[VZ] = 2 * f_z.sum() / self.mass - GRAVITY
-        dy[Q] = 2 * (self.arm_z * f_rx - self.arm_x * f_rz).sum() / ch.pitch_inertia  # (22)
+        dy[VX] = (2 * f_x.sum() + push.x) / self.mass  # (20) and (21), seen from O
+        dy[VZ] = (2 * f_z.sum() + push.z) / self.mass
+        moment = 2 * (self.arm_z * f_rx - self.arm_x * f_rz).sum()  # (22)
+        dy[Q] = (moment + push.moment) / ch.pitch_inertia
         dy[ANGLE] = y[OMEGA]
-        dy[OMEGA] = (self.torque(y) + wheel.M) / ch.wheel_inertia  # (23)
-        back_emf = d.emf_constant * d.gear_ratio * y[OMEGA]
-        dy[CURRENT] = (self.voltage(t, y) - back_emf - d.resistance * y[CURRENT]) / d.inductance  # (24)
+        dy[OMEGA] = (self.torque(y) + self.load(y, wheel)) / self.rim_inertia  # (23)
+        back_emf = d.emf_constant * d.gear_ratio * self.shaft(y)[1]
+        dy[CURRENT] = (self.voltage(t, y) - back_emf - self.resistance(y) * y[CURRENT]) / d.inductance  # (24)
         return dy
+
+    def at_rest(self) -> Array:
+        """Return the state at standstill, but for height and pitch."""
+        return np.zeros(self.order)
 
     def rest(self) -> Array:
         """Return the state of equilibrium at standstill, R above the origin of O."""
@@ -130,15 +189,16 @@ class Truth:
             )
 
         z0 = [float(brentq(excess, 1e-6, 0.9 * self.r, args=(wanted,))) for wanted in load]
-        y = np.zeros(12)
+        y = self.at_rest()
         y[PITCH] = np.arcsin((z0[0] - z0[1]) / (fore - aft))
         y[Z] = self.r - z0[0] + np.sin(y[PITCH]) * fore - np.cos(y[PITCH]) * self.arm_z
+        y[X] = -0.5 * (fore + aft)
 
         def unbalanced(u: Array) -> Array:
             return self.derivative(-1.0, self._with(y, {Z: u[0], PITCH: u[1]}))[[VZ, Q]]
 
         y[[Z, PITCH]] = fsolve(unbalanced, y[[Z, PITCH]], xtol=1e-13)
-        y[X] = self.chassis.com_x * np.cos(y[PITCH]) - self.arm_z * np.sin(y[PITCH])
+        y[X] = -0.5 * (fore + aft) * np.cos(y[PITCH]) - self.arm_z * np.sin(y[PITCH])
         return y
 
     def cruise(self) -> tuple[Array, float]:

@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 
 from granite_lab.hidden.body import DT, Body, wander
 from granite_lab.hidden.contact import Array
+from granite_lab.hidden.parts import Misreading
 from granite_lab.logs.trial import CurrentStream, ImuStream, WheelStream
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -108,7 +109,12 @@ def stamped(rng: np.random.Generator, instants: Array, jitter: float) -> Array:
 
 
 def read_imu(
-    rng: np.random.Generator, body: Body, robot: Robot, *, scale_error: float
+    rng: np.random.Generator,
+    body: Body,
+    robot: Robot,
+    *,
+    scale_error: float,
+    misreading: Misreading | None = None,
 ) -> tuple[ImuStream, Array, Array, Array]:
     """Return the IMU's samples, its turn-on biases (accelerometer, gyroscope) and its mounting.
 
@@ -117,6 +123,7 @@ def read_imu(
         body: what really happened.
         robot: with an IMU grade.
         scale_error: std of the scale error of each axis.
+        misreading: lasting errors on top.
     """
     grade = robot.imu_grade
     if grade is None:
@@ -129,16 +136,16 @@ def read_imu(
     force, rate = felt_at(body, robot.imu.x, robot.imu.z)
     shaken, rocked = vibration(rng, body, robot)
     biases, read = [], []
-    for signal, turn_on, instability, density, limit, step in (
-        (force + shaken, grade.accel_bias, grade.accel_instability, grade.accel_noise, grade.accel_range,
-         grade.accel_step),
-        (rate + rocked, grade.gyro_bias, grade.gyro_instability, grade.gyro_noise, grade.gyro_range,
-         grade.gyro_step),
+    wrong = misreading or Misreading(np.eye(3), np.eye(3))
+    for signal, distortion, turn_on, instability, density, limit, step in (
+        (force + shaken, wrong.accel, grade.accel_bias, grade.accel_instability, grade.accel_noise,
+         grade.accel_range, grade.accel_step),
+        (rate + rocked, wrong.gyro, grade.gyro_bias, grade.gyro_instability, grade.gyro_noise,
+         grade.gyro_range, grade.gyro_step),
     ):  # fmt: skip
         bias = turn_on * rng.standard_normal(3)
-        values = (
-            averaged(signal, body.t, instants, dt) @ mounting.T * (1 + scale_error * rng.standard_normal(3))
-        )
+        values = averaged(signal, body.t, instants, dt) @ (distortion @ mounting).T
+        values = values * (1 + scale_error * rng.standard_normal(3))
         values = values + bias + drifting(rng, n, dt, instability, grade.instability_time)
         values += density * np.sqrt(0.5 * grade.rate) * rng.standard_normal((n, 3))  # one-sided density
         values = np.clip(values, -limit, limit)
@@ -147,12 +154,14 @@ def read_imu(
     return ImuStream(stamped(rng, instants, IMU_JITTER), read[0], read[1]), biases[0], biases[1], mounting
 
 
-def read_wheels(rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float) -> WheelStream:
-    """Return the encoders' samples, stamped by their own clock."""
+def read_wheels(
+    rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float, gain: float = 1.0
+) -> WheelStream:
+    """Return the encoders' samples, stamped by their own clock, angles times `gain`."""
     enc = robot.encoders
     instants = np.arange(rng.uniform(0, 1) / enc.rate, body.t[-1], 1 / enc.rate)
     angle = cumulative_trapezoid(body.v_wheel, dx=DT, axis=0, initial=0) / robot.wheels.radius
-    sampled = np.stack([np.interp(instants, body.t, column) for column in angle.T], axis=1)
+    sampled = gain * np.stack([np.interp(instants, body.t, column) for column in angle.T], axis=1)
     step = 2 * np.pi / enc.counts if enc.counts else 0.0
     if step:
         sampled = np.floor(sampled / step + rng.uniform(0, 1, 4)) * step
@@ -160,16 +169,20 @@ def read_wheels(rng: np.random.Generator, body: Body, robot: Robot, clock_offset
 
 
 def read_currents(
-    rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float
+    rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float, ripple: float = 0.03
 ) -> CurrentStream | None:
-    """Return the motor currents, which share the encoders' clock; None without a drive."""
+    """Return the motor currents, which share the encoders' clock; None without a drive.
+
+    `ripple` is the relative std of their slow fluctuation while the wheels turn.
+    """
     if robot.drive is None:
         return None
     cur, drive = robot.currents, robot.drive
     instants = np.arange(rng.uniform(0, 1) / cur.rate, body.t[-1], 1 / cur.rate)
     per_newton = robot.wheels.radius / (drive.gear_efficiency * drive.gear_ratio * drive.torque_constant)
     busy = np.clip(body.v_wheel / 0.1, 0, 1)
-    true = body.force * per_newton * (1 + 0.03 * busy * wander(rng, body.t.size, DT, 0.1)[:, None])
+    true = body.force * per_newton if body.current is None else body.current
+    true = true * (1 + ripple * busy * wander(rng, body.t.size, DT, 0.1)[:, None])
     sampled = np.stack([np.interp(instants, body.t, column) for column in true.T], axis=1)
     sampled = sampled * (1 + cur.gain * rng.standard_normal(4)) + cur.offset * rng.standard_normal(4)
     sampled += cur.noise * rng.standard_normal(sampled.shape)

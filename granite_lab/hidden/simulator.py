@@ -1,4 +1,4 @@
-"""Integration of the tests' own truth with LSODA or Radau, and the signals of a run."""
+"""Integration of the truth with LSODA or Radau, and the signals of a run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from granite_lab.hidden.command import Trapezoid
-from granite_lab.hidden.contact import V_FLOOR, Array
+from granite_lab.hidden.contact import Array
 from granite_lab.hidden.model import (
     ANGLE,
     CURRENT,
@@ -22,11 +22,9 @@ from granite_lab.hidden.model import (
     Truth,
     X,
     Z,
-    constant_k92,
-    exponential_k92,
 )
+from granite_lab.hidden.parts import constant_k92, exponential_k92
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
-
 
 Method = Literal["LSODA", "Radau"]
 
@@ -36,8 +34,10 @@ class Result:
     """Signals of one run at `t` (N,), SI units; (N, 2) where front and rear differ.
 
     Attributes:
-        state: (N, 12), in the order of `granite_lab.hidden.model`.
-        x, height: position of R in O; v: longitudinal component in R of its velocity.
+        state: (N, 12) or wider, in the order of `granite_lab.hidden.model`.
+        x, height: position of R in O; v, w: components of its velocity along R's x and z.
+        shaft_rate: (N, 2) rate that the encoders see.
+        rise: of the ground [rad].
         acceleration: (N, 2) inertial acceleration of R along R's x and z.
         rolled: (N, 2) integral of v_o; s_d: that of v_d.
         v_wheel: (N, 2, 2) velocity of front and rear wheel centre along O's x and z.
@@ -47,6 +47,7 @@ class Result:
     state: Array
     x: Array
     v: Array
+    w: Array
     height: Array
     pitch: Array
     pitch_rate: Array
@@ -70,6 +71,8 @@ class Result:
     k92: Array
     v_d: Array
     s_d: Array
+    shaft_rate: Array
+    rise: float = 0.0
 
     def at(self, t: float, name: str) -> Array:
         """Return a signal at an instant, linear between samples."""
@@ -88,7 +91,7 @@ def integrate(
     truth: Truth, t: Array, *, method: Method = "LSODA", rtol: float = 1e-7, atol: float = 1e-9
 ) -> Result:
     """Integrate from rest at the first instant and return the signals at `t` (N,), increasing."""
-    marks = [m for m in truth.command.corners(V_FLOOR) if t[0] < m < t[-1]]
+    marks = [m for m in truth.marks() if t[0] < m < t[-1]]
     edges = [float(t[0]), *marks, float(t[-1])]
     y = truth.rest()
     pieces = []
@@ -128,6 +131,7 @@ def signals(truth: Truth, t: Array, state: Array) -> Result:
         state=state,
         x=state[:, X] + c * rx + s * rz,
         v=np.array([truth.velocity(yi) for yi in state]),
+        w=s * state[:, VX] + c * state[:, VZ] - q * rx,
         height=state[:, Z] - s * rx + c * rz,
         pitch=state[:, PITCH],
         pitch_rate=q,
@@ -141,9 +145,11 @@ def signals(truth: Truth, t: Array, state: Array) -> Result:
         current=state[:, CURRENT],
         voltage=np.array([truth.voltage(ti, yi) for ti, yi in samples]),
         torque=np.array([truth.torque(yi) for yi in state]),
-        k92=np.array([truth.k92(ti) for ti in t]),
+        k92=np.array([truth.k92(ti, yi) for ti, yi in samples]),
         v_d=np.array([truth.command.velocity(ti) for ti in t]),
         s_d=np.array([truth.command.position(ti) for ti in t]),
+        shaft_rate=np.array([truth.shaft(yi)[1] for yi in state]),
+        rise=truth.rise,
         **forces,
     )
 

@@ -184,12 +184,14 @@ def log_run(
         grade, robot, clock_offset, scale_error: as for `generate`.
     """
     cruising = run.t[run.v_d > run.v_d.max() - 1e-9]
-    body = body_from_run(run, steady=(0.5 * float(cruising[0] + cruising[-1]), float(cruising[-1])))
+    rig = load_robot(robot, grade)
+    steady = 0.5 * float(cruising[0] + cruising[-1]), float(cruising[-1])
+    body = body_from_run(run, steady=steady, radius=rig.wheels.radius)
     v = float(run.v_d.max())
     return observe(
         np.random.default_rng(seed),
         body,
-        load_robot(robot, grade),
+        rig,
         name=f"run-{v:g}-{grade}-{seed}",
         info=TrialInfo(robot=robot, v_desired=v, distance=float(run.s_d[-1]), virtual=True),
         clock_offset=clock_offset,

@@ -1,0 +1,67 @@
+"""Laws of k_92 and the small records that the methods of the truth's model pass on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
+
+Law = Callable[[float], float]
+Sizes = Mapping[str, float]
+"""Parameters of an influence by name."""
+
+
+def constant_k92(value: float) -> Law:
+    """Return k_92(v_d) of Table 3: constant while driving, 1 at rest, blended below v_floor."""
+    return lambda v_d: 1.0 + (value - 1.0) * float(smoothstep(v_d / V_FLOOR))
+
+
+def exponential_k92(a_theta: float) -> Law:
+    """Return k_92(v_d) of (5)."""
+    return lambda v_d: float(np.exp(-a_theta * v_d))
+
+
+@dataclass(frozen=True)
+class Stance:
+    """How front and rear wheel meet the ground, (2,) each.
+
+    Attributes:
+        v_o: circumferential velocity [m/s].
+        v: longitudinal velocity of the wheel's geometric centre [m/s].
+        z0, dz0: sinkage [m] and its rate [m/s].
+        flat: deflection of the tyre [m]; None for a rigid wheel.
+    """
+
+    v_o: Array
+    v: Array
+    z0: Array
+    dz0: Array
+    flat: Array | None = None
+
+
+@dataclass(frozen=True)
+class Push:
+    """Force on the centre of mass in O [N] and moment about y, nose down [N m]: weight and what else acts."""
+
+    x: float
+    z: float
+    moment: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Misreading:
+    """Errors of the sensors that are the same in every trial.
+
+    Attributes:
+        accel, gyro: (3, 3) matrices from right to wrong reading, in sensor axes.
+        encoder: factor on the wheel angles.
+        late: by how much the stamps of encoders and currents are late [s].
+    """
+
+    accel: Array
+    gyro: Array
+    encoder: float = 1.0
+    late: float = 0.0
