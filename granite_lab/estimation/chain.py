@@ -128,8 +128,8 @@ def _slip_model(still: Sequence[Interval], imu: mounting.BodyImu, slip_std: floa
     edges = [imu.t[0], *(t for rest in still for t in rest), imu.t[-1]]
     longest = max(b - a for a, b in zip(edges[::2], edges[1::2], strict=True))
     if slip_std is not None:
-        return SlipModel(limit=slip_std, bounded=True)
-    return SlipModel(bounded=longest > LONG)
+        return SlipModel(steady=0.0, per_acceleration=0.0, limit=slip_std, bounded=True)
+    return SlipModel(steady=0.0, bounded=True) if longest > LONG else SlipModel()
 
 
 def _refuse_gaps(trial: Trial, faults: Faults, still: Sequence[Interval]) -> None:

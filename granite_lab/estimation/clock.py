@@ -10,11 +10,20 @@ from scipy.ndimage import uniform_filter1d
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rolling import Rolling
+from granite_lab.logs.trial import Array
 
 LARGEST = 0.4
 """Offsets up to this are searched for [s]."""
 
 STEP = 0.005
+"""Spacing of the correlation [s]."""
+
+TEMPER = 0.5
+"""Weight of the likelihood of an offset: the slip model is an idealisation, exact to millimetres only."""
+
+LEFT_OVER = 1.5e-3
+"""Std of the offset by how the body really sets off and stops in the sand [s]."""
+
 LONGEST_LAG = 0.25
 """The body follows the wheels on sand by up to a quarter of a second, and never leads them [s]."""
 
@@ -58,24 +67,32 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
 
 
 def refine_offset(coarse: Estimate, log_likelihood: Callable[[float], float]) -> Estimate:
-    """Refine an offset by the likelihood of the first moments of motion.
+    """Refine an offset by the likelihood of the moments when the robot sets off and stops.
 
-    The body lags the wheels once both move, so correlation is biased; but wheel and body set off
-    together, and the filter's model of slip (any share of the wheel's speed) keeps them so.
+    The body lags the wheels while both move, so correlation is biased. But the body neither sets off
+    before the wheels do, nor goes on when they have stopped: the first bounds the offset from above,
+    the second from below. The filter's model of slip (any share of the wheel's speed, so none when
+    the wheels stand) holds both.
 
     Args:
         coarse: where to search, with its std [s].
-        log_likelihood: of the measurements around the onset of motion, given an offset [s].
+        log_likelihood: of the measurements around onsets and stops, given an offset [s].
 
     Returns:
-        the best offset on a grid refined twice, with half of the last spacing as std.
+        mean and std of the posterior, its likelihood tempered for what the slip model leaves out [s].
     """
-    reach = 2.0 * LONGEST_LAG / 2.0
-    spacing, centre = 0.02, coarse.value
-    candidates = centre + np.arange(-reach, reach + 1e-9, spacing)
-    for _ in range(2):
-        values = np.array([log_likelihood(float(c)) for c in candidates])
-        centre = float(candidates[int(np.argmax(values))])
-        spacing /= 3.0
-        candidates = np.asarray(centre + spacing * np.arange(-2.0, 3.0))
-    return Estimate(centre, 0.01)
+
+    def posterior(candidates: Array) -> tuple[float, float]:
+        score = np.array([log_likelihood(float(c)) for c in candidates]) * TEMPER
+        score -= 0.5 * ((candidates - coarse.value) / coarse.std) ** 2
+        weight = np.exp(score - score.max())
+        mean = float(weight @ candidates / weight.sum())
+        return mean, float(np.sqrt(weight @ (candidates - mean) ** 2 / weight.sum()))
+
+    centre, spacing = coarse.value, 0.02
+    candidates = np.asarray(centre + np.arange(-2.0 * coarse.std, 2.0 * coarse.std + spacing, spacing))
+    centre, std = posterior(candidates)
+    reach = max(0.016, 2.5 * std)
+    spacing = max(0.003, reach / 7.0)
+    centre, std = posterior(np.asarray(centre + np.arange(-reach, reach + spacing, spacing)))
+    return Estimate(centre, float(np.sqrt(std**2 + spacing**2 / 12.0 + LEFT_OVER**2)))

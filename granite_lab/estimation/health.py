@@ -30,12 +30,13 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         faults: gaps and plateaus.
     """
     nodes, found, nominal = solution.nodes, solution.smoothed, solution.nominal
-    kinds = np.array(found.kind, dtype=object)
+    came = found.innovations
+    kinds, sigma = np.array(came.kind, dtype=object), np.sqrt(came.variance)
     nis: dict[str, float] = {}
     white: dict[str, float] = {}
     wild: dict[str, float] = {}
-    for kind in dict.fromkeys(found.kind):
-        ratio = (found.innovation / found.innovation_std)[kinds == kind]
+    for kind in dict.fromkeys(came.kind):
+        ratio = (came.value / sigma)[kinds == kind]
         nis[kind] = float(np.mean(ratio**2))
         white[kind] = correlation(ratio)
         wild[kind] = float(np.mean(np.abs(ratio) > 4.0))
@@ -46,10 +47,10 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
 
     good, verdict = judge_health(nis, white, wild, rests, t, faults)
     return Health(
-        t=nodes.t[found.node],
-        kind=found.kind,
-        innovation=found.innovation,
-        innovation_std=found.innovation_std,
+        t=nodes.t[came.node],
+        kind=came.kind,
+        innovation=came.value,
+        innovation_std=sigma,
         nis=nis,
         accel_bias=spread(found.x[:, BA] + nominal.accel_bias),
         accel_bias_std=spread(std[:, BA]),

@@ -109,13 +109,14 @@ def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, flo
     weight = prior**2 / (prior**2 + doubt**2)
     start = weight * float(np.clip(np.nanmean(imu.left[rest]) / GRAVITY, -1, 1))
     rate = np.nan_to_num(imu.roll_rate)
-    rate = np.where(rest, 0.0, rate - float(np.mean(rate[rest])))
-    return start + _cumulate(imu.t, rate), float(np.sqrt(weight) * doubt)
+    rate -= float(np.mean(rate[rest]))
+    return start + _cumulate(imu.t, rate, rest), float(np.sqrt(weight) * doubt)
 
 
-def _cumulate(t: Array, rate: Array) -> Array:
-    """Integral by the trapezoidal rule from the first sample on."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+def _cumulate(t: Array, rate: Array, rest: np.ndarray) -> Array:
+    """Integral by the trapezoidal rule from the first sample on; it stops between two samples at rest."""
+    step = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
+    return np.concatenate([[0.0], np.cumsum(np.where(rest[1:] & rest[:-1], 0.0, step))])
 
 
 def integrate(
@@ -152,18 +153,18 @@ def integrate(
     yaw = np.nan_to_num(imu.yaw_rate)
     if gyro_bias is None:
         gyro_bias = float(np.mean(gyro[rest])) if rest.any() else 0.0
-    yaw_rate = np.where(rest, 0.0, yaw - (float(np.mean(yaw[rest])) if rest.any() else 0.0))
+    yaw_rate = yaw - (float(np.mean(yaw[rest])) if rest.any() else 0.0)
     roll, _ = roll_angle(imu, rest, robot)
-    pitch_rate = np.where(rest, 0.0, (gyro - gyro_bias) * np.cos(roll) - yaw_rate * np.sin(roll))
+    pitch_rate = (gyro - gyro_bias) * np.cos(roll) - yaw_rate * np.sin(roll)
     if not imu.has_pitch_rate:
         pitch_rate = np.zeros(t.size)
-    angle = pitch + _cumulate(t, pitch_rate)
+    angle = pitch + _cumulate(t, pitch_rate, rest)
     acceleration = forward + imu.gravity * np.sin(angle) - accel_bias
     acceleration += (pitch_rate**2 + yaw_rate**2) * robot.imu.x
-    acceleration[rest] = 0.0
-    v_sensor = velocity + _cumulate(t, acceleration)
+    v_sensor = velocity + _cumulate(t, acceleration, rest)
+    pitch_rate, yaw_rate = np.where(rest, 0.0, pitch_rate), np.where(rest, 0.0, yaw_rate)
     v = v_sensor - robot.imu.z * pitch_rate
-    x = _cumulate(t, np.where(rest, 0.0, v_sensor)) - robot.imu.z * (angle - pitch)
+    x = _cumulate(t, v_sensor, rest) - robot.imu.z * (angle - pitch)
     return Nominal(
         t=t, rest=rest, x=x, v=v, pitch=angle, pitch_rate=pitch_rate, heading_rate=yaw_rate,
         accel_bias=accel_bias, gyro_bias=gyro_bias, coupling=imu.gravity * np.cos(angle),

@@ -18,6 +18,13 @@ ZERO_VELOCITY = 3.0e-4
 """Std of the zero-velocity update [m/s]: what a robot that stands may still move."""
 
 
+UNEVEN = 1.0
+"""Acceleration that may come or go between a sample of the wheels and the nearest of the IMU [m/s^2]."""
+
+NEAREST = 1.0e-5
+"""Std of the rolled distance beyond quantisation [m]: play, and the wheel's own shape."""
+
+
 @dataclass(frozen=True, eq=False)
 class Update:
     """One scalar measurement: z = H state + noise of variance R."""
@@ -66,16 +73,27 @@ def add_rest(
 
 def add_wheels(
     updates: list[list[Update]], rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray,
-    offset: float,
-) -> None:  # fmt: skip
-    """Rolled distance (or speed, where rates were logged) at the node nearest to each sample."""
+    offset: float, lost: Array, loss: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
+
+    Rolled distance counts from the first sample, which is no measurement then.
+
+    Args:
+        offset: by which the encoders' clock lies behind [s].
+        lost, loss: (K,) distance [m] and velocity [m/s] that the mean slip ratio loses.
+
+    Returns:
+        std of the first sample [m] and how far its node lies ahead of it [s].
+    """
     t = nominal.t[index]
     stamps = rolling.t + offset
     known = np.isfinite(rolling.mean) & np.isfinite(rolling.speed)
     known &= (stamps >= t[0] - 1e-3) & (stamps <= t[-1] + 1e-3)
     samples = np.flatnonzero(known)
     if samples.size == 0:
-        return
+        return 0.0, 0.0
+    start = (0.0, 0.0)
     place = np.clip(np.searchsorted(t, stamps[samples]), 1, t.size - 1)
     place -= (stamps[samples] - t[place - 1]) < (t[place] - stamps[samples])
     distance = np.abs(t[place] - stamps[samples])
@@ -90,18 +108,22 @@ def add_wheels(
             continue  # a constant reading at rest says nothing new
         i, ahead = index[k], t[k] - stamps[m]
         speed = float(rolling.speed[m])
+        w = np.copysign(max(abs(speed), process.V_FLOOR), speed)
         H = np.zeros((1, SIZE))
         if rolling.by_rate:
-            H[0, [V, PD, TAU]] = 1.0, -1.0, acceleration[m]
-            H[0, [S, G]] = np.copysign(max(abs(speed), process.V_FLOOR), speed)
-            z = speed + acceleration[m] * ahead - nominal.v[i]
-            R = float(rolling.speed_std[m]) ** 2
-            origin = 0.0
-        else:
-            here = float(rolling.mean[m]) + speed * ahead + 0.5 * acceleration[m] * ahead**2
-            if origin is None:
-                origin = here - float(nominal.x[i])
-            H[0, [X, D, P, TAU]] = 1.0, 1.0, -1.0, speed
-            z = here - origin - float(nominal.x[i])
-            R = float(rolling.mean_std[m]) ** 2 + (1e-6) ** 2 + (0.3 * acceleration[m] * ahead**2) ** 2
-        updates[k].append(Update("wheel", z, H, R))
+            H[0, [V, PD, TAU, S, G]] = 1.0, -1.0, acceleration[m], w, w
+            z = speed + acceleration[m] * ahead - nominal.v[i] - loss[k]
+            updates[k].append(Update("wheel", z, H, float(rolling.speed_std[m]) ** 2))
+            continue
+        # the node's state a little ahead of the sample (or behind), taken back to it
+        H[0, [X, D, P, V, PD, S, G]] = 1.0, 1.0, -1.0, -ahead, ahead, -ahead * w, -ahead * w
+        H[0, TAU] = speed - loss[k]  # an offset also moves the wheel speed that the mean slip goes by
+        v_then = np.interp(stamps[m], nominal.t, nominal.v)
+        nominally = float(nominal.x[i] - 0.5 * ahead * (nominal.v[i] + v_then) + lost[k] - ahead * loss[k])
+        R = float(rolling.mean_std[m]) ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
+        if origin is None:
+            origin = float(rolling.mean[m]) - nominally
+            start = float(np.sqrt(R)), float(ahead)
+            continue
+        updates[k].append(Update("wheel", float(rolling.mean[m]) - origin - nominally, H, R))
+    return start

@@ -31,6 +31,8 @@ class Nodes:
         index: (K,) places of the nodes among the IMU's stamps.
         t: (K,) stamps [s].
         moving: (K,) False where the step into the node lies within a standstill.
+        lost: (K,) rolled minus travelled distance by the mean slip ratio alone [m].
+        mean_slip: (K,) that slip ratio, to which S and G are deviations.
         w: (K,) signed wheel speed [m/s], floor included, that turns slip ratio into slip velocity.
         F, Q: (K, 12, 12) transition and noise into each node.
         updates: (K,) lists of measurements.
@@ -41,6 +43,8 @@ class Nodes:
     index: np.ndarray
     t: Array
     moving: np.ndarray
+    lost: Array
+    mean_slip: Array
     w: Array
     F: Array
     Q: Array
@@ -65,21 +69,27 @@ def choose(nominal: Nominal) -> tuple[np.ndarray, bool]:
     return np.flatnonzero(keep), every > 1
 
 
-def wheel_speed(rolling: Rolling, offset: float, t: Array) -> tuple[Array, Array]:
-    """(K,) wheel speed at instants of the IMU's clock [m/s] and its relative unrest [1/s]."""
+def wheel_speed(rolling: Rolling, offset: float, t: Array) -> tuple[Array, Array, Array]:
+    """(K,) wheel speed [m/s], its relative unrest [1/s] and how fast it grows or falls [m/s^2].
+
+    Args:
+        rolling: the wheels.
+        offset: by which their clock lies behind [s].
+        t: (K,) instants of the IMU's clock [s].
+    """
     known = np.isfinite(rolling.speed)
     stamps = rolling.t[known] + offset
     speed = np.interp(t, stamps, rolling.speed[known])
     grid = np.arange(t[0], t[-1] + 0.01, 0.01)
-    on_grid = np.interp(grid, stamps, rolling.speed[known])
     size = 7
-    smooth = np.convolve(np.pad(on_grid, size // 2, mode="edge"), np.ones(size) / size, mode="valid")
-    change = np.abs(np.gradient(smooth, 0.01))
+    pace = np.pad(np.abs(np.interp(grid, stamps, rolling.speed[known])), size // 2, mode="edge")
+    pace = np.convolve(pace, np.ones(size) / size, mode="valid")
+    growth = np.gradient(pace, 0.01) if pace.size > 1 else np.zeros(1)
     # the slip ratio goes on changing for some tenths of a second after the wheels have settled
-    relative = np.maximum(change - 0.05, 0.0) / np.maximum(np.abs(smooth), 0.1)
+    relative = np.maximum(np.abs(growth) - 0.05, 0.0) / np.maximum(pace, 0.1)
     memory = np.exp(-np.arange(0, 2.0, 0.01) / 0.4)
     lasting = np.convolve(relative, memory / memory.sum(), mode="full")[: grid.size]
-    return speed, np.interp(t, grid, np.maximum(relative, lasting * 1.0))
+    return speed, np.interp(t, grid, np.maximum(relative, lasting)), np.interp(t, grid, growth)
 
 
 def build(
@@ -117,10 +127,13 @@ def build(
     onset = np.concatenate([[False], rest[:-1] & ~rest[1:]])
     coupling = nominal.coupling[index]
     if rolling is not None:
-        speed, unrest = wheel_speed(rolling, offset, t)
+        speed, unrest, growth = wheel_speed(rolling, offset, t)
     else:
-        speed, unrest = nominal.v[index], np.zeros(t.size)
+        speed, unrest, growth = nominal.v[index], np.zeros(t.size), np.zeros(t.size)
     w = np.where(speed < 0, -1.0, 1.0) * np.maximum(np.abs(speed), process.V_FLOOR)
+    mean_slip = slip.expected(growth)
+    loss = np.where(moving, mean_slip * speed, 0.0)
+    lost = np.cumsum(loss * dt)
     omega = 2 * np.pi * noise.vibration_frequency
     F = process.transitions(
         dt, coupling, moving, w, slip, None if imu.has_pitch_rate else np.zeros(1, dtype=bool), omega,
@@ -143,8 +156,9 @@ def build(
         Q[:, BA, BA] += spent
     updates: list[list[Update]] = [[] for _ in range(t.size)]
     add_rest(updates, imu, nominal, noise, faults, index, rest, speed)
+    start = 0.0, 0.0
     if rolling is not None:
-        add_wheels(updates, rolling, nominal, index, rest, offset)
+        start = add_wheels(updates, rolling, nominal, index, rest, offset, lost, loss)
     if distance is not None:
         H = np.zeros((1, SIZE))
         H[0, [X, P]] = 1.0, -1.0
@@ -153,14 +167,16 @@ def build(
     x0[TH, 0] = -nominal.pitch[0]
     x0[BA, 0] = -nominal.accel_bias
     x0[BG, 0] = -nominal.gyro_bias
+    v_std = ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0])
     std = np.array([
-        1e-6, 1e-6, ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0]), noise.pitch, noise.accel_bias,
+        1e-6, np.sqrt(1e-12 + start[0] ** 2 + (start[1] * v_std) ** 2), v_std, noise.pitch, noise.accel_bias,
         max(noise.gyro_bias, abs(nominal.gyro_bias)), 1e-7 if rest[0] else noise.motion_bias,
-        1e-6 if rest[0] else slip.limit, 1e-6 if rest[0] else slip.scatter, offset_std, 1e-8, 1e-7,
+        1e-6 if rest[0] else slip.limit, 1e-6 if rest[0] else slip.scatter, offset_std,
+        1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
     return Nodes(
-        index=index, t=t, moving=moving, w=w, F=F, Q=Q, updates=tuple(tuple(u) for u in updates),
-        x0=x0, P0=np.diag(std**2), thinned=thinned,
+        index=index, t=t, moving=moving, lost=lost, mean_slip=mean_slip, w=w, F=F, Q=Q,
+        updates=tuple(tuple(u) for u in updates), x0=x0, P0=np.diag(std**2), thinned=thinned,
     )  # fmt: skip
 
 

@@ -47,7 +47,7 @@ def motion_of(
     x_std = np.hypot(spread(slip.distance_std(found)), extra / omega)
     pitch = nominal.pitch + spread(found.x[:, TH])
     pitch_std = spread(np.sqrt(np.maximum(found.P[:, TH, TH], 0.0)))
-    u, u_std = slip.slip_velocity(found, nodes.w)
+    u, u_std = slip.slip_velocity(found, nodes.w, nodes.mean_slip)
     v_wheel, v_wheel_std = wheels_at(t, rolling, offset.value)
     rest = inside(t, health.rests)
     ratio, ratio_std = slip.wheel_slip(v_wheel, v_wheel_std, v, v_std)
@@ -63,7 +63,7 @@ def motion_of(
     slip_ratio, rolled = Estimate(NAN), Estimate(NAN)
     if rolling is not None:
         travelled = nominal.x[nodes.index] + found.x[:, X] - found.x[:, P]
-        lost = found.x[:, D]
+        lost = nodes.lost + found.x[:, D]
         total = float(travelled[-1] + lost[-1] - travelled[0] - lost[0])
         rolled = Estimate(total, rolled_std(found.P[-1]))
         if np.isfinite(course.steady[0]):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,15 +15,19 @@ from granite_lab.estimation.integration import Faults, Nominal, integrate, roll_
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.process import BA, BG, TAU, TH, SlipModel
-from granite_lab.estimation.rest import Interval
+from granite_lab.estimation.process import BA, BG, TH, SlipModel
+from granite_lab.estimation.rest import Interval, wheels_still
 from granite_lab.estimation.rolling import Rolling
 from granite_lab.estimation.smoother import Smoothed
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
 
-BEFORE, AFTER = 0.4, 0.7
-"""How much of the log around an onset of motion judges a clock offset [s]."""
+STILL, MOVED = 0.25, 0.5
+"""How much of the log judges a clock offset on the standing and the moving side of a change [s]."""
+
+
+SETTLED = 0.02
+"""Pitch corrections below this need no other pass: its sine is linear to 2e-6 of g [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,32 +79,25 @@ def solve(
 ) -> Solution:
     """Filter and smooth, each pass about the last one's result.
 
-    Relinearising matters for the clock offset (wheel speed changes within it) and for gravity's share
-    of a large pitch; two or three passes settle both.
+    Relinearising matters for gravity's share of a large pitch; one or two passes settle it.
     """
-    accel_bias, gyro_bias, pitch, shift = 0.0, None, 0.0, offset.value
-    velocity = first_velocity(problem, shift)
+    accel_bias, gyro_bias, pitch = 0.0, None, 0.0
+    velocity = first_velocity(problem, offset.value)
     std = offset.std if np.isfinite(offset.std) else 1e-6
     for i in range(passes):
         nominal = integrate(
             problem.imu, problem.robot, problem.rests, problem.faults, accel_bias=accel_bias,
             gyro_bias=gyro_bias, pitch=pitch, velocity=velocity,
         )  # fmt: skip
-        nodes = lay_out(problem, nominal, shift, std, distance)
-        nodes.x0[TAU, 0] = offset.value - shift
+        nodes = lay_out(problem, nominal, offset.value, std, distance)
         found = smoother.run(nodes)
-        step = float(found.x[-1, TAU])
         middle = found.x[found.x.shape[0] // 2]
-        settled = abs(step) < 1e-3 and abs(found.x[0, TH]) < 0.01
-        if settled or i == passes - 1:
+        if i == passes - 1 or np.max(np.abs(found.x[:, TH])) < SETTLED:
             break
-        shift += step
         accel_bias += float(middle[BA])
         gyro_bias = nominal.gyro_bias + float(middle[BG])
         pitch += float(found.x[0, TH])
-    tau_std = float(np.sqrt(found.P[-1, TAU, TAU]))
-    observable = np.isfinite(offset.std) and tau_std < 0.5 * std
-    return Solution(nominal, nodes, found, Estimate(shift + step, tau_std if observable else np.nan))
+    return Solution(nominal, nodes, found, offset)
 
 
 def cut(problem: Problem, begin: float, end: float, offset: float) -> Problem:
@@ -119,22 +115,35 @@ def cut(problem: Problem, begin: float, end: float, offset: float) -> Problem:
     return dataclasses.replace(problem, imu=part, rolling=rolling, rests=rests, faults=faults, jumps=None)
 
 
-def onsets(rests: Sequence[Interval], end: float) -> list[float]:
-    """Ends of the standstills after which the robot moves [s]."""
-    return [stop for start, stop in rests if stop < end - AFTER and stop - start > 0.3]
+def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
+    """Windows around the first onsets of motion and the first stops, given a rough clock offset [s]."""
+    assert problem.rolling is not None
+    begin, end = problem.imu.t[0], problem.imu.t[-1]
+    turning = problem.rolling.t[~wheels_still(problem.rolling)] + offset
+    starts, stops = [], []
+    for a, b in problem.rests:
+        if b - a < STILL:
+            continue
+        # the IMU may go on shaking for a while after the wheels have stopped, and never before
+        ahead, behind = turning[turning > b - 2 * STILL], turning[turning < a + STILL]
+        if b < end - MOVED and ahead.size:
+            starts.append((b - STILL, max(b, float(ahead[0])) + MOVED))
+        if a > begin + MOVED and behind.size:
+            stops.append((min(a, float(behind[-1])) - MOVED, a + STILL))
+    return starts[:most] + stops[:most]
 
 
 def find_offset(problem: Problem) -> Estimate:
-    """Find the clock offset by correlation, then by the likelihood of the first onsets of motion."""
+    """Find the clock offset by correlation, then by the likelihood of onsets and stops."""
     assert problem.rolling is not None
     coarse = coarse_offset(problem.imu, problem.rolling)
-    if not np.isfinite(coarse.std):
+    windows = changes(problem, coarse.value) if np.isfinite(coarse.std) else []
+    if not windows:
         return coarse
-    starts = onsets(problem.rests, problem.imu.t[-1])[:3]
-    if not starts:
-        return coarse
-    parts = [cut(problem, t - BEFORE, t + AFTER, coarse.value) for t in starts]
-    nominal = [integrate(p.imu, p.robot, p.rests, p.faults) for p in parts]
+    parts = [cut(problem, begin, end, coarse.value) for begin, end in windows]
+    nominal = [
+        integrate(p.imu, p.robot, p.rests, p.faults, velocity=first_velocity(p, coarse.value)) for p in parts
+    ]
 
     def log_likelihood(offset: float) -> float:
         return sum(

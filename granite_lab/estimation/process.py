@@ -9,6 +9,7 @@ The states are corrections to the nominal motion of `integration`, so they chang
     dV/dt  = g cos(pitch) TH - BA - BM         accelerometer bias with mounting tilt; motion-only bias
     dTH/dt = -BG
     dD/dt  = (S + G) w                         D: rolled minus travelled distance, w: wheel speed
+                                               (what the onset's mean slip ratio makes is taken out)
     P'' + 2 zeta omega P' + omega^2 P = noise  vibration: bounded, so its integral is bounded too
 
 Slip velocity is (S + G) w: a slip ratio that wanders (S a random walk, G coloured about it) while
@@ -38,7 +39,10 @@ class SlipModel:
     """How the slip ratio may change.
 
     Attributes:
-        onset: std with which it starts after a standstill [-].
+        steady, per_acceleration: expected slip ratio on soft ground, steady [-] and more for each
+            m/s^2 that the wheels gain [s^2/m]: resistance there is about a tenth of the weight, so an
+            acceleration of a tenth of g takes as much thrust, and slip, again; and braking gives it back.
+        onset: std about the expected value after a standstill [-].
         walk: random walk of S [1/sqrt(s)] in steady motion.
         ramp: walk added per square root of relative change of wheel speed [-].
         scatter, time: std [-] and correlation time [s] of G.
@@ -47,14 +51,20 @@ class SlipModel:
         limit, limit_time: see above; `limit` also caps one step's noise.
     """
 
-    onset: float = 0.7
+    steady: float = 0.15
+    per_acceleration: float = 0.15
+    onset: float = 0.35
     walk: float = 0.005
-    ramp: float = 0.5
+    ramp: float = 0.25
     scatter: float = 0.03
     time: float = 0.7
     bounded: bool = False
     limit: float = 0.5
     limit_time: float = 300.0
+
+    def expected(self, growth: Array) -> Array:
+        """(K,) slip ratio expected while the wheels' speed grows by `growth` (K,) [m/s^2]."""
+        return np.clip(self.steady + self.per_acceleration * growth, -0.3, 0.5)
 
 
 def transitions(

@@ -85,7 +85,7 @@ def imu_quiet(imu: BodyImu, grade: ImuGrade, hint: np.ndarray | None = None) -> 
             continue
         pool = level[hint] if hint is not None and hint.sum() * dt > SHORTEST else level
         base = float(np.percentile(pool, 25 if pool is not level else 5))
-        quiet &= level <= 2.0 * max(base, density / np.sqrt(dt))
+        quiet &= level <= 1.5 * max(base, density / np.sqrt(dt))
     return quiet
 
 

@@ -67,7 +67,7 @@ def distance_std(found: Smoothed) -> Array:
     return np.sqrt(np.maximum(variance, 0.0))
 
 
-def slip_velocity(found: Smoothed, w: Array) -> tuple[Array, Array]:
+def slip_velocity(found: Smoothed, w: Array, mean: Array) -> tuple[Array, Array]:
     """(K,) slip velocity of the mean of the wheels and its std [m/s]."""
     variance = found.P[:, S, S] + 2 * found.P[:, S, G] + found.P[:, G, G]
-    return w * (found.x[:, S] + found.x[:, G]), np.abs(w) * np.sqrt(np.maximum(variance, 0.0))
+    return w * (mean + found.x[:, S] + found.x[:, G]), np.abs(w) * np.sqrt(np.maximum(variance, 0.0))

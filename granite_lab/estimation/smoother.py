@@ -13,6 +13,34 @@ from granite_lab.logs.trial import Array
 
 
 @dataclass(frozen=True, eq=False)
+class Innovations:
+    """What each scalar measurement (U in all) brought, in the order the filter took them.
+
+    Attributes:
+        node: (U,) at which node.
+        kind: (U,) which measurement.
+        value: (U,) measurement minus prediction.
+        variance: (U,) predicted variance of it.
+        noise: (U,) variance of the measurement alone.
+    """
+
+    node: np.ndarray
+    kind: tuple[str, ...]
+    value: Array
+    variance: Array
+    noise: Array
+
+    @property
+    def log_likelihood(self) -> float:
+        """Log-likelihood, counted so that a measurement as good as its noise, and none at all, give 0.
+
+        Then filters over slightly different sets of measurements can be compared.
+        """
+        ratio = self.value**2 / self.variance
+        return float(-0.5 * np.sum(ratio - 1.0 + np.log(self.variance / self.noise)))
+
+
+@dataclass(frozen=True, eq=False)
 class Smoothed:
     """Joint estimate of the drift.
 
@@ -21,18 +49,13 @@ class Smoothed:
         P: (K, 12, 12) their covariance.
         gains: (K, 12, 12) smoother gains; the covariance of nodes i < j is
             gains[i] ... gains[j - 1] P[j].
-        node, kind, innovation, innovation_std: (U,) the filter's innovations in the order they came.
-        log_likelihood: of all measurements.
+        innovations: of the filter.
     """
 
     x: Array
     P: Array
     gains: Array
-    node: np.ndarray
-    kind: tuple[str, ...]
-    innovation: Array
-    innovation_std: Array
-    log_likelihood: float
+    innovations: Innovations
 
     def cross(self, i: int, j: int) -> Array:
         """(12, 12) covariance of the states at nodes i <= j."""
@@ -49,8 +72,8 @@ def scaled_inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix * weight) * weight)
 
 
-def forward(nodes: Nodes) -> tuple[Array, Array, list[int], list[str], Array, Array]:
-    """Filter over all nodes; states, covariances, and innovations with their variance as they came."""
+def forward(nodes: Nodes) -> tuple[Array, Array, Innovations]:
+    """Filter over all nodes; states and covariances after each, and the innovations as they came."""
     n = nodes.t.size
     kf = KalmanFilter(dim_x=SIZE, dim_z=1)
     kf.x, kf.P = nodes.x0.copy(), nodes.P0.copy()
@@ -59,6 +82,7 @@ def forward(nodes: Nodes) -> tuple[Array, Array, list[int], list[str], Array, Ar
     kind: list[str] = []
     innovation: list[float] = []
     variance: list[float] = []
+    noise: list[float] = []
     for k in range(n):
         if k:
             kf.predict(F=nodes.F[k], Q=nodes.Q[k])
@@ -68,19 +92,20 @@ def forward(nodes: Nodes) -> tuple[Array, Array, list[int], list[str], Array, Ar
             kind.append(update.kind)
             innovation.append(float(kf.y[0, 0]))
             variance.append(float(kf.S[0, 0]))
+            noise.append(update.R)
         xs[k], Ps[k] = kf.x, kf.P
-    return xs, Ps, node, kind, np.array(innovation), np.array(variance)
-
-
-def log_likelihood(y: Array, s2: Array) -> float:
-    """Log-likelihood of innovations y with variances s2."""
-    return float(-0.5 * np.sum(y**2 / s2 + np.log(2 * np.pi * s2)))
+    return (
+        xs,
+        Ps,
+        Innovations(
+            np.array(node, dtype=int), tuple(kind), np.array(innovation), np.array(variance), np.array(noise)
+        ),
+    )
 
 
 def filter_only(nodes: Nodes) -> float:
     """Log-likelihood of the measurements, without smoothing."""
-    *_, y, s2 = forward(nodes)
-    return log_likelihood(y, s2)
+    return forward(nodes)[2].log_likelihood
 
 
 def run(nodes: Nodes) -> Smoothed:
@@ -89,10 +114,7 @@ def run(nodes: Nodes) -> Smoothed:
     The method `rts_smoother` takes F and Q of the step *into* each node (it uses index k + 1), which
     is how `Nodes` holds them; FilterPy's module function of that name would need them shifted by one.
     """
-    xs, Ps, node, kind, y, s2 = forward(nodes)
+    xs, Ps, innovations = forward(nodes)
     kf = KalmanFilter(dim_x=SIZE, dim_z=1)
     x, P, gains, _ = kf.rts_smoother(xs, Ps, nodes.F, nodes.Q, inv=scaled_inverse)
-    return Smoothed(
-        x=x[:, :, 0], P=P, gains=gains, node=np.array(node, dtype=int), kind=tuple(kind), innovation=y,
-        innovation_std=np.sqrt(s2), log_likelihood=log_likelihood(y, s2),
-    )  # fmt: skip
+    return Smoothed(x=x[:, :, 0], P=P, gains=gains, innovations=innovations)
