@@ -30,7 +30,8 @@ def channel_table(found: dict[tuple[str, str], Gap], virtual: bool) -> Table:
     return Table(
         "channels", "How well the model explains each channel",
         "Simulated minus measured over whole trials, beside the noise of the measurement (1: at the "
-        "noise) and the largest value of the channel. Below 1 % of that a gap is small however quiet the sensor.",
+        "noise) and the largest value of the channel. Below 1 % of that a gap is small, however quiet "
+        "the sensor.",
         columns(
             "channel", "verdict", ("misfit, rms", ("rms", "unit")), ("over noise", ("rms_over_noise",)),
             ("of largest value [%]", ("rms_over_largest",)), "worst phase", "data",
