@@ -94,7 +94,7 @@ def assemble(
         doubts += one.doubts
     merged = _merge(sources, parts)
     metadata = fill([source.metadata for source in sources.values()])
-    stream = _imu(merged, doubts)
+    stream = _imu(merged, first, doubts)
     if stream is not None:
         stream, more = check_imu(stream, the_robot, str(first), _declared(merged))
         doubts += more
@@ -156,7 +156,7 @@ def _merge(sources: dict[str, Source], parts: dict[str, Parts]) -> Parts:
     return merged
 
 
-def _imu(parts: Parts, doubts: list[str]) -> ImuStream | None:
+def _imu(parts: Parts, path: Path, doubts: list[str]) -> ImuStream | None:
     """Put accelerometer and gyroscope on common stamps."""
     acc, gyro = parts.acceleration, parts.rate
     if acc is None and gyro is None:
@@ -181,9 +181,9 @@ def _imu(parts: Parts, doubts: list[str]) -> ImuStream | None:
         a, g = np.isin(acc.t, both), np.isin(gyro.t, both)
         return ImuStream(both, acc.values[a], gyro.values[g], parts.gravity_removed)
     inside = (acc.t >= gyro.t[0]) & (acc.t <= gyro.t[-1])
-    if not inside.any():
+    if np.count_nonzero(inside) < 2:
         raise InputError(
-            f"accelerometer ({acc.t[0]:.3f} to {acc.t[-1]:.3f} s) and gyroscope ({gyro.t[0]:.3f} to "
+            f"{path}: accelerometer ({acc.t[0]:.3f} to {acc.t[-1]:.3f} s) and gyroscope ({gyro.t[0]:.3f} to "
             f"{gyro.t[-1]:.3f} s) have no time in common",
             "both need stamps of the same clock",
         )

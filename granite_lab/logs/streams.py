@@ -175,6 +175,11 @@ def _without_holes(
             "cut the trial there",
         )
     count = np.count_nonzero(holes)
+    if len(t) - count < 2:
+        raise InputError(
+            f"{source.path}: {what}: {len(t) - count} samples have all their axes, expected at least two",
+            "the axes of a sensor belong in one row",
+        )
     parts.doubts.append(f"{source.path.name}: {what}: {count} samples without '{name}' were left out")
     return Samples(t[~holes], values[~holes], rows[~holes])
 
@@ -248,16 +253,16 @@ def _reference(source: Source, t: Array, parts: Parts) -> None:
     globe = _samples(source, t, ("ref_lat", "ref_lon"), "reference", parts)
     plane = _samples(source, t, ("ref_x", "ref_y"), "reference", parts)
     speed = _samples(source, t, ("ref_v",), "reference", parts)
-    if globe is not None:
-        whole = np.isfinite(globe.values).all(axis=1)
-        east, north = paths.geographic(globe.values[whole, 0], globe.values[whole, 1])
-        stamps = globe.t[whole]
-        distance, along = paths.path(stamps, east, north)
-        parts.reference_x, parts.reference_v = Series(stamps, distance), Series(stamps, along)
-    elif plane is not None and source.bindings("ref_y"):
-        whole = np.isfinite(plane.values).all(axis=1)
-        stamps = plane.t[whole]
-        distance, along = paths.path(stamps, plane.values[whole, 0], plane.values[whole, 1])
+    place = globe or (plane if source.bindings("ref_y") else None)
+    if place is not None:
+        whole = np.isfinite(place.values).all(axis=1)
+        if np.count_nonzero(whole) < 2:
+            parts.doubts.append(f"{source.path.name}: reference: no two places with both coordinates")
+            return
+        one, other = place.values[whole].T
+        x, y = paths.geographic(one, other) if globe is not None else (one, other)
+        stamps = place.t[whole]
+        distance, along = paths.path(stamps, x, y)
         parts.reference_x, parts.reference_v = Series(stamps, distance), Series(stamps, along)
     elif plane is not None:
         parts.reference_x = Series(plane.t, plane.values[:, 0])
