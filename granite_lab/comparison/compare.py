@@ -10,6 +10,7 @@ import numpy.typing as npt
 from granite_lab.comparison.channels import UNITS, measured_channels, simulated_channels, without_offsets
 from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.errors import EstimateError
+from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92Fit
 from granite_lab.fitting.slip import simulate_k92
@@ -60,13 +61,10 @@ def compare(
     t = motion.t - start
     simulated = simulated_channels(run, t)
     measured = without_offsets(measured_channels(motion, trial, robot, t), simulated, t)
-    misfits = tuple(
-        misfit
-        for name in measured.value
-        for misfit in misfits_of(
-            name, measured.value[name], measured.std[name], simulated[name], np.array(motion.phase)
-        )
-    )
+    misfits: list[Misfit] = []
+    for name, value in measured.value.items():
+        std = np.hypot(measured.std[name], alignment_std(simulated[name], t, fit.t_start))
+        misfits += misfits_of(name, value, std, simulated[name], np.array(motion.phase))
     return Comparison(
         motion=motion,
         run=run,
@@ -76,8 +74,15 @@ def compare(
         measured_std=measured.std,
         simulated=simulated,
         units=dict(UNITS),
-        misfits=misfits,
+        misfits=tuple(misfits),
     )
+
+
+def alignment_std(simulated: Array, t: Array, start: Estimate) -> Array:
+    """Return the std (N,) that the uncertain start of the command gives a difference, |df/dt| σ."""
+    if not np.isfinite(start.std):
+        return np.zeros(t.size)
+    return np.abs(np.gradient(simulated, t)) * start.std
 
 
 def misfits_of(
@@ -87,7 +92,8 @@ def misfits_of(
 
     Args:
         channel: its name.
-        measured, std, simulated: (N,) in the channel's unit.
+        measured, simulated: (N,) in the channel's unit.
+        std: (N,) of their difference.
         phase: (N,) phase of each sample.
     """
     difference = simulated - measured

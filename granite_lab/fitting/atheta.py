@@ -30,7 +30,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.fitting.laws import fit_laws, log_slope
-from granite_lab.fitting.points import PointRow, Points, beyond, expected, gather, groups, rows_of
+from granite_lab.fitting.points import PointRow, Points, Source, beyond, expected, gather, groups, rows_of
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import load_paper
 
@@ -49,17 +49,19 @@ class _Weighted:
     dof: int
 
 
-def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
+def fit_a_theta(items: Sequence[K92Fit | PointRow], *, by: Source = "slip") -> AThetaFit:
     """Fit a_θ over trials, the paper's way and with uncertainty, beside rival laws.
 
     Args:
-        items: fits of single trials (their k_92 by steady slip), or rows (trial, velocity [m/s],
-            k_92, λ_R); the velocity is the desired one of the steady part.
+        items: fits of single trials, or rows (trial, velocity [m/s], k_92, λ_R); the velocity is
+            the desired one of the steady part.
+        by: of fits, use the k_92 by steady slip, as the paper, or that by the whole trajectory,
+            which is sharper and leans on all of the model.
 
     Raises:
         EstimateError: no k_92 that says anything about a_θ.
     """
-    points, notes = gather(items)
+    points, notes = gather(items, by)
     if not points.inner.any():
         raise EstimateError(
             "every k_92 is at a bound, so there is no a_θ",
@@ -82,7 +84,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         scatter=fit.scatter,
         published=published,
         agrees=ci95[0] <= published <= ci95[1],
-        points=tuple(rows_of(items)),
+        points=tuple(rows_of(items, by)),
         laws=laws,
         notes=(*notes, *more, *remarks),
     )

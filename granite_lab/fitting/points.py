@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -58,17 +59,21 @@ class Points:
         return Points(tuple(n for n, keep in zip(self.trial, mask, strict=True) if keep), **columns)
 
 
-def rows_of(items: Sequence[K92Fit | PointRow]) -> tuple[PointRow, ...]:
+Source = Literal["slip", "trajectory"]
+"""Which k_92 of a fit is meant."""
+
+
+def rows_of(items: Sequence[K92Fit | PointRow], by: Source) -> tuple[PointRow, ...]:
     """Return the points of fits; rows pass through."""
-    return tuple(
-        (item.trial, peak_velocity(item.variant), item.k92, item.slip_measured)
-        if isinstance(item, K92Fit)
-        else item
-        for item in items
-    )
+    return tuple(_row_of(item, by) if isinstance(item, K92Fit) else item for item in items)
 
 
-def gather(items: Sequence[K92Fit | PointRow]) -> tuple[Points, tuple[str, ...]]:
+def _row_of(fit: K92Fit, by: Source) -> PointRow:
+    k92 = fit.k92 if by == "slip" else fit.k92_trajectory
+    return fit.trial, peak_velocity(fit.variant), k92, fit.slip_measured
+
+
+def gather(items: Sequence[K92Fit | PointRow], by: Source) -> tuple[Points, tuple[str, ...]]:
     """Turn fits or rows into columns, with notes on what was left out or treated specially.
 
     Raises:
@@ -77,9 +82,9 @@ def gather(items: Sequence[K92Fit | PointRow]) -> tuple[Points, tuple[str, ...]]
     notes: list[str] = []
     usable = []
     for item in items:
-        (row,) = rows_of([item])
+        (row,) = rows_of([item], by)
         if math.isfinite(row[2].value) and math.isfinite(row[1]) and row[1] > 0:
-            usable.append((row, _censored(item)))
+            usable.append((row, _censored(item, by)))
     if len(usable) < len(items):
         notes.append(f"{len(items) - len(usable)} of {len(items)} trials have no k_92 and are left out")
     if not usable:
@@ -135,7 +140,8 @@ def expected(points: Points, mean: Array, std: Array) -> Array:
     return np.where(side == 0, points.k, mean + side * std * beyond(z, side))
 
 
-def _censored(item: K92Fit | PointRow) -> int:
+def _censored(item: K92Fit | PointRow, by: Source) -> int:
     if not isinstance(item, K92Fit):
         return 0
-    return {"at_lower_bound": -1, "at_upper_bound": 1}.get(item.status, 0)
+    status = item.status if by == "slip" else item.status_trajectory
+    return {"at_lower_bound": -1, "at_upper_bound": 1}.get(status, 0)

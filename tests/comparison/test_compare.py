@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granite_lab.comparison import compare, table3
-from granite_lab.comparison.compare import misfits_of
+from granite_lab.comparison.compare import alignment_std, misfits_of
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.fitting import fit_k92, simulate_k92
@@ -126,6 +126,15 @@ def test_a_misfit_counts_what_it_says():
     assert steady.peak == pytest.approx(0.4)
     assert steady.normalised == pytest.approx(math.sqrt((3**2 + 2**2) / 2))
     assert (steady.samples, found["all"].samples) == (2, 3)
+
+
+def test_an_uncertain_start_counts_where_the_signal_is_steep():
+    t = np.linspace(0.0, 1.0, 101)
+    ramp = np.minimum(1.2 * t, 0.6)
+    std = alignment_std(ramp, t, Estimate(0.0, 0.01))
+    assert std[20] == pytest.approx(0.012)
+    assert std[80] == 0.0
+    assert not alignment_std(ramp, t, Estimate(0.0)).any()
 
 
 def test_slip_of_unknown_size_is_left_out():
