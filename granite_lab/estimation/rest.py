@@ -17,8 +17,9 @@ Interval = tuple[float, float]
 SHORTEST = 0.3
 """A standstill shorter than this [s] says too little about biases to be used."""
 
-CREEP = 1.0e-3
-"""Wheel velocity [m/s] below which the robot counts as standing."""
+CREEP = 1.0e-4
+"""Wheel velocity [m/s] below which the robot counts as standing. A robot whose motors cannot brake
+coasts out over seconds, and a zero-velocity update at 1 mm/s there shifts the whole trial by that much."""
 
 WINDOW = 0.2
 """Length of the window in which stillness is judged [s]."""
