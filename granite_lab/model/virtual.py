@@ -148,7 +148,7 @@ def _imu(
         force[:, axis] += robot.imu.vibration * share * shaken * _vibration(robot, grade, n, rng)
     rate[:, 1] += robot.imu.vibration_rate * shaken * _vibration(robot, grade, n, rng)
     tilt = rng.normal(0, robot.imu.tilt, 2)
-    mounting = Rotation.from_euler("XYZ", robot.imu.rotation, degrees=True)
+    mounting = Rotation.from_euler("xyz", robot.imu.rotation, degrees=True)  # Rz Ry Rx
     turn = (mounting * Rotation.from_euler("xy", tilt, degrees=True)).inv()
     force, rate = turn.apply(force), turn.apply(rate)
     force += _error(rng, n, grade, grade.accel_bias, grade.accel_instability, grade.accel_noise)

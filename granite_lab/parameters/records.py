@@ -93,7 +93,7 @@ class Imu:
     z: float = quantity("m", -5, 5, "position above R", default=0.0)
     rotation: tuple[float, ...] = field(
         default=(0.0, 0.0, 0.0),
-        metadata={"length": 3, "meaning": "roll, pitch, yaw [deg] from robot to sensor axes"},
+        metadata={"length": 3, "meaning": "roll, pitch, yaw [deg]: v_robot = Rz Ry Rx v_sensor"},
     )
     forward: str = field(
         default="given",

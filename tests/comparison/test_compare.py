@@ -9,13 +9,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from granite_lab.comparison import compare, table3
+from granite_lab.comparison import compare
 from granite_lab.comparison.compare import alignment_std, misfits_of
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.fitting import fit_k92, simulate_k92
 from granite_lab.logs.trial import ImuStream
-from granite_lab.parameters import load_paper, load_robot, load_soil, variant_of
+from granite_lab.parameters import load_robot, load_soil, variant_of
 from tests.fitting.made_up import T_START, made_up_trial, without_currents
 
 ROBOT, SOIL = load_robot(), load_soil()
@@ -143,23 +143,3 @@ def test_slip_of_unknown_size_is_left_out():
         "slip_f", np.array([0.1, 0.1, 9.0]), np.array([0.01, 0.01, 0.5]), np.array([0.1, 0.1, 0.1]), phase
     )
     assert {m.samples for m in found} == {2}
-
-
-def test_table3_puts_means_beside_the_papers():
-    comparisons = []
-    for velocity, k92, seed in [(0.5, 0.0855, 1), (0.3, 0.2286, 0), (0.3, 0.2286, 2)]:
-        motion, trial, _, fit = fitted(velocity, k92, seed)
-        comparisons.append(compare(motion, trial, fit, ROBOT, SOIL))
-    slow, fast = table3(comparisons)
-    assert (slow.velocity, fast.velocity) == (0.3, 0.5)
-    assert slow.trials == ("v0.3_0", "v0.3_2")
-    assert slow.virtual
-    a, b = (c.fit.slip_measured for c in comparisons[1:])
-    assert slow.slip_measured.value == pytest.approx((a.value + b.value) / 2)
-    assert slow.slip_measured.std == pytest.approx(
-        max(math.hypot(a.std, b.std) / 2, abs(a.value - b.value) / 2)
-    )
-    assert slow.slip_simulated == pytest.approx(slow.slip_measured.value, abs=1e-4)
-    assert slow.paper == load_paper().table3[1]
-    assert fast.k92.value == comparisons[0].fit.k92.value
-    assert fast.at_bound == 0
