@@ -190,8 +190,8 @@ def check_unit(text: str, channel: str, where: str) -> None:
         close = resembling(text, *allowed)
         what = f"unit '{text}' is not known" if text else "the unit is missing"
         raise InputError(
-            f"did you mean '{close}'?" if close else "rename the unit, or convert with scale = … in a column map",
-            f"did you mean '{close}'?" if close else "",
+            f"{where}: {what}, expected one of {spellings(*allowed)}",
+            f"did you mean '{close}'?" if close else "rename it, or convert with scale = … in a column map",
         )
     if unit.quantity not in allowed:
         raise InputError(
