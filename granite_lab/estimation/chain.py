@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation import mounting
+from granite_lab.estimation import mounting, wheel_signs
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.integration import Faults, find_faults
 from granite_lab.estimation.motion import Motion
@@ -58,17 +58,18 @@ def estimate(
         EstimateError: no standstill to start from, samples missing in motion, or nothing to estimate.
     """
     known = load_variants() if variants is None else variants
-    rolling = roll(trial.wheels, robot) if trial.wheels is not None and trial.wheels.t.size > 2 else None
     if trial.imu is None or trial.imu.t.size < 8:
+        rolling, _ = _roll(trial, None, robot)
         if rolling is None:
             raise EstimateError(
                 f"{trial.name}: neither IMU nor encoder samples", "inspect the log and its column map"
             )
         return motion_without_imu(trial, robot, rolling, known, rests)
     assert robot.imu_grade is not None
-    warnings: list[str] = []
     stream = _complete(trial.imu)
     imu = mounting.to_body(stream, mounting.given(robot))
+    rolling, signs = _roll(trial, imu, robot)
+    warnings = [*signs]
     faults = find_faults(imu, stream.specific_force, stream.angular_rate, robot.imu_grade)
     still = find_rests(imu, rolling, robot.imu_grade, by_hand=rests)
     if robot.imu.forward == "find" and rolling is not None and still:
@@ -91,6 +92,21 @@ def estimate(
     solution = solve(problem, offset, distance=distance_measured)
     health = assess(solution, imu.t, still, faults)
     return motion_of(trial, problem, solution, health, known, tuple(warnings))
+
+
+def _roll(trial: Trial, imu: mounting.BodyImu | None, robot: Robot) -> tuple[Rolling | None, tuple[str, ...]]:
+    """Roll the wheels, counting forwards; what was corrected or is doubtful."""
+    if trial.wheels is None or trial.wheels.t.size <= 2:
+        return None, ()
+    known = imu is not None and robot.imu.forward != "find"
+    try:
+        wheels, said = wheel_signs.check(trial.wheels, imu, robot, forward_known=known)
+    except EstimateError as refusal:
+        raise EstimateError(f"{trial.name}: {refusal.message}", refusal.hint) from None
+    rolling = roll(wheels, robot)
+    if imu is None:
+        rolling = dataclasses.replace(rolling, warnings=(*said, *rolling.warnings))
+    return rolling, said
 
 
 def _complete(imu: ImuStream) -> ImuStream:
