@@ -1,0 +1,86 @@
+"""The main job as a user meets it: trials in, a report and recordings out, failures told and left out."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_cli import ROOT, lab
+
+SAMPLES = ROOT / "data" / "samples"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two good trials of different speed and a broken one, analysed once."""
+    root = tmp_path_factory.mktemp("study")
+    (root / "trials").mkdir()
+    for name in ("virtual_v0.2_r2", "virtual_v0.7_r1"):
+        shutil.copy(SAMPLES / f"{name}.csv", root / "trials")
+    text = (SAMPLES / "virtual_v0.5_r1.csv").read_text(encoding="utf-8")
+    (root / "trials" / "broken.csv").write_text(text.replace("imu_gy_radps", "tilt"), encoding="utf-8")
+    done = lab("study", "trials", "--out", "reports/mine", "--json", cwd=root)
+    (root / "stdout").write_text(done.stdout, encoding="utf-8")
+    (root / "stderr").write_text(done.stderr, encoding="utf-8")
+    (root / "code").write_text(str(done.returncode), encoding="utf-8")
+    return root
+
+
+def test_a_failing_trial_is_told_and_left_out(folder: Path) -> None:
+    assert (folder / "code").read_text() == "0"
+    document = json.loads((folder / "stdout").read_text(encoding="utf-8"))
+    assert document["schema"] == "granite-lab/study/1"
+    assert document["trials"] == 2
+    assert [failure["trial"] for failure in document["failures"]] == ["broken"]
+    assert "imu_gy" in document["failures"][0]["message"]
+    warned = (folder / "stderr").read_text(encoding="utf-8")
+    assert "warning: broken: left out" in warned
+    assert "Traceback" not in warned
+
+
+def test_report_and_recordings_are_complete(folder: Path) -> None:
+    report = folder / "reports" / "mine"
+    for name in ("index.html", "report.md", "report.json"):
+        assert (report / name).stat().st_size > 1000
+    recordings = {path.stem: path.stat().st_size for path in (report / "recordings").glob("*.rrd")}
+    assert set(recordings) == {"study", "virtual_v0.2_r2", "virtual_v0.7_r1"}
+    assert all(size < 2_000_000 for name, size in recordings.items() if name != "study")
+    assert not [path for path in report.rglob("*") if path.name.endswith(".part")]
+    page = (report / "index.html").read_text(encoding="utf-8")
+    assert "broken" in page
+    assert "virtual" in page.lower()
+
+
+def test_strict_ends_at_a_failing_trial(folder: Path) -> None:
+    done = lab("study", "trials", "--out", "strict", "--strict", "--no-recordings", cwd=folder)
+    assert done.returncode == 3
+    assert "imu_gy" in done.stderr
+    assert not (folder / "strict" / "index.html").exists()
+
+
+def test_compare_writes_the_panels_of_a_trial(folder: Path) -> None:
+    done = lab("compare", "trials/virtual_v0.7_r1.csv", "--out", "compared", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    channels = {m["channel"] for m in document["trials"][0]["misfits"]}
+    assert {"velocity", "slip_f", "torque_r", "pitch"} <= channels
+    assert document["files"]
+    assert all((folder / name).exists() for name in document["files"])
+
+
+def test_results_do_not_depend_on_order_or_number_of_processes(folder: Path) -> None:
+    names = ["trials/virtual_v0.2_r2.csv", "trials/virtual_v0.7_r1.csv"]
+    one = lab("fit-atheta", *names, "--jobs", "1", "--json", cwd=folder)
+    two = lab("fit-atheta", *reversed(names), "--jobs", "2", "--json", cwd=folder)
+    a, b = (json.loads(done.stdout) for done in (one, two))
+    assert a["a_theta"] == b["a_theta"]
+
+
+def test_view_without_a_display_says_what_to_do(folder: Path) -> None:
+    done = lab("view", "reports/mine", "--trial", "nobody", cwd=folder)
+    assert done.returncode == 3
+    assert "no recording of trial 'nobody'" in done.stderr
+    assert "virtual_v0.2_r2" in done.stderr
