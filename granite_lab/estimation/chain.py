@@ -10,8 +10,8 @@ import numpy as np
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting, wheel_signs
+from granite_lab.estimation.faults import Faults, despike, find_faults, find_restarts
 from granite_lab.estimation.health import assess
-from granite_lab.estimation.integration import Faults, find_faults
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
@@ -66,11 +66,11 @@ def estimate(
             )
         return motion_without_imu(trial, robot, rolling, known, rests)
     assert robot.imu_grade is not None
-    stream = _complete(trial.imu)
+    stream, spikes = despike(_complete(trial.imu))
     imu = mounting.to_body(stream, mounting.given(robot))
     rolling, signs = _roll(trial, imu, robot)
     warnings = [*signs]
-    faults = find_faults(imu, stream.specific_force, stream.angular_rate, robot.imu_grade)
+    faults = find_faults(imu, stream, robot.imu_grade, spikes)
     still = find_rests(imu, rolling, robot.imu_grade, by_hand=rests)
     if robot.imu.forward == "find" and rolling is not None and still:
         imu = _orient(stream, imu, rolling, still)
@@ -87,8 +87,10 @@ def estimate(
         still = find_rests(imu, rolling, robot.imu_grade, offset=offset.value, by_hand=rests)
         noise = identify(imu, robot, still, ~inside(imu.t, still), speed)
         problem = dataclasses.replace(problem, rests=still, noise=noise)
-    warnings += _complain(problem, offset)
     _refuse_gaps(trial, faults, still)
+    faults = dataclasses.replace(faults, restarts=find_restarts(imu, stream, still, faults, robot.imu_grade))
+    problem = dataclasses.replace(problem, faults=faults)
+    warnings += _complain(problem, offset)
     solution = solve(problem, offset, distance=distance_measured)
     health = assess(solution, imu.t, still, faults)
     return motion_of(trial, problem, solution, health, known, tuple(warnings))
@@ -177,6 +179,11 @@ def _complain(problem: Problem, offset: Estimate) -> list[str]:
         )
     if faults.plateaus:
         said.append(f"the IMU stands at its limit {len(faults.plateaus)} times: uncertainty grows there")
+    if faults.spikes.any():
+        said.append(f"{np.count_nonzero(faults.spikes)} single readings of the IMU are thrown off: replaced")
+    for restart in faults.restarts:
+        where = f"in the gap at {restart.begin:.2f} s" if restart.gap else f"after {restart.begin:.2f} s"
+        said.append(f"the IMU's biases changed {where}, as after a restart: uncertainty grows there")
     if not still:
         said.append("no standstill: velocity leans on the wheels, with the stated std of the slip ratio")
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from granite_lab.estimation.integration import Faults
+from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.motion import Health
 from granite_lab.estimation.passes import Solution
 from granite_lab.estimation.process import BA, BG

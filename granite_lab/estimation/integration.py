@@ -7,26 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
-from granite_lab.estimation.rolling import runs
 from granite_lab.logs.trial import Array
-from granite_lab.parameters import GRAVITY, ImuGrade, Robot
-
-
-@dataclass(frozen=True, eq=False)
-class Faults:
-    """Samples that cannot be trusted.
-
-    Attributes:
-        doubt: (N,) True for a sample that reaches over a gap or stands at the sensor's limit.
-        gaps: (start, end) of missing samples [s].
-        plateaus: (start, end) of saturation [s].
-    """
-
-    doubt: np.ndarray
-    gaps: tuple[Interval, ...]
-    plateaus: tuple[Interval, ...]
+from granite_lab.parameters import GRAVITY, Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,44 +39,6 @@ class Nominal:
     accel_bias: float
     gyro_bias: float
     coupling: Array
-
-
-def find_faults(imu: BodyImu, raw_force: Array, raw_rate: Array, grade: ImuGrade) -> Faults:
-    """Find gaps longer than three median periods and plateaus at the sensor's limits.
-
-    A plateau is three or more equal samples in a row at the largest value an axis ever shows, if
-    that lies far outside its usual scatter, or any sample beyond 99 % of the grade's range.
-    """
-    period = float(np.median(np.diff(imu.t)))
-    bad = ~(np.isfinite(imu.forward))
-    doubt = bad.copy()
-    step = np.diff(imu.t)
-    gaps = [(float(imu.t[i]), float(imu.t[i + 1])) for i in np.flatnonzero(step > 3.0 * period)]
-    clipped = np.zeros(imu.t.size, dtype=bool)
-    for values, limit in ((raw_force, grade.accel_range), (raw_rate, grade.gyro_range)):
-        for axis in values.T:
-            if np.isfinite(axis).any():
-                clipped |= np.abs(np.nan_to_num(axis)) >= 0.99 * limit
-                clipped |= _rail(axis)
-    doubt |= clipped
-    plateaus = [(float(imu.t[a]), float(imu.t[b - 1])) for a, b in zip(*runs(clipped), strict=True)]
-    for a, b in zip(*runs(bad), strict=True):
-        if b - a > 2:
-            gaps.append((float(imu.t[max(a - 1, 0)]), float(imu.t[min(b, imu.t.size - 1)])))
-    return Faults(doubt, tuple(sorted(gaps)), tuple(plateaus))
-
-
-def _rail(axis: Array) -> np.ndarray:
-    """Mark runs of three or more equal extreme samples far outside the usual scatter."""
-    mark = np.zeros(axis.size, dtype=bool)
-    centre = float(np.nanmedian(axis))
-    scatter = float(np.nanmedian(np.abs(axis - centre)))
-    for extreme in (np.nanmax(axis), np.nanmin(axis)):
-        if abs(extreme - centre) > 6.0 * 1.4826 * scatter:
-            for a, b in zip(*runs(axis == extreme), strict=True):
-                if b - a >= 3:
-                    mark[a:b] = True
-    return mark
 
 
 def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, float]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.estimation import process
-from granite_lab.estimation.integration import Faults, Nominal
+from granite_lab.estimation.faults import Faults
+from granite_lab.estimation.integration import Nominal
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.process import BA, BG, PD, SIZE, TAU, TH, D, G, P, S, V, X

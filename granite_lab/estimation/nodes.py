@@ -8,11 +8,12 @@ import numpy as np
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import process
-from granite_lab.estimation.integration import Faults, Nominal
+from granite_lab.estimation.faults import Faults, inflate
+from granite_lab.estimation.integration import Nominal
 from granite_lab.estimation.measurements import ZERO_VELOCITY, Update, add_rest, add_wheels
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.process import BA, BG, SIZE, TH, P, SlipModel, V, X
+from granite_lab.estimation.process import BA, BG, SIZE, TH, P, SlipModel, X
 from granite_lab.estimation.rolling import Rolling
 from granite_lab.logs.trial import Array
 
@@ -103,7 +104,6 @@ def build(
     offset: float,
     offset_std: float,
     roll_std: float,
-    jumps: Array | None = None,
     distance: Estimate | None = None,
 ) -> Nodes:
     """Lay out nodes, matrices and measurements.
@@ -112,11 +112,10 @@ def build(
         imu, rolling: the sensors.
         nominal: the integrated motion.
         noise, slip: what drifts, and how much.
-        faults: gaps and plateaus, over which the noise grows.
+        faults: gaps, plateaus and restarts, over which the noise grows.
         offset, offset_std: clock offset that the wheels' stamps are moved by, and its std [s].
         roll_std: std of the roll [rad].
         distance: measured total distance [m].
-        jumps: (N,) std of a jump of the accelerometer bias at each sample [m/s^2].
     """
     index, thinned = choose(nominal)
     t = nominal.t[index]
@@ -149,11 +148,7 @@ def build(
     size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
     process.add_vibration(Q, F, dt, moving, size, omega)
     Q[onset, process.BM, process.BM] += noise.motion_bias**2
-    _add_faults(Q, t, dt, moving, faults, imu, nominal)
-    if jumps is not None:
-        edges = np.concatenate([[0.0], np.cumsum(jumps**2)])
-        spent = np.diff(edges[np.concatenate([[0], index + 1])])
-        Q[:, BA, BA] += spent
+    inflate(Q, t, dt, moving, faults, imu, nominal.rest, None if rolling is None else growth)
     updates: list[list[Update]] = [[] for _ in range(t.size)]
     add_rest(updates, imu, nominal, noise, faults, index, rest, speed)
     start = 0.0, 0.0
@@ -178,22 +173,3 @@ def build(
         index=index, t=t, moving=moving, lost=lost, mean_slip=mean_slip, w=w, F=F, Q=Q,
         updates=tuple(tuple(u) for u in updates), x0=x0, P0=np.diag(std**2), thinned=thinned,
     )  # fmt: skip
-
-
-def _add_faults(
-    Q: Array, t: Array, dt: Array, moving: np.ndarray, faults: Faults, imu: BodyImu, nominal: Nominal
-) -> None:
-    """Let velocity and pitch drift over missing and saturated samples by as much as is usual in motion."""
-    active = ~nominal.rest & ~faults.doubt
-    shake = 1.4826 * float(np.median(np.abs(np.diff(imu.forward[active])))) if active.sum() > 2 else 1.0
-    for intervals, force in ((faults.gaps, 1.5), (faults.plateaus, 10.0)):
-        for begin, end in intervals:
-            span = (t > begin) & (t - dt < end) & moving
-            length = max(end - begin, float(np.median(np.diff(imu.t))))
-            unknown = np.hypot(force, shake) * length
-            share = dt[span] / max(float(dt[span].sum()), 1e-9)
-            Q[span, V, V] += unknown**2 * share
-            Q[span, X, X] += (unknown * dt[span]) ** 2 / 3
-            Q[span, X, V] += unknown**2 * share * dt[span] / 2
-            Q[span, V, X] += unknown**2 * share * dt[span] / 2
-            Q[span, TH, TH] += (0.3 * length) ** 2 * share

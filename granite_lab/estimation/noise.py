@@ -16,6 +16,12 @@ from granite_lab.parameters import GRAVITY, Robot
 PRIOR_SAMPLES = 20.0
 """The grade of the robot's file weighs as much as this many samples."""
 
+UNSEEN_PITCH = float(np.radians(0.7))
+"""Random walk of the pitch over uneven ground, where no gyro sees it [rad/sqrt(s)]."""
+
+UNSEEN_ATTITUDE = GRAVITY * float(np.radians(0.3))
+"""Random walk of the gravity that a logger leaves in its "linear acceleration" [m/s^2/sqrt(s)]."""
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -152,18 +158,20 @@ def identify(
     assert grade is not None
     dt = float(np.median(np.diff(imu.t)))
     accel = white(imu.t, imu.forward, rests, grade.accel_noise)
-    gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise) if imu.has_pitch_rate else 0.0
+    gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise) if imu.has_pitch_rate else UNSEEN_PITCH
     accel = max(accel, grade.accel_step / np.sqrt(12.0) * np.sqrt(dt), 1e-5)
     rms, frequency, damping = vibration(imu, moving, accel, robot.imu.vibration_frequency)
     tilt = np.radians(2.0 if imu.levelled else robot.imu.tilt)
-    blind = imu.gravity * np.radians(1.0) if not imu.has_pitch_rate else 0.0
+    # unseen pitch on setting off (squat), or an unknown error of the attitude the logger worked with
+    blind = GRAVITY * np.radians(1.0) if not imu.has_pitch_rate or not imu.gravity else 0.0
+    attitude = 0.0 if imu.gravity else UNSEEN_ATTITUDE
     return Noise(
         accel=accel,
         gyro=gyro,
         accel_motion=0.0,
         accel_bias=float(np.hypot(grade.accel_bias, GRAVITY * tilt)),
         gyro_bias=grade.gyro_bias,
-        accel_walk=grade.accel_instability * float(np.sqrt(2.0 / grade.instability_time)),
+        accel_walk=float(np.hypot(grade.accel_instability * np.sqrt(2.0 / grade.instability_time), attitude)),
         gyro_walk=grade.gyro_instability * float(np.sqrt(2.0 / grade.instability_time)),
         pitch=float(np.radians(2.0)),
         motion_bias=float(np.hypot(2.0 * grade.accel_instability, blind)),

@@ -11,7 +11,8 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation import nodes as layout
 from granite_lab.estimation import smoother
 from granite_lab.estimation.clock import coarse_offset, refine_offset
-from granite_lab.estimation.integration import Faults, Nominal, integrate, roll_angle
+from granite_lab.estimation.faults import Faults
+from granite_lab.estimation.integration import Nominal, integrate, roll_angle
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
@@ -19,7 +20,6 @@ from granite_lab.estimation.process import BA, BG, TH, SlipModel
 from granite_lab.estimation.rest import Interval, wheels_still
 from granite_lab.estimation.rolling import Rolling
 from granite_lab.estimation.smoother import Smoothed
-from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
 
 STILL, MOVED = 0.25, 0.5
@@ -41,7 +41,6 @@ class Problem:
     faults: Faults
     noise: Noise
     slip: SlipModel
-    jumps: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ def lay_out(
     _, roll_std = roll_angle(problem.imu, nominal.rest, problem.robot)
     return layout.build(
         problem.imu, problem.rolling, nominal, problem.noise, problem.faults, problem.slip,
-        offset=offset, offset_std=offset_std, roll_std=roll_std, jumps=problem.jumps, distance=distance,
+        offset=offset, offset_std=offset_std, roll_std=roll_std, distance=distance,
     )  # fmt: skip
 
 
@@ -106,13 +105,13 @@ def cut(problem: Problem, begin: float, end: float, offset: float) -> Problem:
     keep = (imu.t >= begin) & (imu.t <= end)
     fields = ("t", "forward", "left", "up", "roll_rate", "pitch_rate", "yaw_rate")
     part = dataclasses.replace(imu, **{name: getattr(imu, name)[keep] for name in fields})
-    faults = dataclasses.replace(problem.faults, doubt=problem.faults.doubt[keep])
+    faults = problem.faults.part(keep)
     if rolling is not None:
         near = (rolling.t + offset >= begin - 0.5) & (rolling.t + offset <= end + 0.5)
         rows = ("t", "distance", "mean", "mean_std", "velocity", "velocity_std", "speed", "speed_std")
         rolling = dataclasses.replace(rolling, **{name: getattr(rolling, name)[near] for name in rows})
     rests = tuple((max(a, begin), min(b, end)) for a, b in problem.rests if b > begin and a < end)
-    return dataclasses.replace(problem, imu=part, rolling=rolling, rests=rests, faults=faults, jumps=None)
+    return dataclasses.replace(problem, imu=part, rolling=rolling, rests=rests, faults=faults)
 
 
 def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
