@@ -58,6 +58,18 @@ def test_a_stage_imports_nothing_of_a_later_one(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_what_hides_and_what_finds_know_nothing_of_each_other(path: Path) -> None:
+    """The judge's data come from other code than what is judged, and its answers stay out of reach."""
+    own = path.relative_to(PACKAGE).with_suffix("").parts[0]
+    known = {stage_of(module) for module in imports_of(path) if module.startswith("granite_lab")}
+    if own == "hidden":
+        assert known <= {"__init__", "errors", "files", "estimate", "parameters", "logs", "hidden"}
+    elif own not in ("commands", "cli"):
+        assert "hidden" not in known
+        assert "import hidden" not in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_a_module_stays_short(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 280
 

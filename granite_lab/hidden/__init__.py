@@ -1,1 +1,5 @@
-"""Virtual trials whose missing effect is sealed: an implementation that shares no code with the model."""
+"""Virtual trials whose missing effect is sealed, and the judgement of what is found in them.
+
+An implementation of the paper, of sensors and of missing effects that shares no code with the
+model, the effects or the fits, and uses other formulas where the literature has rivals.
+"""

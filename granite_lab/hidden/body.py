@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import fftconvolve
 
 from granite_lab.hidden.contact import Array
+from granite_lab.hidden.model import CURRENT, PITCH, VX, VZ, Q, Truth, X
 from granite_lab.hidden.simulator import Result
 
 DT = 0.001
@@ -88,4 +89,35 @@ def body_from_run(run: Result, *, steady: tuple[float, float], radius: float) ->
         start=-origin,
         stop=float(run.t[still[-1]]) - origin,
         steady=(steady[0] - origin, steady[1] - origin),
+    )
+
+
+def body_from_states(truth: Truth, t: Array, state: Array) -> Body:
+    """Return the motion from the states (N, 12 or more) at `t` (N,), DT apart, moved to t = 0.
+
+    The steady part is not looked for.
+    """
+    s, c, q = np.sin(state[:, PITCH]), np.cos(state[:, PITCH]), state[:, Q]
+    rx, rz = -truth.chassis.com_x, -truth.chassis.com_z  # from the centre of mass to R, in R
+    v = c * state[:, VX] - s * state[:, VZ] + q * rz
+    w = s * state[:, VX] + c * state[:, VZ] - q * rx
+    both, zeros = [0, 0, 1, 1], np.zeros(t.size)
+    x = state[:, X] + c * rx + s * rz
+    moving = np.flatnonzero((t > 0) & (t < truth.command.end))
+    return Body(
+        t=t - t[0],
+        x=x - x[0],
+        v=v,
+        a=np.gradient(v, DT),
+        w=w,
+        dw=np.gradient(w, DT),
+        pitch=state[:, PITCH] - truth.rise,
+        roll=zeros,
+        yaw_rate=zeros,
+        v_wheel=truth.r * truth.shaft(state.T)[1][both].T,
+        force=np.zeros((t.size, 4)),
+        current=state[:, CURRENT][:, both],
+        start=float(-t[0]),
+        stop=float(t[moving[-1]] - t[0]),
+        steady=(float("nan"), float("nan")),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 
 @dataclass(frozen=True)
@@ -17,17 +18,17 @@ class Trapezoid:
         if self.v**2 / self.a > self.distance:
             raise ValueError("the distance is too short to reach the velocity")
 
-    @property
+    @cached_property
     def ramp(self) -> float:
         """Duration of the acceleration, and of the braking [s]."""
         return self.v / self.a
 
-    @property
+    @cached_property
     def hold(self) -> float:
         """Duration of the steady part [s]."""
         return (self.distance - self.v**2 / self.a) / self.v
 
-    @property
+    @cached_property
     def end(self) -> float:
         """Instant at which the desired velocity is zero again [s]."""
         return 2 * self.ramp + self.hold

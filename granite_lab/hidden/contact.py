@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,17 @@ def clenshaw_curtis(intervals: int) -> tuple[Array, Array]:
     c = np.full(intervals + 1, 2.0)
     c[[0, -1]] = 1.0
     return np.cos(theta), c / intervals * (1 - inner)
+
+
+def panels(edges: tuple[Array, ...], intervals: int) -> tuple[Array, Array]:
+    """Return nodes and weights (wheels, nodes) of the rule on each panel between `edges` (wheels,)."""
+    nodes, weights = clenshaw_curtis(intervals)
+    arcs, factors = [], []
+    for low, high in pairwise(edges):
+        half = 0.5 * (high - low)[:, None]
+        arcs.append(0.5 * (high + low)[:, None] + half * nodes)
+        factors.append(half * weights)
+    return np.concatenate(arcs, axis=1), np.concatenate(factors, axis=1)
 
 
 @dataclass(frozen=True)
@@ -66,7 +78,7 @@ class Contact:
 
 def smoothstep(s: Array | float) -> Array:
     """Return s^2 (3 - 2 s), s held within 0 and 1."""
-    s = np.clip(s, 0.0, 1.0)
+    s = np.minimum(np.maximum(s, 0.0), 1.0)
     return np.asarray(s * s * (3.0 - 2.0 * s))
 
 
@@ -103,18 +115,24 @@ def contact(
     fade = smoothstep(np.maximum(np.abs(v_o), np.abs(v)) / V_FLOOR)
     touching = z0 > 0
     drop = z0 if flat is None else z0 + flat
-    front = np.arccos(np.clip(1.0 - np.where(touching, drop, 0.0) / g.r, -1.0, 1.0))  # theta_1
+    front = np.arccos(np.maximum(1.0 - np.maximum(np.where(touching, drop, 0.0), 0.0) / g.r, -1.0))  # theta_1
     rear = k92 * front  # (4)
-    nodes, weights = clenshaw_curtis(intervals)
-    half = 0.5 * (front + rear)
-    arc = 0.5 * (front - rear)[:, None] + half[:, None] * nodes
-    weight = half[:, None] * weights
+    if flat is None:
+        nodes, weights = clenshaw_curtis(intervals)
+        half = 0.5 * (front + rear)[:, None]
+        arc, weight = 0.5 * (front - rear)[:, None] + half * nodes, half * weights
+    else:
+        level = np.arccos(1.0 - np.clip(flat / g.r, 0.0, 1.0))
+        edges = (-rear, np.maximum(-level, -rear), np.minimum(level, front), front)
+        arc, weight = panels(edges, intervals // 2)
     sin, cos = np.sin(arc), np.cos(arc)
     z = np.maximum(drop[:, None] - g.r * (1.0 - cos), 0.0)  # (7)
     steep = sin
     if flat is not None:
-        steep = np.where(z > z0[:, None], 0.0, sin)
-        z = np.minimum(z, np.maximum(z0[:, None], 0.0))
+        below = slice(intervals // 2 + 1, 2 * (intervals // 2 + 1))
+        steep = sin.copy()
+        steep[:, below] = 0.0
+        z[:, below] = np.maximum(z0[:, None], 0.0)
     sigma = (g.k_c / g.b + g.k_phi) * z**g.n  # (8), (9)
     if g.harden is not None:
         sigma = sigma * g.harden(sin)

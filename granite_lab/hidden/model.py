@@ -68,6 +68,10 @@ class Truth:
             mu_s=soil.tyre_friction,
             c_t=ch.contact_damping,
         )
+        self.setup()
+
+    def setup(self) -> None:
+        """Claim states and work out constants; an influence does so here."""
 
     def claim(self, count: int) -> slice:
         """Return the place of further states, at the end of the state."""
@@ -127,7 +131,7 @@ class Truth:
         angle, rate = self.shaft(y)
         s_d, v_d = self.demand(t)
         wanted = d.gain_p * (s_d / self.r - angle) + d.gain_d * (v_d / self.r - rate)
-        return np.clip(wanted, d.voltage_min, d.voltage_max)
+        return np.asarray(np.minimum(np.maximum(wanted, d.voltage_min), d.voltage_max))
 
     def resistance(self, y: Array) -> float | Array:
         """Return the resistance of the rotors [ohm]."""

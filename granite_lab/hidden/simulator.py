@@ -87,10 +87,14 @@ class Result:
         return float(1.0 - travelled / (self.at(stop, "rolled") - self.at(start, "rolled")).mean())
 
 
-def integrate(
+def solve(
     truth: Truth, t: Array, *, method: Method = "LSODA", rtol: float = 1e-7, atol: float = 1e-9
-) -> Result:
-    """Integrate from rest at the first instant and return the signals at `t` (N,), increasing."""
+) -> Array:
+    """Integrate from rest at the first instant and return the states (N, 12 or more) at `t` (N,), increasing.
+
+    Raises:
+        RuntimeError: the integrator gave up.
+    """
     marks = [m for m in truth.marks() if t[0] < m < t[-1]]
     edges = [float(t[0]), *marks, float(t[-1])]
     y = truth.rest()
@@ -106,7 +110,14 @@ def integrate(
             raise RuntimeError(part.message)
         y = part.y[:, -1]
         pieces.append(part.y[:, :-1])
-    return signals(truth, t, np.concatenate([*pieces, y[:, None]], axis=1).T)
+    return np.asarray(np.concatenate([*pieces, y[:, None]], axis=1).T)
+
+
+def integrate(
+    truth: Truth, t: Array, *, method: Method = "LSODA", rtol: float = 1e-7, atol: float = 1e-9
+) -> Result:
+    """Integrate from rest at the first instant and return the signals at `t` (N,), increasing."""
+    return signals(truth, t, solve(truth, t, method=method, rtol=rtol, atol=atol))
 
 
 def signals(truth: Truth, t: Array, state: Array) -> Result:

@@ -1,0 +1,202 @@
+"""`granite-lab hide` and `granite-lab reveal`: virtual trials with a sealed answer, to judge discoveries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from granite_lab.commands.common import (
+    JobsOption,
+    JsonOption,
+    QuietOption,
+    RobotOption,
+    SoilOption,
+    console,
+    print_json,
+    progress,
+    warn,
+)
+from granite_lab.errors import UsageError
+
+if TYPE_CHECKING:
+    from granite_lab.hidden.scoring import Score
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    app.command("hide")(hide)
+    app.command("reveal")(reveal)
+
+
+def _effects(incomplete: str) -> list[str]:
+    from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE
+    from granite_lab.hidden.wish import LOTS
+
+    return [name for name in (*LOTS, *LIBRARY, *OUTSIDE) if name.startswith(incomplete)]
+
+
+def hide(
+    effect: Annotated[
+        str,
+        typer.Option(
+            help="An id (also ids joined by +), or random, none, outside (the library), pair.",
+            autocompletion=_effects,
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder of the trials and the sealed answer.")],
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+    strength: Annotated[float, typer.Option(min=0.001, max=1000, help="Factor on the effect's size.")] = 1.0,
+    size: Annotated[
+        list[str] | None, typer.Option(help="A parameter of the effect: name=value, or id.name=value.")
+    ] = None,
+    noise: Annotated[float, typer.Option(min=0, max=100, help="Factor on the sensors' noise.")] = 1.0,
+    sand_off: Annotated[bool, typer.Option("--sand-off", help="φ, K, n, μ_s 5-20 % off the file.")] = False,
+    repetitions: Annotated[int, typer.Option(min=1, max=99, help="Trials of each variant.")] = 3,
+    robot: RobotOption = None,
+    soil: SoilOption = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a set that is there.")] = False,
+    jobs: JobsOption = 1,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write virtual trials in which an effect is hidden, by an independent simulator; seal the answer."""
+    from granite_lab.files import sha256, write_bytes
+    from granite_lab.hidden.making import make_set
+    from granite_lab.hidden.sealed import NAME, seal
+    from granite_lab.hidden.wish import Wish
+    from granite_lab.logs import write_canonical
+    from granite_lab.parameters import load_robot, load_soil, load_variants
+
+    old = [*out.glob("hidden_v*_r*.csv"), *out.glob(NAME)]
+    if old and not overwrite:
+        raise UsageError(f"{out}: holds a hidden set already", "choose another folder, or add --overwrite")
+    wish = Wish(effect, seed, strength, noise, sand_off, _sizes(size or []))
+    with progress(quiet) as display:
+        task = display.add_task("trials", total=repetitions * len(load_variants()))
+        trials, answer = make_set(
+            wish, load_robot(robot or "granite"), load_soil(soil or "dry_sand"),
+            repetitions=repetitions, jobs=_processes(jobs), done=lambda _: display.advance(task),
+        )  # fmt: skip
+    for path in old:
+        path.unlink()
+    files = []
+    for trial in trials:
+        path = out / f"{trial.name}.csv"
+        write_canonical(path, trial)
+        answer["trials"][trial.name]["sha256"] = sha256(path)
+        files.append(path)
+    write_bytes(out / NAME, seal(answer))
+    if as_json:
+        print_json({"schema": "granite-lab/hide/1", "trials": sorted(files), "sealed": out / NAME})
+    else:
+        shown = console()
+        shown.print(
+            f"{len(files)} virtual trials in {out}, the answer sealed in {out / NAME}", soft_wrap=True
+        )
+        shown.print(f"find it: granite-lab discover {out} --json > finding.json", soft_wrap=True)
+        shown.print(f"then:    granite-lab reveal {out} --finding finding.json", soft_wrap=True)
+
+
+def _processes(jobs: int) -> int:
+    import os
+
+    return jobs or os.cpu_count() or 1
+
+
+def _sizes(given: list[str]) -> dict[str, float]:
+    found = {}
+    for text in given:
+        name, _, value = text.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise UsageError(
+                f"--size {text}: not a number", "write name=value, as in --size play=1.5"
+            ) from None
+    return found
+
+
+def reveal(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder written by `hide`.")],
+    finding: Annotated[Path | None, typer.Option(help="JSON of a discovery, to be judged.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Open the sealed answer of a hidden set, and judge a discovery by it."""
+    from granite_lab.hidden.scoring import read_finding, score
+    from granite_lab.hidden.sealed import open_answer
+
+    answer = open_answer(folder)
+    warn(_changed(folder, answer))
+    judged = score(answer, read_finding(finding)) if finding else None
+    if as_json:
+        print_json({"schema": "granite-lab/reveal/1", "answer": answer, "score": judged})
+        return
+    _show_answer(answer)
+    if judged:
+        _show_score(judged)
+
+
+def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
+    """Return a line for each trial that is not the one that was written."""
+    from granite_lab.files import sha256
+
+    lines = []
+    for name, trial in answer["trials"].items():
+        path = folder / f"{name}.csv"
+        if not path.exists():
+            lines.append(f"{path}: is missing")
+        elif sha256(path) != trial["sha256"]:
+            lines.append(f"{path}: has changed since it was written")
+    return lines
+
+
+def _show_answer(answer: Mapping[str, Any]) -> None:
+    from rich.table import Table
+
+    shown = console()
+    table = Table(title="Hidden in these virtual trials", title_justify="left")
+    for heading in ("effect", "parameter", "value", "unit"):
+        table.add_column(heading, justify="right" if heading == "value" else "left")
+    for effect in answer["effects"]:
+        for k, (name, parameter) in enumerate(effect["parameters"].items()):
+            named = effect["id"] + ("" if effect["library"] else " (not in the library)")
+            table.add_row(named if k == 0 else "", name, f"{parameter['value']:.4g}", parameter["unit"])
+    if answer["effects"]:
+        shown.print(table)
+        for effect in answer["effects"]:
+            shown.print(f"{effect['id']}: {effect['title']}. {effect['account']}.", markup=False)
+    else:
+        shown.print("Nothing is hidden in these virtual trials.")
+    if answer["sand_off"]:
+        off = ", ".join(f"{name} {100 * (x - 1):+.1f} %" for name, x in answer["sand_off"].items())
+        shown.print(f"sand off its file: {off}")
+    shown.print(f"seed {answer['seed']}, strength {answer['strength']:g}, noise {answer['noise']:g}")
+
+
+def _show_score(judged: Score) -> None:
+    from rich.table import Table
+
+    from granite_lab.hidden.scoring import MEANING
+
+    shown = console()
+    mark = "right" if judged.right else "wrong"
+    named = ", ".join(judged.named) or judged.verdict
+    shown.print(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})", markup=False)
+    if judged.parameters:
+        table = Table(title="Parameters", title_justify="left")
+        for heading in ("effect", "parameter", "hidden", "found", "std", "z", "meaning"):
+            table.add_column(
+                heading, justify="left" if heading in ("effect", "parameter", "meaning") else "right"
+            )
+        for p in judged.parameters:
+            table.add_row(
+                p.effect, f"{p.name} [{p.unit}]", f"{p.true:.4g}", f"{p.value:.4g}",
+                "" if p.std is None else f"{p.std:.2g}", "" if p.z is None else f"{p.z:+.1f}", p.kind,
+            )  # fmt: skip
+        shown.print(table)
+    for part, share in judged.gap_closed.items():
+        if share is not None:
+            shown.print(f"gap closed, {part.replace('_', ' ')} trials: {100 * share:.1f} %")

@@ -1,0 +1,129 @@
+"""Influences of gears, motors and their supply."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from granite_lab.hidden.contact import Array, Contact, smoothstep
+from granite_lab.hidden.influence import Influence, Size
+from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA
+from granite_lab.parameters import Robot
+
+
+class DrivetrainFriction(Influence):
+    """Dry friction with a short way of creep before it slides, and viscous friction."""
+
+    id = "drivetrain_friction"
+    title = "Coulomb and viscous friction in the drive units"
+    account = "Dahl (1968): dry friction builds up over 3 mrad of the wheel, so that it also holds at rest"
+    declared = (
+        Size("coulomb", "N m", "dry friction at the wheel", 0.4, 1.2, 0, 10),
+        Size("viscous", "N m s/rad", "friction per rate of the wheel", 0.02, 0.1, 0, 3),
+    )
+
+    def setup(self) -> None:
+        """Claim the shares of the dry friction at work."""
+        super().setup()
+        self.held = self.claim(2)
+
+    def torque(self, y: Array) -> Array:
+        """Take the friction off."""
+        sizes = self.sizes[DrivetrainFriction.id]
+        return super().torque(y) - sizes["coulomb"] * y[self.held] - sizes["viscous"] * y[OMEGA]
+
+    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
+        """Add Dahl's rate."""
+        dy = super().rates(t, y, wheel)
+        dy[self.held] = (y[OMEGA] - np.abs(y[OMEGA]) * y[self.held]) / 0.003
+        return dy
+
+
+class GearBacklash(Influence):
+    """Motor and wheel as two inertias that meet through stiff teeth with play."""
+
+    id = "gear_backlash"
+    title = "play in the gears"
+    account = (
+        "two masses and a dead zone (Nordin and Gutman 2002): three tenths of the inertia at the motor, "
+        "teeth of 20 kN m/rad; encoder at the motor; at rest in the middle of the play"
+    )
+    declared = (Size("play", "deg", "whole play at the wheel", 0.8, 2.5, 0, 20, kind="equivalent"),)
+
+    def setup(self) -> None:
+        """Claim angle and rate of the motors."""
+        super().setup()
+        self.half_play = 0.5 * float(np.radians(self.sizes[GearBacklash.id]["play"]))
+        self.motor_inertia = 0.3 * self.chassis.wheel_inertia
+        self.rim_inertia -= self.motor_inertia
+        self.motor_angle, self.motor_rate = self.claim(2), self.claim(2)
+
+    def shaft(self, y: Array) -> tuple[Array, Array]:
+        """Return the motion of the motors."""
+        return y[self.motor_angle], y[self.motor_rate]
+
+    def torque(self, y: Array) -> Array:
+        """Return what the teeth pass on: nothing within the play."""
+        gap, soft = y[self.motor_angle] - y[ANGLE], 2e-4
+        bite = np.maximum(np.abs(gap) - self.half_play, 0.0)
+        # the teeth give over the first 0.2 mrad, which keeps force and damping free of corners
+        bent = np.where(bite < soft, 0.5 * bite**2 / soft, bite - 0.5 * soft)
+        rubbing = 8.0 * smoothstep(bite / soft)
+        return np.asarray(2e4 * np.sign(gap) * bent + rubbing * (y[self.motor_rate] - y[OMEGA]))
+
+    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
+        """Add the rates of the motors."""
+        dy = super().rates(t, y, wheel)
+        dy[self.motor_angle] = y[self.motor_rate]
+        dy[self.motor_rate] = (super().torque(y) - self.torque(y)) / self.motor_inertia
+        return dy
+
+
+class SupplySag(Influence):
+    """A bus whose voltage follows the current through its capacitor."""
+
+    id = "supply_sag"
+    title = "supply voltage that drops with the current"
+    account = "source with resistance, bus capacitor of 20 ms, bridges that pass the same duty on"
+    declared = (Size("resistance", "ohm", "of the supply and its leads", 0.05, 0.2, 0, 2),)
+
+    def setup(self) -> None:
+        """Claim the voltage of the bus."""
+        super().setup()
+        self.bus = self.claim(1)
+
+    def at_rest(self) -> Array:
+        """Return the state with the full voltage."""
+        y = super().at_rest()
+        y[self.bus] = self.drive.voltage_max
+        return y
+
+    def voltage(self, t: float, y: Array) -> Array:
+        """Apply the duty to the voltage of the bus."""
+        return np.asarray(super().voltage(t, y) * (y[self.bus] / self.drive.voltage_max))
+
+    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
+        """Add the rate of the bus: four motors draw their duty's share."""
+        dy, top = super().rates(t, y, wheel), self.drive.voltage_max
+        drawn = 2 * float((super().voltage(t, y) / top * y[CURRENT]).sum())
+        dy[self.bus] = (top - self.sizes[SupplySag.id]["resistance"] * drawn - y[self.bus]) / 0.02
+        return dy
+
+
+class TorqueConstantError(Influence):
+    """A gear that passes on another share of the torque than its file says."""
+
+    id = "torque_constant_error"
+    title = "torque constant or gear efficiency off"
+    account = "(24) with another efficiency"
+    declared = (Size("error", "-", "relative error of k_m η_d", 0.05, 0.12, -0.5, 0.25, signed=True),)
+
+    @classmethod
+    def altered(cls, robot: Robot, sizes: Mapping[str, float]) -> Robot:
+        """Change the efficiency."""
+        if robot.drive is None:
+            return robot
+        share = robot.drive.gear_efficiency * (1 + sizes["error"])
+        return replace(robot, drive=replace(robot.drive, gear_efficiency=share))

@@ -1,0 +1,106 @@
+"""What an influence is: a variation of the truth's model, with a size and where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
+from granite_lab.hidden.model import PITCH, Truth
+from granite_lab.hidden.parts import Push
+from granite_lab.parameters import Robot
+
+Kind = Literal["exact", "equivalent", "shape", "amplitude"]
+
+
+@dataclass(frozen=True)
+class Size:
+    """One parameter of an influence.
+
+    Attributes:
+        name, unit, meaning: for people and files.
+        low, high: of the magnitude drawn at strength 1.
+        least, most: what a strength may not exceed.
+        signed: the sign is drawn, too.
+        kind: "exact" where the library's effect of the same name means the same number;
+            "equivalent" where it has another formula, and the number is only comparable; "shape"
+            where the strength leaves it alone; "amplitude" of something whose phase changes from
+            trial to trial.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    low: float
+    high: float
+    least: float = 0.0
+    most: float = np.inf
+    signed: bool = False
+    kind: Kind = "exact"
+
+
+class Influence(Truth):
+    """A variation of the truth's model. Subclasses override its methods, call `super()`, and so combine.
+
+    Class attributes:
+        id: the id of the library's effect, or the influence's own.
+        title: a few words.
+        account: how it is made here, and after whom.
+        declared: its parameters.
+    """
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    account: ClassVar[str]
+    declared: ClassVar[tuple[Size, ...]]
+
+    @classmethod
+    def altered(cls, robot: Robot, sizes: Mapping[str, float]) -> Robot:  # noqa: ARG003
+        """Return the robot as it really is."""
+        return robot
+
+    @classmethod
+    def of_trial(
+        cls,
+        sizes: Mapping[str, float],
+        rng: np.random.Generator,  # noqa: ARG003
+    ) -> dict[str, float]:
+        """Return the parameters of one trial: those of the set, and what changes from trial to trial."""
+        return dict(sizes)
+
+    def drag(self, y: Array, force: float) -> Push:
+        """Return a resistance [N] along R's x at wheel-centre height that a robot at rest does not feel."""
+        v = self.velocity(y)
+        f = -np.sign(v) * float(smoothstep(abs(v) / V_FLOOR)) * force
+        return Push(float(np.cos(y[PITCH]) * f), float(-np.sin(y[PITCH]) * f), float(self.arm_z * f))
+
+
+def added(a: Push, b: Push) -> Push:
+    """Return both together."""
+    return Push(a.x + b.x, a.z + b.z, a.moment + b.moment)
+
+
+def with_phase(sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+    """Split each `amplitude_<axle>` into `cos_<axle>` and `sin_<axle>` under a random phase."""
+    found = dict(sizes)
+    for axle in ("front", "rear"):
+        phase = rng.uniform(0, 2 * np.pi)
+        found[f"cos_{axle}"] = sizes[f"amplitude_{axle}"] * float(np.cos(phase))
+        found[f"sin_{axle}"] = sizes[f"amplitude_{axle}"] * float(np.sin(phase))
+    return found
+
+
+def starting_phase(sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+    """Return the parameters of a trial with a phase of its own [rad]."""
+    return dict(sizes) | {"phase": float(rng.uniform(0, 2 * np.pi))}
+
+
+def pairs(sizes: Mapping[str, float]) -> tuple[Array, Array]:
+    """Return cosine and sine amplitudes of front and rear, (2,) each."""
+    return (
+        np.array([sizes["cos_front"], sizes["cos_rear"]]),
+        np.array([sizes["sin_front"], sizes["sin_rear"]]),
+    )

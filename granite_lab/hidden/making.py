@@ -1,0 +1,233 @@
+"""Making a set of virtual trials: four variants, some repetitions, one hidden effect or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from granite_lab import __version__
+from granite_lab.errors import EstimateError, UsageError
+from granite_lab.hidden.body import DT, body_from_states
+from granite_lab.hidden.catalogue import LIBRARY, influence, model_of
+from granite_lab.hidden.command import Trapezoid
+from granite_lab.hidden.parts import exponential_k92
+from granite_lab.hidden.sensors import read_currents, read_imu, read_wheels
+from granite_lab.hidden.simulator import solve
+from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
+from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
+from granite_lab.parameters import Robot, Soil, Variant, load_paper, load_variants
+
+SCALE_ERROR = 0.0005
+"""Std of the scale error of each IMU axis: what the maker's calibration leaves."""
+
+CURRENT_RIPPLE = 0.01
+"""Relative std of the currents' fluctuation while the wheels turn."""
+
+RELATIVE, ABSOLUTE = 1e-5, 1e-7
+"""Tolerances of the integration; the velocity is then within 0.02 mm/s of that at 1e-9."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One trial to be made; picklable.
+
+    Attributes:
+        names: ids of the influences; sizes: their parameters in this trial, phases included.
+        robot, soil, a_theta: as they really are, but for what the influences change.
+        variant, repetition: which trial it is.
+        seed: key of its random numbers.
+        noise: factor on the noise of the sensors.
+    """
+
+    names: tuple[str, ...]
+    sizes: Mapping[str, Mapping[str, float]]
+    robot: Robot
+    soil: Soil
+    soil_name: str
+    a_theta: float
+    variant: Variant
+    repetition: int
+    seed: tuple[int, ...]
+    noise: float
+
+    @property
+    def name(self) -> str:
+        """Name of the trial, which tells nothing."""
+        return f"hidden_v{self.variant.velocity:g}_r{self.repetition}"
+
+
+def make_set(
+    wish: Wish,
+    robot: Robot,
+    soil: Soil,
+    *,
+    repetitions: int = 3,
+    variants: tuple[Variant, ...] = (),
+    jobs: int = 1,
+    done: Callable[[str], None] = lambda _: None,
+) -> tuple[list[Trial], dict[str, Any]]:
+    """Make all trials of a set, with the answer.
+
+    Args:
+        wish: what to hide.
+        robot, soil: records that the trials will name.
+        repetitions: of each variant.
+        variants: those of Table 2 when empty.
+        jobs: processes.
+        done: called with the name of each finished trial.
+
+    Raises:
+        UsageError: unknown effect or size, or a robot without chassis, drive or IMU.
+        EstimateError: the robot would dig itself in under this effect.
+    """
+    if robot.chassis is None or robot.drive is None or robot.imu_grade is None:
+        raise UsageError(f"robot '{robot.name}' cannot be simulated", "give one with chassis, drive and IMU")
+    names = chosen(wish)
+    sizes = drawn(wish, names)
+    asked = variants or load_variants()
+    # Sand drawn off its file may be too weak for the slope, drag or speed at hand; it is drawn again then.
+    for attempt in range(8 if wish.sand_off else 1):
+        ground, off = sand(wish, soil, attempt)
+        plans, scatter = _plans(wish, names, sizes, robot, ground, asked, repetitions)
+        trials = []
+        for trial in _run(plans, jobs):
+            if trial is None:
+                break
+            trials.append(trial)
+            done(trial.name)
+        if len(trials) == len(plans):
+            return trials, _answer(wish, names, sizes, off, plans, scatter)
+    raise EstimateError(
+        "the robot digs itself in under the hidden effect", "choose a smaller --strength or another --seed"
+    )
+
+
+def _plans(
+    wish: Wish,
+    names: tuple[str, ...],
+    sizes: Mapping[str, Mapping[str, float]],
+    robot: Robot,
+    soil: Soil,
+    variants: tuple[Variant, ...],
+    repetitions: int,
+) -> tuple[list[Plan], list[dict[str, float]]]:
+    plans, scatter = [], []
+    # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
+    for k, variant in enumerate(sorted(variants, key=lambda v: -v.velocity)):
+        for repetition in range(1, repetitions + 1):
+            seed = (wish.seed, 4, k, repetition)
+            rng = np.random.default_rng([*seed, 0])
+            there, a_theta, factors = raked(soil, load_paper().a_theta, rng)
+            own = {name: influence(name).of_trial(sizes[name], rng) for name in names}
+            plans.append(
+                Plan(names, own, robot, there, soil.name, a_theta, variant, repetition, seed, wish.noise)
+            )
+            scatter.append(factors)
+    return plans, scatter
+
+
+def _run(plans: list[Plan], jobs: int) -> Iterator[Trial | None]:
+    if jobs <= 1:
+        yield from map(make_trial, plans)
+        return
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(make_trial, plans)
+
+
+def make_trial(plan: Plan) -> Trial | None:
+    """Simulate and log one trial; None if the robot digs itself in."""
+    rng = np.random.default_rng([*plan.seed, 1])
+    command = Trapezoid(plan.variant.velocity, plan.variant.acceleration, plan.variant.distance)
+    truth = model_of(plan.names, plan.robot, plan.soil, command, exponential_k92(plan.a_theta), plan.sizes)
+    before, after = rng.uniform(1.5, 2.5), rng.uniform(3.0, 3.5)
+    steps = np.arange(-round(before / DT), round((command.end + after) / DT) + 1)
+    t = np.asarray(steps * DT)
+    try:
+        state = solve(truth, t, rtol=RELATIVE, atol=ABSOLUTE)
+    except RuntimeError:
+        return None
+    body = body_from_states(truth, t, state)
+    if not np.isfinite(state).all() or body.x[-1] < 0.35 * command.distance:
+        return None
+    rig, wrong = louder(plan.robot, plan.noise), truth.misreading()
+    imu, *_ = read_imu(rng, body, rig, scale_error=SCALE_ERROR, misreading=wrong)
+    wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder)
+    currents = read_currents(rng, body, rig, -wrong.late, CURRENT_RIPPLE)
+    info = TrialInfo(
+        robot=plan.robot.name, soil=plan.soil_name, v_desired=plan.variant.velocity,
+        a_max=plan.variant.acceleration, distance=plan.variant.distance, repetition=plan.repetition,
+        virtual=True, extra={"made_by": f"granite-lab {__version__} hide"},
+    )  # fmt: skip
+    return Trial(
+        name=plan.name,
+        info=info,
+        imu=ImuStream(imu.t.round(6), imu.specific_force.round(7), imu.angular_rate.round(8)),
+        wheels=WheelStream(wheels.t.round(6), wheels.angle.round(8), step=wheels.step),
+        currents=None if currents is None else CurrentStream(currents.t.round(6), currents.current.round(5)),
+    )
+
+
+def louder(robot: Robot, factor: float) -> Robot:
+    """Return the robot with noise, drift, vibration and jitter of its sensors times a factor."""
+    grade = robot.imu_grade
+    if grade is None or factor == 1.0:
+        return robot
+    return replace(
+        robot,
+        imu_grade=replace(
+            grade,
+            accel_noise=grade.accel_noise * factor,
+            gyro_noise=grade.gyro_noise * factor,
+            accel_instability=grade.accel_instability * factor,
+            gyro_instability=grade.gyro_instability * factor,
+        ),
+        imu=replace(
+            robot.imu,
+            vibration=robot.imu.vibration * factor,
+            vibration_rate=robot.imu.vibration_rate * factor,
+        ),
+        encoders=replace(robot.encoders, jitter=robot.encoders.jitter * factor),
+        currents=replace(robot.currents, noise=robot.currents.noise * factor),
+    )
+
+
+def _answer(
+    wish: Wish,
+    names: tuple[str, ...],
+    sizes: Mapping[str, Mapping[str, float]],
+    off: Mapping[str, float],
+    plans: list[Plan],
+    scatter: list[dict[str, float]],
+) -> dict[str, Any]:
+    effects = [
+        {
+            "id": name,
+            "title": influence(name).title,
+            "account": influence(name).account,
+            "library": name in LIBRARY,
+            "parameters": {
+                size.name: {"value": sizes[name][size.name], "unit": size.unit, "kind": size.kind}
+                for size in influence(name).declared
+            },
+        }
+        for name in names
+    ]
+    return {
+        "schema": "granite-lab/sealed/1",
+        "version": __version__,
+        "asked": wish.effect,
+        "seed": wish.seed,
+        "strength": wish.strength,
+        "noise": wish.noise,
+        "sand_off": off,
+        "effects": effects,
+        "trials": {
+            plan.name: {"raking": factors, "sizes": {k: dict(v) for k, v in plan.sizes.items()}}
+            for plan, factors in zip(plans, scatter, strict=True)
+        },
+    }

@@ -1,0 +1,141 @@
+"""Influences that the library of effects does not hold: of the place, and forces on the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from granite_lab.hidden.contact import Array, Contact, Ground
+from granite_lab.hidden.influence import Influence, Size, added, starting_phase
+from granite_lab.hidden.parts import Push, Stance
+
+
+class MoistureGradient(Influence):
+    """Sand that is damper, and so firmer and more cohesive, further down the track."""
+
+    id = "moisture_gradient"
+    title = "sand whose moisture changes along the track"
+    account = "k_φ and c linear in the place, the same for every wheel that comes there"
+    declared = (Size("gradient", "1/m", "relative rise of k_φ and c per metre", 0.15, 0.4, -0.3, 2),)
+
+    def soil(self, t: float, y: Array, at: Stance) -> Ground:
+        """Change the soil with the place of each axle."""
+        g = super().soil(t, y, at)
+        firmer = 1 + self.sizes[MoistureGradient.id]["gradient"] * self.places(y)
+        firmer = np.clip(firmer, 0.2, None)[:, None]
+        return replace(g, k_phi=g.k_phi * firmer, c=g.c * firmer)
+
+
+class SoilAdhesion(Influence):
+    """Soil that sticks to the trailing part of the wheel and pulls until it comes off."""
+
+    id = "soil_adhesion"
+    title = "adhesion between soil and wheel"
+    account = "constant tension over the trailing arc while the wheel rolls: down and back by its integral"
+    declared = (Size("tension", "Pa", "adhesive stress", 2000.0, 5000.0, 0, 3e4),)
+
+    def contact(self, t: float, y: Array) -> Contact:
+        """Add the integrals of (12) and (13) of a constant tension from −ϑ2 to 0."""
+        wheel, g = super().contact(t, y), self.ground
+        front = np.arccos(1 - np.clip(wheel.sinkage, 0.0, g.r) / g.r)
+        rear, tension = self.k92(t, y) * front, self.sizes[SoilAdhesion.id]["tension"] * self.fade(y)
+        down = tension * g.b * g.r * np.sin(rear)
+        back = tension * g.b * g.r * (1 - np.cos(rear))
+        return replace(wheel, R=wheel.R - back, normal=np.maximum(wheel.normal - down, 0.0))
+
+
+class Washboard(Influence):
+    """Ground in waves that the raking left."""
+
+    id = "washboard"
+    title = "ground in regular waves"
+    account = "height sinusoidal in the place, with the slope of the wave under each wheel"
+    declared = (
+        Size("height", "m", "amplitude of the waves", 8e-4, 2e-3, 0, 0.01),
+        Size("wavelength", "m", "from crest to crest", 0.22, 0.35, 0.1, 2, kind="shape"),
+    )
+
+    @classmethod
+    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw where the first crest lies."""
+        return starting_phase(sizes, rng)
+
+    def wave(self, y: Array) -> tuple[Array, Array]:
+        """Return height [m] and slope of the ground under the axles."""
+        sizes = self.sizes[Washboard.id]
+        number = 2 * np.pi / sizes["wavelength"]
+        u = number * self.places(y) + sizes["phase"]
+        return np.asarray(sizes["height"] * np.sin(u)), np.asarray(sizes["height"] * number * np.cos(u))
+
+    def stance(self, t: float, y: Array) -> Stance:
+        """Raise the ground."""
+        at, (height, slope) = super().stance(t, y), self.wave(y)
+        return replace(at, z0=at.z0 + height, dz0=at.dz0 + slope * at.v)
+
+    def contact(self, t: float, y: Array) -> Contact:
+        """Lean the normal force with the wave; at rest the sand holds."""
+        wheel, (_, slope) = super().contact(t, y), self.wave(y)
+        return replace(wheel, R=wheel.R - self.fade(y) * slope * wheel.normal)
+
+
+class CableDrag(Influence):
+    """A cable that the robot pulls behind it."""
+
+    id = "cable_drag"
+    title = "drag of a cable, growing with the way"
+    account = "friction of the length that lies on the sand"
+    declared = (Size("weight", "N/m", "drag per metre travelled", 6.0, 15.0, 0, 200),)
+
+    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+        """Pull back."""
+        length = max(float(self.places(y).mean()), 0.0)
+        return added(super().push(t, y, wheel), self.drag(y, self.sizes[CableDrag.id]["weight"] * length))
+
+
+class WindGust(Influence):
+    """A gust during the motion, at another instant in each trial."""
+
+    id = "wind_gust"
+    title = "a gust of wind"
+    account = "bell-shaped force on the centre of mass, against the motion"
+    declared = (
+        Size("force", "N", "at the height of the gust", 15.0, 40.0, 0, 300),
+        Size("duration", "s", "from rise to fall", 0.3, 0.6, 0.1, 3, kind="shape"),
+    )
+
+    @classmethod
+    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw the instant, as a share of the motion."""
+        return dict(sizes) | {"instant": float(rng.uniform(0.25, 0.75))}
+
+    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+        """Blow."""
+        sizes = self.sizes[WindGust.id]
+        u = (t - sizes["instant"] * self.command.end) / (0.5 * sizes["duration"])
+        force = sizes["force"] * float(np.exp(-(u**2))) * self.fade(y)
+        return added(super().push(t, y, wheel), Push(-force, 0.0))
+
+
+class StrapDrag(Influence):
+    """A loose strap that catches the ground again and again."""
+
+    id = "strap_drag"
+    title = "drag that comes and goes in time"
+    account = "squared half waves of a fixed period"
+    declared = (
+        Size("force", "N", "at its height", 12.0, 30.0, 0, 300),
+        Size("period", "s", "between two catches", 0.35, 0.7, 0.1, 5, kind="shape"),
+    )
+
+    @classmethod
+    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw the phase."""
+        return starting_phase(sizes, rng)
+
+    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+        """Catch and let go."""
+        sizes = self.sizes[StrapDrag.id]
+        wave = max(0.0, float(np.sin(2 * np.pi * t / sizes["period"] + sizes["phase"])))
+        return added(super().push(t, y, wheel), self.drag(y, sizes["force"] * wave**2))

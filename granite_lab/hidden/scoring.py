@@ -1,0 +1,187 @@
+"""Judging a discovery by the sealed answer."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from granite_lab.errors import InputError
+from granite_lab.files import readable
+
+Outcome = Literal[
+    "right", "twin_set", "vague", "partial", "spurious", "wrong_name", "missed", "false_alarm", "abstained"
+]
+
+MEANING: dict[Outcome, str] = {
+    "right": "right",
+    "twin_set": "the hidden effect is in the set that was called indistinguishable",
+    "vague": "the hidden effect is in a set too large to be of use",
+    "partial": "some of the hidden effects named, nothing wrong",
+    "spurious": "all hidden effects named, and one that is not there",
+    "wrong_name": "a name that is not the hidden effect's",
+    "missed": "an effect is hidden, none was seen",
+    "false_alarm": "nothing is hidden, something was seen",
+    "abstained": "a gap was seen and left without a name",
+}
+
+LARGEST_SET = 3
+"""Most names in a set of twins that still counts as an answer."""
+
+SCHEMA = "granite-lab/discovery/1"
+
+
+@dataclass(frozen=True)
+class ParameterScore:
+    """One parameter of an effect that was named rightly.
+
+    Attributes:
+        effect, name, unit: which.
+        kind: how the hidden number compares with the library's (see `Size`).
+        true, value, std: what was hidden and what was found.
+        z: (value - true) / std; None without a std.
+        relative: value / true - 1; None where true is zero.
+    """
+
+    effect: str
+    name: str
+    unit: str
+    kind: str
+    true: float
+    value: float
+    std: float | None
+    z: float | None
+    relative: float | None
+
+
+@dataclass(frozen=True)
+class Score:
+    """How a discovery fared.
+
+    Attributes:
+        outcome: see `MEANING`; right: counts as a right answer.
+        verdict: what the discovery said; named: the ids it named first.
+        hidden: ids that were hidden.
+        set_size: names in the largest set that holds a hidden effect.
+        parameters: of the effects named rightly.
+        gap_closed: share of the gap above the floor that closed, for "train" and "held_out".
+    """
+
+    outcome: Outcome
+    right: bool
+    verdict: str
+    named: tuple[str, ...]
+    hidden: tuple[str, ...]
+    set_size: int
+    parameters: tuple[ParameterScore, ...]
+    gap_closed: Mapping[str, float | None]
+
+
+def read_finding(path: Path) -> dict[str, Any]:
+    """Return a discovery's JSON document.
+
+    Raises:
+        InputError: the file cannot be read, or is none.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise readable(error, path) from None
+    except ValueError as error:
+        raise InputError(f"{path}: not JSON: {error}", "give the output of `discover --json`") from None
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        raise InputError(f"{path}: not a discovery, expected schema '{SCHEMA}'", "see `discover --json`")
+    if document.get("verdict") not in ("none", "named", "unknown"):
+        raise InputError(f"{path}: verdict is {document.get('verdict')!r}, expected none, named or unknown")
+    try:
+        for effect in document.get("effects", []):
+            _set_of(effect)
+    except (TypeError, KeyError, AttributeError):
+        raise InputError(f"{path}: 'effects' is malformed, expected a list of objects with an id") from None
+    return document
+
+
+def score(answer: Mapping[str, Any], finding: Mapping[str, Any]) -> Score:
+    """Judge a discovery."""
+    effects = finding.get("effects", []) if finding["verdict"] == "named" else []
+    hidden = tuple(effect["id"] for effect in answer["effects"])
+    outside = any(not effect["library"] for effect in answer["effects"])
+    outcome, set_size = _judge(finding["verdict"], effects, hidden, outside)
+    right = outcome in ("right", "twin_set") or (outcome == "abstained" and outside)
+    found = {effect["id"]: effect.get("parameters") or {} for effect in effects}
+    return Score(
+        outcome=outcome,
+        right=right,
+        verdict=finding["verdict"],
+        named=tuple(found),
+        hidden=hidden,
+        set_size=set_size,
+        parameters=tuple(
+            _parameter(effect["id"], name, true, found[effect["id"]][name])
+            for effect in answer["effects"]
+            for name, true in effect["parameters"].items()
+            if effect["id"] in found and name in found[effect["id"]]
+        ),
+        gap_closed={part: _closed(finding.get("gap") or {}, part) for part in ("train", "held_out")},
+    )
+
+
+def _set_of(effect: Mapping[str, Any]) -> set[str]:
+    return {str(effect["id"]), *map(str, effect.get("indistinguishable_from") or [])}
+
+
+def _judge(
+    verdict: str, effects: list[Mapping[str, Any]], hidden: tuple[str, ...], outside: bool
+) -> tuple[Outcome, int]:
+    """Return the outcome and the size of the largest set that holds a hidden effect."""
+    if verdict == "none":
+        return ("missed" if hidden else "right"), 0
+    if not hidden:
+        return "false_alarm", 0
+    if verdict == "unknown" or not effects:
+        return "abstained", 0
+    heads = [str(effect["id"]) for effect in effects]
+    free, sizes, by_head = list(range(len(effects))), [], True
+    # a set may stand for one hidden effect only; the name in front counts before the twins behind it
+    for name in sorted(hidden, key=lambda n: n not in heads):
+        first = [k for k in free if heads[k] == name]
+        held = first or [k for k in free if name in _set_of(effects[k])]
+        if held:
+            free.remove(held[0])
+            sizes.append(len(_set_of(effects[held[0]])))
+            by_head &= bool(first)
+    if len(sizes) < len(hidden):
+        return ("partial" if sizes and not free else "wrong_name"), max(sizes, default=0)
+    if free:
+        return "spurious", max(sizes)
+    if max(sizes) > LARGEST_SET:
+        return "vague", max(sizes)
+    # with an effect outside the library among the hidden, a full set of names cannot be right
+    return ("wrong_name" if outside else "right" if by_head else "twin_set"), max(sizes)
+
+
+def _number(value: object) -> float | None:
+    return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
+
+
+def _parameter(effect: str, name: str, true: Mapping[str, Any], found: Mapping[str, Any]) -> ParameterScore:
+    value, std, right = _number(found.get("value")), _number(found.get("std")), float(true["value"])
+    off = math.nan if value is None else value - right
+    return ParameterScore(
+        effect, name, str(true["unit"]), str(true["kind"]), right,
+        math.nan if value is None else value, std,
+        off / std if value is not None and std else None,
+        off / right if value is not None and right else None,
+    )  # fmt: skip
+
+
+def _closed(gap: Mapping[str, Any], part: str) -> float | None:
+    """Return (before - after) / (before - floor) where there was a gap."""
+    numbers = [_number((gap.get(part) or {}).get(name)) for name in ("before", "after", "floor")]
+    before, after, floor = numbers
+    if before is None or after is None or floor is None or before <= floor:
+        return None
+    return (before - after) / (before - floor)

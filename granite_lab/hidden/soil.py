@@ -1,0 +1,223 @@
+"""Influences of the soil. Where the literature has rivals, the form here is not the library's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Ground, slip_ratio, smoothstep
+from granite_lab.hidden.influence import Influence, Size, pairs, with_phase
+from granite_lab.hidden.model import ANGLE
+from granite_lab.hidden.parts import Stance
+
+UNIT_WEIGHT = 1600 * 9.81
+"""Of dry sand [N/m^3]."""
+
+
+class Bulldozing(Influence):
+    """Soil pushed ahead, as a wedge in front of a wheel that leans over it."""
+
+    id = "bulldozing"
+    title = "soil pushed ahead of the wheels"
+    account = (
+        "Bekker (1960): b sin(α + φ) / (2 sin α cos φ) (2 z c K_c + γ z² K_γ), α = acos(1 − 2 z/D), "
+        "bearing factors after Vesić; scaled to the passive pressure of a vertical wall at 16 mm"
+    )
+    declared = (Size("strength", "-", "multiple of the passive pressure", 0.3, 0.8, 0, 8, kind="equivalent"),)
+
+    def setup(self) -> None:
+        """Work out the bearing factors and the scale."""
+        super().setup()
+        g, tan = self.ground, self.ground.tan_phi
+        self.phi = float(np.arctan(tan))
+        passive = np.tan(np.pi / 4 + self.phi / 2) ** 2
+        n_q = np.exp(np.pi * tan) * passive
+        self.k_cohesion = float(((n_q - 1) / tan - tan) * np.cos(self.phi) ** 2)
+        self.k_weight = float((4 * (n_q + 1) + 1) * np.cos(self.phi) ** 2)
+        z = 0.016
+        wall = g.b * (2 * g.c * np.sqrt(passive) * z + UNIT_WEIGHT * passive * z**2 / 2)
+        self.wedge_scale = self.sizes[Bulldozing.id]["strength"] * wall / self.wedge(np.array([z]))[0]
+
+    def wedge(self, z: Array) -> Array:
+        """Return Bekker's resistance of a wheel [N] at sinkage z [m]."""
+        g, z = self.ground, np.clip(z, 1e-6, self.r)
+        lean = np.arccos(1 - z / self.r)
+        shape = np.sin(lean + self.phi) / (2 * np.sin(lean) * np.cos(self.phi))
+        return np.asarray(g.b * shape * (2 * z * g.c * self.k_cohesion + UNIT_WEIGHT * z**2 * self.k_weight))
+
+    def contact(self, t: float, y: Array) -> Contact:
+        """Add the wedge's resistance, against the motion."""
+        wheel = super().contact(t, y)
+        v = self.velocity(y)
+        against = self.wedge_scale * self.wedge(wheel.sinkage) * (wheel.sinkage > 0)
+        return replace(wheel, R=wheel.R - np.sign(v) * float(smoothstep(abs(v) / V_FLOOR)) * against)
+
+
+class SlipSinkage(Influence):
+    """Sinkage multiplied by a function of slip."""
+
+    id = "slip_sinkage"
+    title = "sinkage that grows with slip"
+    account = (
+        "Lyasko (2010): sinkage times K_ss = (1 + λ)/(1 − 0.5 λ), here as pressure divided by a power "
+        "of K_ss that agrees at small slip with n0 + n1 λ at 10 mm"
+    )
+    declared = (Size("growth", "-", "growth of the exponent per slip", 0.2, 0.6, -0.5, 3, kind="equivalent"),)
+
+    def soil(self, t: float, y: Array, at: Stance) -> Ground:
+        """Soften the soil under a slipping wheel."""
+        g = super().soil(t, y, at)
+        slip = np.minimum(np.abs(slip_ratio(at.v_o, at.v)), 0.95)
+        power = self.sizes[SlipSinkage.id]["growth"] * np.log(1 / 0.010) / 1.5
+        softer = (((1 + slip) / (1 - 0.5 * slip)) ** -power)[:, None]
+        return replace(g, k_c=g.k_c * softer, k_phi=g.k_phi * softer)
+
+
+class MultiPass(Influence):
+    """Rear wheels in the rut of the front ones, compacted the more the front wheels slipped."""
+
+    id = "multi_pass"
+    title = "rear wheels in the compacted rut"
+    account = (
+        "Senatore and Sandu (2011): a share of the compaction grows with the slip of the pass, "
+        "saturating; the rut begins where the front wheels stood, over the length of a contact patch"
+    )
+    declared = (
+        Size("pressure", "-", "rise of the moduli of deformation", 0.3, 0.8, -0.5, 5, kind="equivalent"),
+        Size("shear", "-", "rise of the shear stiffness", 0.3, 0.8, -0.5, 5, kind="equivalent"),
+    )
+
+    def soil(self, t: float, y: Array, at: Stance) -> Ground:
+        """Stiffen the soil under the rear wheels once they have reached the rut."""
+        g, patch = super().soil(t, y, at), 0.06
+        begins = 0.5 * self.chassis.wheel_base - 0.5 * patch
+        inside = float(smoothstep((self.places(y)[1] - begins) / patch))
+        passed = float(np.abs(slip_ratio(at.v_o, at.v))[0])
+        inside *= 0.6 + 0.4 * (1 - np.exp(-passed / 0.1)) / (1 - np.exp(-1))
+        sizes = self.sizes[MultiPass.id]
+        stiffer = 1 + np.array([[0.0], [sizes["pressure"] * inside]])
+        shorter = 1 + np.array([[0.0], [sizes["shear"] * inside]])
+        return replace(g, k_c=g.k_c * stiffer, k_phi=g.k_phi * stiffer, K=g.K / shorter)
+
+
+class RateDependentSoil(Influence):
+    """Pressure that rises with the local rate of penetration, so only ahead of the lowest point."""
+
+    id = "rate_dependent_soil"
+    title = "pressure that rises with the speed of penetration"
+    account = "after Grahn (1991): (8) times 1 + stiffening (v sin ϑ / 0.1 m/s)^exponent where ϑ > 0"
+    declared = (
+        Size("stiffening", "-", "rise of the pressure at 0.1 m/s", 0.2, 0.6, -0.5, 5, kind="equivalent"),
+        Size("exponent", "-", "power of the rate", 0.5, 1.0, 0.2, 2, kind="shape"),
+    )
+
+    def soil(self, t: float, y: Array, at: Stance) -> Ground:
+        """Harden the leading part of the arc."""
+        g, sizes, speed = super().soil(t, y, at), self.sizes[RateDependentSoil.id], np.abs(at.v)[:, None]
+
+        def harden(sin: Array) -> Array:
+            rate = speed * np.maximum(sin, 0.0) / 0.1
+            factor = 1 + sizes["stiffening"] * rate ** sizes["exponent"]
+            return np.asarray(factor if g.harden is None else factor * g.harden(sin))
+
+        return replace(g, harden=harden)
+
+
+class TreadRipple(Influence):
+    """Lugs that strike: a ripple of the pressure with a second harmonic."""
+
+    id = "tread_ripple"
+    title = "forces modulated by the lugs of the tread"
+    account = (
+        "after Irani et al. (2011): periodic at lugs times wheel rate; the pulse of a lug is not a "
+        "sine but has a quarter of its amplitude at twice the frequency"
+    )
+    declared = (
+        Size("amplitude_front", "-", "ripple of pressure, front", 0.08, 0.2, 0, 0.6, kind="amplitude"),
+        Size("amplitude_rear", "-", "ripple of pressure, rear", 0.08, 0.2, 0, 0.6, kind="amplitude"),
+    )
+
+    @classmethod
+    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw the phases."""
+        return with_phase(sizes, rng)
+
+    def setup(self) -> None:
+        """Turn cosine and sine into amplitude and phase."""
+        super().setup()
+        cos, sin = pairs(self.sizes[TreadRipple.id])
+        self.lug_amplitude, self.lug_phase = np.hypot(cos, sin), np.arctan2(sin, cos)
+
+    def soil(self, t: float, y: Array, at: Stance) -> Ground:
+        """Modulate the pressure."""
+        g = super().soil(t, y, at)
+        u = self.robot.wheels.lugs * y[ANGLE] - self.lug_phase
+        wave = 1 + (self.lug_amplitude * (np.cos(u) + 0.25 * np.cos(2 * u)))[:, None]
+        return replace(g, k_c=g.k_c * wave, k_phi=g.k_phi * wave)
+
+
+class ContactAngleLag(Influence):
+    """The ratio of the contact angles follows through two lags, each of half the time."""
+
+    id = "contact_angle_lag"
+    title = "rear contact angle that follows with a lag"
+    account = "two first-order lags in a row on k_92, each of half T = time (0.4 m/s / |v|)^exponent"
+    declared = (
+        Size("time", "s", "time constant at 0.4 m/s", 0.08, 0.25, 0, 3, kind="equivalent"),
+        Size("exponent", "-", "0: a time; 1: a length", 0.0, 1.0, -0.5, 1.5, kind="shape"),
+    )
+
+    def setup(self) -> None:
+        """Claim the two stages."""
+        super().setup()
+        self.stages = self.claim(2)
+
+    def at_rest(self) -> Array:
+        """Return the state with both stages at 1, as (5) has it at rest."""
+        y = super().at_rest()
+        y[self.stages] = 1.0
+        return y
+
+    def k92(self, t: float, y: Array) -> float:
+        """Return the last stage."""
+        return float(y[self.stages][1])
+
+    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
+        """Add the rates of the stages."""
+        dy, sizes = super().rates(t, y, wheel), self.sizes[ContactAngleLag.id]
+        speed = max(abs(self.velocity(y)), V_FLOOR)
+        half = max(0.5 * sizes["time"] * (0.4 / speed) ** sizes["exponent"], 1e-4)
+        first, second = y[self.stages]
+        dy[self.stages] = (super().k92(t, y) - first) / half, (first - second) / half
+        return dy
+
+
+class ContactAngleActualSpeed(Influence):
+    """The ratio of the contact angles partly follows the actual speed."""
+
+    id = "contact_angle_actual_speed"
+    title = "rear contact angle that follows the actual speed"
+    account = "arithmetic mean, by weight, of (5) at the desired and at the actual speed"
+    declared = (Size("weight", "-", "share of the actual speed", 0.7, 1.0, -0.5, 1.5, kind="equivalent"),)
+
+    def k92(self, t: float, y: Array) -> float:
+        """Mix both."""
+        weight = self.sizes[ContactAngleActualSpeed.id]["weight"]
+        return (1 - weight) * super().k92(t, y) + weight * self.law(abs(self.velocity(y)))
+
+
+class SandThrow(Influence):
+    """Thrust lost to sand that is thrown back, saturating exponentially with the speed of slip."""
+
+    id = "sand_throw"
+    title = "thrust lost to sand thrown behind the wheels"
+    account = "(14) times 1 − loss (1 − exp(−s / 0.18 m/s)), s = max(v_o − v, 0)"
+    declared = (Size("loss", "-", "share of the thrust lost", 0.08, 0.2, 0, 0.9, kind="equivalent"),)
+
+    def contact(self, t: float, y: Array) -> Contact:
+        """Take the loss off the thrust; the torque stays."""
+        wheel, at = super().contact(t, y), self.stance(t, y)
+        lost = -np.expm1(-np.maximum(at.v_o - at.v, 0.0) / 0.18)
+        return replace(wheel, F=wheel.F * (1 - self.sizes[SandThrow.id]["loss"] * lost))

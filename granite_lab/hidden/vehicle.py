@@ -1,0 +1,169 @@
+"""Influences of the vehicle and of its sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from granite_lab.hidden.contact import Array, Contact
+from granite_lab.hidden.influence import Influence, Size, added
+from granite_lab.hidden.parts import Misreading, Push
+from granite_lab.hidden.sensors import rotation
+from granite_lab.parameters import GRAVITY, Robot
+
+
+class DriveReaction(Influence):
+    """What the motors push against."""
+
+    id = "drive_reaction"
+    title = "reaction of the driving torques on the body"
+    account = "Newton's third law: −share ΣT about y"
+    declared = (Size("share", "-", "part of ΣT that the body takes", 0.7, 1.2, -0.5, 2),)
+
+    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+        """Add the moment, which lifts the nose when driving."""
+        moment = -2 * self.sizes[DriveReaction.id]["share"] * float(self.torque(y).sum())
+        return added(super().push(t, y, wheel), Push(0.0, 0.0, moment))
+
+
+class ComOffset(Influence):
+    """A centre of mass elsewhere than in the robot's file."""
+
+    id = "com_offset"
+    title = "centre of mass shifted along the robot"
+    account = "(22) with another centre of mass"
+    declared = (Size("forward", "m", "shift, forward positive", 0.012, 0.03, -0.1, 0.1, signed=True),)
+
+    @classmethod
+    def altered(cls, robot: Robot, sizes: Mapping[str, float]) -> Robot:
+        """Move the centre of mass."""
+        if robot.chassis is None:
+            return robot
+        place = robot.chassis.com_x + sizes["forward"]
+        return replace(robot, chassis=replace(robot.chassis, com_x=place))
+
+
+class PayloadMass(Influence):
+    """A box at the centre of mass, with the inertia of its size."""
+
+    id = "payload_mass"
+    title = "mass that the robot's file does not know of"
+    account = "(20), (21) with more mass; radius of gyration of the load 5 cm"
+    declared = (Size("mass", "kg", "additional mass", 2.0, 6.0, -20, 100),)
+
+    @classmethod
+    def altered(cls, robot: Robot, sizes: Mapping[str, float]) -> Robot:
+        """Load the robot."""
+        if robot.chassis is None:
+            return robot
+        mass, inertia = sizes["mass"], max(sizes["mass"], 0.0) * 0.05**2
+        heavier = replace(
+            robot.chassis,
+            body_mass=robot.chassis.body_mass + mass,
+            pitch_inertia=robot.chassis.pitch_inertia + inertia,
+        )
+        return replace(robot, chassis=heavier)
+
+
+class GroundSlope(Influence):
+    """Ground that rises; O is tilted with it. At rest the sand holds the robot."""
+
+    id = "ground_slope"
+    title = "ground that rises or falls"
+    account = "gravity turned by the slope in (20), (21); the wheels are held at rest"
+    declared = (Size("slope", "deg", "rise in the direction of travel", 0.5, 1.5, -15, 15, signed=True),)
+
+    def setup(self) -> None:
+        """Tilt the ground."""
+        super().setup()
+        self.rise = float(np.radians(self.sizes[GroundSlope.id]["slope"]))
+
+    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+        """Turn the weight; what holds it at rest acts at the axles."""
+        weight = self.mass * GRAVITY
+        back, held = weight * float(np.sin(self.rise)), 1 - self.fade(y)
+        turned = Push((held - 1) * back, weight * (1 - float(np.cos(self.rise))), held * back * self.arm_z)
+        return added(super().push(t, y, wheel), turned)
+
+
+class RollingDrag(Influence):
+    """Resistance as a sum of a linear and a quadratic part."""
+
+    id = "rolling_drag"
+    title = "resistance that grows with speed"
+    account = "linear and quadratic in the speed, mixed so that the power at 0.5 m/s is the exponent"
+    declared = (
+        Size("force", "N", "drag of the robot at 0.5 m/s", 6.0, 18.0, 0, 200, kind="equivalent"),
+        Size("exponent", "-", "power of the speed", 1.0, 2.0, 0.5, 3, kind="shape"),
+    )
+
+    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+        """Add the resistance."""
+        sizes, u = self.sizes[RollingDrag.id], abs(self.velocity(y)) / 0.5
+        linear = 2 - sizes["exponent"]
+        against = self.drag(y, sizes["force"] * (linear * u + (1 - linear) * u**2))
+        return added(super().push(t, y, wheel), against)
+
+
+class ImuTilt(Influence):
+    """An IMU that sits at an angle."""
+
+    id = "imu_tilt"
+    title = "IMU mounted at an angle"
+    account = "rotation of both triads about y"
+    declared = (Size("tilt", "deg", "nose down positive", 0.8, 2.0, -20, 20, signed=True),)
+
+    def misreading(self) -> Misreading:
+        """Turn the axes."""
+        turn, other = (
+            rotation(0.0, float(np.radians(self.sizes[ImuTilt.id]["tilt"])), 0.0),
+            super().misreading(),
+        )
+        return replace(other, accel=other.accel @ turn, gyro=other.gyro @ turn)
+
+
+class ClockOffset(Influence):
+    """Stamps given on arrival."""
+
+    id = "clock_offset"
+    title = "stamps of encoders and currents late against the IMU's"
+    account = "constant delay of the stamps"
+    declared = (Size("offset", "s", "by how much the stamps are late", 0.01, 0.03, -0.3, 0.3, signed=True),)
+
+    def misreading(self) -> Misreading:
+        """Delay the stamps."""
+        other = super().misreading()
+        return replace(other, late=other.late + self.sizes[ClockOffset.id]["offset"])
+
+
+class WheelRadiusError(Influence):
+    """Angles scaled by a wrong count or radius."""
+
+    id = "wheel_radius_error"
+    title = "wheel angles scaled by a wrong radius or count"
+    account = "factor on the logged angles"
+    declared = (Size("error", "-", "relative error of the reading", 0.01, 0.03, -0.2, 0.2, signed=True),)
+
+    def misreading(self) -> Misreading:
+        """Scale the angles."""
+        other = super().misreading()
+        return replace(other, encoder=other.encoder * (1 + self.sizes[WheelRadiusError.id]["error"]))
+
+
+class AccelScaleError(Influence):
+    """An accelerometer off in scale along x and z."""
+
+    id = "accel_scale_error"
+    title = "scale of the accelerometer off"
+    account = "factors on the sensor's own x and z"
+    declared = (
+        Size("x", "-", "relative error of the longitudinal axis", 0.015, 0.04, -0.3, 0.3, signed=True),
+        Size("z", "-", "relative error of the vertical axis", 0.002, 0.006, -0.3, 0.3, signed=True),
+    )
+
+    def misreading(self) -> Misreading:
+        """Scale the axes."""
+        sizes, other = self.sizes[AccelScaleError.id], super().misreading()
+        return replace(other, accel=np.diag([1 + sizes["x"], 1.0, 1 + sizes["z"]]) @ other.accel)
