@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.estimation import process
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.integration import Nominal
 from granite_lab.estimation.mounting import BodyImu
@@ -74,18 +73,19 @@ def add_rest(
 
 def add_wheels(
     updates: list[list[Update]], rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray,
-    offset: float, lost: Array, loss: Array,
-) -> tuple[float, float]:  # fmt: skip
+    offset: float, lost: Array, loss: Array, w: Array,
+) -> float:  # fmt: skip
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 
     Rolled distance counts from the first sample, which is no measurement then.
 
     Args:
         offset: by which the encoders' clock lies behind [s].
+        w: (K,) wheel speed that turns slip ratio into slip velocity [m/s].
         lost, loss: (K,) distance [m] and velocity [m/s] that the mean slip ratio loses.
 
     Returns:
-        std of the first sample [m] and how far its node lies ahead of it [s].
+        std of the first sample [m].
     """
     t = nominal.t[index]
     stamps = rolling.t + offset
@@ -93,8 +93,8 @@ def add_wheels(
     known &= (stamps >= t[0] - 1e-3) & (stamps <= t[-1] + 1e-3)
     samples = np.flatnonzero(known)
     if samples.size == 0:
-        return 0.0, 0.0
-    start = (0.0, 0.0)
+        return 0.0
+    start = 0.0
     place = np.clip(np.searchsorted(t, stamps[samples]), 1, t.size - 1)
     place -= (stamps[samples] - t[place - 1]) < (t[place] - stamps[samples])
     distance = np.abs(t[place] - stamps[samples])
@@ -109,22 +109,21 @@ def add_wheels(
             continue  # a constant reading at rest says nothing new
         i, ahead = index[k], t[k] - stamps[m]
         speed = float(rolling.speed[m])
-        w = np.copysign(max(abs(speed), process.V_FLOOR), speed)
         H = np.zeros((1, SIZE))
         if rolling.by_rate:
-            H[0, [V, PD, TAU, S, G]] = 1.0, -1.0, acceleration[m], w, w
+            H[0, [V, PD, TAU, S, G]] = 1.0, -1.0, acceleration[m], w[k], w[k]
             z = speed + acceleration[m] * ahead - nominal.v[i] - loss[k]
             updates[k].append(Update("wheel", z, H, float(rolling.speed_std[m]) ** 2))
             continue
-        # the node's state a little ahead of the sample (or behind), taken back to it
-        H[0, [X, D, P, V, PD, S, G]] = 1.0, 1.0, -1.0, -ahead, ahead, -ahead * w, -ahead * w
-        H[0, TAU] = speed - loss[k]  # an offset also moves the wheel speed that the mean slip goes by
-        v_then = np.interp(stamps[m], nominal.t, nominal.v)
-        nominally = float(nominal.x[i] - 0.5 * ahead * (nominal.v[i] + v_then) + lost[k] - ahead * loss[k])
+        # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
+        # is the noise of z as well, or every update would pull the velocity down a little
+        here = float(rolling.mean[m]) + ahead * speed + 0.5 * ahead**2 * acceleration[m]
+        here -= float(nominal.x[i] + lost[k])
         R = float(rolling.mean_std[m]) ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
         if origin is None:
-            origin = float(rolling.mean[m]) - nominally
-            start = float(np.sqrt(R)), float(ahead)
+            origin, start = here, float(np.sqrt(R))
             continue
-        updates[k].append(Update("wheel", float(rolling.mean[m]) - origin - nominally, H, R))
+        H[0, [X, D, P]] = 1.0, 1.0, -1.0
+        H[0, TAU] = speed - loss[k]  # an offset also moves the wheel speed that the mean slip goes by
+        updates[k].append(Update("wheel", here - origin, H, R))
     return start

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
+from scipy.signal import savgol_filter
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import process
@@ -19,6 +21,9 @@ from granite_lab.logs.trial import Array
 
 REST_STEP = 0.05
 """Spacing of the nodes at standstill [s]; the IMU's samples between two are averaged."""
+
+GRID = 0.01
+"""Spacing on which the wheels' acceleration is judged [s]."""
 
 MOST = 60_000
 """More nodes than this are thinned; the IMU is integrated at its own rate all the same."""
@@ -70,27 +75,62 @@ def choose(nominal: Nominal) -> tuple[np.ndarray, bool]:
     return np.flatnonzero(keep), every > 1
 
 
-def wheel_speed(rolling: Rolling, offset: float, t: Array) -> tuple[Array, Array, Array]:
-    """(K,) wheel speed [m/s], its relative unrest [1/s] and how fast it grows or falls [m/s^2].
+@dataclass(frozen=True, eq=False)
+class Pace:
+    """How the wheels went, at the nodes.
 
-    Args:
-        rolling: the wheels.
-        offset: by which their clock lies behind [s].
-        t: (K,) instants of the IMU's clock [s].
+    Attributes:
+        speed: (K,) wheel speed [m/s].
+        calm: (K,) the same, averaged over half a second wherever it is steady [m/s].
+        unrest: (K,) its relative change [1/s].
+        growth: (K,) how fast its magnitude grows [m/s^2]; 0 within the noise.
     """
-    known = np.isfinite(rolling.speed)
+
+    speed: Array
+    calm: Array
+    unrest: Array
+    growth: Array
+
+
+def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
+    """Judge the wheels' pace at instants (K,) of the IMU's clock, which theirs lies behind by `offset` [s].
+
+    The slip ratio multiplies `calm`: were it `speed`, whose noise is that of the rolled distance as
+    well, every update would find a little more slip than there is.
+    """
+    known = np.isfinite(rolling.speed) & np.isfinite(rolling.mean)
     stamps = rolling.t[known] + offset
     speed = np.interp(t, stamps, rolling.speed[known])
-    grid = np.arange(t[0], t[-1] + 0.01, 0.01)
-    size = 7
-    pace = np.pad(np.abs(np.interp(grid, stamps, rolling.speed[known])), size // 2, mode="edge")
-    pace = np.convolve(pace, np.ones(size) / size, mode="valid")
-    growth = np.gradient(pace, 0.01) if pace.size > 1 else np.zeros(1)
+    grid = np.arange(t[0], t[-1] + GRID, GRID)
+    period = max(float(np.median(np.diff(stamps))), GRID)
+    window = max(round(0.16 / GRID), 8 * round(period / GRID)) | 1
+    if grid.size <= 3 * window:
+        return Pace(speed, speed, np.zeros(t.size), np.zeros(t.size))
+    path = np.interp(grid, stamps, rolling.mean[known])
+    growth = savgol_filter(path, window, 3, deriv=2, delta=GRID, mode="nearest")
+    calm = savgol_filter(path, 3 * window, 1, deriv=1, delta=GRID, mode="nearest")
+    pace = np.interp(grid, stamps, rolling.speed[known])
+    growth = np.where(pace < 0, -growth, growth)
+    # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
+    one = rolling.mean_std if not rolling.by_rate else rolling.speed_std * period
+    sigma = np.interp(grid, stamps, one[known]) * np.sqrt(720 * period / (window * GRID))
+    limit = 0.05 + 3.0 * sigma / (window * GRID) ** 2
     # the slip ratio goes on changing for some tenths of a second after the wheels have settled
-    relative = np.maximum(np.abs(growth) - 0.05, 0.0) / np.maximum(pace, 0.1)
-    memory = np.exp(-np.arange(0, 2.0, 0.01) / 0.4)
+    relative = np.maximum(np.abs(growth) - limit, 0.0) / np.maximum(np.abs(pace), 0.1)
+    memory = np.exp(-np.arange(0, 2.0, GRID) / 0.4)
     lasting = np.convolve(relative, memory / memory.sum(), mode="full")[: grid.size]
-    return speed, np.interp(t, grid, np.maximum(relative, lasting)), np.interp(t, grid, growth)
+    busy = np.abs(growth) > limit
+    growth = np.where(busy, growth, 0.0)
+    near = maximum_filter1d(busy.astype(float), 3 * window)
+    quick = speed
+    if rolling.by_rate:
+        quick = np.interp(t, grid, savgol_filter(path, window, 2, deriv=1, delta=GRID, mode="nearest"))
+    return Pace(
+        speed=speed,
+        calm=np.where(np.interp(t, grid, near) > 0, quick, np.interp(t, grid, calm)),
+        unrest=np.interp(t, grid, np.maximum(relative, lasting)),
+        growth=np.interp(t, grid, growth),
+    )
 
 
 def build(
@@ -126,11 +166,13 @@ def build(
     onset = np.concatenate([[False], rest[:-1] & ~rest[1:]])
     coupling = nominal.coupling[index]
     if rolling is not None:
-        speed, unrest, growth = wheel_speed(rolling, offset, t)
+        pace = pace_of(rolling, offset, t)
     else:
-        speed, unrest, growth = nominal.v[index], np.zeros(t.size), np.zeros(t.size)
-    w = np.where(speed < 0, -1.0, 1.0) * np.maximum(np.abs(speed), process.V_FLOOR)
-    mean_slip = slip.expected(growth)
+        none = np.zeros(t.size)
+        pace = Pace(nominal.v[index], nominal.v[index], none, none)
+    speed = pace.speed
+    w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), process.V_FLOOR)
+    mean_slip = slip.expected(pace.growth)
     loss = np.where(moving, mean_slip * speed, 0.0)
     lost = np.cumsum(loss * dt)
     omega = 2 * np.pi * noise.vibration_frequency
@@ -144,16 +186,16 @@ def build(
     Q = process.noises(
         dt, coupling, moving, accel=accel, gyro=gyro, accel_walk=noise.accel_walk, gyro_walk=noise.gyro_walk
     )
-    process.add_slip(Q, dt, moving, onset, w, unrest, slip)
+    process.add_slip(Q, dt, moving, onset, w, pace.unrest, slip)
     size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
     process.add_vibration(Q, F, dt, moving, size, omega)
     Q[onset, process.BM, process.BM] += noise.motion_bias**2
-    inflate(Q, t, dt, moving, faults, imu, nominal.rest, None if rolling is None else growth)
+    inflate(Q, t, dt, moving, faults, imu, nominal.rest, None if rolling is None else pace.growth)
     updates: list[list[Update]] = [[] for _ in range(t.size)]
     add_rest(updates, imu, nominal, noise, faults, index, rest, speed)
-    start = 0.0, 0.0
+    start = 0.0
     if rolling is not None:
-        start = add_wheels(updates, rolling, nominal, index, rest, offset, lost, loss)
+        start = add_wheels(updates, rolling, nominal, index, rest, offset, lost, loss, w)
     if distance is not None:
         H = np.zeros((1, SIZE))
         H[0, [X, P]] = 1.0, -1.0
@@ -164,7 +206,7 @@ def build(
     x0[BG, 0] = -nominal.gyro_bias
     v_std = ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0])
     std = np.array([
-        1e-6, np.sqrt(1e-12 + start[0] ** 2 + (start[1] * v_std) ** 2), v_std, noise.pitch, noise.accel_bias,
+        1e-6, np.hypot(1e-6, start), v_std, noise.pitch, noise.accel_bias,
         max(noise.gyro_bias, abs(nominal.gyro_bias)), 1e-7 if rest[0] else noise.motion_bias,
         1e-6 if rest[0] else slip.limit, 1e-6 if rest[0] else slip.scatter, offset_std,
         1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
