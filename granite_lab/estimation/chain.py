@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting, wheel_signs
-from granite_lab.estimation.faults import Faults, despike, find_faults, find_restarts
+from granite_lab.estimation.faults import Faults, despike, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.noise import identify
@@ -89,7 +89,10 @@ def estimate(
         problem = dataclasses.replace(problem, rests=still, noise=noise)
     _refuse_gaps(trial, faults, still)
     faults = dataclasses.replace(faults, restarts=find_restarts(imu, stream, still, faults, robot.imu_grade))
-    problem = dataclasses.replace(problem, faults=faults)
+    if faults.restarts:
+        stream = without_steps(stream, faults.restarts)
+        imu = mounting.to_body(stream, imu.rotation, levelled=imu.levelled)
+    problem = dataclasses.replace(problem, imu=imu, faults=faults)
     warnings += _complain(problem, offset)
     solution = solve(problem, offset, distance=distance_measured)
     health = assess(solution, imu.t, still, faults)

@@ -32,7 +32,8 @@ class Restart:
 
     Attributes:
         begin, end: when it happened: a gap, or all the time between the standstills [s].
-        accel, gyro: std of the change [m/s^2], [rad/s].
+        accel, gyro: std of the change, as far as `step` does not tell it [m/s^2], [rad/s].
+        step: change of the gyro's readings, sensor axes [rad/s].
         gap: it happened in a gap of the samples.
     """
 
@@ -40,6 +41,7 @@ class Restart:
     end: float
     accel: float
     gyro: float
+    step: tuple[float, float, float]
     gap: bool
 
 
@@ -49,6 +51,7 @@ class Faults:
 
     Attributes:
         doubt: (N,) True for a sample that is missing a value, is a spike, or stands at the sensor's limit.
+        rate_doubt: (N,) the same, where the gyro is concerned.
         gaps: (start, end) of missing samples [s].
         plateaus: (start, end) of saturation [s].
         beyond: per plateau, how far the truth may lie beyond it [m/s^2]; 0 if only a gyro saturated.
@@ -57,6 +60,7 @@ class Faults:
     """
 
     doubt: np.ndarray
+    rate_doubt: np.ndarray
     gaps: tuple[Interval, ...]
     plateaus: tuple[Interval, ...]
     beyond: tuple[float, ...]
@@ -65,7 +69,9 @@ class Faults:
 
     def part(self, keep: np.ndarray) -> Faults:
         """Return the faults of some of the samples."""
-        return dataclasses.replace(self, doubt=self.doubt[keep], spikes=self.spikes[keep])
+        return dataclasses.replace(
+            self, doubt=self.doubt[keep], rate_doubt=self.rate_doubt[keep], spikes=self.spikes[keep]
+        )
 
 
 def despike(stream: ImuStream) -> tuple[ImuStream, np.ndarray]:
@@ -109,7 +115,7 @@ def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.nda
     for a, b in zip(*runs(bad), strict=True):
         if b - a > 2:
             gaps.append((float(t[max(a - 1, 0)]), float(t[min(b, t.size - 1)])))
-    clipped = np.zeros(t.size, dtype=bool)
+    clipped, turning = np.zeros((2, t.size), dtype=bool)
     beyond = np.zeros(t.size)
     for values, limit, accel in (
         (stream.specific_force, grade.accel_range, True),
@@ -119,7 +125,9 @@ def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.nda
             if np.isfinite(axis).any():
                 at_limit = (np.abs(np.nan_to_num(axis)) >= 0.99 * limit) | rail(axis)
                 clipped |= at_limit
-                if accel and at_limit.any():
+                if not accel:
+                    turning |= at_limit
+                elif at_limit.any():
                     reach = np.abs(axis - float(np.nanmedian(axis)))
                     beyond = np.where(at_limit, np.maximum(beyond, np.maximum(reach, UNSEEN)), beyond)
     # clipped vibration touches the rail again and again: one plateau
@@ -130,6 +138,7 @@ def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.nda
     spans = list(zip(*runs(joined), strict=True))
     return Faults(
         doubt=bad | clipped | spikes,
+        rate_doubt=turning | spikes,
         gaps=tuple(sorted(gaps)),
         plateaus=tuple((float(t[a]), float(t[b - 1])) for a, b in spans),
         beyond=tuple(float(beyond[a:b].max()) for a, b in spans),
@@ -193,11 +202,24 @@ def find_restarts(
         if np.abs(turn).max() < 6.0 * usual_turn and abs(size) < 6.0 * usual_size + 0.01:
             continue
         accel = max(grade.accel_bias, float(np.linalg.norm(force_2 - force)))
-        gyro = max(float(np.abs(turn).max()), 3.0 * usual_turn)
-        places = [g for g in faults.gaps if begin <= g[0] and g[1] <= end]
-        for a, b in places or [(begin, end)]:
-            found.append(Restart(a, b, accel, gyro, bool(places)))
+        gyro = max(float(np.abs(turn).max()), 3.0 * float(usual_turn))
+        places = sorted((g for g in faults.gaps if begin <= g[0] and g[1] <= end), key=lambda g: g[0] - g[1])
+        step = (float(turn[0]), float(turn[1]), float(turn[2]))
+        if len(places) == 1:  # then it is known when, and the standstills tell by how much
+            gyro = 3.0 * float(usual_turn)
+        for k, (a, b) in enumerate(places or [(begin, end)]):
+            found.append(Restart(a, b, accel, gyro, step if k == 0 else (0.0, 0.0, 0.0), bool(places)))
     return tuple(found)
+
+
+def without_steps(stream: ImuStream, restarts: Sequence[Restart]) -> ImuStream:
+    """Take the changes of the gyro's bias out of its readings: in the (longest) gap, else gradually."""
+    rate = stream.angular_rate.copy()
+    for restart in restarts:
+        length = max(restart.end - restart.begin, 1e-9)
+        passed = np.clip((stream.t - restart.begin) / length, 0.0, 1.0)
+        rate -= passed[:, None] * np.array(restart.step)
+    return dataclasses.replace(stream, angular_rate=rate)
 
 
 def inflate(
@@ -242,7 +264,8 @@ def inflate(
     for begin, end in faults.gaps:
         drift(begin, end, None, turn)
     for (begin, end), beyond in zip(faults.plateaus, faults.beyond, strict=True):
-        drift(begin, end, beyond or None, 0.0 if beyond else 2.0)
+        at = (imu.t >= begin) & (imu.t <= end)
+        drift(begin, end, beyond, 2.0 if faults.rate_doubt[at].any() else 0.0)
     for instant in imu.t[faults.spikes]:
         drift(float(instant) - period, float(instant) + period, None, turn)
     for jump in faults.restarts:

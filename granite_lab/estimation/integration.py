@@ -96,7 +96,7 @@ def integrate(
     """
     t, rest = imu.t, inside(imu.t, rests)
     forward = _patched(t, imu.forward, faults.doubt)
-    gyro = _patched(t, np.nan_to_num(imu.pitch_rate), faults.doubt)
+    gyro = _patched(t, np.nan_to_num(imu.pitch_rate), faults.rate_doubt)
     yaw = np.nan_to_num(imu.yaw_rate)
     if gyro_bias is None:
         gyro_bias = float(np.mean(gyro[rest])) if rest.any() else 0.0

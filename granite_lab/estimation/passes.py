@@ -129,6 +129,11 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
             starts.append((b - STILL, max(b, float(ahead[0])) + MOVED))
         if a > begin + MOVED and behind.size:
             stops.append((min(a, float(behind[-1])) - MOVED, a + STILL))
+    hidden = (*problem.faults.gaps, *problem.faults.plateaus)  # there the moment itself is not seen
+    starts, stops = (
+        [(a, b) for a, b in windows if not any(begin < b and end > a for begin, end in hidden)]
+        for windows in (starts, stops)
+    )
     return starts[:most] + stops[:most]
 
 
