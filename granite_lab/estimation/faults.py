@@ -91,7 +91,7 @@ def despike(stream: ImuStream) -> tuple[ImuStream, np.ndarray]:
                 continue
             middle = median_filter(signal, 5, mode="nearest")
             off = np.abs(signal - middle)
-            spike = off > max(least, 8.0 * float(np.percentile(off, 90)))
+            spike = off > max(least, 5.0 * float(np.percentile(off, 90)))
             clean[-1][spike, axis] = middle[spike]
             hit |= spike
     if not hit.any() or hit.mean() > 0.01:
@@ -267,7 +267,7 @@ def inflate(
         at = (imu.t >= begin) & (imu.t <= end)
         drift(begin, end, beyond, 2.0 if faults.rate_doubt[at].any() else 0.0)
     for instant in imu.t[faults.spikes]:
-        drift(float(instant) - period, float(instant) + period, None, turn)
+        drift(float(instant) - period, float(instant), 0.0, turn)
     for jump in faults.restarts:
         span = (t > jump.begin) & (t - dt < jump.end) & moving
         share = dt[span] / max(float(dt[span].sum()), 1e-9)

@@ -16,8 +16,8 @@ from granite_lab.parameters import GRAVITY, Robot
 PRIOR_SAMPLES = 20.0
 """The grade of the robot's file weighs as much as this many samples."""
 
-UNSEEN_PITCH = float(np.radians(0.7))
-"""Random walk of the pitch over uneven ground, where no gyro sees it [rad/sqrt(s)]."""
+UNSEEN_PITCH = float(np.radians(2.0))
+"""Random walk of the pitch over uneven ground, where no gyro sees it [rad/sqrt(m)]."""
 
 UNSEEN_ATTITUDE = GRAVITY * float(np.radians(0.3))
 """Random walk of the gravity that a logger leaves in its "linear acceleration" [m/s^2/sqrt(s)]."""
@@ -158,7 +158,9 @@ def identify(
     assert grade is not None
     dt = float(np.median(np.diff(imu.t)))
     accel = white(imu.t, imu.forward, rests, grade.accel_noise)
-    gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise) if imu.has_pitch_rate else UNSEEN_PITCH
+    gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise) if imu.has_pitch_rate else 0.0
+    if not imu.has_pitch_rate:
+        gyro = UNSEEN_PITCH * float(np.sqrt(max(speed, 0.1)))
     accel = max(accel, grade.accel_step / np.sqrt(12.0) * np.sqrt(dt), 1e-5)
     rms, frequency, damping = vibration(imu, moving, accel, robot.imu.vibration_frequency)
     tilt = np.radians(2.0 if imu.levelled else robot.imu.tilt)

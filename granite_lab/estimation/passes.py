@@ -26,6 +26,9 @@ STILL, MOVED = 0.25, 0.5
 """How much of the log judges a clock offset on the standing and the moving side of a change [s]."""
 
 
+HIDDEN = 0.015
+"""Std of an offset that rests on changes during which samples are missing or at the rail [s]."""
+
 SETTLED = 0.02
 """Pitch corrections below this need no other pass: its sine is linear to 2e-6 of g [rad]."""
 
@@ -129,11 +132,6 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
             starts.append((b - STILL, max(b, float(ahead[0])) + MOVED))
         if a > begin + MOVED and behind.size:
             stops.append((min(a, float(behind[-1])) - MOVED, a + STILL))
-    hidden = (*problem.faults.gaps, *problem.faults.plateaus)  # there the moment itself is not seen
-    starts, stops = (
-        [(a, b) for a, b in windows if not any(begin < b and end > a for begin, end in hidden)]
-        for windows in (starts, stops)
-    )
     return starts[:most] + stops[:most]
 
 
@@ -142,8 +140,11 @@ def find_offset(problem: Problem) -> Estimate:
     assert problem.rolling is not None
     coarse = coarse_offset(problem.imu, problem.rolling)
     windows = changes(problem, coarse.value) if np.isfinite(coarse.std) else []
+    hidden = (*problem.faults.gaps, *problem.faults.plateaus)  # there the moment itself is not seen
+    clear = [(a, b) for a, b in windows if not any(begin < b and end > a for begin, end in hidden)]
     if not windows:
         return coarse
+    windows, doubt = (clear, 0.0) if clear else (windows, HIDDEN)
     parts = [cut(problem, begin, end, coarse.value) for begin, end in windows]
     nominal = [
         integrate(p.imu, p.robot, p.rests, p.faults, velocity=first_velocity(p, coarse.value)) for p in parts
@@ -154,4 +155,5 @@ def find_offset(problem: Problem) -> Estimate:
             smoother.filter_only(lay_out(p, n, offset, 1e-6)) for p, n in zip(parts, nominal, strict=True)
         )
 
-    return refine_offset(coarse, log_likelihood)
+    found = refine_offset(coarse, log_likelihood)
+    return Estimate(found.value, float(np.hypot(found.std, doubt)))
