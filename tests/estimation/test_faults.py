@@ -1,0 +1,271 @@
+"""Faults injected into good trials: the estimate stays within what it then claims, or is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from granite_lab.errors import EstimateError
+from granite_lab.estimation import Motion, estimate
+from granite_lab.logs.trial import Trial
+from granite_lab.parameters import WHEELS, Robot, load_robot
+from tests.truth import faults
+from tests.truth.trials import TruthTrial, generate
+
+Fault = Callable[[TruthTrial], Trial]
+
+KINDS = (("industrial", 0.3), ("consumer", 0.5), ("industrial", 0.7), ("consumer", 0.2))
+"""Grade and velocity of the trials that each fault is injected into."""
+
+
+@cache
+def good(i: int) -> TruthTrial:
+    grade, velocity = KINDS[i]
+    return generate(700 + i, velocity=velocity, grade=grade, clock_offset=0.01)
+
+
+def robot(i: int) -> Robot:
+    return load_robot("granite", KINDS[i][0])
+
+
+def errors(truth: TruthTrial, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Return error and std of v while the robot moves."""
+    moving = (motion.t > truth.start) & (motion.t < truth.stop + 0.5)
+    return (motion.v - truth.at(motion.t, "v"))[moving], motion.v_std[moving]
+
+
+def hold(fault: Fault, *, grown: float = 0.0, slip: bool = True, said: str = "") -> None:
+    """Inject a fault into every trial and hold the estimates against their own std.
+
+    Args:
+        fault: what goes wrong.
+        grown: the std of v must be so many times that of the good trial.
+        slip: λ_R is defined.
+        said: text that one of the warnings must contain.
+    """
+    inside = []
+    for i in range(len(KINDS)):
+        truth = good(i)
+        motion = estimate(fault(truth), robot(i))
+        error, std = errors(truth, motion)
+        assert np.isfinite(error).all()
+        inside.append(np.abs(error) < 2 * std)
+        travelled = float(truth.at(motion.t[-1], "x") - truth.at(motion.t[0], "x"))
+        assert abs(motion.distance.value - travelled) < 3 * motion.distance.std
+        if slip:
+            true = truth.slip_ratio_between(*motion.steady)
+            assert abs(motion.slip_ratio.value - true) < 3 * motion.slip_ratio.std
+        if said:
+            assert any(said in line for line in motion.warnings), motion.warnings
+        if grown:
+            assert np.mean(std) > grown * np.mean(errors(truth, plain(i))[1])
+    assert np.mean(np.concatenate(inside)) >= 0.9
+
+
+@cache
+def plain(i: int) -> Motion:
+    return estimate(good(i).trial, robot(i))
+
+
+def ramp(truth: TruthTrial) -> tuple[float, float]:
+    """Start and end of the commanded acceleration [s]."""
+    info = truth.trial.info
+    return truth.start, truth.start + info.v_desired / info.a_max
+
+
+def blanked(truth: TruthTrial, begin: float, end: float, *columns: int) -> Trial:
+    """Write NaN into columns of the IMU (0-2 force, 3-5 rate) between two instants."""
+    imu = truth.trial.imu
+    both = np.hstack([imu.specific_force, imu.angular_rate])
+    both[np.ix_((imu.t > begin) & (imu.t < end), columns)] = np.nan
+    return replace(truth.trial, imu=replace(imu, specific_force=both[:, :3], angular_rate=both[:, 3:]))
+
+
+@pytest.mark.parametrize("length", [0.1, 0.3])
+def test_gap_of_the_imu_in_steady_motion_grows_the_std(length: float) -> None:
+    hold(lambda d: faults.imu_dropout(d.trial, 5.0, 5.0 + length), grown=1.02, said="1 gaps in the IMU")
+
+
+def test_gap_of_the_imu_over_the_ramp_grows_the_std() -> None:
+    hold(lambda d: faults.imu_dropout(d.trial, ramp(d)[0] + 0.05, ramp(d)[1]), grown=1.5, said="gaps")
+
+
+def test_single_lost_samples_are_survived() -> None:
+    hold(lambda d: faults.random_dropouts(d.trial, 5, 0.1))
+
+
+def test_gap_of_the_encoders_is_survived() -> None:
+    hold(lambda d: faults.wheel_dropout(d.trial, 5.0, 5.5))
+
+
+@pytest.mark.parametrize("fault", [
+    lambda d: faults.imu_dropout(d.trial, 5.0, 5.6),
+    lambda d: blanked(d, 5.0, 5.7, 0, 1, 2, 3, 4, 5),
+])  # fmt: skip
+def test_long_gap_in_motion_is_refused(fault: Fault) -> None:
+    with pytest.raises(
+        EstimateError, match=r"no IMU samples from [45]\.\d+ s to 5\.\d+ s while the robot moved"
+    ):
+        estimate(fault(good(0)), robot(0))
+
+
+def test_long_gap_at_rest_does_no_harm() -> None:
+    hold(lambda d: faults.imu_dropout(d.trial, 0.6, 1.3))
+
+
+@pytest.mark.parametrize("columns", [(0,), (4,), (0, 1, 2, 3, 4, 5)])
+def test_nan_stretch_grows_the_std(columns: tuple[int, ...]) -> None:
+    hold(lambda d: blanked(d, 5.0, 5.3, *columns), grown=1.02, said="gaps in the IMU")
+
+
+def test_ramps_cut_at_a_rail_grow_the_std() -> None:
+    hold(lambda d: faults.saturated(d.trial, 0.6 * d.trial.info.a_max), grown=3.0, said="at its limit")
+
+
+def test_rail_known_from_the_grade_is_recognised() -> None:
+    """One axis of an accelerometer, cut off at the range that the grade gives."""
+    truth = good(2)
+    limit = 0.7 * truth.trial.info.a_max
+    imu = truth.trial.imu
+    force = np.full_like(imu.specific_force, np.nan)
+    force[:, 0] = np.clip(imu.specific_force[:, 0], -limit, limit)
+    low = robot(2)
+    low = replace(low, imu_grade=replace(low.imu_grade, accel_range=limit))
+    motion = estimate(replace(truth.trial, imu=replace(imu, specific_force=force)), low)
+    error, std = errors(truth, motion)
+    assert motion.health.plateaus
+    assert np.mean(np.abs(error) < 2 * std) >= 0.9
+    assert np.mean(std) > 3 * np.mean(errors(truth, plain(2))[1])
+
+
+def test_readings_thrown_off_are_replaced() -> None:
+    hold(lambda d: faults.spikes(d.trial, 3, 8, 30.0), said="thrown off")
+
+
+@pytest.mark.parametrize("gap", [0.2, 0.0])
+def test_restart_of_the_imu_in_motion_is_survived(gap: float) -> None:
+    jump = {"accel_jump": np.array([0.15, -0.1, 0.1]), "gyro_jump": np.array([0.01, 0.02, -0.01])}
+    hold(lambda d: faults.imu_restart(d.trial, 5.0, gap=gap, **jump), grown=1.02, said="as after a restart")
+
+
+@pytest.mark.parametrize("how", ["frozen", "missing", "zero"])
+def test_dead_encoder_is_left_out_while_it_is_dead(how: str) -> None:
+    hold(lambda d: faults.dead_encoder(d.trial, "rl", 4.0, 7.0, how), said="encoder rl gives no counts")
+    motion = estimate(faults.dead_encoder(good(0).trial, "rl", 4.0, 7.0, how), robot(0))
+    dead = (motion.t > 4.1) & (motion.t < 6.9)
+    column = WHEELS.index("rl")
+    assert np.isnan(motion.slip[dead, column]).all()
+    others = np.delete(motion.slip, column, axis=1)
+    assert np.isfinite(others[dead]).all()
+    alive = ((motion.t > 3.0) & (motion.t < 3.9)) | ((motion.t > 7.2) & (motion.t < 9.0))
+    error = motion.v_wheel[alive, column] - good(0).at(motion.t[alive], "v_wheel")[:, column]
+    assert np.abs(error).max() < 0.02
+
+
+def test_encoder_that_never_counts_is_left_out() -> None:
+    hold(lambda d: faults.dead_encoder(d.trial, "fr", 0.0, 99.0), said="encoder fr gives no counts")
+
+
+@pytest.mark.parametrize("wheels", [("fl",), ("fl", "rl"), ("fr", "rr"), ("fr", "rl"), WHEELS])
+def test_encoders_that_count_backwards_are_turned(wheels: tuple[str, ...]) -> None:
+    for i in (0, 3):
+        motion = estimate(faults.flipped(good(i).trial, *wheels), robot(i))
+        assert np.array_equal(motion.v, plain(i).v)
+        assert np.array_equal(motion.v_wheel, plain(i).v_wheel, equal_nan=True)
+        assert any("sign" in line for line in motion.warnings)
+
+
+@pytest.mark.parametrize(
+    "pairs", [[("fl", "fr"), ("rl", "rr")], [("fl", "rl"), ("fr", "rr")], [("fl", "rr")]]
+)
+def test_exchanged_encoders_leave_the_body_as_it_is(pairs: list[tuple[str, str]]) -> None:
+    """Nothing in straight motion shows which wheel an encoder is on; the mean of the sides counts."""
+    trial = good(0).trial
+    for one, other in pairs:
+        trial = faults.swapped(trial, one, other)
+    motion = estimate(trial, robot(0))
+    assert motion.v == pytest.approx(plain(0).v, abs=2e-4)
+    assert motion.slip_ratio.value == pytest.approx(plain(0).slip_ratio.value, abs=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [90.0, 180.0, -90.0])
+def test_imu_in_other_axes_than_said_is_refused(degrees: float) -> None:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turned = faults.turned(good(0).trial, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+    with pytest.raises(EstimateError, match="axis") as refusal:
+        estimate(turned, robot(0))
+    assert "rotation" in refusal.value.hint
+
+
+@pytest.mark.parametrize(("cut", "side"), [({"stop": 7.0}, "end"), ({"start": 4.0}, "start")])
+def test_end_without_standstill_is_warned_of_and_grows_the_std(cut: dict[str, float], side: str) -> None:
+    hold(lambda d: faults.cut(d.trial, **cut), said=f"no standstill at the {side}")
+    motion = estimate(faults.cut(good(1).trial, **cut), robot(1))
+    bare, anchored = (-1, 0) if side == "end" else (0, -1)
+    middle = motion.t.size // 2
+    assert motion.v_std[bare] > motion.v_std[middle] > motion.v_std[anchored]
+    assert side in motion.health.verdict
+    assert not motion.health.good
+
+
+def test_no_standstill_at_all_is_refused_or_leans_on_the_wheels_and_says_so() -> None:
+    for i in range(len(KINDS)):
+        truth = good(i)
+        try:
+            motion = estimate(faults.cut(truth.trial, start=4.0, stop=8.0), robot(i))
+        except EstimateError as error:
+            refusal: EstimateError | None = error
+        else:
+            refusal = None
+            assert any("no standstill" in line for line in motion.warnings)
+            assert not motion.health.good
+            assert np.mean(np.abs(motion.v - truth.at(motion.t, "v")) < 2 * motion.v_std) >= 0.9
+        assert refusal is None or ("standstill" in refusal.message and refusal.hint)
+
+
+def test_without_imu_the_wheels_are_all_that_is_known() -> None:
+    truth = good(0)
+    motion = estimate(replace(truth.trial, imu=None), robot(0))
+    assert np.isnan(motion.v).all()
+    assert np.isnan(motion.slip_ratio.value)
+    error = motion.v_wheel - truth.at(motion.t + truth.clock_offset, "v_wheel")
+    assert np.sqrt(np.nanmean(error**2)) < 0.005
+    assert any("no IMU" in line for line in motion.warnings)
+    assert not motion.health.good
+
+
+def test_without_encoders_the_body_is_still_known() -> None:
+    hold(lambda d: replace(d.trial, wheels=None), slip=False, said="no encoders")
+    assert np.isnan(estimate(replace(good(0).trial, wheels=None), robot(0)).slip_ratio.value)
+
+
+def test_neither_imu_nor_encoders_is_refused() -> None:
+    with pytest.raises(EstimateError, match="neither IMU nor encoder"):
+        estimate(replace(good(0).trial, imu=None, wheels=None), robot(0))
+
+
+def test_without_pitch_gyro_the_std_grows() -> None:
+    everywhere = -1.0, 99.0
+    hold(lambda d: blanked(d, *everywhere, 4), grown=3.0, said="no pitch rate")
+
+
+def without_gravity(truth: TruthTrial, attitude_error: float) -> Trial:
+    """Let the logger take gravity out, by an attitude that is off by a slow wave [rad]."""
+    imu = truth.trial.imu
+    pitch = truth.at(imu.t, "pitch") + attitude_error * np.sin(0.8 * imu.t + 1.0)
+    gravity = 9.81 * np.stack([-np.sin(pitch), np.zeros(pitch.size), np.cos(pitch)], axis=1)
+    force = imu.specific_force - gravity @ truth.mounting.T
+    return replace(truth.trial, imu=replace(imu, specific_force=force, gravity_removed=True))
+
+
+@pytest.mark.parametrize("attitude_deg", [0.0, 0.3])
+def test_gravity_removed_by_the_logger_grows_the_std(attitude_deg: float) -> None:
+    hold(
+        lambda d: without_gravity(d, np.radians(attitude_deg)),
+        grown=2.0,
+        said="gravity was removed by the logger",
+    )
