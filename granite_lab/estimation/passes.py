@@ -29,6 +29,9 @@ STILL, MOVED = 0.25, 0.5
 HIDDEN = 0.015
 """Std of an offset that rests on changes during which samples are missing or at the rail [s]."""
 
+BLUR = 0.25
+"""Std of an offset by the moments' being spread over an IMU's sample [share of its period]."""
+
 SETTLED = 0.02
 """Pitch corrections below this need no other pass: its sine is linear to 2e-6 of g [rad]."""
 
@@ -156,4 +159,5 @@ def find_offset(problem: Problem) -> Estimate:
         )
 
     found = refine_offset(coarse, log_likelihood)
-    return Estimate(found.value, float(np.hypot(found.std, doubt)))
+    blurred = BLUR * float(np.median(np.diff(problem.imu.t)))
+    return Estimate(found.value, float(np.sqrt(found.std**2 + doubt**2 + blurred**2)))
