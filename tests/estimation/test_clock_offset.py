@@ -9,7 +9,6 @@ import pytest
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import estimate
-from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
 from tests.truth import faults
 from tests.truth.trials import TruthTrial, generate
@@ -19,7 +18,7 @@ OFFSETS = [0.005, -0.005, 0.02, -0.02, 0.05, -0.05, 0.2, -0.2]
 
 TRIALS = [
     (800 + i, offset, (0.2, 0.3, 0.5, 0.7)[(i // 2) % 4], ("industrial", "consumer")[i % 2])
-    for i, offset in enumerate(OFFSETS * 2)
+    for i, offset in enumerate(OFFSETS * 3)
 ]
 """Seed, offset, velocity, grade."""
 
