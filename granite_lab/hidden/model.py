@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.optimize import brentq, fsolve
+from scipy.optimize import brentq, fsolve, root
 
 from granite_lab.hidden.command import Trapezoid
 from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Ground, contact, smoothstep
@@ -194,16 +194,20 @@ class Truth:
 
         z0 = [float(brentq(excess, 1e-6, 0.9 * self.r, args=(wanted,))) for wanted in load]
         y = self.at_rest()
-        y[PITCH] = np.arcsin((z0[0] - z0[1]) / (fore - aft))
-        y[Z] = self.r - z0[0] + np.sin(y[PITCH]) * fore - np.cos(y[PITCH]) * self.arm_z
-        y[X] = -0.5 * (fore + aft)
+        pitch = float(np.arcsin((z0[0] - z0[1]) / (fore - aft)))
+        height = self.r - z0[0] + np.sin(pitch) * fore - np.cos(pitch) * self.arm_z
+
+        def standing(u: Array) -> Array:
+            x = -0.5 * (fore + aft) * np.cos(u[1]) - self.arm_z * np.sin(u[1])
+            return self._with(y, {X: x, Z: u[0], PITCH: u[1]})
 
         def unbalanced(u: Array) -> Array:
-            return self.derivative(-1.0, self._with(y, {Z: u[0], PITCH: u[1]}))[[VZ, Q]]
+            return self.derivative(-1.0, standing(u))[[VZ, Q]]
 
-        y[[Z, PITCH]] = fsolve(unbalanced, y[[Z, PITCH]], xtol=1e-13)
-        y[X] = -0.5 * (fore + aft) * np.cos(y[PITCH]) - self.arm_z * np.sin(y[PITCH])
-        return y
+        found = root(unbalanced, [height, pitch], options={"xtol": 1e-13})
+        if np.abs(found.fun).max() > 1e-6:
+            raise RuntimeError(f"no equilibrium at rest: {found.message}")
+        return standing(found.x)
 
     def cruise(self) -> tuple[Array, float]:
         """Return the state of steady motion by algebra alone, with its slip ratio λ_R.
