@@ -1,0 +1,222 @@
+"""Filter and smoother against a batch solution, and against what must not matter."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+from scipy.linalg import block_diag
+
+from granite_lab.estimate import Estimate
+from granite_lab.estimation import Motion, estimate, smoother
+from granite_lab.estimation.measurements import Update
+from granite_lab.estimation.nodes import Nodes
+from granite_lab.estimation.process import BA, SIZE, TH, TINY, D, G, P, S, V, X
+from granite_lab.parameters import load_robot
+from tests.truth import faults
+from tests.truth.trials import TruthTrial, generate
+
+
+@cache
+def truth() -> TruthTrial:
+    return generate(61, velocity=0.3, duration=3.0, still=(0.8, 0.8), grade="industrial", clock_offset=0.01)
+
+
+@cache
+def plain() -> Motion:
+    return estimate(truth().trial, load_robot("granite", "industrial"))
+
+
+@cache
+def captured() -> Nodes:
+    """Nodes of a real trial, as the estimation lays them out, cut to the onset of motion."""
+    kept: list[Nodes] = []
+    original = smoother.run
+
+    def spy(nodes: Nodes) -> smoother.Smoothed:
+        kept.append(nodes)
+        return original(nodes)
+
+    smoother.run = spy  # type: ignore[assignment]
+    try:
+        estimate(truth().trial, load_robot("granite", "industrial"))
+    finally:
+        smoother.run = original
+    nodes = kept[-1]
+    first = int(np.argmax(nodes.moving)) - 5
+    part = slice(first, first + 45)
+    F, Q = nodes.F[part].copy(), nodes.Q[part].copy()
+    F[0], Q[0] = np.eye(SIZE), 0.0
+    return dataclasses.replace(
+        nodes,
+        **{name: getattr(nodes, name)[part] for name in ("index", "t", "moving", "lost", "mean_slip", "w")},
+        F=F, Q=Q, updates=nodes.updates[part],
+    )  # fmt: skip
+
+
+def batch(nodes: Nodes) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted least squares over all states at once, by a QR decomposition of the whitened problem.
+
+    Unknowns are all states of all nodes, each in units of a typical std, so that the equations are
+    well conditioned: prior of the first node, one set of equations a step, one a measurement.
+    """
+    n = nodes.t.size
+    scale = np.maximum(np.sqrt(nodes.P0.diagonal()), 1e-6)
+    rows: list[np.ndarray] = []
+    right: list[np.ndarray] = []
+    root = np.linalg.cholesky(nodes.P0)
+    block = np.zeros((SIZE, n * SIZE))
+    block[:, :SIZE] = np.linalg.solve(root, np.eye(SIZE))
+    rows.append(block)
+    right.append(np.linalg.solve(root, nodes.x0[:, 0]))
+    for k in range(n):
+        if k:
+            # an eigenvalue root takes covariances that are almost singular
+            size = np.sqrt(nodes.Q[k].diagonal())
+            values, vectors = np.linalg.eigh(nodes.Q[k] / np.outer(size, size))
+            white = (vectors / np.sqrt(values)).T / size
+            block = np.zeros((SIZE, n * SIZE))
+            block[:, (k - 1) * SIZE : k * SIZE] = -white @ nodes.F[k]
+            block[:, k * SIZE : (k + 1) * SIZE] = white
+            rows.append(block)
+            right.append(np.zeros(SIZE))
+        for update in nodes.updates[k]:
+            block = np.zeros((1, n * SIZE))
+            block[:, k * SIZE : (k + 1) * SIZE] = update.H / np.sqrt(update.R)
+            rows.append(block)
+            right.append(np.array([update.z / np.sqrt(update.R)]))
+    A = np.vstack(rows) * np.tile(scale, n)
+    q, r = np.linalg.qr(A)
+    solution = np.linalg.solve(r, q.T @ np.concatenate(right))
+    inverse = np.linalg.solve(r, np.eye(n * SIZE))
+    std = np.linalg.norm(inverse, axis=1)
+    return (solution * np.tile(scale, n)).reshape(n, SIZE), (std * np.tile(scale, n)).reshape(n, SIZE)
+
+
+def test_smoother_agrees_with_batch_least_squares() -> None:
+    nodes = captured()
+    assert sum(len(u) for u in nodes.updates) > 25
+    assert nodes.moving.any()
+    assert not nodes.moving.all()
+    found = smoother.run(nodes)
+    x, std = batch(nodes)
+    for state in (X, V, TH, BA, D, S, G, P):
+        own = np.sqrt(found.P[:, state, state])
+        large = std[:, state] > 3.0 * TINY[state]
+        assert large.any()
+        assert np.abs(found.x[:, state] - x[:, state]).max() < 1e-3 * std[:, state].max()
+        assert own[large] == pytest.approx(std[large, state], rel=1e-3)
+
+
+def wanderer(steps: np.ndarray, seed: int) -> Nodes:
+    """A random walk of V over uneven steps, read with noise: a case with a plain answer."""
+    rng = np.random.default_rng(seed)
+    n = steps.size
+    F, Q = np.tile(np.eye(SIZE), (n, 1, 1)), np.tile(np.diag(TINY**2), (n, 1, 1))
+    F[:, X, V] = steps
+    Q[1:, V, V] += 0.04 * steps[1:]
+    true = np.cumsum(rng.normal(0, 0.2 * np.sqrt(steps)))
+    H = np.zeros((1, SIZE))
+    H[0, V] = 1.0
+    updates = tuple((Update("wheel", float(v + rng.normal(0, 0.1)), H, 0.01),) for v in true)
+    P0 = np.diag(np.full(SIZE, 1e-6))
+    P0[V, V] = 1.0
+    still = np.zeros(n)
+    return Nodes(
+        index=np.arange(n), t=np.cumsum(steps), moving=np.ones(n, dtype=bool), lost=still, mean_slip=still,
+        w=still, F=F, Q=Q, updates=updates, x0=np.zeros((SIZE, 1)), P0=P0, thinned=False,
+    )  # fmt: skip
+
+
+STEPS = np.array([0.0, 0.1, 0.5, 0.02, 0.9, 0.1, 0.3, 0.05, 1.2, 0.1])
+
+
+def test_uneven_steps_meet_their_own_transition() -> None:
+    """FilterPy's two smoothers index the transitions differently: only one is right for uneven steps."""
+    nodes = wanderer(STEPS, 0)
+    found = smoother.run(nodes)
+    x, _ = batch(nodes)
+    assert found.x[:, V] == pytest.approx(x[:, V], abs=1e-8)
+    assert found.x[:, X] == pytest.approx(x[:, X], abs=1e-8)
+    late = dataclasses.replace(nodes, F=np.roll(nodes.F, -1, axis=0), Q=np.roll(nodes.Q, -1, axis=0))
+    kf = KalmanFilter(dim_x=SIZE, dim_z=1)
+    xs, Ps, _ = smoother.forward(nodes)
+    wrong, *_ = kf.rts_smoother(xs, Ps, late.F, late.Q, inv=smoother.scaled_inverse)
+    assert np.abs(wrong[:, V, 0] - x[:, V]).max() > 1e-3
+
+
+def test_states_stay_columns() -> None:
+    """FilterPy turns the state into a row without a word when a measurement has the wrong shape."""
+    xs, Ps, came = smoother.forward(wanderer(STEPS, 1))
+    assert xs.shape == (STEPS.size, SIZE, 1)
+    assert Ps.shape == (STEPS.size, SIZE, SIZE)
+    assert came.value.shape == came.variance.shape == (STEPS.size,)
+
+
+def test_innovations_of_the_right_model_are_white_and_of_unit_size() -> None:
+    rng = np.random.default_rng(2)
+    came = smoother.forward(wanderer(np.concatenate([[0.0], rng.uniform(0.02, 0.5, 1999)]), 2))[2]
+    z = came.value / np.sqrt(came.variance)
+    assert np.mean(z**2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 2000))
+    assert abs(np.mean(z[1:] * z[:-1])) < 4 / np.sqrt(2000)
+
+
+def test_covariance_between_instants_is_that_of_a_sampled_posterior() -> None:
+    nodes = wanderer(STEPS, 3)
+    found = smoother.run(nodes)
+    n = nodes.t.size
+    # information matrix of V alone, for X does not feed back
+    info = np.diag(np.full(n, 1 / 0.01))
+    info[0, 0] += 1.0
+    for k in range(1, n):
+        q = 1.0 / (0.04 * STEPS[k] + TINY[V] ** 2)
+        info[k - 1 : k + 1, k - 1 : k + 1] += q * np.array([[1, -1], [-1, 1]])
+    posterior = np.linalg.inv(info)
+    for i, j in ((0, 1), (2, 7), (4, 9)):
+        assert found.cross(i, j)[V, V] == pytest.approx(posterior[i, j], rel=1e-4)
+
+
+def test_scaled_inverse_inverts_what_spans_many_powers_of_ten() -> None:
+    rng = np.random.default_rng(4)
+    root = block_diag(rng.normal(size=(4, 4)), rng.normal(size=(3, 3)))
+    scale = 10.0 ** rng.uniform(-9, 3, 7)
+    matrix = (root @ root.T + np.eye(7)) * np.outer(scale, scale)
+    expected = np.linalg.inv(root @ root.T + np.eye(7)) / np.outer(scale, scale)
+    assert smoother.scaled_inverse(matrix) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("origin", [-50.0, 3.0e4, 1.7e9])
+def test_origin_of_time_does_not_matter(origin: float) -> None:
+    trial = faults.shifted_time(truth().trial, origin)
+    motion = estimate(trial, load_robot("granite", "industrial"))
+    # a double holds an epoch stamp to 0.2 microseconds
+    assert motion.v == pytest.approx(plain().v, abs=2e-4 if origin > 1e8 else 1e-5)
+    assert motion.slip_ratio.value == pytest.approx(plain().slip_ratio.value, abs=3e-4)
+    assert motion.t_start.value - origin == pytest.approx(plain().t_start.value, abs=1e-3)
+    assert motion.clock_offset.value == pytest.approx(plain().clock_offset.value, abs=1e-3)
+
+
+@pytest.mark.parametrize("radius", [0.5, 2.0])
+def test_wheel_radius_scales_the_wheels_and_not_the_body(radius: float) -> None:
+    one = load_robot("granite", "industrial")
+    other = dataclasses.replace(
+        one, wheels=dataclasses.replace(one.wheels, radius=one.wheels.radius * radius)
+    )
+    motion = estimate(truth().trial, other)
+    steady = (motion.t > plain().steady[0]) & (motion.t < plain().steady[1])
+    assert motion.v_wheel[steady] == pytest.approx(radius * plain().v_wheel[steady], rel=0.02)
+    moving = plain().v > 0.1
+    # the wheels now slip by half of their speed, or push the body: no error of the body's velocity
+    assert np.sqrt(np.mean((motion.v - truth().at(motion.t, "v"))[moving] ** 2)) < 0.006
+    ratio = 1 - (1 - plain().slip_ratio.value) / radius
+    assert motion.slip_ratio.value == pytest.approx(ratio, abs=0.02)
+
+
+def test_measured_distance_of_no_weight_changes_nothing() -> None:
+    motion = estimate(
+        truth().trial, load_robot("granite", "industrial"), distance_measured=Estimate(0.0, 1e4)
+    )
+    assert motion.v == pytest.approx(plain().v, abs=1e-7)
