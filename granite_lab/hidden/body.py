@@ -103,7 +103,6 @@ def body_from_states(truth: Truth, t: Array, state: Array) -> Body:
     w = s * state[:, VX] + c * state[:, VZ] - q * rx
     both, zeros = [0, 0, 1, 1], np.zeros(t.size)
     x = state[:, X] + c * rx + s * rz
-    moving = np.flatnonzero((t > 0) & (t < truth.command.end))
     return Body(
         t=t - t[0],
         x=x - x[0],
@@ -118,6 +117,6 @@ def body_from_states(truth: Truth, t: Array, state: Array) -> Body:
         force=np.zeros((t.size, 4)),
         current=state[:, CURRENT][:, both],
         start=float(-t[0]),
-        stop=float(t[moving[-1]] - t[0]),
+        stop=float(truth.command.end - t[0]),
         steady=(float("nan"), float("nan")),
     )

@@ -1,0 +1,288 @@
+"""Sets of virtual trials: readable, repeatable, and telling nothing of what is hidden."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granite_lab.cli import main
+from granite_lab.errors import EstimateError, UsageError
+from granite_lab.hidden.body import body_from_states
+from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, TWINS, model_of
+from granite_lab.hidden.command import Trapezoid
+from granite_lab.hidden.making import louder, make_set
+from granite_lab.hidden.parts import exponential_k92
+from granite_lab.hidden.sealed import open_answer
+from granite_lab.hidden.sensors import felt_at
+from granite_lab.hidden.wish import SAND_OFF, Wish, chosen, drawn, sand
+from granite_lab.logs import read_trial
+from granite_lab.logs.trial import Trial
+from granite_lab.parameters import Variant, load_robot, load_soil
+
+SHORT = (Variant(velocity=0.3, acceleration=1.2, distance=0.4),)
+
+
+@lru_cache
+def one(effect: str, seed: int = 11, **given: Any) -> tuple[Trial, dict[str, Any]]:
+    sizes = given.pop("sizes", ())
+    trials, answer = make_set(
+        Wish(effect, seed, sizes=dict(sizes), **given),
+        load_robot(),
+        load_soil(),
+        repetitions=1,
+        variants=SHORT,
+    )
+    return trials[0], answer
+
+
+def stamps(trial: Trial) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    assert trial.imu is not None
+    assert trial.wheels is not None
+    assert trial.currents is not None
+    return trial.imu.t, trial.wheels.t, trial.currents.t
+
+
+def test_lots_fall_where_they_may_but_always_the_same_way() -> None:
+    assert chosen(Wish("none", 1)) == ()
+    singles = {chosen(Wish("random", seed)) for seed in range(300)}
+    assert singles == {(name,) for name in LIBRARY}
+    assert {chosen(Wish("outside", seed)) for seed in range(150)} == {(name,) for name in OUTSIDE}
+    pairs = [chosen(Wish("pair", seed)) for seed in range(60)]
+    assert all(len(pair) == 2 and frozenset(pair) not in TWINS for pair in pairs)
+    assert pairs == [chosen(Wish("pair", seed)) for seed in range(60)]
+    assert chosen(Wish("tyre_windup + drive_reaction", 1)) == ("drive_reaction", "tyre_windup")
+
+
+def test_a_strength_scales_how_much_and_not_how() -> None:
+    base, double = (
+        drawn(Wish("tyre_windup", 4, strength=x), ("tyre_windup",))["tyre_windup"] for x in (1, 2)
+    )
+    assert double["compliance"] == pytest.approx(2 * base["compliance"])
+    assert double["retardation"] == base["retardation"]
+    signs = {np.sign(drawn(Wish("imu_tilt", seed), ("imu_tilt",))["imu_tilt"]["tilt"]) for seed in range(20)}
+    assert signs == {-1.0, 1.0}
+
+
+@pytest.mark.parametrize(
+    ("wish", "said"),
+    [
+        (Wish("tyre_windap", 0), "no hidden effect is called 'tyre_windap'"),
+        (Wish("imu_tilt+imu_tilt", 0), "named twice"),
+        (Wish("imu_tilt", 0, sizes={"tlit": 1.0}), "no hidden effect has such a parameter"),
+        (Wish("none", 0, sizes={"tilt": 1.0}), "no hidden effect has such a parameter"),
+        (Wish("imu_tilt", 0, sizes={"tilt": 100.0}), "out of range"),
+    ],
+)
+def test_what_cannot_be_hidden_is_said(wish: Wish, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        drawn(wish, chosen(wish))
+
+
+def test_sand_off_its_file_is_off_by_five_to_twenty_percent_either_way() -> None:
+    soil = load_soil()
+    assert sand(Wish("none", 0), soil) == (soil, {})
+    factors = np.array(
+        [[sand(Wish("none", s, sand_off=True), soil)[1][k] for k in SAND_OFF] for s in range(50)]
+    )
+    off = np.abs(factors - 1)
+    assert off.min() >= 0.05
+    assert off.max() <= 0.20
+    assert ((factors > 1).mean(axis=0) > 0.2).all()
+    assert ((factors < 1).mean(axis=0) > 0.2).all()
+    there, known = sand(Wish("none", 3, sand_off=True), soil)
+    assert there.friction_angle == pytest.approx(soil.friction_angle * known["friction_angle"])
+
+
+def test_a_robot_that_digs_itself_in_is_not_logged() -> None:
+    wish = Wish("bulldozing", 1, sizes={"strength": 8.0})
+    with pytest.raises(EstimateError, match="digs itself in"):
+        make_set(wish, load_robot(), load_soil(), repetitions=1, variants=SHORT)
+
+
+def test_a_robot_without_drive_cannot_be_simulated() -> None:
+    with pytest.raises(UsageError, match="cannot be simulated"):
+        make_set(Wish("none", 0), load_robot("husky"), load_soil())
+
+
+def test_each_trial_has_sand_and_phases_of_its_own_and_the_set_has_one_size() -> None:
+    wish = Wish("wheel_eccentricity", 2)
+    _, answer = make_set(wish, load_robot(), load_soil(), repetitions=2, variants=SHORT)
+    first, second = answer["trials"].values()
+    assert first["raking"] != second["raking"]
+    size = answer["effects"][0]["parameters"]["amplitude_front"]["value"]
+    for trial in (first, second):
+        sizes = trial["sizes"]["wheel_eccentricity"]
+        assert np.hypot(sizes["cos_front"], sizes["sin_front"]) == pytest.approx(size)
+    assert first["sizes"] != second["sizes"]
+
+
+def test_late_stamps_are_late_and_nothing_else() -> None:
+    (base, _), (late, _) = one("none"), one("clock_offset", sizes=(("offset", 0.02),))
+    imu, wheels, currents = stamps(base)
+    other_imu, other_wheels, other_currents = stamps(late)
+    assert (imu == other_imu).all()
+    assert other_wheels - wheels == pytest.approx(0.02, abs=2e-6)
+    assert other_currents - currents == pytest.approx(0.02, abs=2e-6)
+    assert (late.wheels.angle == base.wheels.angle).all()  # type: ignore[union-attr]
+
+
+def test_a_wrong_radius_scales_the_angles_and_nothing_else() -> None:
+    (base, _), (wrong, _) = one("none"), one("wheel_radius_error", sizes=(("error", -0.02),))
+    angle, other = base.wheels.angle, wrong.wheels.angle  # type: ignore[union-attr]
+    assert other[-1] == pytest.approx(0.98 * angle[-1], abs=2e-4)
+    assert (base.imu.specific_force == wrong.imu.specific_force).all()  # type: ignore[union-attr]
+
+
+def test_tilt_and_scale_are_felt_as_gravity_says() -> None:
+    felt = {}
+    for name, sizes in (
+        ("none", ()),
+        ("imu_tilt", (("tilt", 2.0),)),
+        ("accel_scale_error", (("x", 0.03), ("z", 0.01))),
+    ):
+        trial, _ = one(name, sizes=sizes)
+        assert trial.imu is not None
+        felt[name] = trial.imu.specific_force[trial.imu.t < 1.2].mean(axis=0)
+    g = 9.81
+    assert felt["imu_tilt"] - felt["none"] == pytest.approx([-g * np.sin(np.radians(2)), 0, -6e-3], abs=5e-3)
+    assert (felt["accel_scale_error"] - felt["none"])[2] == pytest.approx(0.01 * g, abs=2e-3)
+
+
+def test_a_slope_is_felt_at_rest_by_its_share_of_gravity() -> None:
+    sizes = {"ground_slope": {"slope": 1.5}}
+    law, command = exponential_k92(4.919), Trapezoid(0.3, 1.2, 0.4)
+    felt = []
+    for names in ((), ("ground_slope",)):
+        truth = model_of(names, load_robot(), load_soil(), command, law, sizes)
+        t = np.asarray(1e-3 * np.arange(-200, 0))
+        force, _ = felt_at(body_from_states(truth, t, np.tile(truth.rest(), (t.size, 1))), 0.1, 0.12)
+        felt.append(force[100])
+    turned = np.arctan2(felt[1][0], felt[1][2]) - np.arctan2(felt[0][0], felt[0][2])
+    assert np.degrees(turned) == pytest.approx(1.5, abs=0.02)  # but for the squat under the slope's moment
+    assert np.linalg.norm(felt[1]) == pytest.approx(9.81)
+
+
+def test_louder_sensors_are_as_much_louder_at_rest_and_in_motion() -> None:
+    quiet, loud = one("none")[0], one("none", noise=3.0)[0]
+    for part in (slice(20, 200), slice(400, 550)):
+        spread = [np.diff(t.imu.specific_force[part, 1]).std() for t in (quiet, loud)]  # type: ignore[union-attr]
+        assert spread[1] / spread[0] == pytest.approx(3.0, rel=0.1)
+    robot = load_robot()
+    assert louder(robot, 1.0) == robot
+    kept = louder(robot, 3.0).imu_grade
+    assert kept is not None
+    assert kept.accel_bias == robot.imu_grade.accel_bias  # type: ignore[union-attr]
+
+
+def test_the_trial_stands_still_at_both_ends_at_unknown_instants() -> None:
+    starts = []
+    for seed in (1, 2, 3):
+        trial, _ = one("none", seed=seed)
+        _, t, _ = stamps(trial)
+        moving = np.abs(np.diff(trial.wheels.angle[:, 0])) > 2e-4  # type: ignore[union-attr]
+        starts.append(t[np.argmax(moving)])
+        assert t[-1] - t[1:][moving][-1] > 1.5
+    assert min(starts) > 1.4
+    assert np.ptp(starts) > 0.05
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One repetition of each variant with a random effect, written by the command."""
+    out = tmp_path_factory.mktemp("hidden") / "set"
+    lab("hide", "--effect", "random", "--seed", 21, "--out", out, "--repetitions", 1, "--quiet")
+    return out
+
+
+def lab(*args: object) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["granite-lab", *map(str, args)])
+        try:
+            main()
+        except SystemExit as end:
+            if end.code:
+                raise
+
+
+def test_a_set_can_be_read_and_says_that_it_is_virtual(folder: Path) -> None:
+    files = sorted(folder.glob("*.csv"))
+    assert [f.stem for f in files] == [f"hidden_v{v}_r1" for v in ("0.2", "0.3", "0.5", "0.7")]
+    for file in files:
+        assert "# virtual = true\n" in file.read_text(encoding="utf-8")
+        trial = read_trial(file)
+        assert trial.info.virtual
+        assert not trial.warnings
+        assert (trial.info.robot, trial.info.soil, trial.info.repetition) == ("granite", "dry_sand", 1)
+        assert trial.info.v_desired == float(file.stem.split("_")[1][1:])
+        assert trial.currents is not None
+        assert trial.imu is not None
+        assert trial.wheels is not None
+        assert trial.wheels.angle[-1].mean() * 0.0965 == pytest.approx(trial.info.distance, rel=0.05)
+
+
+def test_no_file_of_a_set_names_what_is_hidden(folder: Path) -> None:
+    for file in folder.iterdir():
+        text = file.read_bytes().decode().lower()
+        assert not [name for name in (*LIBRARY, *OUTSIDE) if name in text or name.replace("_", " ") in text]
+    heads = {
+        tuple(line.split("=")[0] for line in file.read_text(encoding="utf-8").splitlines() if line[0] == "#")
+        for file in folder.glob("*.csv")
+    }
+    assert len(heads) == 1
+    assert not any("seed" in line for line in heads.pop())
+
+
+def test_the_same_seed_gives_the_same_bytes_in_any_number_of_processes(folder: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    lab(
+        "hide", "--effect", "random", "--seed", 21, "--out", again, "--repetitions", 1, "--quiet", "--jobs", 2
+    )
+    files = sorted(file.name for file in folder.iterdir())
+    assert files == sorted(file.name for file in again.iterdir())
+    for name in files:
+        assert (folder / name).read_bytes() == (again / name).read_bytes()
+
+
+def test_a_set_is_not_overwritten_unasked(folder: Path) -> None:
+    before = (folder / "sealed.bin").read_bytes()
+    with pytest.raises(SystemExit) as end:
+        lab("hide", "--effect", "none", "--out", folder, "--quiet")
+    assert end.value.code == 2
+    assert (folder / "sealed.bin").read_bytes() == before
+
+
+def test_reveal_judges_a_finding(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (name,) = (effect["id"] for effect in open_answer(folder)["effects"])
+    finding = tmp_path / "finding.json"
+    told = {"schema": "granite-lab/discovery/1", "verdict": "named", "effects": [{"id": name}]}
+    finding.write_text(json.dumps(told))
+    lab("reveal", folder, "--finding", finding, "--json")
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "granite-lab/reveal/1"
+    assert document["answer"]["seed"] == 21
+    assert document["score"]["outcome"] == "right"
+    lab("reveal", folder, "--finding", finding)
+    shown = capsys.readouterr()
+    assert name in shown.out
+    assert "judgement: right" in shown.out
+    assert shown.err == ""
+
+
+def test_reveal_says_when_a_trial_has_changed(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for file in folder.iterdir():
+        (copy / file.name).write_bytes(file.read_bytes())
+    (copy / "hidden_v0.2_r1.csv").write_text("t_s\n")
+    (copy / "hidden_v0.3_r1.csv").unlink()
+    lab("reveal", copy)
+    said = capsys.readouterr().err
+    assert "hidden_v0.2_r1.csv: has changed" in said
+    assert "hidden_v0.3_r1.csv: is missing" in said
