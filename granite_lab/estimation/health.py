@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import gammaincc, gammaincinv
 
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.motion import Health
@@ -34,18 +35,26 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     kinds, sigma = np.array(came.kind, dtype=object), np.sqrt(came.variance)
     nis: dict[str, float] = {}
     white: dict[str, float] = {}
+    chance: dict[str, float] = {}
+    counted: dict[str, int] = {}
     wild: dict[str, float] = {}
     for kind in dict.fromkeys(came.kind):
-        ratio = (came.value / sigma)[kinds == kind]
+        of_kind = kinds == kind
+        if kind == "zero_velocity" and (fresh := of_kind & (came.variance > 4.0 * came.noise)).any():
+            # the state is frozen at rest: only the first update after a motion tells anything new
+            of_kind = fresh
+        ratio = (came.value / sigma)[of_kind]
         nis[kind] = float(np.mean(ratio**2))
+        counted[kind] = ratio.size
         white[kind] = correlation(ratio)
+        chance[kind] = ljung_box(ratio)
         wild[kind] = float(np.mean(np.abs(ratio) > 4.0))
     std = np.sqrt(np.maximum(np.diagonal(found.P, axis1=1, axis2=2), 0.0))
 
     def spread(values: Array) -> Array:
         return np.interp(t, nodes.t, values)
 
-    good, verdict = judge_health(nis, white, wild, rests, t, faults)
+    good, verdict = judge_health(nis, counted, white, chance, wild, rests, t, faults)
     return Health(
         t=nodes.t[came.node],
         kind=came.kind,
@@ -60,6 +69,7 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         verdict=verdict,
         good=good,
         whiteness=white,
+        ljung_box=chance,
         gaps=faults.gaps,
         plateaus=faults.plateaus,
     )
@@ -72,14 +82,41 @@ def correlation(ratio: Array) -> float:
     return float(np.sum(ratio[1:] * ratio[:-1]) / np.sum(ratio**2))
 
 
+def ljung_box(ratio: Array, lags: int = 10) -> float:
+    """Probability that white innovations correlate as much over some lags by chance (Ljung & Box 1978).
+
+    NaN for too few innovations.
+    """
+    n = ratio.size
+    if n < 5 * lags or not np.any(ratio):
+        return float("nan")
+    power = float(np.sum(ratio**2))
+    r = np.array([float(np.sum(ratio[k:] * ratio[:-k])) / power for k in range(1, lags + 1)])
+    statistic = n * (n + 2) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
+    return float(gammaincc(0.5 * lags, 0.5 * statistic))
+
+
+def usual(n: int) -> float:
+    """Mean of n squared standard normal numbers that one in a thousand exceeds."""
+    return float(2.0 * gammaincinv(0.5 * n, 0.999) / n)
+
+
 def judge_health(
-    nis: dict[str, float], white: dict[str, float], wild: dict[str, float], rests: tuple[Interval, ...],
-    t: Array, faults: Faults,
+    nis: dict[str, float], counted: dict[str, int], white: dict[str, float], chance: dict[str, float],
+    wild: dict[str, float], rests: tuple[Interval, ...], t: Array, faults: Faults,
 ) -> tuple[bool, str]:  # fmt: skip
-    """Return whether the filter's own checks passed, and one sentence that says so."""
+    """Return whether the filter's own checks passed, and one sentence that says so.
+
+    Args:
+        nis, counted, white, chance, wild: per kind of update: mean NIS and of how many, correlation of
+            successive innovations and its Ljung-Box probability, share beyond four std.
+        rests: standstills [s].
+        t: (N,) the IMU's stamps [s].
+        faults: of the IMU.
+    """
     complaints = []
     for kind, value in nis.items():
-        if value > 3.0:
+        if value > max(3.0, usual(counted[kind])):
             complaints.append(
                 f"{WHAT[kind]} scatters {np.sqrt(value):.1f} times more than the noise explains"
             )
@@ -87,11 +124,15 @@ def judge_health(
             complaints.append(f"{WHAT[kind]} has {100 * wild[kind]:.0f} % outliers")
         elif white[kind] > 0.5 and kind in ("specific_force", "zero_rate"):
             complaints.append(f"{WHAT[kind]} drifts while the robot stands")
+        elif kind == "wheel" and white[kind] > 0.5:
+            complaints.append(f"{WHAT[kind]} wander in a way that the slip model does not know")
     lost = sum(end - begin for begin, end in faults.gaps)
     if lost > 0:
         complaints.append(f"{lost:.2f} s of IMU samples are missing")
     if faults.plateaus:
         complaints.append(f"the IMU was at its limit {len(faults.plateaus)} times")
+    if faults.restarts:
+        complaints.append("the IMU's biases changed while the robot moved")
     ends = (bool(rests) and rests[0][0] < t[0] + 1.0, bool(rests) and rests[-1][1] > t[-1] - 1.0)
     if not rests:
         anchored = (
@@ -105,5 +146,11 @@ def judge_health(
         complaints.append("an end without standstill")
     good = not complaints
     if good:
-        return True, f"The estimate can be trusted: {anchored}, and all measurements agree with their noise."
+        remark = ""
+        if chance.get("wheel", 1.0) < 1e-3 and abs(white["wheel"]) > 0.1:
+            side = "on the safe side" if white["wheel"] < 0 else "short of the fastest changes"
+            remark = f" (the wheels' innovations correlate by {white['wheel']:+.2f}: the std is {side})"
+        return True, (
+            f"The estimate can be trusted: {anchored}, and all measurements agree with their noise{remark}."
+        )
     return False, f"Look twice: {anchored}; " + "; ".join(complaints) + "."

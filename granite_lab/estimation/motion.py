@@ -23,13 +23,16 @@ class Health:
         kind: (K,) which update: "zero_velocity", "zero_rate", "wheel_rest" and so on.
         innovation: (K,) innovation in the update's unit.
         innovation_std: (K,) its predicted std, same unit.
-        nis: mean normalised innovation squared per update kind (1 is ideal).
+        nis: mean normalised innovation squared per update kind (1 is ideal); for the zero-velocity
+            updates of those that end a motion, since the ones after only repeat them.
         accel_bias: (N,) forward accelerometer bias with tilt [m/s^2], with `accel_bias_std`.
         gyro_bias: (N,) pitch gyro bias [rad/s], with `gyro_bias_std`.
         rests: intervals (start, end) [s] in which the robot stood still.
         verdict: one sentence in plain words.
         good: the filter's own checks passed.
         whiteness: correlation of successive normalised innovations per update kind (0 is ideal).
+        ljung_box: probability per update kind that white innovations would correlate as much over ten
+            lags by chance; NaN for too few.
         gaps, plateaus: intervals [s] of missing and of saturated IMU samples.
     """
 
@@ -46,6 +49,7 @@ class Health:
     verdict: str
     good: bool
     whiteness: dict[str, float] = field(default_factory=dict)
+    ljung_box: dict[str, float] = field(default_factory=dict)
     gaps: tuple[tuple[float, float], ...] = ()
     plateaus: tuple[tuple[float, float], ...] = ()
 
