@@ -10,6 +10,7 @@ import numpy as np
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting, wheel_signs
+from granite_lab.estimation.clock import slow_offset
 from granite_lab.estimation.faults import Faults, despike, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
@@ -17,6 +18,7 @@ from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.passes import Problem, find_offset, solve
 from granite_lab.estimation.process import SlipModel
+from granite_lab.estimation.referenced import refer
 from granite_lab.estimation.rest import Interval, find_rests, inside
 from granite_lab.estimation.rolling import Rolling, roll
 from granite_lab.logs.trial import ImuStream, Trial
@@ -26,7 +28,7 @@ LONGEST_GAP = 0.5
 """IMU samples missing for longer than this in motion end the estimate [s]."""
 
 LONG = 60.0
-"""Motion longer than this [s] without a standstill needs a bound on the slip ratio to stay useful."""
+"""Motion longer than this [s] without a standstill leans on the wheels; see `referenced`."""
 
 
 def estimate(
@@ -51,8 +53,8 @@ def estimate(
         variants: motions to recognise, Table 2 by default.
         rests: standstills given by hand, in the log's time [s].
         distance_measured: measured total distance with its std [m].
-        slip_std: std of the slip ratio, if it is known to be zero on the long average; it lets the
-            wheels anchor the velocity of a log without any standstill.
+        slip_std: std of the steady slip ratio far from standstills, if it is known to be zero on the
+            long average.
 
     Raises:
         EstimateError: no standstill to start from, samples missing in motion, or nothing to estimate.
@@ -74,15 +76,17 @@ def estimate(
     still = find_rests(imu, rolling, robot.imu_grade, by_hand=rests)
     if robot.imu.forward == "find" and rolling is not None and still:
         imu = _orient(stream, imu, rolling, still)
-    _require_anchor(trial, still, slip_std)
+    far = _far_from_rest(still, imu)
+    if rolling is None and not still:
+        _refuse_unanchored(trial)
     speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
     noise = identify(imu, robot, still, ~inside(imu.t, still), speed)
-    problem = Problem(imu, rolling, robot, still, faults, noise, _slip_model(still, imu, slip_std))
+    problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel())
     offset = Estimate(0.0)
     if trial.info.clock_offset is not None:
         offset = Estimate(trial.info.clock_offset, 1e-3)
     elif rolling is not None:
-        offset = find_offset(problem)
+        offset = slow_offset(imu, rolling) if far else find_offset(problem)
     if rolling is not None and offset.value != 0.0:
         still = find_rests(imu, rolling, robot.imu_grade, offset=offset.value, by_hand=rests)
         noise = identify(imu, robot, still, ~inside(imu.t, still), speed)
@@ -94,6 +98,9 @@ def estimate(
         imu = mounting.to_body(stream, imu.rotation, levelled=imu.levelled)
     problem = dataclasses.replace(problem, imu=imu, faults=faults)
     warnings += _complain(problem, offset)
+    if far and rolling is not None:
+        problem = refer(problem, offset, slip_std)
+        warnings.append(_reliance(problem))
     solution = solve(problem, offset, distance=distance_measured)
     health = assess(solution, imu.t, still, faults)
     return motion_of(trial, problem, solution, health, known, tuple(warnings))
@@ -136,21 +143,29 @@ def _orient(
     return mounting.to_body(stream, found, levelled=True)
 
 
-def _require_anchor(trial: Trial, still: Sequence[Interval], slip_std: float | None) -> None:
-    if not still and slip_std is None:
-        raise EstimateError(
-            f"{trial.name}: no standstill: nothing anchors the velocity that the IMU integrates to",
-            "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
-        )
+def _refuse_unanchored(trial: Trial) -> None:
+    raise EstimateError(
+        f"{trial.name}: neither wheels nor a standstill: nothing anchors the velocity",
+        "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
+    )
 
 
-def _slip_model(still: Sequence[Interval], imu: mounting.BodyImu, slip_std: float | None) -> SlipModel:
-    """Choose how the slip ratio is bounded."""
+def _far_from_rest(still: Sequence[Interval], imu: mounting.BodyImu) -> bool:
+    """Whether the robot moves, or may have moved, for longer than integration lasts."""
+    if not still:
+        return True
     edges = [imu.t[0], *(t for rest in still for t in rest), imu.t[-1]]
-    longest = max(b - a for a, b in zip(edges[::2], edges[1::2], strict=True))
-    if slip_std is not None:
-        return SlipModel(steady=0.0, per_acceleration=0.0, limit=slip_std, bounded=True)
-    return SlipModel(steady=0.0, bounded=True) if longest > LONG else SlipModel()
+    return bool(max(b - a for a, b in zip(edges[::2], edges[1::2], strict=True)) > LONG)
+
+
+def _reliance(problem: Problem) -> str:
+    """Say what the velocity rests on far from any standstill."""
+    slip = problem.slip
+    where = "far from standstills" if problem.rests else "no standstill"
+    return (
+        f"{where}: velocity rests on the wheels and an assumed slip ratio of "
+        f"{100 * slip.steady:.0f} ± {100 * slip.limit:.0f} %, steady slip itself is not measured there"
+    )
 
 
 def _refuse_gaps(trial: Trial, faults: Faults, still: Sequence[Interval]) -> None:
@@ -187,9 +202,7 @@ def _complain(problem: Problem, offset: Estimate) -> list[str]:
     for restart in faults.restarts:
         where = f"in the gap at {restart.begin:.2f} s" if restart.gap else f"after {restart.begin:.2f} s"
         said.append(f"the IMU's biases changed {where}, as after a restart: uncertainty grows there")
-    if not still:
-        said.append("no standstill: velocity leans on the wheels, with the stated std of the slip ratio")
-    else:
+    if still:
         if still[0][0] > imu.t[0] + 1.0:
             said.append("no standstill at the start: uncertainty grows towards it")
         if still[-1][1] < imu.t[-1] - 1.0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.mounting import BodyImu
@@ -26,6 +26,13 @@ LEFT_OVER = 1.5e-3
 
 LONGEST_LAG = 0.25
 """The body follows the wheels on sand by up to a quarter of a second, and never leads them [s]."""
+
+
+FARTHEST = 1.0
+"""Offsets up to this are searched for where odometry was smoothed [s]."""
+
+CLEAR = 0.5
+"""Correlation at which such an offset counts as found."""
 
 
 def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
@@ -64,6 +71,49 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     a, b, c = values[best - 1 : best + 2]
     lag = (lags[best] + 0.5 * (a - c) / (a - 2 * b + c)) * STEP
     return Estimate(float(lag - 0.5 * LONGEST_LAG), float(np.hypot(0.02, 0.3 * LONGEST_LAG)))
+
+
+def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
+    """Correlate wheels and IMU over seconds, where odometry was smoothed and terrain shakes the robot.
+
+    Pitch is taken out by its gyro. The smoothing is as long as it must be for a clear correlation.
+
+    Returns:
+        how far the encoders' clock lies behind the IMU's [s]; std NaN where it does not show, or where
+        the body's usual lag behind the wheels explains the correlation as well.
+    """
+    begin, end = max(imu.t[0], rolling.t[0]), min(imu.t[-1], rolling.t[-1])
+    known, good = np.isfinite(rolling.speed), np.isfinite(imu.forward)
+    if end - begin < 8.0 * FARTHEST or known.sum() < 32 or good.sum() < 32:
+        return Estimate(0.0)
+    step = 2.0 * STEP
+    grid = np.arange(begin, end, step)
+    speed = np.interp(grid, rolling.t[known], rolling.speed[known])
+    force = np.interp(grid, imu.t[good], imu.forward[good])
+    if imu.has_pitch_rate:
+        turned = np.cumsum(np.nan_to_num(imu.pitch_rate) * np.diff(imu.t, prepend=imu.t[0]))
+        force = force + imu.gravity * np.interp(grid, imu.t, turned)
+    reach = round(FARTHEST / step)
+    lags = np.arange(-reach, reach + 1)
+    for width in (0.1, 0.25, 0.6):
+        signals = []
+        for signal in (force, speed):
+            slow = gaussian_filter1d(signal, width / step) - gaussian_filter1d(signal, 3.0 / step)
+            signals.append(slow)
+        wheel = np.gradient(signals[1], step)
+        size = 2 ** int(np.ceil(np.log2(2 * grid.size)))
+        spectrum = np.fft.rfft(signals[0], size) * np.conj(np.fft.rfft(wheel, size))
+        values = np.fft.irfft(spectrum, size)[lags]
+        norm = float(np.sqrt(np.sum(signals[0] ** 2) * np.sum(wheel**2)))
+        best = int(np.argmax(values))
+        if values[best] < CLEAR * norm or best in (0, values.size - 1):
+            continue
+        lag = float(lags[best] * step)
+        usual = (lags * step >= 0.0) & (lags * step <= LONGEST_LAG)
+        if values[usual].max() > 0.9 * values[best]:
+            return Estimate(0.0)
+        return Estimate(min(lag, max(lag - LONGEST_LAG, 0.0)), 0.25 * width)
+    return Estimate(0.0)
 
 
 def refine_offset(coarse: Estimate, log_likelihood: Callable[[float], float]) -> Estimate:

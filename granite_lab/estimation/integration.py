@@ -76,6 +76,7 @@ def integrate(
     gyro_bias: float | None = None,
     pitch: float = 0.0,
     velocity: float = 0.0,
+    aside: Array | None = None,
 ) -> Nominal:
     """Integrate gyro and accelerometer from the first sample on, standing still during the rests.
 
@@ -93,6 +94,7 @@ def integrate(
         faults: samples not to be trusted; interpolated over.
         accel_bias, gyro_bias: constants to remove; the gyro's by default its mean at rest.
         pitch, velocity: of the first sample [rad], [m/s].
+        aside: (N,) velocity to the left [m/s], which turning makes a forward one.
     """
     t, rest = imu.t, inside(imu.t, rests)
     forward = _patched(t, imu.forward, faults.doubt)
@@ -108,6 +110,8 @@ def integrate(
     angle = pitch + _cumulate(t, pitch_rate, rest)
     acceleration = forward + imu.gravity * np.sin(angle) - accel_bias
     acceleration += (pitch_rate**2 + yaw_rate**2) * robot.imu.x
+    if aside is not None:
+        acceleration += yaw_rate * aside
     v_sensor = velocity + _cumulate(t, acceleration, rest)
     pitch_rate, yaw_rate = np.where(rest, 0.0, pitch_rate), np.where(rest, 0.0, yaw_rate)
     v = v_sensor - robot.imu.z * pitch_rate

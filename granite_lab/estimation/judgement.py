@@ -90,7 +90,7 @@ def _compare(
     if from_start:
         estimate, by_wheels, truth = (s - s[0] for s in (estimate, by_wheels, truth))
     error, error_wheels = estimate - truth, by_wheels - truth
-    rmse, rmse_wheels = (float(np.sqrt(np.mean(e**2))) for e in (error, error_wheels))
+    rmse, rmse_wheels = (float(np.sqrt(np.nanmean(e**2))) for e in (error, error_wheels))
     ratio = np.abs(error) / np.where(spread > 0, spread, np.inf)
     return Judgement(
         quantity=quantity, samples=stamps.size, rmse=rmse, bias=float(np.mean(error)),

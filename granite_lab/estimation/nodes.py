@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 from scipy.signal import savgol_filter
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import process
 from granite_lab.estimation.faults import Faults, inflate
 from granite_lab.estimation.integration import Nominal
+from granite_lab.estimation.lateral import Sideways
 from granite_lab.estimation.measurements import ZERO_VELOCITY, Update, add_rest, add_wheels
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
@@ -133,6 +134,22 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     )
 
 
+def lasting_speed(t: Array, speed: Array, moving: np.ndarray, memory: float) -> Array:
+    """(K,) signed wheel speed [m/s] averaged over `memory` [s] of motion, floor included."""
+    grid = np.arange(t[0], t[-1] + 0.1, 0.1)
+    on = np.interp(grid, t, moving.astype(float))
+    weight = gaussian_filter1d(on, 5.0 * memory)
+    pace = gaussian_filter1d(on * np.interp(grid, t, np.abs(speed)), 5.0 * memory) / np.maximum(weight, 1e-3)
+    return np.where(speed < 0, -1.0, 1.0) * np.maximum(np.interp(t, grid, pace), process.V_FLOOR)
+
+
+def push(imu: BodyImu) -> Array:
+    """(N,) specific force along x without what changes within a tenth of a second [m/s^2]."""
+    known = np.isfinite(imu.forward)
+    force = np.interp(imu.t, imu.t[known], imu.forward[known])
+    return np.asarray(uniform_filter1d(force, max(round(0.1 / float(np.median(np.diff(imu.t)))), 1)))
+
+
 def build(
     imu: BodyImu,
     rolling: Rolling | None,
@@ -145,6 +162,7 @@ def build(
     offset_std: float,
     roll_std: float,
     distance: Estimate | None = None,
+    aside: Sideways | None = None,
 ) -> Nodes:
     """Lay out nodes, matrices and measurements.
 
@@ -156,6 +174,7 @@ def build(
         offset, offset_std: clock offset that the wheels' stamps are moved by, and its std [s].
         roll_std: std of the roll [rad].
         distance: measured total distance [m].
+        aside: velocity to the left, as the nominal motion has it.
     """
     index, thinned = choose(nominal)
     t = nominal.t[index]
@@ -173,7 +192,10 @@ def build(
     speed = pace.speed
     w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), process.V_FLOOR)
     mean_slip = slip.expected(pace.growth)
-    loss = np.where(moving, mean_slip * speed, 0.0)
+    if slip.memory:
+        w = lasting_speed(t, speed, moving, slip.memory)
+        mean_slip = np.clip(mean_slip + slip.thrust * push(imu)[index], -0.4, 0.4)
+    loss = np.where(moving, mean_slip * (w if slip.memory else speed), 0.0)
     lost = np.cumsum(loss * dt)
     omega = 2 * np.pi * noise.vibration_frequency
     F = process.transitions(
@@ -181,6 +203,8 @@ def build(
         noise.vibration_damping,
     )  # fmt: skip
     accel = np.full(t.size, np.hypot(noise.accel, noise.accel_motion))
+    if aside is not None:
+        accel = np.hypot(accel, aside.noise(nominal.heading_rate)[index])
     turn = roll_std * np.abs(nominal.heading_rate[index])  # yaw rate that leaks into the pitch gyro
     gyro = np.hypot(noise.gyro, turn)
     Q = process.noises(

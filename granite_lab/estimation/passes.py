@@ -13,6 +13,7 @@ from granite_lab.estimation import smoother
 from granite_lab.estimation.clock import coarse_offset, refine_offset
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.integration import Nominal, integrate, roll_angle
+from granite_lab.estimation.lateral import Sideways
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
@@ -47,6 +48,7 @@ class Problem:
     faults: Faults
     noise: Noise
     slip: SlipModel
+    aside: Sideways | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,7 @@ def lay_out(
     _, roll_std = roll_angle(problem.imu, nominal.rest, problem.robot)
     return layout.build(
         problem.imu, problem.rolling, nominal, problem.noise, problem.faults, problem.slip,
-        offset=offset, offset_std=offset_std, roll_std=roll_std, distance=distance,
+        offset=offset, offset_std=offset_std, roll_std=roll_std, distance=distance, aside=problem.aside,
     )  # fmt: skip
 
 
@@ -93,6 +95,7 @@ def solve(
         nominal = integrate(
             problem.imu, problem.robot, problem.rests, problem.faults, accel_bias=accel_bias,
             gyro_bias=gyro_bias, pitch=pitch, velocity=velocity,
+            aside=None if problem.aside is None else problem.aside.velocity,
         )  # fmt: skip
         nodes = lay_out(problem, nominal, offset.value, std, distance)
         found = smoother.run(nodes)
@@ -114,10 +117,10 @@ def cut(problem: Problem, begin: float, end: float, offset: float) -> Problem:
     faults = problem.faults.part(keep)
     if rolling is not None:
         near = (rolling.t + offset >= begin - 0.5) & (rolling.t + offset <= end + 0.5)
-        rows = ("t", "distance", "mean", "mean_std", "velocity", "velocity_std", "speed", "speed_std")
-        rolling = dataclasses.replace(rolling, **{name: getattr(rolling, name)[near] for name in rows})
+        rolling = rolling.part(near)
     rests = tuple((max(a, begin), min(b, end)) for a, b in problem.rests if b > begin and a < end)
-    return dataclasses.replace(problem, imu=part, rolling=rolling, rests=rests, faults=faults)
+    aside = None if problem.aside is None else problem.aside.part(keep)
+    return dataclasses.replace(problem, imu=part, rolling=rolling, rests=rests, faults=faults, aside=aside)
 
 
 def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:

@@ -49,6 +49,10 @@ class SlipModel:
         bounded: S is stationary: it reverts to 0 within `limit_time` [s] with the std `limit` [-].
             Only for long motion, which a random walk would lose; otherwise S is free.
         limit, limit_time: see above; `limit` also caps one step's noise.
+        thrust: more slip ratio for each m/s^2 of specific force along x, which is thrust over mass [s^2/m].
+        memory: slip velocity goes with the wheel speed of the last and next seconds, `memory` in all [s],
+            so that a change of the wheels' speed says nothing about a steady slip ratio; 0: with the
+            present speed.
     """
 
     steady: float = 0.15
@@ -61,6 +65,8 @@ class SlipModel:
     bounded: bool = False
     limit: float = 0.5
     limit_time: float = 300.0
+    thrust: float = 0.0
+    memory: float = 0.0
 
     def expected(self, growth: Array) -> Array:
         """(K,) slip ratio expected while the wheels' speed grows by `growth` (K,) [m/s^2]."""

@@ -5,7 +5,7 @@ Everything here is on the encoders' own clock. Distances are of the tread, angle
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,15 @@ class Rolling:
     def shifted(self, offset: float) -> Array:
         """(M,) stamps on the IMU's clock [s], when the encoders' clock lies behind by `offset`."""
         return self.t + offset
+
+    def part(self, keep: np.ndarray | slice) -> Rolling:
+        """Return some of the samples."""
+        rows = ("t", "distance", "mean", "mean_std", "velocity", "velocity_std", "speed", "speed_std")
+        return replace(self, **{name: getattr(self, name)[keep] for name in rows})
+
+    def thinned(self, apart: float) -> Rolling:
+        """Return every so many samples, at least `apart` [s] from each other."""
+        return self.part(slice(None, None, max(round(apart / float(np.median(np.diff(self.t)))), 1)))
 
 
 def bridge(t: Array, angle: Array) -> Array:
