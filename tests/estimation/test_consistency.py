@@ -1,0 +1,73 @@
+"""The stated uncertainty is true: a sample of the estimation benchmark, few trials of each kind.
+
+The errors of one trial hang together, so a trial counts as one observation and not as its thousand
+samples; the bounds below are those of so many observations, wide but two-sided.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.estimation_cell import Cell, Score, score
+
+SEEDS = range(5)
+CELLS = [
+    Cell(grade, 8.0, velocity) for grade in ("industrial", "consumer") for velocity in (0.2, 0.3, 0.5, 0.7)
+]
+BOUNDS = {"industrial": (0.002, 0.006), "consumer": (0.006, 0.02)}
+"""RMSE of v [m/s] and relative RMSE of the distance, over trials of 8 s."""
+
+
+@pytest.fixture(scope="module")
+def scores() -> dict[str, list[Score]]:
+    found: dict[str, list[Score]] = {"industrial": [], "consumer": []}
+    for i, cell in enumerate(CELLS):
+        found[cell.grade] += [score(cell, 5000 + 100 * i + seed) for seed in SEEDS]
+    return found
+
+
+@pytest.mark.parametrize("grade", ["industrial", "consumer"])
+def test_velocity_and_distance_are_as_good_as_they_should_be(
+    scores: dict[str, list[Score]], grade: str
+) -> None:
+    v, distance = BOUNDS[grade]
+    of_grade = scores[grade]
+    assert not any(s.refused for s in of_grade)
+    assert np.sqrt(np.mean([s.v_square for s in of_grade])) <= v
+    assert np.sqrt(np.mean([s.distance**2 for s in of_grade])) <= distance
+
+
+@pytest.mark.parametrize("grade", ["industrial", "consumer"])
+def test_nees_of_the_velocity_is_near_one(scores: dict[str, list[Score]], grade: str) -> None:
+    """A trial's mean NEES scatters like chi-squared of about two degrees of freedom: std 1 for one trial."""
+    mean = float(np.mean([s.v_nees for s in scores[grade]]))
+    assert abs(mean - 1.0) < 3.0 / np.sqrt(len(scores[grade]))
+
+
+@pytest.mark.parametrize("grade", ["industrial", "consumer"])
+def test_two_sigma_of_velocity_distance_and_slip_hold_what_they_promise(
+    scores: dict[str, list[Score]], grade: str
+) -> None:
+    of_grade = scores[grade]
+    assert np.mean([s.v_within for s in of_grade]) > 0.88
+    for error, std in (("distance", "distance_std"), ("slip", "slip_std")):
+        z = np.array([getattr(s, error) / getattr(s, std) for s in of_grade])
+        # of 20, 95.4 % within; 16 or fewer happen once in 500
+        assert np.sum(np.abs(z) < 2) >= 17
+        # and not by overstating: 20 standard normal numbers have an rms below 0.52 once in 1000
+        assert np.sqrt(np.mean(z**2)) > 0.5
+
+
+def test_slip_ratio_has_no_bias(scores: dict[str, list[Score]]) -> None:
+    """Half a point of λ_R at most on the mean, and no more than its own std allows for."""
+    for of_grade in scores.values():
+        error, std = (np.array([getattr(s, n) for s in of_grade]) for n in ("slip", "slip_std"))
+        assert abs(np.mean(error)) < 0.005
+        assert abs(np.mean(error / std)) < 3.3 / np.sqrt(error.size)
+
+
+def test_innovations_are_nearly_white(scores: dict[str, list[Score]]) -> None:
+    """Correlation of successive innovations: wheels, specific force and gyro at rest."""
+    white = np.array([s.white for of_grade in scores.values() for s in of_grade])
+    assert np.abs(np.nanmean(white, axis=0)).max() < 0.25
