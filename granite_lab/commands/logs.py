@@ -100,6 +100,9 @@ def ingest(
         str | None,
         typer.Option(help="'ref': judge the estimate by the log's reference, which the filter never sees."),
     ] = None,
+    reference_std: Annotated[
+        float, typer.Option(help="Std of the reference's own velocity [m/s], as 0.25 of GPS.", min=0.0)
+    ] = 0.0,
     out: Annotated[Path, typer.Option(help="Folder for the motion tables.")] = Path("reports/ingest"),
     jobs: JobsOption = 0,
     quiet: QuietOption = False,
@@ -140,7 +143,7 @@ def ingest(
         trial, _, motion = outcome
         path = out / f"{motion.trial}.csv"
         write_text(path, motion.to_frame().to_csv(index=False, float_format="%.9g"))
-        verdict = judge(motion, trial) if against else None
+        verdict = judge(motion, trial, reference_std) if against else None
         documents.append(_as_json(motion, path) | ({"judgement": verdict} if against else {}))
         good.append((trial, motion, path, verdict))
         warn([f"{motion.trial}: {line}" for line in motion.warnings])

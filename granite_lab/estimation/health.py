@@ -138,6 +138,7 @@ def judge_health(
         anchored = (
             "no standstill anchors the velocity: it leans on the wheels, with all the slip they may have"
         )
+        complaints.append("steady slip is assumed, not measured")
     elif all(ends):
         anchored = f"velocity is anchored by {len(rests)} standstills, at both ends"
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Array, Series, Trial
 
 NAN = float("nan")
+
+SHORTEST = 0.05
+"""A way of the wheels shorter than this tells no slip ratio [m]."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,11 @@ class Judgement:
         improvement: rmse_wheels over rmse; above 1 the IMU helps.
         nees: mean of the squared error over the stated variance; 1 is ideal.
         coverage: share of errors within two stated std; 0.95 is ideal.
+        slip: apparent slip ratio by (2), one less the reference's way over the wheels', from the first
+            to the last common stamp.
+        reference_std: std of the reference itself, which coverage and NEES allow for, same unit.
+
+    Without an estimate of the body's motion (no IMU) rmse, bias, improvement, nees and coverage are NaN.
     """
 
     quantity: str
@@ -36,14 +44,18 @@ class Judgement:
     improvement: float
     nees: float
     coverage: float
+    slip: float = NAN
+    reference_std: float = 0.0
 
 
-def judge(motion: Motion, trial: Trial) -> tuple[Judgement, ...]:
+def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Judgement, ...]:
     """Compare a motion with the external reference of its trial.
 
     Args:
         motion: the estimate.
         trial: with `reference_v` or `reference_x`, on the IMU's clock.
+        reference_std: std of the reference's velocity [m/s], by which its samples may miss the estimate
+            beyond the estimate's own std.
 
     Returns:
         one judgement per quantity that the reference gives.
@@ -54,7 +66,9 @@ def judge(motion: Motion, trial: Trial) -> tuple[Judgement, ...]:
     wheels = _mean_wheel(motion)
     found = []
     if trial.reference_v is not None:
-        found.append(_compare("velocity", motion.t, motion.v, motion.v_std, wheels, trial.reference_v))
+        spread = np.hypot(motion.v_std, reference_std)
+        judged = _compare("velocity", motion.t, motion.v, spread, wheels, trial.reference_v)
+        found.append(replace(judged, reference_std=reference_std))
     if trial.reference_x is not None:
         steps = np.diff(motion.t, prepend=motion.t[0])
         rolled = np.cumsum(np.nan_to_num(wheels) * steps)
@@ -89,12 +103,29 @@ def _compare(
     spread = np.interp(stamps, t, std)
     if from_start:
         estimate, by_wheels, truth = (s - s[0] for s in (estimate, by_wheels, truth))
+    way, rolled = (travelled(stamps, s, from_start) for s in (truth, by_wheels))
     error, error_wheels = estimate - truth, by_wheels - truth
-    rmse, rmse_wheels = (float(np.sqrt(np.nanmean(e**2))) for e in (error, error_wheels))
-    ratio = np.abs(error) / np.where(spread > 0, spread, np.inf)
+    rmse, rmse_wheels = (_rms(e) for e in (error, error_wheels))
+    known = np.isfinite(error)
+    ratio = (np.abs(error) / np.where(spread > 0, spread, np.inf))[known]
     return Judgement(
-        quantity=quantity, samples=stamps.size, rmse=rmse, bias=float(np.mean(error)),
-        rmse_wheels=rmse_wheels,
-        improvement=rmse_wheels / rmse if rmse > 0 else NAN, nees=float(np.mean(ratio**2)),
-        coverage=float(np.mean(ratio <= 2.0)),
+        quantity=quantity, samples=stamps.size, rmse=rmse,
+        bias=float(np.mean(error[known])) if known.any() else NAN, rmse_wheels=rmse_wheels,
+        improvement=rmse_wheels / rmse if rmse > 0 else NAN,
+        nees=float(np.mean(ratio**2)) if known.any() else NAN,
+        coverage=float(np.mean(ratio <= 2.0)) if known.any() else NAN,
+        slip=1.0 - way / rolled if abs(rolled) > SHORTEST else NAN,
     )  # fmt: skip
+
+
+def travelled(t: Array, value: Array, is_distance: bool) -> float:
+    """Way between the first and the last stamp [m], of a distance or by integrating a velocity."""
+    known = np.isfinite(value)
+    if is_distance:
+        return float(value[known][-1] - value[known][0]) if known.any() else NAN
+    return float(np.trapezoid(value[known], t[known]))
+
+
+def _rms(error: Array) -> float:
+    known = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else NAN

@@ -108,16 +108,26 @@ def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]]
         if not motion.health.good:
             say(console, f"{motion.trial}: {motion.health.verdict}", "yellow")
         for j in judged or ():
-            unit = "m/s" if j.quantity == "velocity" else "m"
-            say(
-                console,
-                f"{motion.trial}: {j.quantity} against the reference: rms error {significant(j.rmse, 2)} "
-                f"{unit}, mean "
-                f"{significant(j.bias, 2)} {unit}, wheels alone {significant(j.rmse_wheels, 2)} {unit}; "
-                f"within ±2σ "
-                f"{significant(100 * j.coverage, 2)} % of {j.samples} samples",
-            )
+            say(console, f"{motion.trial}: {_against_reference(j)}")
         say(console, f"{motion.trial}: {path}", "dim")
+
+
+def _against_reference(judged: Judgement) -> str:
+    """Say in one sentence how an estimate, or the wheels where there is none, meets the reference."""
+    unit = "m/s" if judged.quantity == "velocity" else "m"
+    wheels = f"wheels alone {significant(judged.rmse_wheels, 2)} {unit}"
+    slip = f"apparent slip {significant(100 * judged.slip, 3)} % by the reference's way"
+    known = math.isfinite(judged.rmse_wheels) and math.isfinite(judged.slip)
+    if not math.isfinite(judged.rmse):
+        return f"{judged.quantity} of the wheels against the reference: " + (
+            f"{slip}, rms difference {significant(judged.rmse_wheels, 2)} {unit}" if known else "unknown"
+        )
+    return (
+        f"{judged.quantity} against the reference: rms error {significant(judged.rmse, 2)} {unit}, mean "
+        f"{significant(judged.bias, 2)} {unit}"
+        + (f", {wheels}, {slip}" if known else "")
+        + f"; within ±2σ {significant(100 * judged.coverage, 2)} % of {judged.samples} samples"
+    )
 
 
 def show_k92_fits(fits: Sequence[K92Fit], console: Console) -> None:
