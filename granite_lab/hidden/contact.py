@@ -42,6 +42,11 @@ def panels(edges: tuple[Array, ...], intervals: int) -> tuple[Array, Array]:
     return np.concatenate(arcs, axis=1), np.concatenate(factors, axis=1)
 
 
+def over_arc(values: Array, weight: Array) -> Array:
+    """Return the integrals (wheels,) of values (wheels, nodes)."""
+    return np.asarray(np.einsum("ij,ij->i", values, weight))
+
+
 @dataclass(frozen=True)
 class Ground:
     """Soil and wheel numbers of (6)-(17), in the paper's symbols and SI units.
@@ -141,9 +146,9 @@ def contact(
     limit = np.minimum(g.mu_s * sigma, g.c + sigma * g.tan_phi)  # (10)
     tau = np.sign(j) * limit * -np.expm1(-np.abs(j) / g.K)  # (11)
     area = g.b * g.r
-    W = area * ((sigma * cos + tau * steep) * weight).sum(axis=1)  # (12)
-    R = -area * (sigma * steep * weight).sum(axis=1)  # (13), with the sign that opposes motion
-    F = area * (tau * cos * weight).sum(axis=1)  # (14)
-    M = -area * g.r * (tau * weight).sum(axis=1)  # (15)
+    W = area * over_arc(sigma * cos + tau * steep, weight)  # (12)
+    R = -area * over_arc(sigma * steep, weight)  # (13), with the sign that opposes motion
+    F = area * over_arc(tau * cos, weight)  # (14)
+    M = -area * g.r * over_arc(tau, weight)  # (15)
     normal = np.where(touching, np.maximum(W + g.c_t * dz0, 0.0), 0.0)  # (17), never pulls
     return Contact(slip, z0, W, R, F, M, normal)

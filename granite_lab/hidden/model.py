@@ -9,6 +9,7 @@ is (20)-(22) rotated by (19). What the paper leaves out overrides one of the sma
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import cos, sin
 
 import numpy as np
 from scipy.optimize import brentq, fsolve, root
@@ -92,7 +93,7 @@ class Truth:
 
     def velocity(self, y: Array) -> float:
         """Return the longitudinal component in R of the velocity of the wheel centres, and of R [m/s]."""
-        return float(np.cos(y[PITCH]) * y[VX] - np.sin(y[PITCH]) * y[VZ] + y[Q] * self.arm_z)
+        return float(cos(y[PITCH]) * y[VX] - sin(y[PITCH]) * y[VZ] + y[Q] * self.arm_z)
 
     def places(self, y: Array) -> Array:
         """Return how far along O front and rear wheel centre are [m]."""
@@ -104,7 +105,7 @@ class Truth:
 
     def stance(self, t: float, y: Array) -> Stance:
         """Return how the wheels meet the ground."""
-        s, c = np.sin(y[PITCH]), np.cos(y[PITCH])
+        s, c = sin(y[PITCH]), cos(y[PITCH])
         height = y[Z] - s * self.arm_x + c * self.arm_z
         rising = y[VZ] - y[Q] * (c * self.arm_x + s * self.arm_z)
         return Stance(y[OMEGA] * self.r, np.full(2, self.velocity(y)), self.r - height, -rising)
@@ -161,16 +162,16 @@ class Truth:
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Return dy/dt under the given wheel forces."""
         d, ch = self.drive, self.chassis
-        s, c = np.sin(y[PITCH]), np.cos(y[PITCH])
+        s, c = sin(y[PITCH]), cos(y[PITCH])
         f_x, f_z = wheel.F + wheel.R, wheel.normal  # (16)-(18), in O
         f_rx, f_rz = c * f_x - s * f_z, s * f_x + c * f_z  # (19)
         push = self.push(t, y, wheel)
         dy = np.zeros_like(y)
         dy[X], dy[Z], dy[PITCH] = y[VX], y[VZ], y[Q]
-        dy[VX] = (2 * f_x.sum() + push.x) / self.mass  # (20) and (21), seen from O
-        dy[VZ] = (2 * f_z.sum() + push.z) / self.mass
-        moment = 2 * (self.arm_z * f_rx - self.arm_x * f_rz).sum()  # (22)
-        dy[Q] = (moment + push.moment) / ch.pitch_inertia
+        dy[VX] = (2 * (f_x[0] + f_x[1]) + push.x) / self.mass  # (20) and (21), seen from O
+        dy[VZ] = (2 * (f_z[0] + f_z[1]) + push.z) / self.mass
+        fore, aft = self.arm_z * f_rx - self.arm_x * f_rz  # (22)
+        dy[Q] = (2 * (fore + aft) + push.moment) / ch.pitch_inertia
         dy[ANGLE] = y[OMEGA]
         dy[OMEGA] = (self.torque(y) + self.load(y, wheel)) / self.rim_inertia  # (23)
         back_emf = d.emf_constant * d.gear_ratio * self.shaft(y)[1]
