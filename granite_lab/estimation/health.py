@@ -144,9 +144,7 @@ def judge_health(
     else:
         side = "end" if ends[0] else "start" if ends[1] else "start and end"
         anchored = f"no standstill at the {side}: velocity drifts there, as its std shows"
-        complaints.append("an end without standstill")
-    good = not complaints
-    if good:
+    if not complaints and rests and all(ends):
         remark = ""
         if chance.get("wheel", 1.0) < 1e-3 and abs(white["wheel"]) > 0.1:
             side = "on the safe side" if white["wheel"] < 0 else "short of the fastest changes"
@@ -154,4 +152,4 @@ def judge_health(
         return True, (
             f"The estimate can be trusted: {anchored}, and all measurements agree with their noise{remark}."
         )
-    return False, f"Look twice: {anchored}; " + "; ".join(complaints) + "."
+    return False, "Look twice: " + "; ".join([anchored, *complaints]) + "."

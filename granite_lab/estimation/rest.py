@@ -21,6 +21,9 @@ CREEP = 1.0e-4
 """Wheel velocity [m/s] below which the robot counts as standing. A robot whose motors cannot brake
 coasts out over seconds, and a zero-velocity update at 1 mm/s there shifts the whole trial by that much."""
 
+STEADY = 3.0
+"""An IMU that is this many times as loud as its grade may be moving."""
+
 WINDOW = 0.2
 """Length of the window in which stillness is judged [s]."""
 
@@ -71,7 +74,8 @@ def imu_quiet(imu: BodyImu, grade: ImuGrade, hint: np.ndarray | None = None) -> 
 
     The quiet level is the lower quartile over the samples where the wheels stand (`hint`), or a low
     percentile of all where there are none, so a motor that hums or a table that shakes is allowed
-    for; the grade's noise is the floor.
+    for; the grade's noise is the floor. Without wheels, a log that is louder than the grade and no louder
+    at any other time may be all steady motion: then nothing is called quiet.
 
     Args:
         imu: samples in robot axes.
@@ -86,7 +90,10 @@ def imu_quiet(imu: BodyImu, grade: ImuGrade, hint: np.ndarray | None = None) -> 
             continue
         pool = level[hint] if hint is not None and hint.sum() * dt > SHORTEST else level
         base = float(np.percentile(pool, 25 if pool is not level else 5))
-        quiet &= level <= 1.5 * max(base, density / np.sqrt(dt))
+        usual = density / np.sqrt(dt)
+        if hint is None and base > STEADY * usual and float(np.percentile(level, 90)) < STEADY * base:
+            return np.zeros(imu.t.size, dtype=bool)
+        quiet &= level <= 1.5 * max(base, usual)
     return quiet
 
 
