@@ -11,7 +11,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting, wheel_signs
 from granite_lab.estimation.clock import slow_offset
-from granite_lab.estimation.faults import Faults, despike, find_faults, find_restarts, without_steps
+from granite_lab.estimation.faults import Faults, despike, find_faults
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.noise import identify
@@ -20,6 +20,7 @@ from granite_lab.estimation.passes import Problem, find_offset, solve
 from granite_lab.estimation.process import SlipModel
 from granite_lab.estimation.referenced import refer
 from granite_lab.estimation.rest import Interval, find_rests, inside
+from granite_lab.estimation.restarts import find_restarts, without_steps
 from granite_lab.estimation.rolling import Rolling, roll
 from granite_lab.logs.trial import ImuStream, Trial
 from granite_lab.parameters import Robot, Variant, load_variants
@@ -92,9 +93,10 @@ def estimate(
         noise = identify(imu, robot, still, ~inside(imu.t, still), speed)
         problem = dataclasses.replace(problem, rests=still, noise=noise)
     _refuse_gaps(trial, faults, still)
-    faults = dataclasses.replace(faults, restarts=find_restarts(imu, stream, still, faults, robot.imu_grade))
-    if faults.restarts:
-        stream = without_steps(stream, faults.restarts)
+    restarts = find_restarts(stream, still, faults.doubt, faults.gaps, robot.imu_grade)
+    faults = dataclasses.replace(faults, restarts=restarts)
+    if restarts:
+        stream = without_steps(stream, restarts)
         imu = mounting.to_body(stream, imu.rotation, levelled=imu.levelled)
     problem = dataclasses.replace(problem, imu=imu, faults=faults)
     warnings += _complain(problem, offset)

@@ -1,9 +1,8 @@
-"""What is wrong with the IMU's samples: gaps, plateaus, spikes, restarts; and how much they leave open."""
+"""What is wrong with the IMU's samples: gaps, plateaus, spikes; and how much that leaves open."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,8 @@ from scipy.ndimage import median_filter
 
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.process import BA, BG, TH, V, X
-from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.rest import Interval
+from granite_lab.estimation.restarts import Restart
 from granite_lab.estimation.rolling import runs
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import ImuGrade
@@ -24,25 +24,6 @@ UNEXPLAINED = 0.3
 
 SPIKE = (1.0, 0.3)
 """A single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]."""
-
-
-@dataclass(frozen=True)
-class Restart:
-    """Biases that changed between two standstills.
-
-    Attributes:
-        begin, end: when it happened: a gap, or all the time between the standstills [s].
-        accel, gyro: std of the change, as far as `step` does not tell it [m/s^2], [rad/s].
-        step: change of the gyro's readings, sensor axes [rad/s].
-        gap: it happened in a gap of the samples.
-    """
-
-    begin: float
-    end: float
-    accel: float
-    gyro: float
-    step: tuple[float, float, float]
-    gap: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,54 +153,6 @@ def rail(axis: Array) -> np.ndarray:
         if (end - begin).max() >= 3.0 * max(usual, 1.0):
             mark |= at_limit
     return mark
-
-
-def find_restarts(
-    imu: BodyImu, stream: ImuStream, rests: Sequence[Interval], faults: Faults, grade: ImuGrade
-) -> tuple[Restart, ...]:
-    """Compare the gyro and the size of specific force of each standstill with the next one's.
-
-    Pitch may differ between two standstills, so only what it cannot explain counts.
-    """
-    found = []
-    level: list[tuple[Array, Array, float]] = []
-    for rest in rests:
-        at = inside(imu.t, [rest]) & ~faults.doubt
-        if not at.any():
-            return ()
-        force, rate = (
-            np.nan_to_num(v[at].mean(axis=0)) for v in (stream.specific_force, stream.angular_rate)
-        )
-        level.append((force, rate, float(rest[1] - rest[0])))
-    for i in range(len(rests) - 1):
-        (force, rate, time), (force_2, rate_2, time_2) = level[i], level[i + 1]
-        begin, end = rests[i][1], rests[i + 1][0]
-        share = np.sqrt(1.0 / max(time, 0.1) + 1.0 / max(time_2, 0.1))
-        apart = np.sqrt(2.0 * (end - begin + 0.5 * (time + time_2)) / grade.instability_time)
-        turn, size = rate_2 - rate, float(np.linalg.norm(force_2) - np.linalg.norm(force))
-        usual_turn = np.hypot(grade.gyro_noise * share, grade.gyro_instability * min(apart, 1.5))
-        usual_size = np.hypot(grade.accel_noise * share, 2.0 * grade.accel_instability * min(apart, 1.5))
-        if np.abs(turn).max() < 6.0 * usual_turn and abs(size) < 6.0 * usual_size + 0.01:
-            continue
-        accel = max(grade.accel_bias, float(np.linalg.norm(force_2 - force)))
-        gyro = max(float(np.abs(turn).max()), 3.0 * float(usual_turn))
-        places = sorted((g for g in faults.gaps if begin <= g[0] and g[1] <= end), key=lambda g: g[0] - g[1])
-        step = (float(turn[0]), float(turn[1]), float(turn[2]))
-        if len(places) == 1:  # then it is known when, and the standstills tell by how much
-            gyro = 3.0 * float(usual_turn)
-        for k, (a, b) in enumerate(places or [(begin, end)]):
-            found.append(Restart(a, b, accel, gyro, step if k == 0 else (0.0, 0.0, 0.0), bool(places)))
-    return tuple(found)
-
-
-def without_steps(stream: ImuStream, restarts: Sequence[Restart]) -> ImuStream:
-    """Take the changes of the gyro's bias out of its readings: in the (longest) gap, else gradually."""
-    rate = stream.angular_rate.copy()
-    for restart in restarts:
-        length = max(restart.end - restart.begin, 1e-9)
-        passed = np.clip((stream.t - restart.begin) / length, 0.0, 1.0)
-        rate -= passed[:, None] * np.array(restart.step)
-    return dataclasses.replace(stream, angular_rate=rate)
 
 
 def inflate(
