@@ -36,9 +36,9 @@ def _options(
 
 
 def _register() -> None:
-    from granite_lab.commands import effects, fit, hidden, logs, parameters, simulate, study
+    from granite_lab.commands import discover, effects, fit, hidden, logs, parameters, simulate, study
 
-    for module in (logs, simulate, fit, study, parameters, effects, hidden):
+    for module in (logs, simulate, fit, study, discover, parameters, effects, hidden):
         module.register(app)
 
 

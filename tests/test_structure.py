@@ -24,6 +24,7 @@ STAGES = [
     {"effects"},
     {"fitting"},
     {"comparison"},
+    {"discovery"},
     {"reporting"},
     {"study"},
     {"commands"},

@@ -1,0 +1,144 @@
+"""The model as it is, fitted with all nuisances, and the noise that the repetitions show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from granite_lab.discovery.adjust import fit as adjust
+from granite_lab.discovery.bench import SAND
+from granite_lab.discovery.noise import FAST, learn, white
+from granite_lab.discovery.point import Fit
+from granite_lab.discovery.problem import Problem
+from granite_lab.logs.trial import Array
+from granite_lab.model.command import desired_velocity
+
+NOMINAL = {
+    "accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 0.003,
+    "wheel": 1e-3, "wheel_split": 3e-4, "current_f": 0.05, "current_r": 0.05,
+}  # fmt: skip
+"""Std of a bin with which the first fit weights the channels [unit of the channel]."""
+
+FLOOR = {
+    "accel_x": 2e-3, "accel_z": 2e-3, "pitch_rate": 1e-4,
+    "wheel": 1e-4, "wheel_split": 1e-4, "current_f": 5e-3, "current_r": 5e-3,
+}  # fmt: skip
+"""Std below which no agreement is believed, however quiet the sensor: a wheel angle of 1e-4 rad is
+10 µm on the circumference. It enters as white noise beside what the sensor shows."""
+
+ROUNDS = 2
+
+STILL = 1e-3
+"""Share of the full speed below which a wheel counts as standing."""
+
+WEAK_SAND = {"friction_angle": -0.12, "tyre_friction": 0.08}
+"""A second start, in sand whose own strength limits the shear stress: the other branch of (10)."""
+
+
+def begin(problem: Problem) -> None:
+    """Weight the channels by `NOMINAL`."""
+    problem.whiteners = [
+        [white(NOMINAL[c], np.isfinite(t.observation.values[c])) for c in t.channels] for t in problem.trials
+    ]
+
+
+def learn_noise(problem: Problem, residuals: Sequence[Array]) -> None:
+    """Replace the weights by the noise that residuals show, one command and channel at a time."""
+    whiteners = [list(w) for w in problem.whiteners]
+    for own in by_command(problem):
+        speed = _speed(problem, residuals, own)
+        width = problem.trials[own[0]].observation.width
+        for c in channels_of(problem, own):
+            having = [i for i in own if c in problem.trials[i].channels]
+            place = {i: problem.trials[i].channels.index(c) for i in having}
+            rows = [residuals[i][place[i]] for i in having]
+            shown = _predicted(problem, residuals, c, having)
+            strength = speed
+            if c.startswith("current"):  # its errors grow with the torque
+                level = float(np.median(np.abs(shown[speed >= FAST])))
+                strength = np.clip(np.abs(shown) / level, 0, 4) * (speed > 0) if level > 0 else speed
+            found = learn(rows, strength, np.gradient(shown), FLOOR[c], width)
+            for i, w in zip(having, found, strict=True):
+                whiteners[i][place[i]] = w
+    problem.whiteners = whiteners
+
+
+def _predicted(problem: Problem, residuals: Sequence[Array], channel: str, having: Sequence[int]) -> Array:
+    """Return (n,) what the model shows of a channel, mean over trials; zero where nothing was measured."""
+    total = np.zeros(problem.trials[having[0]].observation.bins)
+    for i in having:
+        k = problem.trials[i].channels.index(channel)
+        total += np.nan_to_num(problem.trials[i].measured[k] - residuals[i][k])
+    return total / len(having)
+
+
+def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> Array:
+    """Return (n,) how fast the wheels turn over their largest rate; the command where none were logged."""
+    wheels = [i for i in own if "wheel" in problem.trials[i].channels]
+    if wheels:
+        rate = np.fmax(np.diff(_predicted(problem, residuals, "wheel", wheels), prepend=0.0), 0.0)
+        rate = np.minimum(rate, 1.2 * np.median(rate[rate > 0.5 * np.quantile(rate, 0.9)]))
+    else:
+        o = problem.trials[own[0]].observation
+        rate = np.array([float(desired_velocity(t, o.variant)) for t in o.t])
+    rate = rate / rate.max()
+    rate[rate < STILL] = 0.0
+    return np.asarray(rate)
+
+
+def from_weak_sand(problem: Problem, fit: Fit) -> Fit:
+    """Try the second start under the noise as it stands; return the better fit."""
+    sand = np.array([WEAK_SAND.get(name, 0.0) for name in SAND])
+    other = adjust(problem, replace(problem.neutral(), sand=sand), rounds=10, renew=2)
+    return other if other.chi2 < fit.chi2 else fit
+
+
+def by_command(problem: Problem) -> list[list[int]]:
+    """Return the numbers of the trials of each command."""
+    return [[i for i, t in enumerate(problem.trials) if t.variant == v] for v in problem.variants]
+
+
+def channels_of(problem: Problem, own: Sequence[int]) -> tuple[str, ...]:
+    """Return the channels that any of the trials has."""
+    return tuple(dict.fromkeys(c for i in own for c in problem.trials[i].channels))
+
+
+def baseline(problem: Problem, tick: Callable[[], None] = lambda: None) -> Fit:
+    """Fit the model without any effect, learning the noise on the way.
+
+    Raises:
+        EstimateError: the simulation fails.
+    """
+    begin(problem)
+    fit = adjust(problem, problem.neutral(), rounds=6, renew=1)
+    for _ in range(ROUNDS):
+        tick()
+        learn_noise(problem, fit.residuals)
+        fit = adjust(problem, fit.point, slopes=fit.slopes, renew=1)
+    return fit
+
+
+def pure_error(problem: Problem, white_residuals: Sequence[Array]) -> list[Array]:
+    """Return per trial (m,) what repetitions of one command do not have in common.
+
+    Scaled for the mean that was taken; a command driven once gives its residual itself.
+    """
+    result = [np.asarray(w) for w in white_residuals]
+    for own in by_command(problem):
+        for c in channels_of(problem, own):
+            having = [i for i in own if c in problem.trials[i].channels]
+            if len(having) < 2:
+                continue
+            n = problem.trials[having[0]].observation.bins
+            rows = {
+                i: slice(k * n, (k + 1) * n) for i in having for k in [problem.trials[i].channels.index(c)]
+            }
+            mean = np.mean([white_residuals[i][rows[i]] for i in having], axis=0)
+            factor = np.sqrt(len(having) / (len(having) - 1))
+            for i in having:
+                if result[i] is white_residuals[i]:
+                    result[i] = white_residuals[i].copy()
+                result[i][rows[i]] = factor * (white_residuals[i][rows[i]] - mean)
+    return result

@@ -1,0 +1,138 @@
+"""Many simulations of the same few commands, in this process or in several."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from granite_lab.discovery.observation import SIGNALS
+from granite_lab.errors import EstimateError, InputError
+from granite_lab.logs.trial import Array
+from granite_lab.model.effect import Effect, activate
+from granite_lab.model.simulator import Accuracy, integrate
+from granite_lab.model.symbols import model_parameters
+from granite_lab.parameters import Robot, Soil, Variant, load_paper
+
+SAND = (
+    "a_theta", "frictional_modulus", "cohesion",
+    "shear_modulus", "friction_angle", "exponent", "tyre_friction",
+)  # fmt: skip
+"""Numbers of the sand that no file knows exactly, as logarithms of their ratio to the file's value."""
+
+PER_TRIAL = 3
+"""The first of `SAND` change with the raking from trial to trial."""
+
+ACCURACY = Accuracy(relative=1e-6, absolute=1e-8, step=0.0025)
+
+KEPT = 200
+"""How many runs are remembered, of about 200 kB each."""
+
+Values = tuple[float, ...]
+Setting = tuple[tuple[str, Values], ...]
+"""Effects that are switched on: (id, parameter values) of each."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One simulation: number of the command, sand (logarithms, as `SAND`), effects."""
+
+    variant: int
+    sand: Values
+    setting: Setting = ()
+
+
+@dataclass(frozen=True)
+class World:
+    """What all simulations share."""
+
+    robot: Robot
+    soil: Soil
+    variants: tuple[Variant, ...]
+    effects: Mapping[str, Effect]
+
+    def respond(self, task: Task) -> Array | None:
+        """Return the (7, M) signals of a run; None where it has no solution."""
+        ratio = dict(zip(SAND, np.exp(task.sand).tolist(), strict=True))
+        a_theta = load_paper().a_theta * ratio.pop("a_theta")
+        soil = dataclasses.replace(
+            self.soil, **{name: getattr(self.soil, name) * value for name, value in ratio.items()}
+        )
+        p = model_parameters(self.robot, soil, self.variants[task.variant], a_theta=a_theta)
+        try:
+            active = []
+            for id_, values in task.setting:
+                effect = self.effects[id_]
+                active.append(
+                    activate(effect, {q.name: v for q, v in zip(effect.parameters, values, strict=True)})
+                )
+            signals = integrate(p, active, ACCURACY)
+        except (EstimateError, InputError):
+            return None
+        return np.stack([signals[name] for name in SIGNALS])
+
+
+_world: World | None = None
+
+
+def _enter(world: World) -> None:
+    global _world  # noqa: PLW0603, a worker process has exactly one world
+    _world = world
+
+
+def _work(task: Task) -> Array | None:
+    assert _world is not None
+    return _world.respond(task)
+
+
+class Bench:
+    """Runs tasks; a context manager that ends its processes.
+
+    Processes are forked, so that effects of a user's file need not be loaded again; where the
+    system cannot fork safely, everything runs in this process.
+    """
+
+    def __init__(self, world: World, jobs: int = 1, tick: Callable[[int], None] = lambda _: None) -> None:
+        self.world, self.runs = world, 0
+        self._tick = tick
+        self._pool = None
+        self._known: dict[Task, Array | None] = {}
+        if jobs > 1 and sys.platform == "linux":
+            self._pool = ProcessPoolExecutor(
+                jobs, mp_context=get_context("fork"), initializer=_enter, initargs=(world,)
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def run(self, tasks: Sequence[Task], *, keep: bool = True) -> list[Array | None]:
+        """Return the (7, M) signals of each task, None where a run has no solution.
+
+        Args:
+            tasks: what to simulate; the same task is simulated once.
+            keep: remember the signals for the next call.
+        """
+        fresh = list(dict.fromkeys(task for task in tasks if task not in self._known))
+        if self._pool is None:
+            found = [self.world.respond(task) for task in fresh]
+        else:
+            found = list(self._pool.map(_work, fresh, chunksize=max(1, min(8, len(fresh) // 8))))
+        self.runs += len(fresh)
+        self._tick(len(fresh))
+        known = self._known | dict(zip(fresh, found, strict=True))
+        if keep:
+            self._known = known if len(known) <= KEPT else dict(zip(fresh, found, strict=True))
+        return [known[task] for task in tasks]

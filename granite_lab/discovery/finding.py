@@ -1,0 +1,193 @@
+"""The record of a search for the missing effect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from granite_lab.discovery.lackfit import Disagreement
+from granite_lab.estimate import Estimate
+from granite_lab.logs.trial import Array
+from granite_lab.model.effect import Active
+from granite_lab.parameters import Robot, Soil
+
+Verdict = Literal["none", "named", "unknown"]
+Status = Literal["evaluated", "at a bound", "not converged", "screened only"]
+
+
+@dataclass(frozen=True)
+class FoundParameter:
+    """One fitted number of an effect.
+
+    Attributes:
+        name, unit: as the effect declares them.
+        estimate: value with its std; for a number that each trial has of its own, the root mean
+            square over the trials.
+        per_trial: the values of the trials, in their order; empty for a shared number.
+    """
+
+    name: str
+    unit: str
+    estimate: Estimate
+    per_trial: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that the trials show.
+
+    Attributes:
+        id, title: of the effect.
+        parameters: as fitted together with everything else.
+        twins: candidates that explain these trials as well in its place.
+        evidence: drop of chi2 that it brought, as of one number.
+        empirical: not a physical effect but a law that was fitted.
+    """
+
+    id: str
+    title: str
+    parameters: tuple[FoundParameter, ...]
+    twins: tuple[str, ...]
+    evidence: float
+    empirical: bool = False
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """How one candidate fared in one round of the search.
+
+    Attributes:
+        id: of the effect.
+        evidence: drop of chi2 as of one number, from the full fit where there is one.
+        screened: the same from the screen alone.
+        status: how far it was looked at.
+        bounds: parameters that ended at a bound.
+    """
+
+    id: str
+    evidence: float
+    screened: float
+    status: str
+    bounds: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The smallest size of an effect that these trials can show.
+
+    Attributes:
+        effect, parameter, unit: which.
+        size: strength that is found with a probability of 80 % [unit]; NaN where these trials cannot.
+        confused_with: candidates whose signature is more than 95 % the same once the nuisances are refitted.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    size: float
+    confused_with: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square of whitened residuals; 1 is noise.
+
+    Attributes:
+        channel: or "all".
+        phase: or "all".
+        train: before, after, floor, with all trials in the fit.
+        held_out: the same, each trial predicted by the fit to the others.
+    """
+
+    channel: str
+    phase: str
+    train: tuple[float, float, float]
+    held_out: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """One channel of one trial beside the model, before and after.
+
+    Attributes:
+        trial, channel, unit: which.
+        variant: desired velocity [m/s].
+        t: (n,) time since the start of the command [s]; `t_start` in the log's time [s].
+        phase: (n,) commanded phase.
+        measured: (n,) bins; wheel angles are counted from the start [unit].
+        before, after: (n,) simulated with the nuisances fitted.
+        white_before, white_after: (n,) whitened residuals, zero where nothing was measured.
+    """
+
+    trial: str
+    channel: str
+    unit: str
+    variant: float
+    t: Array
+    t_start: float
+    phase: tuple[str, ...]
+    measured: Array
+    before: Array
+    after: Array
+    white_before: Array
+    white_after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """What the trials say about the model.
+
+    Attributes:
+        verdict: "none", "named" or "unknown".
+        sentence: the verdict in plain words.
+        effects: what was named, or the empirical law.
+        where: intervals in which the model without effects disagrees.
+        left: the same with the effects.
+        gap: over all channels and phases.
+        gaps: per channel, per phase, and per channel and phase.
+        rounds: candidates per round of the search, best first.
+        threshold: evidence that chance exceeds in one set of a hundred.
+        map_threshold: the same for the scores behind `where`.
+        map_before, map_after: largest score on the map, without and with the effects.
+        detectable: per candidate.
+        confusion: (k, k) cosines between the candidates' signatures, nuisances projected out.
+        confusion_ids: the candidates in the rows of `confusion`.
+        residuals: per trial and channel.
+        sand: number of the sand common to all trials to its logarithm over the file's value.
+        sand_per_trial: per trial a_θ [s/m], k_φ and c as fitted.
+        losses: speed [m/s] and the sum of whitened squares on its trials when that speed was left out,
+            before and after.
+        notes: what could not be told and why.
+        robot, soil: of the baseline.
+        active: the effects as they are switched on in a simulation.
+        seed: of the bootstrap.
+        virtual: all trials were written by a simulator.
+        runs: simulations that were needed.
+    """
+
+    verdict: Verdict
+    sentence: str
+    effects: tuple[FoundEffect, ...]
+    where: tuple[Disagreement, ...]
+    left: tuple[Disagreement, ...]
+    gap: Gap
+    gaps: tuple[Gap, ...]
+    rounds: tuple[tuple[Candidate, ...], ...]
+    threshold: float
+    map_threshold: float
+    map_before: float
+    map_after: float
+    detectable: tuple[Detectable, ...]
+    confusion: Array
+    confusion_ids: tuple[str, ...]
+    residuals: tuple[Residual, ...]
+    sand: dict[str, Estimate]
+    sand_per_trial: tuple[tuple[str, dict[str, float]], ...]
+    losses: tuple[tuple[float, float, float], ...]
+    notes: tuple[str, ...]
+    robot: Robot
+    soil: Soil
+    active: tuple[Active, ...]
+    seed: int
+    virtual: bool
+    runs: int

@@ -1,0 +1,147 @@
+"""Noise of the residuals: its covariance in time, learnt from repetitions, and what makes it white.
+
+A channel's noise is the sum of three parts: that of the standstill, a vibration whose strength
+grows with the speed, and the jitter of the stamps where the signal is steep. Each has its own
+spectrum, so that the mixture changes along the trial; the Cholesky factor of its covariance turns
+residuals into independent numbers of unit variance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky, solve_toeplitz, solve_triangular, toeplitz
+from scipy.optimize import nnls
+
+from granite_lab.logs.trial import Array
+
+ORDER = 16
+"""Order of the autoregression that smooths a spectrum; frame and lugs vibrate in narrow peaks."""
+
+REST_ORDER = 2
+
+FAST = 0.8
+"""Share of the full speed from which a bin tells of the vibration."""
+
+CUT = 4.0
+"""Below this frequency [Hz] a residual without repetitions may be a missing effect, not noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Whitener:
+    """Makes the noise of one channel white with unit variance.
+
+    Attributes:
+        factor: (k, k) lower Cholesky factor of the covariance of the bins that were measured, or
+            (k,) their std where the noise is white.
+        known: (n,) bins that were measured.
+    """
+
+    factor: Array
+    known: Array
+
+    def __call__(self, columns: Array) -> Array:
+        """Return the whitened (n,) or (n, k) columns; zero where nothing was measured."""
+        out = np.zeros_like(columns)
+        if self.factor.ndim == 1:
+            out[self.known] = (columns[self.known].T / self.factor).T
+            return out
+        out[self.known] = solve_triangular(self.factor, columns[self.known], lower=True, check_finite=False)
+        return out
+
+
+def white(level: float, known: Array) -> Whitener:
+    """Return the filter of white noise.
+
+    Args:
+        level: its std.
+        known: (n,) bins that were measured.
+    """
+    return Whitener(np.full(int(known.sum()), level), known)
+
+
+def learn(
+    residuals: Sequence[Array], speed: Array, slope: Array, floor: float, width: float
+) -> list[Whitener]:
+    """Identify the noise of one channel from the trials of one command.
+
+    With repetitions the residual minus its mean over them is noise alone: what the model misses is
+    common to all. Without, the slow part of the spectrum is taken to be as loud as the band above.
+
+    Args:
+        residuals: (n,) per trial, NaN where nothing was measured, aligned on the command.
+        speed: (n,) speed over its largest, zero at standstill.
+        slope: (n,) change of the signal over a bin.
+        floor: smallest std worth telling from zero.
+        width: of a bin [s].
+    """
+    table = np.stack(residuals)
+    error = table
+    repeated = len(residuals) > 1
+    if repeated:
+        count = np.fmax(1, np.isfinite(table).sum(axis=0))
+        error = (table - np.nansum(table, axis=0) / count) * np.sqrt(count / np.fmax(1, count - 1))
+    cut = 0.0 if repeated else CUT
+    still, fast = speed == 0, speed >= FAST
+    rest = _spectrum(error[:, still], REST_ORDER, floor, width, 0.0)
+    driven = _spectrum(error[:, fast], ORDER, floor, width, cut)
+    vibration = np.fmax(driven - rest, 0.0)
+    n = speed.size
+    Σ = _covariance(rest, n) + np.outer(speed, speed) * _covariance(vibration, n)
+    Σ[np.diag_indices(n)] += _jitter(error, np.diag(Σ), slope)
+    known = np.isfinite(table)
+    factors: dict[bytes, Array] = {}
+    for mask in known:
+        if mask.tobytes() not in factors:
+            factors[mask.tobytes()] = cholesky(Σ[np.ix_(mask, mask)], lower=True)
+    return [Whitener(factors[mask.tobytes()], mask) for mask in known]
+
+
+_GRID = 1024
+
+
+def _spectrum(error: Array, order: int, floor: float, width: float, cut: float) -> Array:
+    """Return the power spectrum on `_GRID` + 1 frequencies, smoothed by an autoregression.
+
+    The floor enters as white noise: a sensor at rest on one step of its scale has no noise to learn.
+    """
+    rows = [row[np.isfinite(row)] for row in error]
+    rows = [row for row in rows if row.size > 8]
+    if not rows:
+        return np.full(_GRID + 1, floor**2)
+    raw = np.mean([np.abs(np.fft.rfft(row, 2 * _GRID)) ** 2 / row.size for row in rows], axis=0)
+    f = np.fft.rfftfreq(2 * _GRID, width)
+    if cut:
+        raw[f < cut] = np.mean(raw[(f >= cut) & (f < 2.5 * cut)])
+    order = min(order, sum(row.size for row in rows) // 12)
+    r = np.fft.irfft(raw)[: order + 1]
+    r[0] += floor**2
+    a = solve_toeplitz(r[:-1], r[1:]) if order else np.zeros(0)
+    variance = r[0] - a @ r[1 : order + 1]
+    response = 1 - sum(
+        c * np.exp(-1j * np.pi * (k + 1) * np.arange(_GRID + 1) / _GRID) for k, c in enumerate(a)
+    )
+    return np.asarray(variance / np.abs(response) ** 2)
+
+
+def _covariance(spectrum: Array, n: int) -> Array:
+    return np.asarray(toeplitz(np.fft.irfft(spectrum)[:n]))
+
+
+def _jitter(error: Array, explained: Array, slope: Array) -> Array:
+    """Return the (n,) variance that grows with the squared slope of the signal, beyond what is explained."""
+    steep = np.maximum.reduce([np.roll(slope, 1) ** 2, slope**2, np.roll(slope, -1) ** 2])
+    if steep.max() <= 0:
+        return np.zeros_like(steep)
+    power, count = np.nansum(error**2, axis=0), np.isfinite(error).sum(axis=0)
+    seen = count > 0
+    variance = explained.copy()
+    share = np.zeros(2)
+    for _ in range(6):  # the scatter of a square is its mean
+        weight = np.sqrt(count[seen] / 2) / variance[seen]
+        basis = np.column_stack([explained, steep])[seen] * weight[:, None]
+        share, _ = nnls(basis, power[seen] / count[seen] * weight)
+        variance = explained * max(share[0], 0.2) + steep * share[1]
+    return np.asarray(steep * share[1])

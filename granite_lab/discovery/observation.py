@@ -1,0 +1,247 @@
+"""What the sensors of one trial read, in bins, and the same bins of a simulation.
+
+The comparison is made in sensor space. The signal of a sensor is integrated by trapezoids between
+its own stamps and the integral is read at the edges of the bins; wheel angles are read at the edges
+themselves. A simulation is first interpolated at the very stamps, so that whatever the binning does
+to the measurement it does to the simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from granite_lab.errors import EstimateError
+from granite_lab.logs.trial import Array, Trial
+from granite_lab.model.command import duration, phase_of
+from granite_lab.parameters import GRAVITY, Robot, Variant
+
+BIN = 0.02
+"""Width of a bin [s], where the sensors are fast enough."""
+
+BEFORE, AFTER = 0.5, 1.5
+"""How much rest before the command and how much time after its end is compared [s]."""
+
+SIGNALS = (
+    "imu_ax_mps2", "imu_az_mps2", "imu_gy_radps", "enc_f_rad", "enc_r_rad", "cur_f_A", "cur_r_A",
+)  # fmt: skip
+"""The simulated signals that sensors read, in the order of a `(7, M)` response."""
+
+UNITS = {
+    "accel_x": "m/s^2",
+    "accel_z": "m/s^2",
+    "pitch_rate": "rad/s",
+    "wheel": "rad",
+    "wheel_split": "rad",
+    "current_f": "A",
+    "current_r": "A",
+}
+"""Channel to unit. "wheel" is the mean angle of all wheels and "wheel_split" front minus rear: the
+jitter of the encoders' stamps is common to both axles, so that only these two have independent noise."""
+
+CHANNELS = tuple(UNITS)
+
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """One channel as it was sampled.
+
+    Attributes:
+        t: (N,) stamps [s].
+        value: (N,) in the unit of the channel.
+        weights: (7,) how the channel is composed of the simulated `SIGNALS`.
+        is_angle: read at the edges instead of averaged over the bins.
+    """
+
+    t: Array
+    value: Array
+    weights: Array
+    is_angle: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """One trial in bins.
+
+    Attributes:
+        name: of the trial.
+        variant: the command.
+        t_start: first estimate of the command's start [s, the log's time].
+        edges: (n+1,) edges of the bins [s, the log's time].
+        streams: channel to its samples; only the channels that were logged.
+        values: channel to (n,) binned measurement, NaN where a bin cannot be filled.
+        step: smallest step of the wheels' angle [rad].
+        gravity_removed: the logger has taken gravity out, and it was put back along z.
+    """
+
+    name: str
+    variant: Variant
+    t_start: float
+    edges: Array
+    streams: Mapping[str, Stream]
+    values: Mapping[str, Array]
+    step: float
+    gravity_removed: bool
+
+    @property
+    def width(self) -> float:
+        """Width of a bin [s]."""
+        return float(self.edges[1] - self.edges[0])
+
+    @property
+    def bins(self) -> int:
+        """Number of bins n."""
+        return self.edges.size - 1
+
+    @property
+    def t(self) -> Array:
+        """(n,) time of each bin's middle since the first estimate of the command's start [s]."""
+        return (self.edges[1:] + self.edges[:-1]) / 2 - self.t_start
+
+    @property
+    def phase(self) -> tuple[str, ...]:
+        """Commanded phase of each bin."""
+        return tuple(phase_of(self.t, self.variant))
+
+    def binned(self, channel: str, t: Array, response: Array, shift: float) -> Array:
+        """Return (n,) what the channel would have shown of simulated signals.
+
+        Args:
+            channel: a channel that was logged.
+            t: (M,) time since the start of the command [s].
+            response: (7, M) the simulated `SIGNALS`.
+            shift: by how much the command starts later than `t_start` [s].
+        """
+        stream = self.streams[channel]
+        signal = stream.weights @ response
+        return _bin(stream, np.interp(stream.t - self.t_start - shift, t, signal), self.edges)
+
+
+def observe(
+    trial: Trial, robot: Robot, variant: Variant, t_start: float, *, width: float = BIN
+) -> Observation:
+    """Put a trial into bins.
+
+    Args:
+        trial: the log.
+        robot: gives the mounting of the IMU.
+        variant: what was commanded.
+        t_start: start of the command [s, the log's time].
+        width: of a bin [s], see `bin_width`.
+
+    Raises:
+        EstimateError: the log has no sensor that covers the time of the command.
+    """
+    streams = _streams(trial, robot)
+    if not streams:
+        raise EstimateError(f"trial '{trial.name}' has no sensor to compare with", "check its columns")
+    before = round(BEFORE / width)
+    after = int(np.ceil((duration(variant) + AFTER) / width))
+    edges: Array = t_start + width * np.arange(-before, after + 1, dtype=np.float64)
+    streams = {name: _from_zero(s, edges[before]) if s.is_angle else s for name, s in streams.items()}
+    values = {name: _masked(s, edges) for name, s in streams.items()}
+    known = np.isfinite(np.concatenate(list(values.values()))).mean()
+    if known < 0.3:
+        raise EstimateError(
+            f"trial '{trial.name}': its sensors cover {100 * known:.0f} % of the time of the command",
+            "check the start of the command",
+        )
+    step = trial.wheels.step if trial.wheels is not None and trial.wheels.rate is None else 0.0
+    removed = trial.imu is not None and trial.imu.gravity_removed
+    return Observation(trial.name, variant, t_start, edges, streams, values, step, removed)
+
+
+def bin_width(trial: Trial, robot: Robot) -> float:
+    """Return `BIN`, or the multiple of it that the slowest sensor of a trial needs [s]."""
+    slowest = max((float(np.median(np.diff(s.t))) for s in _streams(trial, robot).values()), default=BIN)
+    return BIN * max(1.0, float(np.ceil(slowest / BIN - 0.05)))
+
+
+def _from_zero(stream: Stream, start: float) -> Stream:
+    """Return the angle counted from where the wheel stood before the command."""
+    return replace(stream, value=stream.value - np.interp(start, stream.t, stream.value))
+
+
+def _streams(trial: Trial, robot: Robot) -> dict[str, Stream]:
+    found: dict[str, Stream] = {}
+    if trial.imu is not None:
+        mounting = Rotation.from_euler("XYZ", robot.imu.rotation, degrees=True)
+        force = mounting.apply(np.nan_to_num(trial.imu.specific_force))
+        rate = mounting.apply(np.nan_to_num(trial.imu.angular_rate))
+        if trial.imu.gravity_removed:
+            force = force + np.array([0.0, 0.0, GRAVITY])
+        known = np.isfinite(trial.imu.specific_force), np.isfinite(trial.imu.angular_rate)
+        for k, (name, values, fine) in enumerate(
+            (
+                ("accel_x", force[:, 0], np.asarray(known[0][:, [0, 2]].all(axis=1))),
+                ("accel_z", force[:, 2], np.asarray(known[0][:, [0, 2]].all(axis=1))),
+                ("pitch_rate", rate[:, 1], np.asarray(known[1][:, 1])),
+            )
+        ):
+            found |= _stream(name, trial.imu.t, values, fine, k, is_angle=False)
+    offset = trial.info.clock_offset or 0.0
+    if trial.wheels is not None:
+        found |= _axles("wheel", trial.wheels.t + offset, trial.wheels.angle, 3)
+        if {"wheel_f", "wheel_r"} <= found.keys():
+            front, rear = found.pop("wheel_f"), found.pop("wheel_r")
+            if np.array_equal(front.t, rear.t):
+                mean, split = (front.value + rear.value) / 2, front.value - rear.value
+                found["wheel"] = Stream(front.t, mean, (front.weights + rear.weights) / 2, True)
+                found["wheel_split"] = Stream(front.t, split, front.weights - rear.weights, True)
+            else:
+                found["wheel"] = front
+        elif found.keys() & {"wheel_f", "wheel_r"}:
+            found["wheel"] = found.pop("wheel_f" if "wheel_f" in found else "wheel_r")
+    if trial.currents is not None:
+        found |= _axles("current", trial.currents.t + offset, trial.currents.current, 5)
+    return found
+
+
+def _axles(kind: str, t: Array, table: Array, first: int) -> dict[str, Stream]:
+    """Return the means of the wheels of each axle that were logged."""
+    found: dict[str, Stream] = {}
+    for k, axle in enumerate("fr"):
+        own = table[:, 2 * k : 2 * k + 2]
+        own = own[:, np.isfinite(own).sum(axis=0) > 1]
+        if own.shape[1]:
+            fine: Mask = np.asarray(np.isfinite(own).all(axis=1))
+            found |= _stream(f"{kind}_{axle}", t, own.mean(axis=1), fine, first + k, is_angle=kind == "wheel")
+    return found
+
+
+def _stream(
+    name: str, t: Array, values: Array, fine: Mask, signal: int, *, is_angle: bool
+) -> dict[str, Stream]:
+    if fine.sum() < 20:
+        return {}
+    return {name: Stream(t[fine], np.asarray(values[fine]), np.eye(len(SIGNALS))[signal], is_angle)}
+
+
+def _bin(stream: Stream, values: Array, edges: Array) -> Array:
+    """Return (n,) means over the bins, or angles at the later edge of each bin."""
+    if stream.is_angle:
+        return np.interp(edges[1:], stream.t, values)
+    t = stream.t
+    integral = np.concatenate([[0.0], np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(t))])
+    # between the stamps the integral of a straight line is a parabola
+    k = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, t.size - 2)
+    s, gap = edges - t[k], t[k + 1] - t[k]
+    at_edges = integral[k] + s * (values[k] + (values[k + 1] - values[k]) * s / (2 * gap))
+    return np.diff(at_edges) / np.diff(edges)
+
+
+def _masked(stream: Stream, edges: Array) -> Array:
+    """Return the binned measurement, NaN where the stamps leave a gap of more than three periods."""
+    values = _bin(stream, stream.value, edges)
+    gaps = np.diff(stream.t)
+    for k in np.flatnonzero(gaps > 3.5 * np.median(gaps)):
+        values[(edges[1:] > stream.t[k]) & (edges[:-1] < stream.t[k + 1])] = np.nan
+    outside = (edges[:-1] < stream.t[0]) | (edges[1:] > stream.t[-1])
+    values[outside] = np.nan
+    return values

@@ -1,0 +1,144 @@
+"""Full fits with an effect switched on, and how they fare on trials that were not used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from granite_lab.discovery.adjust import fit as adjust
+from granite_lab.discovery.arrow import Block
+from granite_lab.discovery.point import Fit, Point, Slopes
+from granite_lab.discovery.problem import Problem
+from granite_lab.discovery.slopes import slopes_at
+from granite_lab.errors import EstimateError
+from granite_lab.logs.trial import Array
+
+NOISE = 1.02
+"""chi2 per bin that counts as noise when further starts are weighed."""
+
+AT_BOUND = 1e-3
+"""Share of a parameter's range within which it counts as being at its bound."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Residuals of trials whose group had no say in the shared numbers.
+
+    Attributes:
+        white: per trial (m,) whitened residual after its own numbers were refitted.
+        loss: (trials,) its sum of squares, with the priors of the trial's own numbers.
+    """
+
+    white: tuple[Array, ...]
+    loss: Array
+
+
+def with_effect(problem: Problem, point: Point, id_: str, values: Sequence[float]) -> Point:
+    """Return the point with one more effect switched on."""
+    parameters = problem.effect(id_).parameters
+    places = problem.places(id_)
+    common = [values[k] for k in places if not parameters[k].per_trial]
+    own = [values[k] for k in places if parameters[k].per_trial]
+    return replace(
+        point,
+        effects=(*point.effects, id_),
+        common=np.concatenate([point.common, common]),
+        trials=tuple(np.concatenate([x, own]) for x in point.trials),
+    )
+
+
+def refit(
+    problem: Problem, starts: Sequence[Point], *, near: Slopes | None = None, goal: float = np.inf
+) -> Fit | None:
+    """Fit from several starts and keep the best; None where every start fails.
+
+    Args:
+        problem: the trials.
+        starts: points with the effects switched on.
+        near: derivatives by the sand that are good enough to begin with.
+        goal: chi2 that a fit must approach to be worth finishing.
+    """
+    best: Fit | None = None
+    for start in starts:
+        try:
+            slopes = slopes_at(problem, start, sand_from=near)
+            fit = adjust(problem, start, slopes=slopes, goal=goal)
+        except EstimateError:
+            continue
+        if best is None or fit.chi2 < best.chi2:
+            best = fit
+        if enough(problem, best):
+            break
+    return best
+
+
+def enough(problem: Problem, fit: Fit) -> bool:
+    """Tell whether a fit leaves hardly more than noise, so that another start cannot find much."""
+    count = sum(int(w.known.sum()) for own in problem.whiteners for w in own)
+    return fit.chi2 < NOISE * count
+
+
+def reduced(block: Block, white: Array, own: Array) -> tuple[Array, Array]:
+    """Return one trial's part of the normal matrix and gradient of the shared numbers."""
+    pull = block.local.T @ white - block.precision * own
+    return (
+        block.shared.T @ block.shared - block.coupling.T @ block.solve(block.coupling),
+        block.shared.T @ white - block.coupling.T @ block.solve(pull),
+    )
+
+
+def covariance(problem: Problem, fit: Fit) -> Array:
+    """Return the covariance of the shared numbers, sand first, then the effects' parameters."""
+    N = np.diag(problem.bounds(fit.point)[0])
+    for block, white, own in zip(fit.blocks, fit.white, fit.point.trials, strict=True):
+        N = N + reduced(block, white, own)[0]
+    scale = 1 / np.sqrt(np.fmax(np.diag(N), 1e-300))
+    inverse = np.linalg.pinv(N * np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    return np.asarray(inverse * np.outer(scale, scale))
+
+
+def held_out(problem: Problem, fit: Fit, groups: Sequence[int]) -> HeldOut:
+    """Leave out one group of trials after the other; linear around the fit.
+
+    Args:
+        problem: the trials.
+        fit: of all of them.
+        groups: of each trial.
+    """
+    prior, low, high = problem.bounds(fit.point)
+    centre = problem.centres(fit.point)
+    shared = np.concatenate([fit.point.sand, fit.point.common])
+    parts = [reduced(b, w, x) for b, w, x in zip(fit.blocks, fit.white, fit.point.trials, strict=True)]
+    white: list[Array] = [np.zeros(0)] * len(groups)
+    loss = np.zeros(len(groups))
+    for group in dict.fromkeys(groups):
+        N, g = np.diag(prior + 1e-12), -prior * (shared - centre)
+        for own, (part, pull) in zip(groups, parts, strict=True):
+            if own != group:
+                N, g = N + part, g + pull
+        scale = 1 / np.sqrt(np.diag(N))
+        change = scale * np.linalg.lstsq(N * np.outer(scale, scale), scale * g, rcond=1e-12)[0]
+        change = np.clip(shared + change, low, high) - shared
+        for i, own in enumerate(groups):
+            if own != group:
+                continue
+            block, x = fit.blocks[i], fit.point.trials[i]
+            left = fit.white[i] - block.shared @ change
+            dx = block.solve(block.local.T @ left - block.precision * x)
+            white[i] = left - block.local @ dx
+            loss[i] = white[i] @ white[i] + np.sum(block.precision * (x + dx) ** 2)
+    return HeldOut(tuple(white), loss)
+
+
+def at_bound(problem: Problem, fit: Fit) -> tuple[str, ...]:
+    """Name the effects' parameters that ended at a bound other than their neutral value."""
+    shared, _ = problem.effect_parameters(fit.point.effects)
+    found = []
+    for p, value in zip(shared, fit.point.common, strict=True):
+        margin = AT_BOUND * (p.high - p.low)
+        for bound in (p.low, p.high):
+            if abs(value - bound) < margin and (p.shape or abs(bound - p.neutral) > margin):
+                found.append(p.name)
+    return tuple(found)

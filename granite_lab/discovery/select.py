@@ -1,0 +1,199 @@
+"""From the screen to named effects: full fits, a further effect, and what must be true of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from granite_lab.discovery.adjust import fit as adjust
+from granite_lab.discovery.baseline import learn_noise
+from granite_lab.discovery.point import Fit, Point
+from granite_lab.discovery.problem import Problem
+from granite_lab.discovery.refit import at_bound, enough, held_out, refit, with_effect
+from granite_lab.discovery.rivals import freedom, rivals, without
+from granite_lab.discovery.screen import Score, evidence, scores
+from granite_lab.discovery.signature import Signatures, signatures
+from granite_lab.errors import EstimateError
+from granite_lab.model.effect import Effect
+
+PROMISING = 6
+"""Most candidates that are fitted in full."""
+
+STRONG = 1000.0
+"""Drop of chi2 from which a fit also starts afresh: the nuisances may have run after the effect."""
+
+
+SECOND = 0.01
+"""A further effect must bring at least this share of what the first brought."""
+
+MOST = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One candidate fitted in full.
+
+    Attributes:
+        effect: id.
+        screened: what the screen said.
+        fit: the fit, None where none converged.
+        evidence: drop of chi2 against the model without it, as of one number.
+        bounds: parameters that ended at a bound.
+        status: "evaluated", "at a bound", "not converged" or "screened only".
+    """
+
+    effect: str
+    screened: Score
+    fit: Fit | None
+    evidence: float
+    bounds: tuple[str, ...]
+    status: str
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The outcome of the search.
+
+    Attributes:
+        fit: with all chosen effects.
+        effects: ids, in the order in which they were found.
+        twins: per chosen effect the ids that explain the data as well in its place.
+        rounds: per round the candidates, best first.
+        base: the fit without effects, improved where the search came upon better sand.
+    """
+
+    fit: Fit
+    effects: tuple[str, ...]
+    twins: Mapping[str, tuple[str, ...]]
+    rounds: tuple[tuple[Trial, ...], ...]
+    base: Fit
+
+
+def search(
+    problem: Problem,
+    base: Fit,
+    signs: Signatures,
+    candidates: Mapping[str, Effect],
+    threshold: float,
+    tick: Callable[[str], None] = lambda _: None,
+) -> Choice:
+    """Add effects one after the other while each clears the threshold.
+
+    Args:
+        problem: the trials, with the noise learnt.
+        base: the fit without effects.
+        signs: signatures around it.
+        candidates: effects to choose from.
+        threshold: evidence that chance exceeds once in a hundred sets.
+        tick: told what is being done.
+    """
+    fit, rounds, first = base, [], 0.0  # type: Fit, list[tuple[Trial, ...]], float
+    twins: dict[str, tuple[str, ...]] = {}
+    refused: set[str] = set()
+    while True:
+        chosen = fit.point.effects
+        left = {id_: e for id_, e in candidates.items() if id_ not in chosen}
+        if rounds:
+            tick("looking for twins and for a further effect")
+            signs = signatures(problem, fit, left, small=bool(chosen))
+        if chosen:
+            twins, better = rivals(problem, fit, signs, left)
+            if better is not None:
+                fit = settle(problem, better)
+                chosen = fit.point.effects
+                left = {id_: e for id_, e in candidates.items() if id_ not in chosen}
+                signs = signatures(problem, fit, left, small=True)
+                twins, _ = rivals(problem, fit, signs, left)
+        ranking = [s for s in scores(problem, fit, signs, left) if s.effect not in refused]
+        least = max(threshold, SECOND * first)
+        tick("fitting the promising effects")
+        tried = _try_all(problem, fit, _promising(ranking, least)) if len(chosen) < MOST else ()
+        names = {t.effect for t in tried}
+        rest = [
+            Trial(s.effect, s, None, s.evidence, (), "screened only")
+            for s in ranking
+            if s.effect not in names
+        ]
+        rounds.append((*tried, *rest))
+        good = [t for t in tried if t.status == "evaluated" and t.evidence > least]
+        winner = next((t for t in good if t.fit is not None and _generalises(problem, fit, t.fit)), None)
+        if winner is None or winner.fit is None:
+            return Choice(base if not chosen else fit, chosen, twins, tuple(rounds), base)
+        # the fit with the effect may have found better sand: that alone is no evidence
+        plain = without(problem, winner.fit, winner.effect)
+        if plain is not None and plain.chi2 < fit.chi2:
+            fit = plain
+            base = base if chosen else plain
+            if (
+                evidence(plain.chi2 - winner.fit.chi2, freedom(problem, problem.effect(winner.effect)))
+                < least
+            ):
+                refused.add(winner.effect)
+                continue
+        first = first or fit.chi2 - winner.fit.chi2
+        fit = settle(problem, winner.fit)
+
+
+def settle(problem: Problem, fit: Fit) -> Fit:
+    """Learn the noise anew from what the effects leave, and converge under it."""
+    learn_noise(problem, fit.residuals)
+    try:
+        return adjust(problem, fit.point, slopes=fit.slopes, renew=1, rounds=6)
+    except EstimateError:
+        return adjust(problem, fit.point)
+
+
+def _promising(ranking: Sequence[Score], least: float) -> list[Score]:
+    return [s for s in ranking if s.evidence > least][:PROMISING]
+
+
+def starts(problem: Problem, fit: Fit, id_: str, values: Sequence[float], drop: float) -> list[Point]:
+    """Return where a fit with one more effect begins: here, and afresh where the effect is strong."""
+    found = [with_effect(problem, fit.point, id_, values)]
+    if drop > STRONG:
+        neutral = problem.neutral()
+        fresh = replace(
+            fit.point,
+            sand=neutral.sand,
+            trials=tuple(
+                np.concatenate([np.zeros(t.size), x[t.size :]])
+                for t, x in zip(problem.trials, fit.point.trials, strict=True)
+            ),
+        )
+        found.insert(0, with_effect(problem, fresh, id_, values))
+    return found
+
+
+def _try_all(problem: Problem, fit: Fit, promising: Sequence[Score]) -> tuple[Trial, ...]:
+    """Fit the promising candidates in full, the best first; hopeless ones are not finished."""
+    tried: list[Trial] = []
+    for score in promising:
+        fits = [t.fit for t in tried if t.fit is not None and t.status == "evaluated"]
+        if any(enough(problem, f) for f in fits):
+            break
+        tried.append(_try(problem, fit, score, min((f.chi2 for f in fits), default=np.inf)))
+    return tuple(sorted(tried, key=lambda t: -t.evidence))
+
+
+def _try(problem: Problem, fit: Fit, score: Score, goal: float) -> Trial:
+    where = starts(problem, fit, score.effect, score.values, score.drop)
+    found = refit(problem, where, near=fit.slopes, goal=goal)
+    if found is None:
+        return Trial(score.effect, score, None, 0.0, (), "not converged")
+    bounds = at_bound(problem, found)
+    effect = problem.effect(score.effect)
+    drop = evidence(fit.chi2 - found.chi2, freedom(problem, effect))
+    status = "at a bound" if bounds else "evaluated" if found.converged or drop > 0 else "not converged"
+    return Trial(score.effect, score, found, drop, bounds, status)
+
+
+def _generalises(problem: Problem, before: Fit, after: Fit) -> bool:
+    """Tell whether trials that were left out are predicted better with the effect."""
+    if len(problem.trials) < 2:
+        return True
+    groups = list(range(len(problem.trials)))
+    return float(held_out(problem, after, groups).loss.sum()) < float(
+        held_out(problem, before, groups).loss.sum()
+    )

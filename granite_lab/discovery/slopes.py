@@ -1,0 +1,95 @@
+"""Derivatives of the responses by differences, and of the whitened bins by all numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granite_lab.discovery.arrow import Block
+from granite_lab.discovery.bench import PER_TRIAL, SAND, Task
+from granite_lab.discovery.point import Point, Slopes
+from granite_lab.discovery.problem import Problem, as_values
+from granite_lab.errors import EstimateError
+
+_SAND_STEP = (0.01, 0.01, -0.15, 0.01, -0.06, 0.01, 0.03)
+"""Steps of the differences by `SAND`. The smaller of two laws limits the shear stress, (10), and in the
+sand of the file it is friction on the tyre everywhere; only a step of a few percent in cohesion and
+angle of friction shows what the other law would do."""
+
+_EFFECT_STEP = 0.02
+"""Step of a difference by an effect's parameter, as a share of its prior range."""
+
+
+def slopes_at(problem: Problem, point: Point, *, sand_from: Slopes | None = None) -> Slopes:
+    """Differentiate the responses, one command at a time, at the mean sand of its trials.
+
+    Args:
+        problem: the trials.
+        point: where.
+        sand_from: slopes whose derivatives by the sand are good enough to be kept.
+
+    Raises:
+        EstimateError: a simulation fails.
+    """
+    shared, private = problem.effect_parameters(point.effects)
+    tasks: list[Task] = []
+    steps: list[float] = []
+    extra = {v: problem.extra(point, v) for v in problem.variants}
+    for v in problem.variants:
+        centre = problem.centre(point, v)
+        tasks.append(centre)
+        steps.append(1.0)
+        if sand_from is None:
+            for k in range(len(SAND)):
+                moved = np.array(centre.sand)
+                moved[k] += _SAND_STEP[k]
+                tasks.append(Task(v, as_values(moved), centre.setting))
+                steps.append(_SAND_STEP[k])
+        for k, p in enumerate([*shared, *private]):
+            values = np.concatenate([point.common, extra[v]])
+            h = _EFFECT_STEP * (p.prior_high - p.prior_low)
+            h = h if values[k] + h <= p.high else -h
+            values[k] += h
+            tasks.append(
+                Task(
+                    v,
+                    centre.sand,
+                    problem.setting(point.effects, values[: len(shared)], values[len(shared) :]),
+                )
+            )
+            steps.append(h)
+    found = problem.bench.run(tasks)
+    if any(r is None for r in found):
+        raise EstimateError("a simulation near the fit does not converge", "check robot and soil files")
+    count = len(found) // len(problem.variants)
+    result = Slopes([], [], [], [])
+    for j, _ in enumerate(problem.variants):
+        base, *others = found[j * count : (j + 1) * count]
+        assert base is not None
+        apart = steps[j * count + 1 : (j + 1) * count]
+        derived = [(other - base) / s for other, s in zip(others, apart, strict=True) if other is not None]
+        of_sand = 0 if sand_from is not None else len(SAND)
+        result.response.append(base)
+        result.sand.append(sand_from.sand[j] if sand_from is not None else np.stack(derived[:of_sand]))
+        empty = np.zeros((0, *base.shape))
+        effect = derived[of_sand:]
+        result.common.append(np.stack(effect[: len(shared)]) if shared else empty)
+        result.own.append(np.stack(effect[len(shared) :]) if private else empty)
+    return result
+
+
+def blocks_at(problem: Problem, point: Point, slopes: Slopes) -> list[Block]:
+    """Return the whitened derivatives per trial."""
+    _, private = problem.effect_parameters(point.effects)
+    precision = problem.own_precision(point.effects)
+    blocks = []
+    for i, (t, x) in enumerate(zip(problem.trials, point.trials, strict=True)):
+        j = problem.variants.index(t.variant)
+        response, sand = slopes.response[j], slopes.sand[j]
+        local = t.columns(response, sand[:PER_TRIAL], x[: t.size])
+        extra = [t.effect_columns(s, x) for s in (*sand[PER_TRIAL:], *slopes.common[j], *slopes.own[j])]
+        shared = np.column_stack([local[:, :PER_TRIAL], *extra])
+        own = shared[:, shared.shape[1] - len(private) :]
+        local = problem.whiten(i, np.column_stack([local, own]))
+        shared = problem.whiten(i, shared[:, : shared.shape[1] - len(private)])
+        blocks.append(Block(local, shared, np.concatenate([t.prior**-2, precision])))
+    return blocks

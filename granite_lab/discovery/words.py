@@ -1,0 +1,85 @@
+"""The verdict and its limits in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from granite_lab.discovery.finding import FoundEffect, Gap
+from granite_lab.discovery.problem import Problem
+from granite_lab.discovery.select import Choice
+from granite_lab.discovery.unknown import Judgement
+
+
+def sentence(judgement: Judgement, effects: Sequence[FoundEffect], gap: Gap) -> str:
+    """Say the verdict in one or two sentences."""
+    before, after, floor = gap.held_out
+    shrinks = (
+        f"On trials that were left out the gap falls from {before:.2f} to {after:.2f}; noise is {floor:.2f}."
+    )
+    if judgement.verdict == "none":
+        return "The model explains the trials within their noise and the scatter of the sand."
+    if judgement.verdict == "named":
+        return f"Missing from the model: {' and '.join(_name(e) for e in effects)}. {shrinks}"
+    if effects:
+        terms = ", ".join(p.name.replace("_", " ") for e in effects for p in e.parameters)
+        return (
+            "Something is missing that no candidate explains; an empirical law stands in for it "
+            f"({terms}). {shrinks}"
+        )
+    return "Something is missing that neither a candidate nor an empirical law explains."
+
+
+def _name(effect: FoundEffect) -> str:
+    if effect.twins:
+        return f"{effect.id}, or what these trials cannot tell from it ({', '.join(effect.twins)})"
+    return effect.id
+
+
+def notes(
+    problem: Problem, judgement: Judgement, choice: Choice, effects: Sequence[FoundEffect]
+) -> tuple[str, ...]:
+    """List what could not be told and why."""
+    found = []
+    counts = [sum(t.variant == v for t in problem.trials) for v in problem.variants]
+    if len(problem.trials) == 1:
+        found.append(
+            "One trial only: nothing was held out, and below 4 Hz noise cannot be told from what is missing."
+        )
+    elif max(counts) == 1:
+        found.append("No command was driven twice: its slow noise was taken to be as loud as the fast.")
+    if len(problem.variants) == 1:
+        found.append(
+            "One speed only: effects that differ in how they grow with speed cannot be told apart, nor "
+            "from sand off the file."
+        )
+    channels = {c for t in problem.trials for c in t.channels}
+    for kind, lost in (
+        ("current", "friction, efficiency and torque constant of the drives cannot be seen"),
+        ("accel", "the motion of the body cannot be seen"),
+        ("wheel", "the motion of the wheels cannot be seen"),
+    ):
+        if not any(c.startswith(kind) for c in channels):
+            found.append(f"No {kind} was logged: {lost}.")
+    if judgement.verdict == "named" and judgement.score_after > judgement.threshold:
+        found.append(
+            f"The named effects close {100 * judgement.closed:.0f} % of the misfit, but what is left is "
+            "more than noise: the formula may differ from nature's, or something small is missing besides."
+        )
+    if judgement.verdict == "unknown" and choice.effects:
+        found.append(
+            f"The best candidates ({', '.join(choice.effects)}) close only {100 * judgement.closed:.0f} % of "
+            "the misfit and are not named."
+        )
+    for round_ in choice.rounds[:1]:
+        for t in round_:
+            if t.status in ("at a bound", "not converged"):
+                bounds = f" ({', '.join(t.bounds)})" if t.bounds else ""
+                found.append(f"{t.effect} was not evaluated: {t.status}{bounds}.")
+    for e in effects:
+        for p in e.parameters:
+            if p.per_trial and np.isfinite(p.estimate.value):
+                found.append(f"{e.id}: {p.name} differs from trial to trial; its root mean square is given.")
+                break
+    return tuple(found)
