@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from granite_lab.comparison.record import Comparison
+from granite_lab.discovery.finding import Finding
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.logs.trial import InputFile, Trial
 
@@ -53,6 +54,8 @@ class StudyResult:
         failures: those that did not.
         a_theta: over the trials; None where fewer than two could be fitted.
         source: provenance.
+        finding: what a search for a missing effect found; None where none was run.
+        unsearched: why none was run, one sentence; empty where one was.
     """
 
     name: str
@@ -60,6 +63,8 @@ class StudyResult:
     failures: tuple[Failure, ...]
     a_theta: AThetaFit | None
     source: Source
+    finding: Finding | None = None
+    unsearched: str = ""
 
     @property
     def virtual(self) -> bool:
