@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from granite_lab.discovery.finding import Finding, FoundEffect
+from granite_lab.discovery.finding import Finding
+from granite_lab.reporting.discovery.names import describe, listed
 from granite_lab.reporting.document import Answer
-from granite_lab.reporting.rounding import plus_minus, significant, tidy_unit
+from granite_lab.reporting.rounding import significant
 
 QUESTION = "What is missing from the model?"
 
@@ -18,20 +19,11 @@ def missing_answer(finding: Finding) -> Answer:
             "missing", QUESTION, f"Nothing that these trials can show. {_gap(finding)}", "nothing", "good"
         )
     if finding.verdict == "named":
-        text = f"{_and([describe(e) for e in finding.effects])}. {_sure(finding)} {_gap(finding)}"
+        text = f"{_capital(listed([describe(e) for e in finding.effects]))}. {_sure(finding)} {_gap(finding)}"
         return Answer("missing", QUESTION, text, _count(len(finding.effects)), "good")
     stands_in = "; an empirical law stands in for it" if finding.effects else ""
     text = f"Something is missing that no candidate explains{stands_in}. {_gap(finding)}"
     return Answer("missing", QUESTION, text, "unknown effect", "fair")
-
-
-def describe(effect: FoundEffect) -> str:
-    """Name an effect with its sizes and with what cannot be told from it."""
-    sizes = ", ".join(
-        f"{p.name.replace('_', ' ')} {plus_minus(p.estimate, tidy_unit(p.unit))}" for p in effect.parameters
-    )
-    twins = f"; these trials cannot tell it from {_or(effect.twins)}" if effect.twins else ""
-    return f"{effect.title[0].upper()}{effect.title[1:]} ({sizes}{twins})"
 
 
 def closed(gap: tuple[float, float, float]) -> float:
@@ -64,9 +56,5 @@ def _count(n: int) -> str:
     return "one effect" if n == 1 else f"{n} effects"
 
 
-def _and(parts: list[str]) -> str:
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
-
-
-def _or(parts: tuple[str, ...]) -> str:
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} or {parts[-1]}"
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]

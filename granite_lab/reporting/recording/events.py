@@ -63,8 +63,10 @@ def lanes_of(intervals: Sequence[Interval]) -> int:
     return 2 + len({i.channel for i in intervals})
 
 
-def write_events(writer: Writer, comparison: Comparison, intervals: Sequence[Interval]) -> None:
-    """Write phases, standstills, intervals of disagreement and log lines."""
+def write_events(
+    writer: Writer, comparison: Comparison, intervals: Sequence[Interval], further: Sequence[Event] = ()
+) -> None:
+    """Write phases, standstills, intervals of disagreement, log lines and further ones."""
     motion = comparison.motion
     start = command_start(comparison)
     t = motion.t - start
@@ -76,7 +78,7 @@ def write_events(writer: Writer, comparison: Comparison, intervals: Sequence[Int
         own = [i for i in intervals if i.channel == channel]
         name = f"simulation_differs/{rr.escape_entity_path_part(channel)}"
         _bars(writer, name, own, t[0], VERMILION)
-    events = sorted(_events(comparison, intervals), key=lambda e: e.t)
+    events = sorted([*_events(comparison, intervals), *further], key=lambda e: e.t)
     levels = [e.level for e in events]
     stamps = np.clip([e.t for e in events], t[0], t[-1])
     writer.rows(

@@ -36,6 +36,13 @@ TITLES = {
     "accel_bias": "Estimated bias of the accelerometer, tilt included [m/s²]",
     "gyro_bias": "Estimated bias of the gyroscope [rad/s]",
     "innovation": "Innovations of the filter over their predicted std [σ]",
+    "found_accel_x": "Forward acceleration read by the IMU [m/s²]",
+    "found_accel_z": "Vertical acceleration read by the IMU [m/s²]",
+    "found_pitch_rate": "Pitch rate read by the IMU [rad/s]",
+    "found_wheel": "Wheel angle, mean of all: simulated − measured [rad]",
+    "found_wheel_split": "Wheel angle, front − rear: simulated − measured [rad]",
+    "found_current_f": "Motor current, front [A]",
+    "found_current_r": "Motor current, rear [A]",
 }
 TABS = {
     "Motion": ("velocity", "slip", "torque", "pitch"),
@@ -49,6 +56,15 @@ TABS = {
     "Wheels": ("wheel_velocity", "wheel_slip", "current"),
     "Sensors": ("specific_force", "residual_accel", "pitch_rate", "residual_pitch_rate"),
     "Filter": ("innovation", "accel_bias", "gyro_bias", "imu"),
+    "Missing effect": (
+        "found_accel_x",
+        "found_accel_z",
+        "found_pitch_rate",
+        "found_wheel",
+        "found_wheel_split",
+        "found_current_f",
+        "found_current_r",
+    ),
 }
 Extent = Mapping[str, tuple[float, float]]
 """Plot to the range of values it shows at first, where the data alone would choose a bad one."""
