@@ -40,16 +40,22 @@ def found_lines(finding: Finding, comparison: Comparison) -> Iterator[Line]:
     """
     named = bool(finding.effects)
     for r in _residuals(finding, comparison):
-        plot, unit = f"found_{r.channel}", UNITS.get(r.unit, r.unit)
+        unit = UNITS.get(r.unit, r.unit)
         t = r.t + r.t_start - command_start(comparison)
         angle = r.unit == "rad"
-        if not angle:
-            yield Line(f"{plot}/measured", (f"measured [{unit}]",), t, r.measured, (MEASURED,), 1.0)
-        zero = r.measured if angle else np.zeros_like(r.measured)
         less = " − measured" if angle else ""
-        yield Line(f"{plot}/before", (f"before{less} [{unit}]",), t, r.before - zero, (BEFORE,), 2.0)
+        drawn = [] if angle else [("measured", r.measured, MEASURED)]
+        drawn.append((f"before{less}", r.before - r.measured if angle else r.before, BEFORE))
         if named:
-            yield Line(f"{plot}/after", (f"after{less} [{unit}]",), t, r.after - zero, (AFTER,), 2.0)
+            drawn.append((f"after{less}", r.after - r.measured if angle else r.after, AFTER))
+        names, values, colours = zip(*drawn, strict=True)
+        yield Line(
+            f"found_{r.channel}/lines",
+            tuple(f"{name} [{unit}]" for name in names),
+            t,
+            np.column_stack(values),
+            colours,
+        )
 
 
 def found_events(finding: Finding, comparison: Comparison) -> Iterator[Event]:

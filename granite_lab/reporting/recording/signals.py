@@ -28,7 +28,7 @@ MEASURED, SIMULATED = SKY, ORANGE
 OF_WHEELS = (SKY, GREEN, BLUE, PURPLE)
 
 FINE, MEDIUM, COARSE = 0.01, 0.02, 0.04
-"""Spacing of lines [s]: sensors and simulation; residuals and currents; ±2σ lines and biases.
+"""Spacing of lines [s]: sensors and simulation; single wheels, residuals and currents; ±2σ lines and biases.
 
 The estimated velocity and pitch keep every sample; the others keep enough for the eye.
 """
@@ -129,7 +129,7 @@ def _motion(trial: Trial, comparison: Comparison) -> Iterator[Line]:
     yield Line("pitch/simulated", ("simulated [rad]",), run.t, run["pitch_rad"], (SIMULATED,), 2.0, FINE)
     for entity, unit, value in (("wheel_velocity", "m/s", motion.v_wheel), ("wheel_slip", "-", motion.slip)):
         names = tuple(f"{wheel} [{unit}]" for wheel in WHEELS)
-        yield Line(f"{entity}/measured", names, t, value, OF_WHEELS, step=FINE)
+        yield Line(f"{entity}/measured", names, t, value, OF_WHEELS, step=MEDIUM)
 
 
 def _axles(comparison: Comparison) -> Iterator[Line]:
@@ -171,7 +171,7 @@ def _sensors(trial: Trial, comparison: Comparison) -> Iterator[Line]:
     if trial.imu is not None:
         names = tuple(f"sensor's {axis} [m/s²]" for axis in "xyz")
         t, force = trial.imu.t - start, trial.imu.specific_force
-        yield Line("imu/specific_force", names, t, force, (SKY, GREEN, PURPLE), 1.0, FINE)
+        yield Line("imu/specific_force", names, t, force, (SKY, GREEN, PURPLE), 1.0, MEDIUM)
     if trial.currents is not None:
         names = tuple(f"{wheel} [A]" for wheel in WHEELS)
         yield Line(
