@@ -86,6 +86,11 @@ def assemble(
         sand=_sand(problem, after),
         sand_per_trial=tuple(_sand_of(problem, after, i) for i in each),
         losses=tuple(losses),
+        trial_losses=tuple(
+            (t.observation.name, float(a @ a), float(b @ b))
+            for t, a, b in zip(problem.trials, *predicted, strict=True)
+            if many
+        ),
         notes=notes(problem, judgement, choice, found),
         robot=world.robot,
         soil=world.soil,

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from granite_lab.discovery.lackfit import Disagreement
 from granite_lab.estimate import Estimate
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Verdict = Literal["none", "named", "unknown"]
 Status = Literal["evaluated", "at a bound", "not converged", "screened only"]
@@ -157,6 +160,8 @@ class Finding:
         sand_per_trial: per trial a_θ [s/m], k_φ and c as fitted.
         losses: speed [m/s] and the sum of whitened squares on its trials when that speed was left out,
             before and after.
+        trial_losses: name of each trial, and the sum of its whitened squares when it was left out, before and
+            after; empty with one trial.
         notes: what could not be told and why.
         robot, soil: of the baseline.
         active: the effects as they are switched on in a simulation.
@@ -184,6 +189,7 @@ class Finding:
     sand: dict[str, Estimate]
     sand_per_trial: tuple[tuple[str, dict[str, float]], ...]
     losses: tuple[tuple[float, float, float], ...]
+    trial_losses: tuple[tuple[str, float, float], ...]
     notes: tuple[str, ...]
     robot: Robot
     soil: Soil
@@ -191,3 +197,15 @@ class Finding:
     seed: int
     virtual: bool
     runs: int
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row a candidate: its evidence beside what chance alone reaches, and its fate."""
+        import pandas as pd  # noqa: PLC0415
+
+        named = {effect.id for effect in self.effects}
+        rows = [
+            (number, c.id, c.evidence, self.threshold, c.status, c.id in named)
+            for number, candidates in enumerate(self.rounds, 1)
+            for c in candidates
+        ]
+        return pd.DataFrame(rows, columns=["round", "effect", "evidence", "threshold", "status", "named"])
