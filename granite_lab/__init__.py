@@ -1,3 +1,86 @@
-"""Experiment analysis for a light four-wheeled robot driving straight over dry sand."""
+"""Experiment analysis for a light four-wheeled robot driving straight over dry sand.
+
+Every command is also a function here, as in ``import granite_lab as gl; gl.ingest("trial.csv")``;
+see docs/api.md. Each is imported when it is first asked for, so that the package itself costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import types
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from granite_lab.api.hidden import hide, reveal
+    from granite_lab.api.logs import ingest, inspect
+    from granite_lab.api.parameters import list_effects, params, show_effect
+    from granite_lab.api.search import discover
+    from granite_lab.api.simulate import simulate
+    from granite_lab.api.trials import compare, fit_a_theta, fit_k92, record, report, study
+    from granite_lab.api.view import view
+    from granite_lab.errors import LabError
+    from granite_lab.estimate import Estimate
 
 __version__ = "0.1.0"
+
+_HOMES = {
+    "granite_lab.api.hidden": ("hide", "reveal"),
+    "granite_lab.api.logs": ("ingest", "inspect"),
+    "granite_lab.api.parameters": ("list_effects", "params", "show_effect"),
+    "granite_lab.api.search": ("discover",),
+    "granite_lab.api.simulate": ("simulate",),
+    "granite_lab.api.trials": ("compare", "fit_a_theta", "fit_k92", "record", "report", "study"),
+    "granite_lab.api.view": ("view",),
+    "granite_lab.errors": ("LabError",),
+    "granite_lab.estimate": ("Estimate",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Estimate",
+    "LabError",
+    "compare",
+    "discover",
+    "fit_a_theta",
+    "fit_k92",
+    "hide",
+    "ingest",
+    "inspect",
+    "list_effects",
+    "params",
+    "record",
+    "report",
+    "reveal",
+    "show_effect",
+    "simulate",
+    "study",
+    "view",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a function when it is first asked for."""
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOME_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])
+
+
+class _Package(types.ModuleType):
+    """This package, in which `study` stays the function once the module of that name is imported."""
+
+    @property
+    def study(self) -> Any:
+        """The function `granite_lab.api.trials.study`."""
+        return __getattr__("study")
+
+    @study.setter
+    def study(self, module: types.ModuleType) -> None:
+        """Let the import system bind the module; importing from it works all the same."""
+
+
+sys.modules[__name__].__class__ = _Package

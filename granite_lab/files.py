@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import importlib.util
 import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
-from granite_lab.errors import InputError, LabError
+from granite_lab.errors import InputError, LabError, UsageError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _REASONS = {
     errno.ENOENT: ("does not exist", "check the path"),
@@ -42,12 +46,17 @@ def readable(error: OSError, path: Path | str, doing: str = "read") -> LabError:
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's content in hexadecimal.
+    """Return the SHA-256 of a file's content in hexadecimal; of a folder, of its files and their names.
 
     Raises:
         InputError: the file cannot be read.
     """
     try:
+        if path.is_dir():
+            inside = "".join(
+                f"{file.name} {sha256(file)}\n" for file in sorted(path.iterdir()) if file.is_file()
+            )
+            return hashlib.sha256(inside.encode()).hexdigest()
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
@@ -98,3 +107,38 @@ def write_text(path: Path, text: str) -> None:
         LabError: the file cannot be written.
     """
     write_bytes(path, text.encode("utf-8", errors="replace"))
+
+
+FORMATS = {"csv": ".csv", "parquet": ".parquet"}
+"""What a table can be stored as, and the ending of its file."""
+
+
+def ending_of(path: Path | None, table_format: str | None) -> str:
+    """Return the ending that says how a table is stored: as asked for, else as its file is called, else CSV.
+
+    Raises:
+        UsageError: unknown format, or one that the file's name contradicts.
+        LabError: Parquet is asked for and pyarrow is not installed.
+    """
+    if table_format is not None and table_format not in FORMATS:
+        raise UsageError(f"--format {table_format}: not known", f"one of: {', '.join(FORMATS)}")
+    named = path.suffix.lower() if path is not None and path.suffix.lower() in FORMATS.values() else None
+    ending = FORMATS[table_format] if table_format else named or ".csv"
+    if named and named != ending:
+        raise UsageError(f"{path}: the name does not fit --format {table_format}", "leave out one of the two")
+    if ending == ".parquet" and importlib.util.find_spec("pyarrow") is None:
+        raise LabError("Parquet needs pyarrow, which is not installed", "pip install 'granite-lab[parquet]'")
+    return ending
+
+
+def write_table(path: Path, table: pd.DataFrame, ending: str = ".csv") -> None:
+    """Write a table as CSV (9 digits) or Parquet (to the last bit), whole or not at all.
+
+    Raises:
+        LabError: the file cannot be written.
+    """
+    if ending == ".parquet":
+        with writing(path) as file:
+            table.to_parquet(file, index=False, engine="pyarrow")
+    else:
+        write_text(path, table.to_csv(index=False, float_format="%.9g"))

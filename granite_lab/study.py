@@ -42,6 +42,7 @@ class Options:
         info: metadata that overrides the log's.
         rests: intervals in which the robot stood still (start, end) [s, the log's time].
         distance_measured: total distance by tape measure [m].
+        topics: of a bag, what a topic is taken for (imu, joints, odom) and its name.
     """
 
     robot: str | None = None
@@ -57,6 +58,7 @@ class Options:
     info: TrialInfo | None = None
     rests: tuple[tuple[float, float], ...] = ()
     distance_measured: Estimate | None = None
+    topics: tuple[tuple[str, str], ...] = ()
 
 
 def ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
@@ -76,6 +78,7 @@ def ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
         map=options.column_map,
         robot=options.robot,
         info=options.info,
+        topics=dict(options.topics),
     )
     robot = load_robot(options.robot or trial.info.robot or "granite")
     motion = estimate(trial, robot, rests=options.rests, distance_measured=options.distance_measured)

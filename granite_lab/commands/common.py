@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granite_lab.errors import UsageError
-
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
@@ -23,7 +21,9 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON documen
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress display.")]
 TrialsArgument = Annotated[
     list[Path] | None,
-    typer.Argument(metavar="TRIALS…", help="Logs (CSV), or folders of them.", show_default=False),
+    typer.Argument(
+        metavar="TRIALS…", help="Logs (CSV, ROS bag, MCAP), or folders of them.", show_default=False
+    ),
 ]
 
 
@@ -58,6 +58,14 @@ ModelOption = Annotated[
 EffectsOption = Annotated[
     Path | None,
     typer.Option("--effects", help="Your own effect file (.py). It is run: use only code you trust."),
+]
+FormatOption = Annotated[
+    str | None,
+    typer.Option("--format", help="Format of the tables: csv or parquet.", show_default="csv"),
+]
+TopicOption = Annotated[
+    list[str] | None,
+    typer.Option("--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated."),
 ]
 JobsOption = Annotated[int, typer.Option("--jobs", "-j", min=0, help="Processes; 0 means one per core.")]
 
@@ -121,28 +129,32 @@ def progress(quiet: bool) -> Iterator[Progress]:
 
 
 def trial_files(paths: Sequence[Path] | None, default: Path | None = None) -> list[Path]:
-    """Return the logs that were named; a folder stands for the CSV files in it.
+    """Return the logs that were named; a folder stands for the logs in it.
 
     Raises:
         UsageError: nothing was named, or a folder holds no log.
     """
-    named = list(paths or ([default] if default else []))
-    if not named:
-        raise UsageError("no trials given", "name one or more logs, or a folder of them")
-    files: list[Path] = []
-    for path in named:
-        if path.is_dir():
-            found = sorted(path.glob("*.csv"))
-            if not found:
-                raise UsageError(f"{path}: the folder holds no .csv file", "name the logs themselves")
-            files += found
-        else:
-            files.append(path)
-    unique = list(dict.fromkeys(files))
-    stems = [path.stem for path in unique]
-    for stem in stems:
-        if stems.count(stem) > 1:
+    from granite_lab.logs.named import trial_files as found
+
+    return found(list(paths or ([default] if default else [])))
+
+
+def topics_of(given: Sequence[str] | None) -> dict[str, str]:
+    """Return what topics of a bag are to be taken for, from texts like ``imu=/imu/data``.
+
+    Raises:
+        UsageError: a text cannot be understood.
+    """
+    from granite_lab.errors import UsageError
+    from granite_lab.logs.bag import ROLES
+
+    found: dict[str, str] = {}
+    for text in given or ():
+        role, sign, topic = (part.strip() for part in text.partition("="))
+        if not sign or not topic or role not in ROLES or role in found:
             raise UsageError(
-                f"two logs are called '{stem}'", "rename one: results carry the name of their log"
+                f"--topic {text}: cannot be understood",
+                f"write {', '.join(f'{r}=/topic' for r in ROLES)}, once each",
             )
-    return unique
+        found[role] = topic
+    return found

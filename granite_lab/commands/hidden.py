@@ -63,38 +63,22 @@ def hide(
     as_json: JsonOption = False,
 ) -> None:
     """Write virtual trials in which an effect is hidden, by an independent simulator; seal the answer."""
-    from granite_lab.files import sha256, write_bytes
-    from granite_lab.hidden.making import make_set
-    from granite_lab.hidden.sealed import NAME, seal
-    from granite_lab.hidden.wish import Wish
-    from granite_lab.logs import write_canonical
-    from granite_lab.parameters import load_robot, load_soil, load_variants
+    from granite_lab.api.hidden import hide as run
+    from granite_lab.parameters import load_variants
 
-    old = [*out.glob("hidden_v*_r*.csv"), *out.glob(NAME)]
-    if old and not overwrite:
-        raise UsageError(f"{out}: holds a hidden set already", "choose another folder, or add --overwrite")
-    wish = Wish(effect, seed, strength, noise, sand_off, _sizes(size or []))
     with progress(quiet) as display:
         task = display.add_task("trials", total=repetitions * len(load_variants()))
-        trials, answer = make_set(
-            wish, load_robot(robot or "granite"), load_soil(soil or "dry_sand"),
-            repetitions=repetitions, jobs=_processes(jobs), done=lambda _: display.advance(task),
+        made = run(
+            effect, out, seed=seed, strength=strength, sizes=_sizes(size or []), noise=noise,
+            sand_off=sand_off, repetitions=repetitions, robot=robot or "granite", soil=soil or "dry_sand",
+            overwrite=overwrite, jobs=_processes(jobs), done=lambda _: display.advance(task),
         )  # fmt: skip
-    for path in old:
-        path.unlink()
-    files = []
-    for trial in trials:
-        path = out / f"{trial.name}.csv"
-        write_canonical(path, trial)
-        answer["trials"][trial.name]["sha256"] = sha256(path)
-        files.append(path)
-    write_bytes(out / NAME, seal(answer))
     if as_json:
-        print_json({"schema": "granite-lab/hide/1", "trials": sorted(files), "sealed": out / NAME})
+        print_json({"schema": "granite-lab/hide/1", "trials": made.trials, "sealed": made.sealed})
     else:
         shown = console()
         shown.print(
-            f"{len(files)} virtual trials in {out}, the answer sealed in {out / NAME}", soft_wrap=True
+            f"{len(made.trials)} virtual trials in {out}, the answer sealed in {made.sealed}", soft_wrap=True
         )
         shown.print(f"find it: granite-lab discover {out} --json > finding.json", soft_wrap=True)
         shown.print(f"then:    granite-lab reveal {out} --finding finding.json", soft_wrap=True)
@@ -125,32 +109,16 @@ def reveal(
     as_json: JsonOption = False,
 ) -> None:
     """Open the sealed answer of a hidden set, and judge a discovery by it."""
-    from granite_lab.hidden.scoring import read_finding, score
-    from granite_lab.hidden.sealed import open_answer
+    from granite_lab.api.hidden import reveal as run
 
-    answer = open_answer(folder)
-    warn(_changed(folder, answer))
-    judged = score(answer, read_finding(finding)) if finding else None
+    opened = run(folder, finding)
+    warn(opened.warnings)
     if as_json:
-        print_json({"schema": "granite-lab/reveal/1", "answer": answer, "score": judged})
+        print_json({"schema": "granite-lab/reveal/1", "answer": opened.answer, "score": opened.score})
         return
-    _show_answer(answer)
-    if judged:
-        _show_score(judged)
-
-
-def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
-    """Return a line for each trial that is not the one that was written."""
-    from granite_lab.files import sha256
-
-    lines = []
-    for name, trial in answer["trials"].items():
-        path = folder / f"{name}.csv"
-        if not path.exists():
-            lines.append(f"{path}: is missing")
-        elif sha256(path) != trial["sha256"]:
-            lines.append(f"{path}: has changed since it was written")
-    return lines
+    _show_answer(opened.answer)
+    if opened.score:
+        _show_score(opened.score)
 
 
 def _show_answer(answer: Mapping[str, Any]) -> None:

@@ -8,26 +8,26 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from granite_lab.commands.common import (
+    FormatOption,
     JobsOption,
     JsonOption,
     MapOption,
     QuietOption,
     RobotOption,
+    TopicOption,
     TrialsArgument,
     console,
     print_json,
     progress,
+    topics_of,
     trial_files,
     warn,
 )
-from granite_lab.errors import LabError, UsageError
+from granite_lab.errors import UsageError
 
 if TYPE_CHECKING:
     from granite_lab.estimate import Estimate
     from granite_lab.estimation.motion import Motion
-    from granite_lab.logs.trial import Trial
-    from granite_lab.parameters import Robot
-    from granite_lab.study import Options
 
 ImuOption = Annotated[Path | None, typer.Option(help="File with the IMU, where sensors were logged apart.")]
 EncodersOption = Annotated[
@@ -45,19 +45,18 @@ def inspect(
     logs: TrialsArgument = None,
     robot: RobotOption = None,
     column_map: MapOption = None,
+    topic: TopicOption = None,
     write_map: Annotated[
         Path | None, typer.Option(help="Write the column map here, to edit and to pass with --map.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Say what is recognised in unknown logs: columns, units, clocks, rates, gaps, variant."""
+    from granite_lab.api.logs import inspect as run
     from granite_lab.files import write_text
-    from granite_lab.logs import inspect_logs
     from granite_lab.reporting.terminal import show_inspection
 
-    if not logs:
-        raise UsageError("no log given", "name the files of one trial")
-    inspection = inspect_logs(logs, map=column_map, robot=robot)
+    inspection = run(logs or [], column_map=column_map, topics=topics_of(topic), robot=robot)
     if write_map:
         write_text(write_map, inspection.to_map_toml())
     if as_json:
@@ -66,12 +65,6 @@ def inspect(
     show_inspection(inspection, console())
     if write_map:
         console().print(f"column map: {write_map}", soft_wrap=True)
-
-
-def _ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
-    from granite_lab.study import ingest as run
-
-    return run(path, options)
 
 
 def ingest(
@@ -86,9 +79,10 @@ def ingest(
         str | None, typer.Option(help="Rows to take from a log of several runs, as 'run_id = 4'.")
     ] = None,
     column_map: MapOption = None,
+    topic: TopicOption = None,
     robot: RobotOption = None,
     variant: Annotated[
-        float | None, typer.Option(help="Desired velocity [m/s], if the log lacks it.")
+        float | None, typer.Option(help="Desired velocity [m/s], if the log lacks it.", min=0.01, max=5)
     ] = None,
     rest: Annotated[
         list[str] | None, typer.Option(help="Interval of standstill, as 0:1.2 [s]; may be repeated.")
@@ -104,53 +98,53 @@ def ingest(
         float, typer.Option(help="Std of the reference's own velocity [m/s], as 0.25 of GPS.", min=0.0)
     ] = 0.0,
     out: Annotated[Path, typer.Option(help="Folder for the motion tables.")] = Path("reports/ingest"),
+    table_format: FormatOption = None,
     jobs: JobsOption = 0,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate body velocity, slip and their uncertainty from logs."""
-    from granite_lab.estimation import judge
-    from granite_lab.files import write_text
-    from granite_lab.logs.trial import TrialInfo
+    from granite_lab.api.logs import ingest as run
+    from granite_lab.files import ending_of, write_table
     from granite_lab.reporting.terminal import show_motions
-    from granite_lab.study import Options, each_trial
 
     if against not in (None, "ref"):
         raise UsageError(f"--against {against}: not known", "use --against ref")
+    ending = ending_of(None, table_format)
     files = trial_files(trials or ([imu] if imu else None))
-    if len(files) > 1 and (encoders or imu or currents or reference):
-        raise UsageError("files of single sensors go with one trial", "ingest the trials one by one")
-    options = Options(
-        robot=robot,
-        column_map=column_map,
-        imu=imu if trials else None,
-        encoders=encoders,
-        currents=currents,
-        reference=reference,
-        rows=rows,
-        info=TrialInfo(robot=robot, v_desired=variant) if variant else None,
-        rests=tuple(_interval(text) for text in rest or ()),
-        distance_measured=_measured(distance_measured) if distance_measured else None,
-    )
     with progress(quiet) as display:
         task = display.add_task("ingesting", total=len(files))
-        outcomes = each_trial(_ingest, files, options, jobs=jobs, done=lambda _: display.advance(task))
+        found = run(
+            files,
+            imu=imu if trials else None,
+            encoders=encoders,
+            currents=currents,
+            reference=reference,
+            rows=rows,
+            column_map=column_map,
+            topics=topics_of(topic),
+            robot=robot,
+            variant=variant,
+            rests=[_interval(text) for text in rest or ()],
+            distance_measured=_measured(distance_measured) if distance_measured else None,
+            against_reference=against is not None,
+            reference_std=reference_std,
+            jobs=jobs,
+            done=lambda _: display.advance(task),
+        )
     documents: list[dict[str, Any]] = []
     good = []
-    for outcome in outcomes:
-        if isinstance(outcome, LabError):
-            raise outcome
-        trial, _, motion = outcome
-        path = out / f"{motion.trial}.csv"
-        write_text(path, motion.to_frame().to_csv(index=False, float_format="%.9g"))
-        verdict = judge(motion, trial, reference_std) if against else None
-        documents.append(_as_json(motion, path) | ({"judgement": verdict} if against else {}))
-        good.append((trial, motion, path, verdict))
+    for item in found:
+        motion = item.motion
+        path = out / f"{motion.trial}{ending}"
+        write_table(path, motion.to_frame(), ending)
+        documents.append(_as_json(motion, path) | ({"judgement": item.judgement} if against else {}))
+        good.append((motion, path, item.judgement))
         warn([f"{motion.trial}: {line}" for line in motion.warnings])
     if as_json:
         print_json({"schema": "granite-lab/ingest/1", "trials": documents})
     else:
-        show_motions([(motion, path, verdict) for _, motion, path, verdict in good], console())
+        show_motions(good, console())
 
 
 def _as_json(motion: Motion, path: Path) -> dict[str, Any]:

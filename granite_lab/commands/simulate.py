@@ -9,6 +9,7 @@ import typer
 
 from granite_lab.commands.common import (
     EffectsOption,
+    FormatOption,
     JsonOption,
     ModelOption,
     RobotOption,
@@ -16,13 +17,9 @@ from granite_lab.commands.common import (
     console,
     print_json,
 )
-from granite_lab.errors import UsageError
 
 if TYPE_CHECKING:
-    from granite_lab.effects.model_file import ModelFile
-    from granite_lab.model.effect import Active
     from granite_lab.model.run import Run
-    from granite_lab.parameters import Robot, Soil, Variant
 
 
 def register(app: typer.Typer) -> None:
@@ -58,43 +55,26 @@ def simulate(
     scatter: Annotated[bool, typer.Option(help="With --log: scatter the sand as raking does.")] = False,
     repetition: Annotated[int, typer.Option(min=1, help="With --log: number of the repetition.")] = 1,
     grade: Annotated[str | None, typer.Option(help="IMU grade instead of the robot's.")] = None,
-    out: Annotated[Path | None, typer.Option(help="CSV file for the run.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File for the run (CSV or Parquet).")] = None,
+    table_format: FormatOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Simulate one run: equations (1)-(26), with k_92 = exp(-a_θ v) unless --k92 is given."""
-    import numpy as np
+    from granite_lab.api.simulate import simulate as run_model
+    from granite_lab.files import ending_of, write_table
 
-    from granite_lab.files import write_text
-    from granite_lab.model import Accuracy
-    from granite_lab.model import simulate as run_model
-    from granite_lab.model.virtual import Scatter, rake
-    from granite_lab.parameters import load_paper, load_robot, load_soil
-
-    if k92 is not None and a_theta is not None:
-        raise UsageError("--k92 and --a-theta exclude each other", "give one of the two")
-    if truth is not None and log is None:
-        raise UsageError("--truth needs --log", "give the virtual log a path with --log")
-    chosen = _motion(variant, v, a, distance)
-    base = _model(model, effects) if model else None
-    body: Robot = load_robot(robot or (base.robot if base else "granite"), grade)
-    ground: Soil = load_soil(soil or (base.soil if base else "dry_sand"))
-    active: tuple[Active, ...] = base.effects if base else ()
-    if k92 is None and a_theta is None and base:
-        k92, a_theta = base.k92, base.a_theta
-    if scatter:
-        exponent = load_paper().a_theta if a_theta is None else a_theta
-        ground, a_theta = rake(ground, exponent, Scatter(), np.random.default_rng([seed, 1]))
-    accuracy = Accuracy(1e-6, 1e-8, 0.0025) if log else Accuracy()
-    run = run_model(chosen, body, ground, k92=k92, a_theta=a_theta, effects=active, accuracy=accuracy)
-    path = out or Path("reports") / "simulate" / f"v{chosen.velocity:g}.csv"
-    write_text(path, run.to_frame().to_csv(index=False, float_format="%.9g"))
-    if log:
-        _write_log(run, log, truth, seed, repetition)
+    ending = ending_of(out, table_format)
+    run = run_model(
+        variant, v=v, a=a, distance=distance, k92=k92, a_theta=a_theta, robot=robot, soil=soil, grade=grade,
+        model=model, effects=effects, log=log, truth=truth, seed=seed, scatter=scatter, repetition=repetition,
+    )  # fmt: skip
+    path = out or Path("reports") / "simulate" / f"v{run.variant.velocity:g}{ending}"
+    write_table(path, run.to_frame(), ending)
     if as_json:
         print_json(
             {
                 "schema": "granite-lab/simulate/1",
-                "variant_mps": chosen.velocity,
+                "variant_mps": run.variant.velocity,
                 "slip_ratio": run.slip_ratio,
                 "steady_s": run.steady,
                 "k92_law": run.k92_law,
@@ -107,42 +87,6 @@ def simulate(
         )
     else:
         _show(run, path, log)
-
-
-def _model(path: Path, effects: Path | None) -> ModelFile:
-    from granite_lab.effects.model_file import load_model
-
-    return load_model(path, effects)
-
-
-def _motion(variant: float | None, v: float | None, a: float | None, distance: float | None) -> Variant:
-    """Return the trapezoid that was asked for: a row of Table 2, or one given by its three numbers."""
-    from granite_lab.parameters import Variant, variant_of
-    from granite_lab.parameters.quantity import build
-
-    given = {"velocity_mps": v, "acceleration_mps2": a, "distance_m": distance}
-    if variant is not None:
-        if any(value is not None for value in given.values()):
-            raise UsageError("--variant excludes --v, --a and --distance", "give one or the other")
-        return variant_of(variant)
-    if any(value is None for value in given.values()):
-        raise UsageError("the motion is not given", "use --variant 0.5, or all of --v, --a and --distance")
-    return build(Variant, given, "command line")
-
-
-def _write_log(run: Run, log: Path, truth: Path | None, seed: int, repetition: int) -> None:
-    from granite_lab.files import write_text
-    from granite_lab.logs import write_canonical
-    from granite_lab.model.virtual import virtual_trial
-
-    trial, true = virtual_trial(run, seed, log.stem, repetition=repetition)
-    write_canonical(log, trial)
-    if truth:
-        header = "".join(
-            f"# {key} = {value!r}\n".replace("'", '"')
-            for key, value in {"virtual": True, **true.attrs}.items()
-        ).replace("True", "true")
-        write_text(truth, header + true.to_csv(index=False, float_format="%.7g"))
 
 
 def _show(run: Run, path: Path, log: Path | None) -> None:

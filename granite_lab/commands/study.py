@@ -92,33 +92,6 @@ def view(
     column_map: MapOption = None,
 ) -> None:
     """Open a timeline in the Rerun viewer."""
-    from granite_lab.reporting.recording import open_viewer
+    from granite_lab.api.view import view as run
 
-    if what.is_dir():
-        open_viewer(_recording_in(what, trial))
-    elif what.suffix == ".rrd":
-        open_viewer(what)
-    else:
-        from granite_lab.reporting.recording import record_trial
-        from granite_lab.study import Options, analyse
-
-        result = analyse(what, Options(robot=robot, soil=soil, column_map=column_map))
-        path = Path("reports") / "view" / f"{what.stem}.rrd"
-        record_trial(result.trial, result.comparison, path)
-        open_viewer(path)
-
-
-def _recording_in(folder: Path, trial: str | None) -> Path:
-    found = sorted(folder.rglob("*.rrd"))
-    if not found:
-        raise InputError(
-            f"{folder}: no recording in it", "make one with 'granite-lab study TRIALS --out DIR'"
-        )
-    if trial is None:
-        return next((path for path in found if path.stem == "study"), found[0])
-    for path in found:
-        if path.stem == trial:
-            return path
-    raise InputError(
-        f"{folder}: no recording of trial '{trial}'", f"there are: {', '.join(path.stem for path in found)}"
-    )
+    run(what, trial=trial, robot=robot, soil=soil, column_map=column_map)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92Fit
 from granite_lab.logs.trial import Array
 from granite_lab.model.run import Run
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -58,3 +63,9 @@ class Comparison:
     simulated: dict[str, Array]
     units: dict[str, str]
     misfits: tuple[Misfit, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the misfits, one row a channel and phase; `unit` is that of rms, bias and peak."""
+        import pandas as pd  # noqa: PLC0415
+
+        return pd.DataFrame([dataclasses.asdict(misfit) for misfit in self.misfits])

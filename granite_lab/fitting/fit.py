@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from granite_lab.estimate import Estimate
 from granite_lab.parameters import Variant
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 K92Law = Literal["constant", "exponential"]
 """How k_92 comes from 1 at rest to its value at the steady desired velocity: at once (Table 3), or
@@ -53,6 +56,26 @@ class K92Fit:
     std_measurement: float = math.nan
     std_sand: float = math.nan
     law: K92Law = "exponential"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the fit as one row, units in the column names."""
+        import pandas as pd  # noqa: PLC0415
+
+        row = {
+            "trial": self.trial,
+            "virtual": self.virtual,
+            "variant_mps": self.variant.velocity,
+            "k92": self.k92.value,
+            "k92_std": self.k92.std,
+            "k92_trajectory": self.k92_trajectory.value,
+            "k92_trajectory_std": self.k92_trajectory.std,
+            "slip_ratio": self.slip_measured.value,
+            "slip_ratio_std": self.slip_measured.std,
+            "slip_ratio_simulated": self.slip_simulated,
+            "status": self.status,
+            "status_trajectory": self.status_trajectory,
+        }
+        return pd.DataFrame([row])
 
 
 @dataclass(frozen=True)
@@ -108,3 +131,14 @@ class AThetaFit:
     points: tuple[tuple[str, float, Estimate, Estimate], ...]
     laws: tuple[Law, ...]
     notes: tuple[str, ...] = ()
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the points that went in, one row a trial, units in the column names."""
+        import pandas as pd  # noqa: PLC0415
+
+        rows = [
+            (trial, v, k92.value, k92.std, slip.value, slip.std) for trial, v, k92, slip in self.points
+        ]
+        return pd.DataFrame(
+            rows, columns=["trial", "variant_mps", "k92", "k92_std", "slip_ratio", "slip_ratio_std"]
+        )

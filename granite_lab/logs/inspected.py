@@ -6,12 +6,16 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from granite_lab.errors import InputError
 from granite_lab.logs.dialect import Dialect
 from granite_lab.logs.mapfile import Entry, map_toml
+from granite_lab.logs.named import name_of
 from granite_lab.logs.stretches import MotionGuess
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ class FileReport:
 
     Attributes:
         path: where it is.
-        dialect: how its text is laid out; None if it is no table.
+        dialect: how its text is laid out; None if it is no text.
         layout: the column map that fits; "" if none does and columns were guessed.
         confidence: in the layout as a whole, 0 to 1.
         columns: what the columns are.
@@ -79,10 +83,10 @@ class FileReport:
         Raises:
             InputError: the file is no table.
         """
-        if self.dialect is None:
+        if self.dialect is None and not self.entries:
             raise InputError(self.problem, "only a table of numbers can be mapped")
         title = f"written from {self.path.name}"
-        return map_toml(self.path.stem, title, self.dialect, self.entries, self.head)
+        return map_toml(name_of(self.path), title, self.dialect, self.entries, self.head)
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,18 @@ class Inspection:
     def as_json(self) -> dict[str, Any]:
         """Return everything as plain data."""
         return {"schema": "granite-lab/inspect/1", "files": [_plain(report) for report in self.files]}
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row a column of each file: what it feeds, in which unit, and how sure that is."""
+        import pandas as pd  # noqa: PLC0415
+
+        rows = [
+            (str(f.path), c.name, " ".join(c.to), c.unit, c.confidence, c.low, c.high, c.filled)
+            for f in self.files
+            for c in f.columns
+        ]
+        names = ["path", "column", "channels", "unit", "confidence", "low", "high", "filled"]
+        return pd.DataFrame(rows, columns=names)
 
 
 def _plain(report: FileReport) -> dict[str, Any]:

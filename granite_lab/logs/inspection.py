@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,9 @@ from granite_lab.logs.inspected import ColumnReport, FileReport, Inspection, Str
 from granite_lab.logs.layouts import Column, Layout
 from granite_lab.logs.mapfile import Entry
 from granite_lab.logs.matching import Match, choose
+from granite_lab.logs.named import is_bag
 from granite_lab.logs.reader import Maps, assemble
-from granite_lab.logs.sources import given_maps, open_source
+from granite_lab.logs.sources import Source, given_maps, open_source
 from granite_lab.logs.stretches import look, rests
 from granite_lab.logs.table import load
 from granite_lab.logs.trial import Array, Trial
@@ -31,6 +32,7 @@ def inspect_logs(
     map: Maps = None,  # noqa: A002  # the option is called --map
     robot: str | Path | None = None,
     rows: str | None = None,
+    topics: Mapping[str, str] | None = None,
 ) -> Inspection:
     """Look at logs of known or unknown layout.
 
@@ -41,16 +43,25 @@ def inspect_logs(
         map: column maps, by name or path.
         robot: name or file of the robot.
         rows: which rows to take, as ``run_id = 4``.
+        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
 
     Raises:
         UsageError: unknown robot or column map.
     """
     maps = given_maps(map)
-    return Inspection(tuple(_inspect(Path(path), maps, robot, rows) for path in paths))
+    return Inspection(tuple(_inspect(Path(path), maps, robot, rows, topics) for path in paths))
 
 
-def _inspect(path: Path, maps: Sequence[Layout], robot: str | Path | None, rows: str | None) -> FileReport:
+def _inspect(
+    path: Path,
+    maps: Sequence[Layout],
+    robot: str | Path | None,
+    rows: str | None,
+    topics: Mapping[str, str] | None,
+) -> FileReport:
     """Look at one file."""
+    if is_bag(path):
+        return _inspect_bag(path, maps, robot, topics)
     try:
         table = maps[0].table if len(maps) == 1 else None
         dialect = sniff(path, table)
@@ -78,6 +89,21 @@ def _inspect(path: Path, maps: Sequence[Layout], robot: str | Path | None, rows:
         entries=tuple(entries), head=head,
     )  # fmt: skip
     return _with_samples(report, layout, robot, rows)
+
+
+def _inspect_bag(
+    path: Path, maps: Sequence[Layout], robot: str | Path | None, topics: Mapping[str, str] | None
+) -> FileReport:
+    """Look at a recording by ROS: its topics say what is in it."""
+    try:
+        source = open_source(path, maps, topics=topics)
+    except InputError as error:
+        return FileReport(path, None, "", 0.0, problem=error.message)
+    report = FileReport(
+        path, None, source.match.layout.name, 0.95, tuple(_recognised(source.match, source.columns)),
+        entries=tuple(_entries_of(source.match)),
+    )  # fmt: skip
+    return _sampled(report, source, robot)
 
 
 def _numbers(path: Path, dialect: Dialect) -> tuple[dict[int, Array], list[str]]:
@@ -188,7 +214,17 @@ def _with_samples(
     try:
         if not report.layout and not any("t" in e.to for e in report.entries):
             return report
-        trial = assemble({"": open_source(report.path, [layout], rows)}, robot, whole=False)
+        return _sampled(report, open_source(report.path, [layout], rows), robot)
+    except InputError as error:
+        return dataclasses.replace(
+            report, problem=report.problem or error.message, doubts=(*report.doubts, error.message)
+        )
+
+
+def _sampled(report: FileReport, source: Source, robot: str | Path | None) -> FileReport:
+    """Add what the samples show."""
+    try:
+        trial = assemble({"": source}, robot, whole=False)
     except InputError as error:
         return dataclasses.replace(
             report, problem=report.problem or error.message, doubts=(*report.doubts, error.message)

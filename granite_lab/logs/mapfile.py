@@ -39,13 +39,17 @@ def quoted(text: str) -> str:
 
 
 def map_toml(
-    name: str, title: str, dialect: Dialect, entries: Sequence[Entry], head: Sequence[tuple[str, object]] = ()
+    name: str,
+    title: str,
+    dialect: Dialect | None,
+    entries: Sequence[Entry],
+    head: Sequence[tuple[str, object]] = (),
 ) -> str:
     """Return a column map as TOML text.
 
     Args:
         name, title: of the map.
-        dialect: how the file is laid out; written where a reader could not see it again.
+        dialect: how the text is laid out, written where a reader could not see it again; None: no text.
         entries: the columns.
         head: further keys for the top of the map.
     """
@@ -57,13 +61,14 @@ def map_toml(
         f"title = {quoted(title)}",
     ]
     lines += [f"{key} = {_value(value)}" for key, value in head]
-    lines += [
-        "",
-        "[table]",
-        f"delimiter = {quoted(dialect.delimiter_name)}",
-        f"decimal = {quoted(dialect.decimal)}",
-    ]
-    if not dialect.headers or dialect.header_line == 0:
+    if dialect is not None:
+        lines += [
+            "",
+            "[table]",
+            f"delimiter = {quoted(dialect.delimiter_name)}",
+            f"decimal = {quoted(dialect.decimal)}",
+        ]
+    if dialect is not None and (not dialect.headers or dialect.header_line == 0):
         names = ", ".join(quoted(entry.name) for entry in sorted(entries, key=lambda e: e.place))
         lines.append(f"names = [{names}]")
     for entry in entries:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import describe_gaps
 from granite_lab.logs.metadata import fill, trial_info
+from granite_lab.logs.named import name_of
 from granite_lab.logs.plausibility import check_imu
 from granite_lab.logs.sources import Source, given_maps, open_source, refuse_unused
 from granite_lab.logs.streams import Parts, Samples, read_streams
@@ -40,6 +41,7 @@ def read_trial(
     robot: str | Path | None = None,
     info: TrialInfo | None = None,
     rows: str | None = None,
+    topics: Mapping[str, str] | None = None,
 ) -> Trial:
     """Read a trial from its log.
 
@@ -52,6 +54,7 @@ def read_trial(
         robot: name or file of the robot; without it the log, then the column map says which.
         info: metadata that count before the log's.
         rows: which rows to take, as ``run_id = 4``.
+        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
 
     Returns:
         the trial in SI, every doubt in its warnings.
@@ -63,10 +66,10 @@ def read_trial(
     first = Path(path)
     maps = given_maps(map)
     extra = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
-    sources = {"": open_source(first, maps, rows)}
+    sources = {"": open_source(first, maps, rows, topics)}
     for role, other in extra.items():
         if other is not None and Path(other) != first:
-            sources[role] = open_source(Path(other), maps, None)
+            sources[role] = open_source(Path(other), maps, None, topics)
     refuse_unused(list(sources.values()), maps)
     return assemble(sources, robot, info)
 
@@ -105,7 +108,7 @@ def assemble(
     if whole and stream is None and wheels is None:
         raise InputError(f"{first}: neither IMU nor encoder samples", "a trial needs at least one of them")
     trial = Trial(
-        name=first.stem,
+        name=name_of(first),
         info=trial_info(metadata, info, name),
         imu=stream,
         wheels=wheels,

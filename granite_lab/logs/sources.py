@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ from granite_lab.logs.dialect import Dialect, TableFormat, sniff
 from granite_lab.logs.layouts import Layout, load_layout
 from granite_lab.logs.matching import Binding, Match, best, choose, match, no_match
 from granite_lab.logs.metadata import Metadata, collect
+from granite_lab.logs.named import is_bag
 from granite_lab.logs.table import line_of, load
 from granite_lab.logs.trial import Array, InputFile
 
@@ -52,21 +53,33 @@ class Source:
 
     def place(self, row: int) -> str:
         """Name the place in the file of a row of `columns`."""
+        if self.dialect.data_line == 0:
+            return f"{self.path}: message {int(self.kept[row]) + 1}"
         return at(self.path, line_of(self.path, self.dialect, int(self.kept[row])) or None)
 
 
-def open_source(path: Path, maps: Sequence[Layout] = (), rows: str | None = None) -> Source:
+def open_source(
+    path: Path,
+    maps: Sequence[Layout] = (),
+    rows: str | None = None,
+    topics: Mapping[str, str] | None = None,
+) -> Source:
     """Read a file by the layout that fits it.
 
     Args:
         path: the file.
         maps: column maps the user gave.
         rows: which rows to take, as ``run_id = 4``.
+        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
 
     Raises:
         InputError: anything that is wrong with the file.
     """
     path = Path(path)
+    if is_bag(path):
+        from granite_lab.logs.bag import open_bag  # noqa: PLC0415, it needs Source from here
+
+        return open_bag(path, maps, topics)
     dialect, found = recognise(path, maps)
     doubts = list(dialect.doubts)
     condition = rows or found.layout.rows

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.logs.trial import InputFile, Trial
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,3 +74,20 @@ class StudyResult:
     def virtual(self) -> bool:
         """Whether any of the logs was written by a simulator."""
         return any(result.trial.info.virtual for result in self.trials)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row a trial that went through: slip, distance and k_92, units in the column names."""
+        import pandas as pd  # noqa: PLC0415
+
+        rows = []
+        for result in self.trials:
+            motion, fit = result.comparison.motion, result.comparison.fit
+            rows.append(
+                fit.to_frame().iloc[0].to_dict()
+                | {
+                    "distance_m": motion.distance.value,
+                    "distance_std_m": motion.distance.std,
+                    "verdict": motion.health.verdict,
+                }
+            )
+        return pd.DataFrame(rows)

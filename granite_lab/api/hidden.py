@@ -1,0 +1,150 @@
+"""`hide` and `reveal`: virtual trials with a sealed answer, to judge discoveries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from granite_lab.errors import UsageError
+from granite_lab.files import sha256, write_bytes
+from granite_lab.hidden.making import make_set
+from granite_lab.hidden.scoring import Score, read_finding, score
+from granite_lab.hidden.sealed import NAME, open_answer, seal
+from granite_lab.hidden.wish import Wish
+from granite_lab.logs import write_canonical
+from granite_lab.parameters import load_robot, load_soil
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class HiddenSet:
+    """Virtual trials in which something is hidden, or nothing.
+
+    Attributes:
+        trials: the logs.
+        sealed: the file with the sealed answer.
+    """
+
+    trials: tuple[Path, ...]
+    sealed: Path
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the logs with their hashes, one row a trial; nothing of the answer is in it."""
+        import pandas as pd  # noqa: PLC0415
+
+        rows = [{"trial": p.stem, "path": str(p), "sha256": sha256(p)} for p in self.trials]
+        return pd.DataFrame(rows, columns=["trial", "path", "sha256"])
+
+
+@dataclass(frozen=True)
+class Revealed:
+    """The answer of a hidden set, and what it says of a discovery.
+
+    Attributes:
+        answer: as it was sealed.
+        score: the judgement; None where no discovery was given.
+        warnings: trials that are missing or have changed since they were written.
+    """
+
+    answer: Mapping[str, Any]
+    score: Score | None
+    warnings: tuple[str, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return what was hidden, one row a parameter."""
+        import pandas as pd  # noqa: PLC0415
+
+        rows = [
+            {"effect": e["id"], "parameter": name, "value": p["value"], "unit": p["unit"]}
+            for e in self.answer["effects"]
+            for name, p in e["parameters"].items()
+        ]
+        return pd.DataFrame(rows, columns=["effect", "parameter", "value", "unit"])
+
+
+def hide(
+    effect: str,
+    out: str | Path,
+    *,
+    seed: int = 0,
+    strength: float = 1.0,
+    sizes: Mapping[str, float] | None = None,
+    noise: float = 1.0,
+    sand_off: bool = False,
+    repetitions: int = 3,
+    robot: str | Path = "granite",
+    soil: str | Path = "dry_sand",
+    overwrite: bool = False,
+    jobs: int = 1,
+    done: Callable[[str], None] = lambda _: None,
+) -> HiddenSet:
+    """Write virtual trials in which an effect is hidden, by an independent simulator; seal the answer.
+
+    Args:
+        effect: an id (also ids joined by +), or ``random``, ``none``, ``outside``, ``pair``.
+        out: folder of the trials and the sealed answer.
+        seed: of everything random.
+        strength: factor on the effect's size.
+        sizes: parameters of the effect.
+        noise: factor on the sensors' noise.
+        sand_off: φ, K, n, μ_s 5-20 % off the file.
+        repetitions: trials of each variant.
+        robot, soil: names or files.
+        overwrite: replace a set that is there.
+        jobs: number of processes.
+        done: called with the name of each finished trial.
+
+    Raises:
+        UsageError: unknown effect or size, or the folder holds a set already.
+        EstimateError: the robot would dig itself in under this effect.
+        LabError: a file cannot be written.
+    """
+    folder = Path(out)
+    old = [*folder.glob("hidden_v*_r*.csv"), *folder.glob(NAME)]
+    if old and not overwrite:
+        raise UsageError(f"{folder}: holds a hidden set already", "choose another folder, or add --overwrite")
+    trials, answer = make_set(
+        Wish(effect, seed, strength, noise, sand_off, dict(sizes or {})), load_robot(robot), load_soil(soil),
+        repetitions=repetitions, jobs=jobs, done=done,
+    )  # fmt: skip
+    for path in old:
+        path.unlink()
+    files = []
+    for trial in trials:
+        path = folder / f"{trial.name}.csv"
+        write_canonical(path, trial)
+        answer["trials"][trial.name]["sha256"] = sha256(path)
+        files.append(path)
+    write_bytes(folder / NAME, seal(answer))
+    return HiddenSet(tuple(sorted(files)), folder / NAME)
+
+
+def reveal(folder: str | Path, finding: str | Path | None = None) -> Revealed:
+    """Open the sealed answer of a hidden set, and judge a discovery by it.
+
+    Args:
+        folder: written by `hide`.
+        finding: JSON of a discovery, to be judged.
+
+    Raises:
+        InputError: a file cannot be used.
+    """
+    answer = open_answer(Path(folder))
+    judged = score(answer, read_finding(Path(finding))) if finding else None
+    return Revealed(answer, judged, tuple(_changed(Path(folder), answer)))
+
+
+def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
+    """Return a line for each trial that is not the one that was written."""
+    lines = []
+    for name, trial in answer["trials"].items():
+        path = folder / f"{name}.csv"
+        if not path.exists():
+            lines.append(f"{path}: is missing")
+        elif sha256(path) != trial["sha256"]:
+            lines.append(f"{path}: has changed since it was written")
+    return lines

@@ -1,0 +1,70 @@
+"""`discover`: where model and trials disagree, and which effect is missing."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from granite_lab.api.records import all_good
+from granite_lab.api.trials import options_of
+from granite_lab.discovery import Finding
+from granite_lab.discovery import discover as search
+from granite_lab.effects import library, load_effects
+from granite_lab.logs import read_trial
+from granite_lab.logs.named import trial_files
+from granite_lab.logs.trial import Trial
+from granite_lab.parameters import load_robot, load_soil
+from granite_lab.study import Options, each_trial
+
+Logs = str | Path | Sequence[str | Path]
+
+
+def _read(path: Path, options: Options) -> Trial:
+    return read_trial(path, map=options.column_map, robot=options.robot, topics=dict(options.topics))
+
+
+def discover(
+    logs: Logs,
+    *,
+    robot: str | Path | None = None,
+    soil: str | Path | None = None,
+    column_map: str | Path | None = None,
+    topics: Mapping[str, str] | None = None,
+    effects: str | Path | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Callable[[str, int], None] = lambda *_: None,
+) -> Finding:
+    """Find the physical effect that the model lacks.
+
+    Args:
+        logs: paths of logs, or of folders with logs; all of one robot on one soil.
+        robot, soil: names or files; without them the first log says which.
+        column_map: name or file of a column map.
+        topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+        effects: your own effect file (.py), whose effects become candidates beside the library's.
+            It is run: use only code you trust.
+        seed: of the bootstrap that sets the thresholds.
+        jobs: number of processes; 0 means one per core.
+        progress: told what is being done and how many simulations are done so far.
+
+    Returns:
+        the finding; its table has a row for each candidate.
+
+    Raises:
+        InputError: a log cannot be used, or nothing says what was commanded.
+        EstimateError: a trial has no sensor to compare with, or the simulation fails.
+    """
+    options = options_of(robot=robot, soil=soil, column_map=column_map, topics=topics)
+    trials = all_good(each_trial(_read, trial_files(logs), options, jobs=1))
+    info = trials[0].info
+    return search(
+        trials,
+        load_robot(robot or info.robot or "granite"),
+        load_soil(soil or info.soil or "dry_sand"),
+        effects=library() | (load_effects(Path(effects)) if effects else {}),
+        seed=seed,
+        jobs=jobs or os.cpu_count() or 1,
+        progress=progress,
+    )

@@ -1,0 +1,224 @@
+"""`fit_k92`, `fit_a_theta`, `compare`, `study`, `record`, `report`: the model held against trials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from granite_lab.api.records import Records, all_good
+from granite_lab.comparison.record import Comparison
+from granite_lab.errors import UsageError
+from granite_lab.fitting import fit_a_theta as fit_over_trials
+from granite_lab.fitting import published_fit
+from granite_lab.fitting.fit import AThetaFit, K92Fit
+from granite_lab.logs.named import trial_files
+from granite_lab.reporting.content import StudyResult, TrialResult
+from granite_lab.study import Options, analyse, each_trial
+from granite_lab.study import record as record_all
+from granite_lab.study import study as run
+
+Logs = str | Path | Sequence[str | Path]
+
+
+def options_of(
+    *,
+    robot: str | Path | None = None,
+    soil: str | Path | None = None,
+    column_map: str | Path | None = None,
+    topics: Mapping[str, str] | None = None,
+    model: str | Path | None = None,
+    effects: str | Path | None = None,
+) -> Options:
+    """Return what the functions below take as keywords, as the chain wants it."""
+    return Options(
+        robot=None if robot is None else str(robot),
+        soil=None if soil is None else str(soil),
+        column_map=None if column_map is None else str(column_map),
+        topics=tuple((topics or {}).items()),
+        model=None if model is None else Path(model),
+        effects=None if effects is None else Path(effects),
+    )
+
+
+def _analysed(logs: Logs, options: Options, jobs: int, done: Callable[[Path], None]) -> list[TrialResult]:
+    return all_good(each_trial(analyse, trial_files(logs), options, jobs=jobs, done=done))
+
+
+def fit_k92(
+    logs: Logs,
+    *,
+    robot: str | Path | None = None,
+    soil: str | Path | None = None,
+    column_map: str | Path | None = None,
+    topics: Mapping[str, str] | None = None,
+    model: str | Path | None = None,
+    effects: str | Path | None = None,
+    jobs: int = 1,
+    done: Callable[[Path], None] = lambda _: None,
+) -> Records[K92Fit]:
+    """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory.
+
+    Args:
+        logs: paths of logs, or of folders with logs.
+        robot, soil: names or files; without them the log says which.
+        column_map: name or file of a column map.
+        topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+        model: model.toml, the paper's model with effects switched on.
+        effects: your own effect file (.py) that the model needs. It is run: use only code you trust.
+        jobs: number of processes; 0 means one per core.
+        done: called with each path once it is finished.
+
+    Returns:
+        one fit a trial; the table has a row for each.
+
+    Raises:
+        InputError: a log or file cannot be used.
+        EstimateError: an estimate or fit cannot be had.
+    """
+    options = options_of(
+        robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects
+    )
+    return Records([result.comparison.fit for result in _analysed(logs, options, jobs, done)])
+
+
+def fit_a_theta(
+    logs: Logs | Sequence[K92Fit] | None = None,
+    *,
+    published: bool = False,
+    robot: str | Path | None = None,
+    soil: str | Path | None = None,
+    column_map: str | Path | None = None,
+    topics: Mapping[str, str] | None = None,
+    model: str | Path | None = None,
+    effects: str | Path | None = None,
+    jobs: int = 1,
+    done: Callable[[Path], None] = lambda _: None,
+) -> AThetaFit:
+    """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws.
+
+    Args:
+        logs: paths of logs or of folders, or the fits of `fit_k92`.
+        published: use Table 3 of the paper instead of trials.
+        robot, soil, column_map, topics, model, effects, jobs, done: as in `fit_k92`.
+
+    Returns:
+        the fit; its table has a row for each trial.
+
+    Raises:
+        UsageError: both or neither of `logs` and `published`.
+        InputError, EstimateError: as in `fit_k92`, or the trials do not allow the fit.
+    """
+    if published == (logs is not None):
+        raise UsageError("fit_a_theta takes trials or published=True", "give one of the two")
+    if logs is None:
+        return published_fit()
+    if not isinstance(logs, (str, Path)) and all(isinstance(item, K92Fit) for item in logs) and len(logs):
+        return fit_over_trials([item for item in logs if isinstance(item, K92Fit)])
+    paths = logs if isinstance(logs, (str, Path)) else [x for x in logs if isinstance(x, (str, Path))]
+    fits = fit_k92(
+        paths, robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects,
+        jobs=jobs, done=done,
+    )  # fmt: skip
+    return fit_over_trials(list(fits))
+
+
+def compare(
+    logs: Logs,
+    *,
+    out: str | Path | None = None,
+    robot: str | Path | None = None,
+    soil: str | Path | None = None,
+    column_map: str | Path | None = None,
+    topics: Mapping[str, str] | None = None,
+    model: str | Path | None = None,
+    effects: str | Path | None = None,
+    jobs: int = 1,
+    done: Callable[[Path], None] = lambda _: None,
+) -> Records[Comparison]:
+    """Hold measurement against simulation: velocity, wheel speed, slip, torques and pitch.
+
+    Args:
+        logs: paths of logs, or of folders with logs.
+        out: folder for tables and figures; without it nothing is written.
+        robot, soil, column_map, topics, model, effects, jobs, done: as in `fit_k92`.
+
+    Returns:
+        one comparison a trial; the table has a row for each trial, channel and phase.
+
+    Raises:
+        InputError, EstimateError: as in `fit_k92`.
+        LabError: a file cannot be written.
+    """
+    options = options_of(
+        robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects
+    )
+    found = [result.comparison for result in _analysed(logs, options, jobs, done)]
+    if out is not None:
+        from granite_lab.reporting import write_comparison  # noqa: PLC0415, heavy
+
+        write_comparison(found, Path(out))
+    return Records(found, lambda item: item.motion.trial)
+
+
+def study(
+    logs: Logs,
+    *,
+    out: str | Path | None = None,
+    name: str = "study",
+    recordings: bool = False,
+    robot: str | Path | None = None,
+    soil: str | Path | None = None,
+    column_map: str | Path | None = None,
+    topics: Mapping[str, str] | None = None,
+    model: str | Path | None = None,
+    effects: str | Path | None = None,
+    jobs: int = 1,
+    done: Callable[[Path], None] = lambda _: None,
+) -> StudyResult:
+    """Run the chain over trials: estimate, fit, simulate, compare, and a_θ over all of them.
+
+    A trial that cannot be used stands in `failures` and does not end the study.
+
+    Args:
+        logs: paths of logs, or of folders with logs.
+        out: folder for the report; without it nothing is written.
+        name: of the report, unless `out` gives it.
+        recordings: with `out`, also write a Rerun recording of each trial.
+        robot, soil, column_map, topics, model, effects, jobs, done: as in `fit_k92`.
+
+    Returns:
+        the results; the table has a row for each trial.
+
+    Raises:
+        LabError: no trial went through, or a file cannot be written.
+    """
+    options = options_of(
+        robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects
+    )
+    folder = None if out is None else Path(out)
+    result = run(trial_files(logs), folder.name if folder else name, options, jobs=jobs, done=done)
+    if folder is not None:
+        if recordings:
+            record(result, folder / "recordings")
+        report(result, folder)
+    return result
+
+
+def record(result: StudyResult, folder: str | Path) -> tuple[Path, ...]:
+    """Write a Rerun recording of each trial of a study, and one of the whole; return their paths.
+
+    Raises:
+        LabError: a file cannot be written.
+    """
+    return tuple(record_all(result, Path(folder)))
+
+
+def report(result: StudyResult, folder: str | Path) -> Path:
+    """Write the report of a study; return its first page.
+
+    Raises:
+        LabError: a file cannot be written.
+    """
+    from granite_lab.reporting import write_report  # noqa: PLC0415, heavy
+
+    return write_report(result, Path(folder))

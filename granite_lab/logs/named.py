@@ -1,0 +1,53 @@
+"""Which files are trials: what a user names, or what lies in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from granite_lab.errors import UsageError
+
+BAGS = (".bag", ".mcap", ".db3")
+"""File name endings of recordings by ROS."""
+
+
+def is_bag(path: Path) -> bool:
+    """Say whether a path is a recording by ROS: a file, or the folder of a ROS 2 recording."""
+    return path.suffix.lower() in BAGS if not path.is_dir() else (path / "metadata.yaml").is_file()
+
+
+def name_of(path: Path) -> str:
+    """Return the name of a trial: its file's without the ending, or its folder's."""
+    return path.name if path.is_dir() else path.stem
+
+
+def trial_files(paths: Sequence[str | Path] | str | Path) -> list[Path]:
+    """Return the logs that were named; a folder stands for the logs in it.
+
+    Logs are CSV files, ROS 1 bags (``.bag``), MCAP files, and folders of ROS 2 recordings.
+
+    Raises:
+        UsageError: nothing was named, a folder holds no log, or two logs have one name.
+    """
+    named = [Path(paths)] if isinstance(paths, (str, Path)) else [Path(path) for path in paths]
+    if not named:
+        raise UsageError("no trials given", "name one or more logs, or a folder of them")
+    files: list[Path] = []
+    for path in named:
+        if path.is_dir() and not is_bag(path):
+            found = sorted([*path.glob("*.csv"), *(p for p in path.iterdir() if is_bag(p))])
+            if not found:
+                raise UsageError(
+                    f"{path}: the folder holds no log (.csv, .bag, .mcap)", "name the logs themselves"
+                )
+            files += found
+        else:
+            files.append(path)
+    unique = list(dict.fromkeys(files))
+    names = [name_of(path) for path in unique]
+    for name in names:
+        if names.count(name) > 1:
+            raise UsageError(
+                f"two logs are called '{name}'", "rename one: results carry the name of their log"
+            )
+    return unique
