@@ -1,64 +1,41 @@
-"""The chain itself: log, estimate, fit, simulate, compare; then over all trials."""
+"""The chain itself: log, estimate, fit, simulate, compare; then over all trials, up to the missing effect."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
-from multiprocessing import get_context
+from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
 
 from granite_lab import __version__
 from granite_lab.comparison import compare
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError
-from granite_lab.estimate import Estimate
 from granite_lab.estimation import estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting import fit_a_theta, fit_k92
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.logs import read_trial
-from granite_lab.logs.trial import Trial, TrialInfo
+from granite_lab.logs.trial import InputFile, Trial
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult
+from granite_lab.running import Execution, Options, each_trial
+from granite_lab.running.fingerprint import code, fingerprint
+from granite_lab.running.options import NOTHING_SAID
+from granite_lab.running.search import search
 
-T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Options:
-    """What a user may say about trials; None leaves it to the log and the catalogue.
-
-    Attributes:
-        robot, soil, column_map: names of the catalogue or paths of TOML files.
-        imu, encoders, currents, reference: further files of a trial whose sensors were logged apart.
-        rows: which rows of the log to take, as ``run_id = 4``.
-        model: model.toml with effects to switch on.
-        effects: the user's own effect file that the model may need.
-        info: metadata that overrides the log's.
-        rests: intervals in which the robot stood still (start, end) [s, the log's time].
-        distance_measured: total distance by tape measure [m].
-        topics: of a bag, what a topic is taken for (imu, joints, odom) and its name.
-    """
-
-    robot: str | None = None
-    soil: str | None = None
-    column_map: str | None = None
-    imu: Path | None = None
-    encoders: Path | None = None
-    currents: Path | None = None
-    reference: Path | None = None
-    rows: str | None = None
-    model: Path | None = None
-    effects: Path | None = None
-    info: TrialInfo | None = None
-    rests: tuple[tuple[float, float], ...] = ()
-    distance_measured: Estimate | None = None
-    topics: tuple[tuple[str, str], ...] = ()
+__all__ = [
+    "Options",
+    "analyse",
+    "each_trial",
+    "ground",
+    "ingest",
+    "over_trials",
+    "record",
+    "searched",
+    "study",
+]
 
 
 def ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
@@ -104,73 +81,35 @@ def ground(trial: Trial, options: Options) -> tuple[Soil, tuple[Active, ...]]:
     return load_soil(soil), model.effects if model else ()
 
 
-def each_trial(
-    work: Callable[[Path, Options], T],
-    paths: Sequence[Path],
-    options: Options,
-    *,
-    jobs: int = 0,
-    done: Callable[[Path], None] = lambda _: None,
-) -> list[T | LabError]:
-    """Apply `work` to each trial, in processes, and keep the order of the trials.
-
-    Args:
-        work: a module-level function of path and options.
-        paths: the logs.
-        options: for all of them.
-        jobs: number of processes; 0 means one per core, 1 means this process.
-        done: called with each path once it is finished.
-
-    Returns:
-        results and errors, in the order of `paths`.
-    """
-    workers = min(jobs or os.cpu_count() or 1, len(paths))
-    results: dict[Path, T | LabError] = {}
-    if workers <= 1:
-        for path in paths:
-            results[path] = _guarded(work, path, options)
-            done(path)
-        return [results[path] for path in paths]
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        waiting = {pool.submit(_guarded, work, path, options): path for path in paths}
-        try:
-            for future in as_completed(waiting):
-                results[waiting[future]] = future.result()
-                done(waiting[future])
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    return [results[path] for path in paths]
-
-
-def _guarded(work: Callable[[Path, Options], T], path: Path, options: Options) -> T | LabError:
-    try:
-        return work(path, options)
-    except LabError as error:
-        return error
-
-
 def study(
     paths: Sequence[Path],
     name: str,
-    options: Options = Options(),
+    options: Options = NOTHING_SAID,
     *,
     jobs: int = 0,
+    execution: Execution | None = None,
+    discover: bool = False,
     done: Callable[[Path], None] = lambda _: None,
+    progress: Callable[[str, int], None] = lambda *_: None,
 ) -> StudyResult:
-    """Run the chain over trials.
+    """Run the chain over trials; the order in which they are given does not matter.
 
     Args:
         paths: the logs.
         name: of the report.
         options: for all of them.
         jobs: number of processes; 0 means one per core.
+        execution: where the work is done and what is remembered, in place of `jobs`.
+        discover: search for a missing effect in the end.
         done: called with each path once it is finished.
+        progress: of that search, as in `discovery.discover`.
 
     Raises:
         EstimateError: no trial went through; the message is that of the first.
     """
-    outcomes = each_trial(analyse, paths, options, jobs=jobs, done=done)
+    paths = sorted(paths, key=lambda path: (path.stem, str(path)))
+    how = execution or Execution(jobs)
+    outcomes = each_trial(analyse, paths, options, execution=how, done=done)
     trials = tuple(o for o in outcomes if isinstance(o, TrialResult))
     failures = tuple(
         Failure(path.stem, outcome.message, outcome.hint)
@@ -179,7 +118,26 @@ def study(
     )
     if not trials:
         raise next(o for o in outcomes if isinstance(o, LabError))
-    return StudyResult(name, trials, failures, over_trials(trials), _source(paths, trials, options))
+    result = StudyResult(
+        name, trials, failures, over_trials(trials), _source(paths, trials, options, discover)
+    )
+    return searched(result, options, how, progress) if discover else result
+
+
+def searched(
+    result: StudyResult,
+    options: Options,
+    execution: Execution,
+    progress: Callable[[str, int], None] = lambda *_: None,
+) -> StudyResult:
+    """Return the study with what a search for a missing effect found, or with the reason why not."""
+    trials = [r.trial for r in result.trials]
+    motions = [r.comparison.motion for r in result.trials]
+    try:
+        finding = search(trials, options, motions=motions, execution=execution, progress=progress)
+    except LabError as error:
+        return replace(result, unsearched=error.message)
+    return replace(result, finding=finding)
 
 
 def over_trials(trials: Sequence[TrialResult]) -> AThetaFit | None:
@@ -190,16 +148,22 @@ def over_trials(trials: Sequence[TrialResult]) -> AThetaFit | None:
         return None
 
 
-def _source(paths: Sequence[Path], trials: Sequence[TrialResult], options: Options) -> Source:
+def _source(paths: Sequence[Path], trials: Sequence[TrialResult], options: Options, discover: bool) -> Source:
     first = trials[0]
     rows = in_force(
         options.robot or first.trial.info.robot or "granite", options.soil or first.comparison.run.soil.name
     )
+    given = [*options.given(), *([] if discover else [("discover", "no")])]
+    own = tuple(InputFile(path, fingerprint(path)) for path in options.files())
     return Source(
         version=__version__,
-        command="granite-lab study " + " ".join(str(path) for path in paths),
-        inputs=tuple(file for trial in trials for file in trial.trial.inputs),
+        command=" ".join(
+            ["granite-lab study", *map(str, paths), *(f"--{k} {v}" for k, v in options.given())]
+        ),
+        inputs=(*(file for trial in trials for file in trial.trial.inputs), *own),
         parameters=tuple((f"{p.group}.{p.key}", f"{p.value:g}", p.unit, p.origin) for p in rows),
+        options=tuple(given),
+        code=code(search=True),
     )
 
 
@@ -214,8 +178,8 @@ def record(result: StudyResult, folder: Path, *, done: Callable[[str], None] = l
     paths = []
     for trial in result.trials:
         path = folder / f"{trial.trial.name}.rrd"
-        paths.append(record_trial(trial.trial, trial.comparison, path))
+        paths.append(record_trial(trial.trial, trial.comparison, path, finding=result.finding))
         done(trial.trial.name)
-    paths.append(record_study(result, folder / "study.rrd"))
+    paths.append(record_study(result, folder / "study.rrd", finding=result.finding))
     done("study")
     return paths

@@ -20,6 +20,7 @@ from granite_lab.model.effect import Effect, activate
 from granite_lab.model.simulator import Accuracy, integrate
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
+from granite_lab.processes import behave, starting
 
 SAND = (
     "a_theta", "frictional_modulus", "cohesion",
@@ -79,12 +80,16 @@ class World:
         return np.stack([signals[name] for name in SIGNALS])
 
 
+Respond = Callable[[World, Sequence[Task]], list[Array | None]]
+"""Whoever does the simulations instead of this machine: the signals of each task, in their order."""
+
 _world: World | None = None
 
 
 def _enter(world: World) -> None:
     global _world  # noqa: PLW0603, a worker process has exactly one world
     _world = world
+    behave()
 
 
 def _work(task: Task) -> Array | None:
@@ -96,15 +101,22 @@ class Bench:
     """Runs tasks; a context manager that ends its processes.
 
     Processes are forked, so that effects of a user's file need not be loaded again; where the
-    system cannot fork safely, everything runs in this process.
+    system cannot fork safely, everything runs in this process. `respond` takes the place of both.
     """
 
-    def __init__(self, world: World, jobs: int = 1, tick: Callable[[int], None] = lambda _: None) -> None:
+    def __init__(
+        self,
+        world: World,
+        jobs: int = 1,
+        tick: Callable[[int], None] = lambda _: None,
+        respond: Respond | None = None,
+    ) -> None:
         self.world, self.runs = world, 0
+        self._respond = respond
         self._tick = tick
         self._pool = None
         self._known: dict[Task, Array | None] = {}
-        if jobs > 1 and sys.platform == "linux":
+        if respond is None and jobs > 1 and sys.platform == "linux":
             self._pool = ProcessPoolExecutor(
                 jobs, mp_context=get_context("fork"), initializer=_enter, initargs=(world,)
             )
@@ -126,10 +138,14 @@ class Bench:
             keep: remember the signals for the next call.
         """
         fresh = list(dict.fromkeys(task for task in tasks if task not in self._known))
-        if self._pool is None:
+        if self._respond is not None:
+            found = self._respond(self.world, fresh)
+        elif self._pool is None:
             found = [self.world.respond(task) for task in fresh]
         else:
-            found = list(self._pool.map(_work, fresh, chunksize=max(1, min(8, len(fresh) // 8))))
+            with starting():
+                answers = self._pool.map(_work, fresh, chunksize=max(1, min(8, len(fresh) // 8)))
+            found = list(answers)
         self.runs += len(fresh)
         self._tick(len(fresh))
         known = self._known | dict(zip(fresh, found, strict=True))

@@ -8,7 +8,7 @@ import numpy as np
 
 from granite_lab.discovery.assemble import assemble
 from granite_lab.discovery.baseline import baseline, from_weak_sand, pure_error
-from granite_lab.discovery.bench import Bench, World
+from granite_lab.discovery.bench import Bench, Respond, World
 from granite_lab.discovery.chance import null_maximum
 from granite_lab.discovery.detect import detectability
 from granite_lab.discovery.empirical import EmpiricalLaw
@@ -40,6 +40,7 @@ def discover(
     motions: Sequence[Motion] | None = None,
     seed: int = 0,
     jobs: int = 1,
+    respond: Respond | None = None,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Finding:
     """Find out whether the model explains trials, and if not, what is missing.
@@ -52,6 +53,7 @@ def discover(
             commanded and when.
         seed: of the bootstrap that sets the thresholds.
         jobs: number of processes.
+        respond: does the simulations in their place.
         progress: told what is being done and how many simulations are done so far.
 
     Raises:
@@ -70,7 +72,7 @@ def discover(
         stage[0] = text
         progress(text, bench.runs)
 
-    with Bench(world, jobs, lambda _: progress(stage[0], bench.runs)) as bench:
+    with Bench(world, jobs, lambda _: progress(stage[0], bench.runs), respond) as bench:
         problem = Problem(models, bench)
         tell("fitting the model without effects")
         base = baseline(problem)

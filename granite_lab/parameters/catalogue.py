@@ -61,6 +61,12 @@ def load_robot(name: str | Path = "granite", grade: str | None = None) -> Robot:
     return dataclasses.replace(robot, imu_grade=load_grade(grade or robot.imu.grade))
 
 
+def forget() -> None:
+    """Read robots and soils anew when they are asked for next: a user may have edited a file."""
+    load_robot.cache_clear()
+    load_soil.cache_clear()
+
+
 @lru_cache
 def load_grade(name: str) -> ImuGrade:
     """Read an IMU grade of the catalogue.

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import hashlib
 import math
 import tomllib
 import types
 import typing
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -60,6 +64,24 @@ def key_of(field: dataclasses.Field[Any]) -> str:
     return field.name + SUFFIX[field.metadata.get("unit", "")]
 
 
+_files: ContextVar[dict[Path, str] | None] = ContextVar("files", default=None)
+
+
+@contextmanager
+def noting_files() -> Iterator[dict[Path, str]]:
+    """Note the TOML files that the block reads, with the SHA-256 of what was read.
+
+    Records of the catalogue are remembered once read; `catalogue.forget` before the block makes
+    it read them.
+    """
+    found: dict[Path, str] = {}
+    token = _files.set(found)
+    try:
+        yield found
+    finally:
+        _files.reset(token)
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file.
 
@@ -67,7 +89,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         InputError: the file is missing, unreadable, not UTF-8 or not TOML.
     """
     try:
-        return parse_toml(path.read_text(encoding="utf-8-sig"), path)
+        data = path.read_bytes()
+        if (files := _files.get()) is not None:
+            files[path] = hashlib.sha256(data).hexdigest()
+        return parse_toml(data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n"), path)
     except OSError as error:
         raise InputError(
             f"{path}: cannot be read: {error.strerror or error}", "give the path of a TOML file"

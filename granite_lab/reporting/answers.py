@@ -135,10 +135,10 @@ def model_answer(found: dict[tuple[str, str], Gap]) -> Answer:
     )
 
 
-def missing_answer(found: dict[tuple[str, str], Gap]) -> Answer:
-    """Say that no search for a missing effect was run, and which gaps one would have to explain."""
+def missing_answer(found: dict[tuple[str, str], Gap], reason: str = "") -> Answer:
+    """Say that no search for a missing effect was run, why, and which gaps one would have to explain."""
     question = "What is missing from the model?"
-    start = "No search for a missing effect was run."
+    start = f"No search for a missing effect was run{f' ({reason})' if reason else ''}."
     channels = dict.fromkeys(channel for channel, _ in found)
     worst = [worst_of(g for g in found.values() if g.channel == channel) for channel in channels]
     real = [g for g in worst if g is not None and g.word in ("visible gap", "large gap")]

@@ -31,7 +31,7 @@ def assemble(result: StudyResult, discovery: Discovery | None = None) -> Report:
     speeds = by_speed(result, paper)
     found = gaps([r.comparison for r in result.trials])
     brief = gaps([r.comparison for r in result.trials], wheels_as_one=True)
-    missing = discovery.answer if discovery else answers.missing_answer(brief)
+    missing = discovery.answer if discovery else answers.missing_answer(brief, result.unsearched)
     sections = [
         _slip(result, speeds, paper),
         _law(result, speeds, paper),

@@ -40,12 +40,16 @@ class Source:
         command: the options that matter, as text.
         inputs: the files that were read, with their hashes.
         parameters: rows (key with group, value, unit, origin).
+        options: (name, value) of what was asked for beyond the inputs.
+        code: SHA-256 over the sources and the library versions that made it.
     """
 
     version: str
     command: str
     inputs: tuple[InputFile, ...]
     parameters: tuple[tuple[str, str, str, str], ...]
+    options: tuple[tuple[str, str], ...] = ()
+    code: str = ""
 
 
 @dataclass(frozen=True, eq=False)

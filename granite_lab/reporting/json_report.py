@@ -56,6 +56,8 @@ def as_document(result: StudyResult, report: Report, discovery: Discovery | None
         "tables": [{"id": t.id, "title": t.title, "csv": f"tables/{t.id}.csv"} for t in report.tables],
         "provenance": {
             "version": result.source.version,
+            "code_sha256": result.source.code,
+            "options": [{"name": name, "value": value} for name, value in result.source.options],
             "command": result.source.command,
             "inputs": [{"file": shown_path(i.path), "sha256": i.sha256} for i in result.source.inputs],
             "parameters": [

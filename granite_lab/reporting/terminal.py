@@ -16,6 +16,7 @@ from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers
 from granite_lab.reporting.content import StudyResult
+from granite_lab.reporting.discovery.answers import missing_answer
 from granite_lab.reporting.document import Answer
 from granite_lab.reporting.grid import TONES, grid, row_of, say
 from granite_lab.reporting.listings import show_effect, show_effects, show_inspection, show_parameters
@@ -61,6 +62,10 @@ def show_study(result: StudyResult, console: Console) -> None:
     console.print(table)
     _answer(console, answers.law_answer(result.a_theta))
     _answer(console, answers.model_answer(found))
+    if result.finding is not None:
+        _answer(console, missing_answer(result.finding))
+    elif result.unsearched:
+        _answer(console, answers.missing_answer(found, result.unsearched))
     for failure in result.failures:
         say(console, f"left out: {failure.trial}: {failure.message}", "red")
     doubts = sum(bool(r.trial.warnings or r.comparison.motion.warnings) for r in result.trials)

@@ -1,0 +1,90 @@
+"""The same work on each of many trials: what is remembered is not done again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from granite_lab.errors import LabError
+from granite_lab.parameters.catalogue import CATALOGUE, forget
+from granite_lab.parameters.quantity import noting_files
+from granite_lab.running.codec import decode, encode
+from granite_lab.running.execution import Execution
+from granite_lab.running.fingerprint import trial_key
+from granite_lab.running.local import run_here
+from granite_lab.running.options import Options
+
+T = TypeVar("T")
+
+
+def each_trial(
+    work: Callable[[Path, Options], T],
+    paths: Sequence[Path],
+    options: Options,
+    *,
+    jobs: int = 0,
+    execution: Execution | None = None,
+    done: Callable[[Path], None] = lambda _: None,
+) -> list[T | LabError]:
+    """Apply `work` to each trial and keep the order of the trials.
+
+    Results come out of the same bytes whether they were just made, in whichever process, or
+    remembered.
+
+    Args:
+        work: a module-level function of path and options that returns records.
+        paths: the logs.
+        options: for all of them.
+        jobs: number of processes; 0 means one per core, 1 means this process.
+        execution: where the work is done and what is remembered, in place of `jobs`.
+        done: called with each path once it is finished.
+
+    Returns:
+        results and errors, in the order of `paths`.
+    """
+    how = execution or Execution(jobs)
+    results: dict[Path, T | LabError] = {}
+    keys: dict[Path, str] = {}
+    if how.cache is not None:
+        for path in dict.fromkeys(paths):
+            keys[path] = trial_key(work.__qualname__, path, options)
+            found = how.cache.get(keys[path])
+            if found is not None:
+                results[path] = found
+                done(path)
+    left = [path for path in dict.fromkeys(paths) if path not in results]
+    for index, outcome in _outcomes(partial(_guarded, work, options), left, how):
+        path = left[index]
+        if isinstance(outcome, LabError):
+            results[path] = outcome
+        else:
+            # An input that was changed meanwhile is no longer what the key says.
+            if how.cache is not None and trial_key(work.__qualname__, path, options) == keys[path]:
+                how.cache.put(keys[path], outcome)
+            results[path] = decode(outcome)[1]
+        done(path)
+    return [results[path] for path in paths]
+
+
+def _outcomes(
+    call: Callable[[Path], bytes | LabError], paths: Sequence[Path], how: Execution
+) -> Iterator[tuple[int, bytes | LabError]]:
+    if how.scheduler is not None and paths:
+        from granite_lab.running.cluster import run_on  # noqa: PLC0415, an extra
+
+        return run_on(how.scheduler, call, paths)
+    return run_here(call, paths, how.jobs)
+
+
+def _guarded(work: Callable[[Path, Options], Any], options: Options, path: Path) -> bytes | LabError:
+    """Return the encoded pair of files that were read besides the log, and result."""
+    forget()
+    with noting_files() as files:
+        try:
+            result = work(path, options)
+        except LabError as error:
+            return error
+    depends = tuple((str(p), sha) for p, sha in files.items() if not p.is_relative_to(CATALOGUE))
+    return encode((depends, result))

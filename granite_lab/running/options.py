@@ -1,0 +1,64 @@
+"""What a user may say about trials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from granite_lab.estimate import Estimate
+from granite_lab.logs.trial import TrialInfo
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user may say about trials; None leaves it to the log and the catalogue.
+
+    Attributes:
+        robot, soil, column_map: names of the catalogue or paths of TOML files.
+        imu, encoders, currents, reference: further files of a trial whose sensors were logged apart.
+        rows: which rows of the log to take, as ``run_id = 4``.
+        model: model.toml with effects to switch on.
+        effects: the user's own effect file that the model may need.
+        info: metadata that overrides the log's.
+        rests: intervals in which the robot stood still (start, end) [s, the log's time].
+        distance_measured: total distance by tape measure [m].
+        topics: of a bag, what a topic is taken for (imu, joints, odom) and its name.
+    """
+
+    robot: str | None = None
+    soil: str | None = None
+    column_map: str | None = None
+    imu: Path | None = None
+    encoders: Path | None = None
+    currents: Path | None = None
+    reference: Path | None = None
+    rows: str | None = None
+    model: Path | None = None
+    effects: Path | None = None
+    info: TrialInfo | None = None
+    rests: tuple[tuple[float, float], ...] = ()
+    distance_measured: Estimate | None = None
+    topics: tuple[tuple[str, str], ...] = ()
+
+    def files(self) -> tuple[Path, ...]:
+        """Return the files that these options name, those of the catalogue left out."""
+        named = [
+            x for x in (self.robot, self.soil, self.column_map) if x and (x.endswith(".toml") or "/" in x)
+        ]
+        paths = (self.imu, self.encoders, self.currents, self.reference, self.model, self.effects)
+        return (*map(Path, named), *(p for p in paths if p is not None))
+
+    def given(self) -> tuple[tuple[str, str], ...]:
+        """Return what was said about all trials, as the options of the command line."""
+        named = {
+            "robot": self.robot,
+            "soil": self.soil,
+            "map": self.column_map,
+            "model": self.model,
+            "effects": self.effects,
+        }
+        topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
+        return (*((key, str(value)) for key, value in named.items() if value is not None), *topics)
+
+
+NOTHING_SAID = Options()

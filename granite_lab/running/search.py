@@ -1,0 +1,191 @@
+"""The search for a missing effect, from trials to a finding and to the model with what was found."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from granite_lab import __version__
+from granite_lab.discovery import Finding, discover
+from granite_lab.discovery.bench import Respond, Task, World
+from granite_lab.discovery.empirical import EmpiricalLaw
+from granite_lab.discovery.setup import variant_of_trial
+from granite_lab.effects import library, load_effects
+from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
+from granite_lab.errors import InputError, LabError, UsageError
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.motion import Motion
+from granite_lab.logs.trial import Array, Trial
+from granite_lab.model.effect import Effect
+from granite_lab.parameters import Robot, Soil, Variant, load_paper, load_robot, load_soil
+from granite_lab.running.codec import decode, encode
+from granite_lab.running.execution import HERE, Execution
+from granite_lab.running.fingerprint import fingerprint, search_key
+from granite_lab.running.options import Options
+
+
+def search(
+    trials: Sequence[Trial],
+    options: Options,
+    *,
+    motions: Sequence[Motion] | None = None,
+    seed: int = 0,
+    execution: Execution = HERE,
+    progress: Callable[[str, int], None] = lambda *_: None,
+) -> Finding:
+    """Find the effect that the model lacks, or remember what was found before in the same trials.
+
+    Args:
+        trials: of one robot on one soil.
+        options: robot, soil and the user's own effect file.
+        motions: estimates of the trials; they are asked what was commanded where a log does not say it.
+        seed: of the search.
+        execution: where the simulations are done.
+        progress: as in `discovery.discover`.
+
+    Raises:
+        UsageError: trials of several robots or soils, or options that cannot be used together.
+        LabError: of `discovery.discover`.
+    """
+    if options.model:
+        raise UsageError("no search starts from a model with effects", "leave out --model")
+    robot, soil = names_of(trials, options)
+    order = sorted(range(len(trials)), key=lambda i: trials[i].name)
+    trials = [trials[i] for i in order]
+    known = [motions[i] for i in order] if motions is not None and not _all_say(trials) else None
+    candidates = library() | (load_effects(options.effects) if options.effects else {})
+    effects = candidates | {EmpiricalLaw.id: EmpiricalLaw()}
+    cache, key = execution.cache, ""
+    if cache is not None:
+        parts = (*trials, *(known or ()), load_robot(robot), load_soil(soil))
+        key = search_key([encode(part) for part in parts], options.effects, seed)
+        found = cache.get(key, effects)
+        if isinstance(found, Finding):
+            return found
+    with _respond(execution, options.effects) as respond:
+        finding = discover(
+            trials,
+            load_robot(robot),
+            load_soil(soil),
+            effects=candidates,
+            motions=known,
+            seed=seed,
+            jobs=execution.jobs or os.cpu_count() or 1,
+            respond=respond,
+            progress=progress,
+        )
+    data = encode(((), finding))
+    if cache is not None:
+        cache.put(key, data)
+    remembered = decode(data, effects)[1]
+    assert isinstance(remembered, Finding)
+    return remembered
+
+
+def names_of(trials: Sequence[Trial], options: Options) -> tuple[str, str]:
+    """Return robot and soil of trials, by name or path.
+
+    Raises:
+        UsageError: the trials are of several.
+    """
+    robots = {options.robot or trial.info.robot or "granite" for trial in trials}
+    soils = {options.soil or trial.info.soil or "dry_sand" for trial in trials}
+    for kind, names in (("robots", robots), ("soils", soils)):
+        if len(names) > 1:
+            raise UsageError(
+                f"the trials are of several {kind}: {', '.join(sorted(names))}",
+                "search for a missing effect in the trials of one robot on one soil",
+            )
+    return robots.pop(), soils.pop()
+
+
+def _all_say(trials: Sequence[Trial]) -> bool:
+    try:
+        for trial in trials:
+            variant_of_trial(trial, None)
+    except InputError:
+        return False
+    return True
+
+
+def save_found(finding: Finding, options: Options, trials: Sequence[Trial], path: Path) -> None:
+    """Write the baseline with the physical effects that were named.
+
+    Raises:
+        LabError: the file cannot be written.
+    """
+    active = {item.id: item for item in finding.active}
+    fitted = []
+    for found in finding.effects:
+        if found.empirical:
+            continue
+        item = active[found.id]
+        std = {p.name: p.estimate.std for p in found.parameters}
+        values = {name: Estimate(v, std.get(name, 0.0)) for name, v in item.as_dict().items()}
+        fitted.append(FittedEffect(item.effect, values, found.twins))
+    files = sorted((file.path.name, file.sha256) for t in trials for file in t.inputs)
+    provenance: dict[str, Any] = {
+        "version": __version__,
+        "seed": finding.seed,
+        "verdict": finding.verdict,
+        "virtual": finding.virtual,
+        "inputs": [f"{name} sha256 {sha}" for name, sha in files],
+    }
+    robot, soil = names_of(trials, options)
+    law = Estimate(load_paper().a_theta)
+    save_model(ModelFile(robot, soil, "exponential", law, tuple(fitted), provenance), path)
+
+
+@dataclass(frozen=True)
+class _Recipe:
+    """A world as a worker of a cluster can make it again; a user's own effects come from their file."""
+
+    robot: Robot
+    soil: Soil
+    variants: tuple[Variant, ...]
+    effects: Path | None
+    effects_sha256: str
+
+    def world(self) -> World:
+        own: dict[str, Effect] = load_effects(self.effects) if self.effects else {}
+        law = {EmpiricalLaw.id: EmpiricalLaw()}
+        return World(self.robot, self.soil, self.variants, library() | own | law)
+
+
+@contextmanager
+def _respond(execution: Execution, effects: Path | None) -> Iterator[Respond | None]:
+    """Give what simulates on the cluster, or None where this machine does it."""
+    if execution.scheduler is None:
+        yield None
+        return
+    from granite_lab.running.cluster import connected, run_with  # noqa: PLC0415, an extra
+
+    with connected(execution.scheduler) as client:
+
+        def respond(world: World, tasks: Sequence[Task]) -> list[Array | None]:
+            sha = fingerprint(effects) if effects else ""
+            recipe = _Recipe(world.robot, world.soil, world.variants, effects, sha)
+            size = max(1, min(16, len(tasks) // (2 * max(1, sum(client.nthreads().values())))))
+            parts = [tuple(tasks[i : i + size]) for i in range(0, len(tasks), size)]
+            found: dict[int, list[Array | None]] = {}
+            for index, part in run_with(client, partial(_simulate, recipe), parts):
+                if isinstance(part, LabError):
+                    raise LabError(f"the cluster failed: {part.message.partition(': ')[2]}", part.hint)
+                found[index] = part
+            return [signals for index in range(len(parts)) for signals in found[index]]
+
+        yield respond
+
+
+def _simulate(recipe: _Recipe, tasks: Sequence[Task]) -> list[Array | None] | LabError:
+    if recipe.effects and fingerprint(recipe.effects) != recipe.effects_sha256:
+        return LabError(
+            f"worker: {recipe.effects} is another file on a worker", "share the folder with the workers"
+        )
+    world = recipe.world()
+    return [world.respond(task) for task in tasks]
