@@ -22,6 +22,7 @@ from granite_lab.estimation.referenced import refer
 from granite_lab.estimation.rest import Interval, find_rests, inside
 from granite_lab.estimation.restarts import find_restarts, without_steps
 from granite_lab.estimation.rolling import Rolling, roll
+from granite_lab.estimation.slip_scatter import identify_scatter
 from granite_lab.logs.trial import ImuStream, Trial
 from granite_lab.parameters import Robot, Variant, load_variants
 
@@ -103,6 +104,8 @@ def estimate(
     if far and rolling is not None:
         problem = refer(problem, offset, slip_std)
         warnings.append(_reliance(problem))
+    else:
+        problem = dataclasses.replace(problem, slip=identify_scatter(problem, offset.value))
     solution = solve(problem, offset, distance=distance_measured)
     health = assess(solution, imu.t, still, faults)
     return motion_of(trial, problem, solution, health, known, tuple(warnings))

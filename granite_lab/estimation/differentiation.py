@@ -10,10 +10,14 @@ MOVING = 0.02
 """Wheel velocity [m/s] above which a wheel certainly rolls."""
 
 
+MEET = 2.5
+"""Confidence intervals of slopes reach this many std to either side."""
+
+
 def slope(t: Array, y: Array, sigma: Array) -> tuple[Array, Array]:
     """Differentiate by local straight lines, the window as wide as the motion allows.
 
-    At each sample the windows of 3, 5, 9 and 17 samples are tried in turn; one is kept as long as
+    At each sample the windows of 5, 9 and 17 samples are tried in turn; one is kept as long as
     its confidence interval meets those of all narrower ones (Goldenshluger & Nemirovski 1997), so
     corners stay sharp and steady motion is smooth.
 
@@ -29,11 +33,11 @@ def slope(t: Array, y: Array, sigma: Array) -> tuple[Array, Array]:
     low, high = np.full(m, -np.inf), np.full(m, np.inf)
     best, best_std = np.full(m, np.nan), np.full(m, np.nan)
     going = np.ones(m, dtype=bool)
-    for half in (1, 2, 4, 8):
-        if m < 3 and half > 1:
+    for half in (2, 4, 8):
+        if m < 3 and half > 2:
             break
         value, std = _line(t, y, sigma, min(half, max(m - 1, 1)))
-        low, high = np.maximum(low, value - 2.0 * std), np.minimum(high, value + 2.0 * std)
+        low, high = np.maximum(low, value - MEET * std), np.minimum(high, value + MEET * std)
         going &= low <= high
         best = np.where(going, value, best)
         best_std = np.where(going, std, best_std)

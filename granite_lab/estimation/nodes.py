@@ -26,6 +26,9 @@ REST_STEP = 0.05
 GRID = 0.01
 """Spacing on which the wheels' acceleration is judged [s]."""
 
+TURN_TIME = 2.0
+"""How long a turn goes on [s]."""
+
 MOST = 60_000
 """More nodes than this are thinned; the IMU is integrated at its own rate all the same."""
 
@@ -205,7 +208,8 @@ def build(
     accel = np.full(t.size, np.hypot(noise.accel, noise.accel_motion))
     if aside is not None:
         accel = np.hypot(accel, aside.noise(nominal.heading_rate)[index])
-    turn = roll_std * np.abs(nominal.heading_rate[index])  # yaw rate that leaks into the pitch gyro
+    # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
+    turn = roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(noise.gyro, turn)
     Q = process.noises(
         dt, coupling, moving, accel=accel, gyro=gyro, accel_walk=noise.accel_walk, gyro_walk=noise.gyro_walk

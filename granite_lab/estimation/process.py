@@ -60,8 +60,8 @@ class SlipModel:
     onset: float = 0.35
     walk: float = 0.005
     ramp: float = 0.25
-    scatter: float = 0.03
-    time: float = 0.7
+    scatter: float = 0.06
+    time: float = 3.0
     bounded: bool = False
     limit: float = 0.5
     limit_time: float = 300.0
