@@ -1,0 +1,228 @@
+"""One hidden set from beginning to end: made, searched with the user's command, opened, judged.
+
+``python -m benchmarks.blind_set JSON`` prints one line of JSON; `benchmarks.blind` calls it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import math
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from benchmarks.blind_schedule import Detectable, Task, wish_of
+from granite_lab import __version__
+from granite_lab.cli import app
+from granite_lab.effects import library
+from granite_lab.errors import EstimateError, LabError
+from granite_lab.hidden.making import make_set
+from granite_lab.hidden.scoring import Score, score
+from granite_lab.hidden.sealed import NAME, open_answer, seal
+from granite_lab.hidden.wish import Wish
+from granite_lab.logs import write_canonical
+from granite_lab.parameters import load_robot, load_soil
+
+ROOT = Path(__file__).parent.parent
+
+JUDGED = ("discovery", "model", "effects")
+"""Packages whose sources decide what is found."""
+
+ROBOT, SOIL = "granite", "dry_sand"
+
+SHRINK = 0.7
+"""Step by which an effect is made smaller that would make the robot dig itself in."""
+
+
+@lru_cache
+def code_hash() -> str:
+    """Return a hash of the sources that decide what is found."""
+    digest = hashlib.sha256()
+    for package in JUDGED:
+        for path in sorted((ROOT / "granite_lab" / package).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:10]
+
+
+@lru_cache
+def commit() -> str:
+    """Return the git commit, "-" outside of a repository."""
+    try:
+        found = subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "-"
+    return found.stdout.strip()
+
+
+def hide(wish: Wish, folder: Path) -> tuple[Wish, float]:
+    """Write a set; return the wish as it was fulfilled, and the factor on its sizes.
+
+    Raises:
+        EstimateError: the robot digs itself in whatever the size.
+    """
+    robot, soil, factor = load_robot(ROBOT), load_soil(SOIL), 1.0
+    for attempt in range(8):
+        smaller = replace(
+            wish,
+            sizes={name: factor * value for name, value in wish.sizes.items()},
+            strength=wish.strength * (1.0 if wish.sizes else factor),
+        )
+        try:
+            trials, answer = make_set(smaller, robot, soil)
+        except EstimateError:
+            if wish.effect == "none" or attempt == 7:
+                raise
+            factor *= SHRINK
+            continue
+        for trial in trials:
+            write_canonical(folder / f"{trial.name}.csv", trial)
+        (folder / NAME).write_bytes(seal(answer))
+        break
+    return smaller, factor
+
+
+def discover(folder: Path) -> dict[str, Any]:
+    """Run `granite-lab discover --json` and return its document.
+
+    Raises:
+        LabError: as the command does.
+    """
+    printed, said = io.StringIO(), io.StringIO()
+    arguments = ["discover", str(folder), "--out", str(folder / "out"), "--json", "--quiet", "--jobs", "1"]
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(said):
+        app(arguments, standalone_mode=False)
+    document: dict[str, Any] = json.loads(printed.getvalue())
+    return document
+
+
+def run(task: Task, detectable: Detectable, folder: Path | None = None) -> dict[str, Any]:
+    """Make, search and judge one set; return the line for the results file.
+
+    Args:
+        task: which set.
+        detectable: smallest detectable sizes, which the task's strength multiplies.
+        folder: where the set stays; without one it is deleted.
+    """
+    line: dict[str, Any] = {
+        "key": task.key,
+        **task.record(),
+        "version": __version__,
+        "commit": commit(),
+        "code": code_hash(),
+        "status": "crashed",
+    }
+    with contextlib.ExitStack() as stack:
+        place = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="granite-blind-")))
+        place.mkdir(parents=True, exist_ok=True)
+        start = time.process_time()
+        cpu: dict[str, float] = {}
+        line["cpu"] = cpu
+        try:
+            wish, reached = wish_of(task, detectable)
+            wish, factor = hide(wish, place)
+            line["reached"] = {name: round(factor * x, 3) for name, x in reached.items()}
+            cpu["make"] = round(time.process_time() - start, 2)
+            start = time.process_time()
+            document = discover(place)
+            cpu["discover"] = round(time.process_time() - start, 2)
+            answer = open_answer(place)
+            line |= result_of(document, answer, score(answer, document)) | {"status": "judged"}
+        except LabError as error:
+            line |= {"status": "refused", "error": f"{error.message} ({error.hint})"}
+        except Exception:  # a crash is a result, too
+            line["error"] = traceback.format_exc(limit=-6)
+    return line
+
+
+def result_of(document: Mapping[str, Any], answer: Mapping[str, Any], judged: Score) -> dict[str, Any]:
+    """Return what the results file keeps of a discovery."""
+    truth = {
+        effect["id"]: {name: _short(p["value"]) for name, p in effect["parameters"].items()}
+        for effect in answer["effects"]
+    }
+    shapes = {id_: {p.name for p in effect.parameters if p.shape} for id_, effect in library().items()}
+    return {
+        "truth": truth,
+        "sand": {name: _short(x) for name, x in answer["sand_off"].items()},
+        "outcome": judged.outcome,
+        "right": judged.right,
+        "verdict": judged.verdict,
+        "found": [
+            {
+                "id": effect["id"],
+                "twins": effect.get("indistinguishable_from") or [],
+                "empirical": bool(effect.get("empirical")),
+                "parameters": {
+                    name: [_short(p["value"]), _short(p["std"])] for name, p in effect["parameters"].items()
+                },
+            }
+            for effect in document["effects"]
+        ],
+        "parameters": [
+            {
+                "effect": p.effect,
+                "name": p.name,
+                "kind": "shape" if p.name in shapes.get(p.effect, ()) else p.kind,
+                "true": _short(p.true),
+                "value": _short(p.value),
+                "std": _short(p.std),
+                "z": _short(p.z),
+            }
+            for p in judged.parameters
+        ],
+        "gap": {part: [_short(x) for x in document["gap"][part].values()] for part in document["gap"]},
+        "closed": {part: _short(x) for part, x in judged.gap_closed.items()},
+        "threshold": _short(document.get("threshold")),
+        "candidates": [
+            [c["id"], _short(c["evidence"]), c["status"]] for c in (document.get("candidates") or [])[:4]
+        ],
+        "own_detectable": {
+            f"{d['id']}.{d['parameter']}": _short(d["size"])
+            for d in document.get("detectable") or []
+            if d["id"] in truth
+        },
+        "notes": document.get("notes") or [],
+    }
+
+
+def detectable_of(noise: float) -> dict[str, dict[str, float | None]]:
+    """Return the smallest detectable sizes that the tool computes for a set without an effect."""
+    with tempfile.TemporaryDirectory(prefix="granite-blind-") as name:
+        hide(Wish("none", 1, noise=noise), Path(name))
+        document = discover(Path(name))
+    found: dict[str, dict[str, float | None]] = {}
+    for entry in document["detectable"]:
+        found.setdefault(entry["id"], {})[entry["parameter"]] = _short(entry["size"])
+    return found
+
+
+def _short(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(f"{value:.5g}")
+
+
+def main() -> None:
+    """Do what the argument asks and print one line."""
+    asked = json.loads(sys.argv[1])
+    if "detectable_at" in asked:
+        found: dict[str, Any] = {"code": code_hash(), "commit": commit(), "version": __version__}
+        found["sizes"] = detectable_of(asked["detectable_at"])
+    else:
+        folder = Path(asked["folder"]) if asked.get("folder") else None
+        found = run(Task(**asked["task"]), asked["detectable"], folder)
+    print(json.dumps(found, allow_nan=False))
+
+
+if __name__ == "__main__":
+    main()
