@@ -50,3 +50,14 @@ def listed(parts: Sequence[str]) -> str:
 def either(parts: Sequence[str]) -> str:
     """Join parts with commas and "or"."""
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} or {parts[-1]}"
+
+
+def plain(effect_id: str) -> str:
+    """Return an effect's id as words."""
+    return effect_id.replace("_", " ")
+
+
+def short(name: str, most: int = 25) -> str:
+    """Return a trial's name on one line, cut where it is too long for a row of a figure."""
+    flat = " ".join(name.split())
+    return flat if len(flat) <= most else f"{flat[: most - 1]}…"

@@ -1,0 +1,68 @@
+"""What is left of the residuals, over frequency: flat at one is noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from granite_lab.discovery.finding import Finding
+from granite_lab.reporting import canvas
+from granite_lab.reporting.canvas import Drawing
+from granite_lab.reporting.discovery import rows
+from granite_lab.reporting.discovery.residue import spectra
+from granite_lab.reporting.rounding import significant
+
+
+def left_drawing(finding: Finding) -> Drawing:
+    """Draw the power of the residuals before and after, over frequency."""
+    width = min(float(r.t[1] - r.t[0]) for r in finding.residuals)
+    edges = np.geomspace(0.1, 0.5 / width, 19)
+    before, after, count = spectra(finding, edges)
+    known = count > 0
+    centre = np.sqrt(edges[1:] * edges[:-1])[known]
+    low, high = (chi2.ppf(q, count[known]) / count[known] for q in (0.025, 0.975))
+    figure, (axis,) = canvas.stacked([1.9], [2])
+    with canvas.styled():
+        axis.fill_between(centre, low, high, color=canvas.FAINT, alpha=0.5, linewidth=0, label="noise, 95 %")
+        axis.axhline(1, color=canvas.INK, linewidth=0.7)
+        axis.plot(centre, before[known], "o-", color=rows.BEFORE, markersize=3, label="model without effects")
+        if finding.effects:
+            axis.plot(centre, after[known], "D-", color=rows.AFTER, markersize=3, label="with what was found")
+        rows.log_axis(axis, 0.1, 0.5 / width)
+        axis.set_yscale("log")
+        values = np.concatenate([before[known], after[known], [0.3, 3.0]])
+        bottom, top = 0.7 * values.min(), 1.5 * values.max()
+        axis.set_ylim(bottom, top)
+        ticks = [10.0**k for k in range(-4, 8) if bottom <= 10.0**k <= top]
+        axis.set_yticks(ticks, [rows.times(t) for t in ticks])
+        axis.yaxis.set_minor_locator(canvas.mpl.ticker.NullLocator())
+        axis.set_xlabel("frequency [Hz]")
+        axis.set_ylabel("power over noise [–]")
+        canvas.align_labels([axis])
+        canvas.legend_above(axis, 2)
+        canvas.mark_virtual(figure, finding.virtual)
+    return Drawing(
+        "found_left",
+        f"What is left, over frequency{canvas.data_tag(finding.virtual)}",
+        describe_left(finding),
+        "Power of the mean difference between trials and model over its noise, by frequency, without and "
+        "with what was found.",
+        figure,
+    )
+
+
+def describe_left(finding: Finding) -> str:
+    """Say whether what is left is noise, by the largest score of the map."""
+    threshold = significant(finding.map_threshold, 2)
+    score = finding.map_after if finding.effects else finding.map_before
+    shown = significant(score, 3)
+    which = "with what was found" if finding.effects else "of the model without effects"
+    if score <= finding.map_threshold:
+        return (
+            f"What is left is noise: its largest score {which} is {shown}, and chance alone reaches "
+            f"{threshold} in one set of 100."
+        )
+    return (
+        f"What is left is more than noise: its largest score {which} is {shown}, and chance alone reaches "
+        f"{threshold} in one set of 100."
+    )

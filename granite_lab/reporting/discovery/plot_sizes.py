@@ -1,0 +1,178 @@
+"""How large what was found is, and what these trials could have shown at least."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter
+from granite_lab.model.effect import Effect, EffectParameter
+from granite_lab.reporting import canvas
+from granite_lab.reporting.canvas import Drawing
+from granite_lab.reporting.discovery import rows
+from granite_lab.reporting.discovery.names import listed, plain
+from granite_lab.reporting.rounding import plus_minus, significant, tidy_unit, with_unit
+
+LIKELY = 1.96
+
+
+def sizes_drawing(finding: Finding) -> Drawing | None:
+    """Draw each fitted number on the range that the literature leads to expect; None without any."""
+    declared = {a.effect.id: {p.name: p for p in a.effect.parameters} for a in finding.active}
+    lines = [
+        (e, p, declared[e.id][p.name])
+        for e in finding.effects
+        if not e.empirical and e.id in declared
+        for p in e.parameters
+    ]
+    if not lines:
+        return None
+    names = [f"{plain(e.id)}\n{p.name.replace('_', ' ')}" for e, p, _ in lines]
+    figure, (axis,) = rows.panels(names, row=0.44, head=0.3, foot=0.46)
+    seen = {(d.effect, d.parameter): d.size for d in finding.detectable}
+    with canvas.styled():
+        for i, (e, p, own) in enumerate(lines):
+            _line(axis, i, p, own, seen.get((e.id, p.name), math.nan))
+        axis.axvline(0, color=canvas.INK, linewidth=0.7)
+        axis.margins(x=0.06)
+        axis.xaxis.set_major_locator(MaxNLocator(5))
+        axis.set_xlabel("share of the largest value expected [%]")
+        rows.legend_on_top(figure, axis, 4)
+        canvas.mark_virtual(figure, finding.virtual)
+    return Drawing(
+        "found_sizes",
+        f"The sizes of what was found{canvas.data_tag(finding.virtual)}",
+        _describe(lines[0][0], [p for _, p, _ in lines]),
+        "Fitted parameters with 95 % intervals on the range that the literature leads to expect, with the "
+        "smallest size that these trials can show.",
+        figure,
+    )
+
+
+def _line(axis: canvas.Axes, i: int, p: FoundParameter, own: EffectParameter, smallest: float) -> None:
+    scale = 100 / _reach(own)
+
+    def at(value: float) -> float:
+        return (value - (0.0 if own.shape else own.neutral)) * scale
+
+    low, high = at(own.prior_low), at(own.prior_high)
+    first = i == 0
+    axis.barh(
+        i, high - low, left=low, height=0.5, color=canvas.SHADE, linewidth=0,
+        label="expected" if first else None,
+    )  # fmt: skip
+    if math.isfinite(smallest) and not own.shape:
+        ends = (-1, 1) if own.prior_low < own.neutral else (1,)
+        axis.plot(
+            [sign * smallest * abs(scale) for sign in ends], [i] * len(ends), "|", color=canvas.INK,
+            markersize=11, label="smallest seen" if first else None,
+        )  # fmt: skip
+    if p.per_trial:
+        axis.plot(
+            [at(v) for v in p.per_trial], [i] * len(p.per_trial), ".", color=canvas.GREY, markersize=4,
+            label="a trial" if first else None,
+        )  # fmt: skip
+    half = LIKELY * p.estimate.std * abs(scale)
+    axis.errorbar(
+        at(p.estimate.value), i, xerr=half if math.isfinite(half) else 0, color=rows.AFTER, marker="D",
+        markersize=4.5, capsize=3, linestyle="none", label="found, 95 %" if first else None,
+    )  # fmt: skip
+
+
+def _reach(p: EffectParameter) -> float:
+    """Return how far from its neutral value a strength may be expected to be, or a shape from zero."""
+    start = 0.0 if p.shape else p.neutral
+    return max((p.prior_high - start, p.prior_low - start), key=abs) or 1.0
+
+
+def _describe(effect: FoundEffect, parameters: list[FoundParameter]) -> str:
+    first = parameters[0]
+    text = plus_minus(first.estimate, tidy_unit(first.unit))
+    return (
+        f"Green is what was found with its 95 % interval ({plain(effect.id)}: "
+        f"{first.name.replace('_', ' ')} {text}), grey the range that the literature leads to expect, "
+        "the black stroke the smallest size that these trials show."
+    )
+
+
+def detectable_drawing(finding: Finding, known: dict[str, Effect]) -> Drawing | None:
+    """Draw the smallest size of each candidate that these trials show, over what is expected of it.
+
+    Args:
+        finding: the record.
+        known: candidates by id; of those that are not there nothing is known to compare with.
+    """
+    declared = {id_: {p.name: p for p in e.parameters} for id_, e in known.items()}
+    smallest: dict[str, tuple[float, float]] = {}
+    for d in finding.detectable:
+        p = declared.get(d.effect, {}).get(d.parameter)
+        if p is None or p.shape:
+            continue
+        share = 100 * d.size / abs(_reach(p)) if math.isfinite(d.size) else math.inf
+        low, high = smallest.get(d.effect, (math.inf, 0.0))
+        smallest[d.effect] = min(low, share), max(high, share)
+    if not smallest:
+        return None
+    ranked = sorted(smallest, key=lambda i: smallest[i][0])
+    hidden = [i for i in ranked if not math.isfinite(smallest[i][0])]
+    finite = [v for low, high in smallest.values() for v in (low, high) if math.isfinite(v) and v > 0]
+    figure, (axis,) = rows.panels([plain(i) for i in ranked], row=0.165, head=0.28)
+    named = {e.id for e in finding.effects}
+    with canvas.styled():
+        low, high = 0.7 * min([*finite, 50.0]), 1.4 * max([*finite, 200.0])
+        for k, id_ in enumerate(ranked):
+            colour = rows.AFTER if id_ in named else canvas.MEASURED
+            a, b = smallest[id_]
+            if not math.isfinite(a):
+                axis.text(high, k, "cannot be seen ", ha="right", va="center", fontsize=7)
+                continue
+            if math.isfinite(b) and b > a:
+                axis.plot([a, b], [k, k], color=colour, linewidth=1.2)
+            axis.plot(a, k, "o", color=colour, markersize=4.5)
+            if id_ in named:
+                axis.get_yticklabels()[k].set_fontweight("bold")
+        axis.axvline(
+            100, color=canvas.INK, linewidth=1.0, linestyle=(0, (4, 1.5)), label="largest value expected"
+        )
+        axis.plot([], [], "o", color=canvas.MEASURED, markersize=4.5, label="smallest size seen")
+        rows.log_axis(axis, low, high)
+        axis.set_xlabel("smallest size seen, over the largest expected [%]")
+        rows.legend_on_top(figure, axis, 2)
+        canvas.mark_virtual(figure, finding.virtual)
+    return Drawing(
+        "found_detectable",
+        f"What these trials could show of each candidate{canvas.data_tag(finding.virtual)}",
+        _describe_detectable(ranked, smallest, hidden),
+        "Smallest size of each candidate effect that these trials show, over the largest that the literature "
+        "leads to expect.",
+        figure,
+    )
+
+
+def _describe_detectable(
+    ranked: list[str], smallest: dict[str, tuple[float, float]], hidden: list[str]
+) -> str:
+    seen = [i for i in ranked if i not in hidden]
+    text = "Further left is seen more easily; right of the dashed line even the largest expected is not."
+    if seen:
+        text += (
+            f" An effect is found four times out of five at this size, from {plain(seen[0])} "
+            f"({with_unit(significant(smallest[seen[0]][0], 2), '%')}) to {plain(seen[-1])} "
+            f"({with_unit(significant(smallest[seen[-1]][0], 2), '%')})."
+        )
+    beyond = [plain(i) for i in (*[i for i in seen if smallest[i][0] > 100], *hidden)]
+    if beyond:
+        text += f" These trials cannot show {listed(beyond)}."
+    return text
+
+
+def multiple(finding: Finding, effect: FoundEffect, parameter: FoundParameter) -> float:
+    """Return a found size over the smallest that these trials show; NaN where that is not known."""
+    sizes = {(d.effect, d.parameter): d.size for d in finding.detectable}
+    smallest = sizes.get((effect.id, parameter.name), math.nan)
+    declared = {p.name: p for a in finding.active if a.effect.id == effect.id for p in a.effect.parameters}
+    neutral = declared[parameter.name].neutral if parameter.name in declared else 0.0
+    away = abs(parameter.estimate.value - neutral)
+    return float(np.divide(away, smallest)) if math.isfinite(smallest) and smallest > 0 else math.nan

@@ -1,0 +1,152 @@
+"""Which candidate explains the disagreement, and which of them look alike."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+
+from granite_lab.discovery.finding import Candidate, Finding
+from granite_lab.reporting import canvas
+from granite_lab.reporting.canvas import Drawing
+from granite_lab.reporting.discovery import rows
+from granite_lab.reporting.discovery.names import listed, plain
+from granite_lab.reporting.rounding import significant
+
+STATUS = {
+    "evaluated": ("o", "fitted in full"),
+    "screened only": (".", "first look only"),
+    "at a bound": ("x", "fit ended at a bound: does not count"),
+    "not converged": ("+", "fit did not converge: does not count"),
+}
+MOST = 12
+"""Candidates of a later round that are drawn."""
+
+
+def candidate_drawings(finding: Finding) -> list[Drawing]:
+    """Draw the evidence for each candidate, one figure per round of the search."""
+    return [_round(finding, k) for k, found in enumerate(finding.rounds) if found]
+
+
+def _round(finding: Finding, k: int) -> Drawing:
+    found, chosen = finding.rounds[k], [e.id for e in finding.effects if not e.empirical]
+    shown = found if k == 0 else found[:MOST]
+    picked = chosen[k] if k < len(chosen) else None
+    figure, (axis,) = rows.panels([plain(c.id) for c in shown], row=0.165, head=0.45)
+    top = 3 * max([c.evidence for c in shown] + [finding.threshold])
+    with canvas.styled():
+        axis.axvline(
+            finding.threshold, color=canvas.INK, linewidth=1.0, linestyle=(0, (4, 1.5)),
+            label="chance, 1 set of 100",
+        )  # fmt: skip
+        for status, (marker, label) in STATUS.items():
+            own = [(i, c) for i, c in enumerate(shown) if c.status == status]
+            if own:
+                axis.plot(
+                    [max(c.evidence, 1.0) for _, c in own], [i for i, _ in own], linestyle="none",
+                    marker=marker, markersize=5, color=canvas.GREY, label=label,
+                )  # fmt: skip
+        for i, c in enumerate(shown):
+            if c.id == picked:
+                axis.plot(
+                    c.evidence, i, linestyle="none", marker="o", markersize=6.5, color=canvas.FITTED,
+                    label="named",
+                )  # fmt: skip
+                axis.get_yticklabels()[i].set_fontweight("bold")
+        rows.log_axis(axis, 0.8, top)
+        axis.set_xlabel("evidence for the effect: drop of χ² [–]")
+        rows.legend_on_top(figure, axis, 3)
+        canvas.mark_virtual(figure, finding.virtual)
+    step = ("First", "Second", "Third", "Fourth")[min(k, 3)]
+    return Drawing(
+        f"found_candidates_{k + 1}",
+        f"{step} round: evidence for each candidate{canvas.data_tag(finding.virtual)}",
+        _describe(finding, found, picked, k),
+        f"Evidence for each candidate effect in round {k + 1} of the search, with the threshold that chance "
+        "reaches in one set of a hundred.",
+        figure,
+    )
+
+
+def _describe(finding: Finding, found: tuple[Candidate, ...], picked: str | None, k: int) -> str:
+    chance = significant(finding.threshold, 2)
+    best = max(found, key=lambda c: c.evidence)
+    already = [plain(e.id) for e in finding.effects[:k] if not e.empirical]
+    given = f"With {listed(already)} in the model, " if already else ""
+    if picked is None:
+        if best.evidence <= finding.threshold:
+            text = f"no candidate reaches the {chance} that chance alone reaches in one set of 100"
+            return _sentence(f"{given}{text} (best: {plain(best.id)}, {significant(best.evidence, 2)}).")
+        return _sentence(
+            f"{given}{plain(best.id)} comes closest with {significant(best.evidence, 3)} (chance: {chance}), "
+            "but it does not count: it explains too little, or it does not hold on trials left out."
+        )
+    own = next((c for c in found if c.id == picked), best)
+    rest = sorted((c for c in found if c.id != picked), key=lambda c: -c.evidence)
+    second = f"; next comes {plain(rest[0].id)} with {significant(rest[0].evidence, 3)}" if rest else ""
+    return _sentence(
+        f"{given}{plain(picked)} brings {significant(own.evidence, 3)}, where chance alone reaches {chance} "
+        f"in one set of 100{second}."
+    )
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def confusion_drawing(finding: Finding) -> Drawing | None:
+    """Draw how alike the candidates' signatures are on these trials; None without any."""
+    ids = finding.confusion_ids
+    if len(ids) < 2:
+        return None
+    named = {e.id for e in finding.effects}
+    figure, (axis,) = rows.panels([plain(i) for i in ids], row=0.138, head=0.08, foot=2.0)
+    with canvas.styled():
+        values = np.abs(finding.confusion)
+        edges = np.arange(len(ids) + 1) - 0.5
+        image = axis.pcolormesh(
+            edges, edges, values, cmap="cividis", vmin=0, vmax=1, edgecolors="white", linewidth=0.3
+        )
+        axis.set_xticks(range(len(ids)), [plain(i) for i in ids], rotation=90, fontsize=6.5)
+        axis.tick_params(axis="both", length=0)
+        axis.tick_params(axis="y", labelsize=6.5)
+        for ticks in (axis.get_yticklabels(), axis.get_xticklabels()):
+            for tick, id_ in zip(ticks, ids, strict=True):
+                if id_ in named:
+                    tick.set_fontweight("bold")
+        axis.grid(visible=False)
+        for spine in axis.spines.values():
+            spine.set_visible(False)
+        height = figure.get_size_inches()[1]
+        wide = canvas.WIDTH - rows.LEFT - rows.RIGHT
+        bar = figure.add_axes((rows.LEFT / canvas.WIDTH, 0.4 / height, wide / canvas.WIDTH, 0.09 / height))
+        scale = figure.colorbar(
+            mpl.cm.ScalarMappable(image.norm, image.cmap), cax=bar, orientation="horizontal"
+        )
+        assert scale.solids is not None
+        scale.solids.set(rasterized=False, edgecolor="face", linewidth=0.3)
+        scale.set_label("likeness of the signatures [–]", fontsize=8)
+        scale.outline.set_linewidth(0.4)
+        canvas.mark_virtual(figure, finding.virtual)
+    return Drawing(
+        "found_confusion",
+        f"Which candidates look alike on these trials{canvas.data_tag(finding.virtual)}",
+        _describe_confusion(finding),
+        "Heat map of how alike the signatures of the candidates are once sand and sensor errors are fitted "
+        "again.",
+        figure,
+    )
+
+
+def _describe_confusion(finding: Finding) -> str:
+    ids = finding.confusion_ids
+    text = (
+        "1 means that two effects change the readings in the same way once the sand is fitted again; such "
+        "two can only be told apart by their sizes, or by other trials."
+    )
+    for e in finding.effects:
+        if e.id in ids:
+            row = np.abs(finding.confusion[ids.index(e.id)]).copy()
+            row[ids.index(e.id)] = -1
+            k = int(np.argmax(row))
+            text += f" Most like {plain(e.id)}: {plain(ids[k])} ({row[k]:.2f})."
+    return text
