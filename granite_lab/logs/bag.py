@@ -12,7 +12,7 @@ from granite_lab.files import sha256
 from granite_lab.logs.bagfile import ROLES, Messages, read_messages
 from granite_lab.logs.dialect import Dialect
 from granite_lab.logs.joints import assign
-from granite_lab.logs.layouts import Column, Layout
+from granite_lab.logs.layouts import ACCELERATION, ENCODERS, RATE, Column, Layout
 from granite_lab.logs.matching import best, match
 from granite_lab.logs.metadata import collect
 from granite_lab.logs.named import name_of
@@ -42,12 +42,14 @@ def open_bag(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str] 
     dialect = Dialect(ENCODING, ",", ".", (names,), 0, 0, len(names), (), ())
     fits = [m for m in (match(layout, path, dialect) for layout in maps) if m.complete]
     found = best(path, fits) if fits else match(layout_of(path, held), path, dialect)
-    if not found.complete:
-        raise InputError(
-            f"{path}: no wheel among the joints of {held.topics.get('joints', 'the bag')}",
-            f"quantities: {', '.join(names[:12])}; name them in a column map for --map",
-        )
     doubts = list(held.doubts)
+    bound = {binding.channel for binding in found.bindings}
+    if "joints" in held.topics and not bound & set(ENCODERS):
+        what = f"no wheel among the joints of {held.topics['joints']}"
+        if not bound & {*ACCELERATION, *RATE}:
+            shown = ", ".join(names[1:9]) + (", …" if len(names) > 9 else "")
+            raise InputError(f"{path}: {what}", f"name them in a column map for --map; there are: {shown}")
+        doubts.append(f"{path.name}: {what}; a column map can name them")
     sidecar = path.parent / f"{name_of(path)}.toml"
     beside = sidecar if sidecar.is_file() else None
     metadata = collect((), path, doubts, beside)

@@ -60,7 +60,11 @@ def read_messages(path: Path, asked: Mapping[str, str]) -> Messages:
             "pip install 'granite-lab[ros]'",
         ) from None
     try:
-        path.stat()
+        if not path.is_dir():
+            path.open("rb").close()
+    except OSError as error:
+        raise readable(error, path) from None
+    try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             doubts: list[str] = []
             chosen = _choose(path, reader.topics, asked, doubts)
@@ -69,8 +73,6 @@ def read_messages(path: Path, asked: Mapping[str, str]) -> Messages:
                 (connection.topic, stamp, reader.deserialize(raw, connection.msgtype))
                 for connection, stamp, raw in reader.messages(connections=wanted)
             ]
-    except OSError as error:
-        raise readable(error, path) from None
     except LabError:
         raise
     except Exception as error:  # the parsers raise whatever a damaged file makes them stumble over

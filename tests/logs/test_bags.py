@@ -1,0 +1,311 @@
+"""Recordings by ROS 1 and 2 and MCAP files give the trial that the CSV of the same samples gives."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granite_lab.errors import InputError, LabError, UsageError
+from granite_lab.logs import inspect_logs, read_trial, write_canonical
+from granite_lab.logs.joints import assign, wheels_of
+from granite_lab.logs.named import name_of, trial_files
+from granite_lab.logs.trial import Trial
+from tests.logs import make
+from tests.logs.bags import EPOCH, IMU, JOINTS, KINDS, ODOM, OUTSIDE, WHEELS, Bag, rounded
+
+
+@pytest.fixture(scope="module")
+def trial(tmp_path_factory: pytest.TempPathFactory) -> Trial:
+    path = tmp_path_factory.mktemp("drive") / "drive.csv"
+    path.write_text(make.text())
+    return rounded(read_trial(path))
+
+
+def same(bag: Trial, csv: Trial, atol: float = 0.0) -> None:
+    assert bag.imu is not None
+    assert csv.imu is not None
+    assert bag.wheels is not None
+    assert csv.wheels is not None
+    np.testing.assert_allclose(bag.imu.t, csv.imu.t, rtol=0, atol=atol)
+    np.testing.assert_array_equal(bag.imu.specific_force, csv.imu.specific_force)
+    np.testing.assert_array_equal(bag.imu.angular_rate, csv.imu.angular_rate)
+    np.testing.assert_allclose(bag.wheels.t, csv.wheels.t, rtol=0, atol=atol)
+    np.testing.assert_array_equal(bag.wheels.angle, csv.wheels.angle)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_gives_the_trial_of_the_csv(kind: str, trial: Trial, tmp_path: Path) -> None:
+    csv = tmp_path / "csv" / "drive_v0.3_r1.csv"
+    write_canonical(csv, trial)
+    bag = Bag(kind)
+    path = bag.write(tmp_path, "drive_v0.3_r1", bag.trial(trial))
+    got, expected = read_trial(path), read_trial(csv)
+    same(got, expected)
+    assert got.name.startswith("drive_v0.3_r1")
+    assert got.layout == f"ROS: imu {IMU}, joints {WHEELS}"
+    assert got.inputs[0].path == path
+    assert len(got.inputs[0].sha256) == 64
+
+
+def test_stamps_since_1970_keep_their_nanoseconds(trial: Trial, tmp_path: Path) -> None:
+    bag = Bag("ros2", epoch=EPOCH)
+    path = bag.write(tmp_path, "late", bag.trial(trial))
+    same(read_trial(path), trial)
+
+
+def test_messages_without_stamps_are_taken_when_they_arrived(trial: Trial, tmp_path: Path) -> None:
+    bag = Bag("ros1", stamped=False)
+    got = read_trial(bag.write(tmp_path, "bare", bag.trial(trial)))
+    same(got, trial)
+    assert any("carry no stamps" in line for line in got.warnings)
+
+
+def test_a_file_beside_the_bag_says_what_it_is(trial: Trial, tmp_path: Path) -> None:
+    bag = Bag("mcap")
+    path = bag.write(tmp_path, "drive_v0.3", bag.trial(trial))
+    (tmp_path / "drive_v0.3.toml").write_text('robot = "granite"\nv_desired_mps = 0.3\nvirtual = true\n')
+    got = read_trial(path)
+    assert got.name == "drive_v0.3"
+    assert (got.info.robot, got.info.v_desired, got.info.virtual) == ("granite", 0.3, True)
+    assert [file.path.name for file in got.inputs] == ["drive_v0.3", "drive_v0.3.toml"]
+
+
+def test_of_two_imus_the_fuller_topic_is_taken_and_said(trial: Trial, tmp_path: Path) -> None:
+    assert trial.imu is not None
+    bag = Bag("ros2")
+    other = [("/imu/raw", t, bag.imu(t, (0, 0, 9.81), (0, 0, 0))) for t in trial.imu.t[::2]]
+    path = bag.write(tmp_path, "two", [*bag.trial(trial), *other])
+    got = read_trial(path)
+    same(got, trial)
+    said = [line for line in got.warnings if "/imu/raw" in line]
+    assert said == ["two: topic /imu/data taken as imu, not /imu/raw; --topic imu=… chooses another"]
+    chosen = read_trial(path, topics={"imu": "/imu/raw"})
+    assert chosen.imu is not None
+    assert len(chosen.imu.t) == len(trial.imu.t[::2])
+    assert not [line for line in chosen.warnings if "taken as imu" in line]
+
+
+def test_velocities_serve_where_positions_are_not_published(trial: Trial, tmp_path: Path) -> None:
+    assert trial.wheels is not None
+    bag = Bag("ros1")
+    rate = np.gradient(trial.wheels.angle, trial.wheels.t, axis=0)
+    joints = [
+        (WHEELS, t, bag.joints(t, JOINTS, velocity=row)) for t, row in zip(trial.wheels.t, rate, strict=True)
+    ]
+    imu = [item for item in bag.trial(trial) if item[0] == IMU]
+    got = read_trial(bag.write(tmp_path, "rates", [*imu, *joints]))
+    assert got.wheels is not None
+    assert got.wheels.rate is not None
+    np.testing.assert_array_equal(got.wheels.rate, rate)
+
+
+def test_odometry_stands_for_wheels_where_there_are_no_joints_and_says_so(
+    trial: Trial, tmp_path: Path
+) -> None:
+    assert trial.wheels is not None
+    bag = Bag("ros2")
+    v = np.gradient(trial.wheels.angle[:, 0], trial.wheels.t) * make.RADIUS
+    odom = [(ODOM, t, bag.odometry(t, 0, x)) for t, x in zip(trial.wheels.t, v, strict=True)]
+    imu = [item for item in bag.trial(trial) if item[0] == IMU]
+    got = read_trial(bag.write(tmp_path, "odom", [*imu, *odom]))
+    assert got.wheels is not None
+    assert got.wheels.rate is not None
+    np.testing.assert_allclose(got.wheels.rate[:, 2] * make.RADIUS, v, rtol=1e-12, atol=1e-12)
+    assert any(f"the wheels' velocity is that of odometry {ODOM}" in line for line in got.warnings)
+
+
+def test_an_outside_reference_is_taken_only_when_asked_for(trial: Trial, tmp_path: Path) -> None:
+    assert trial.wheels is not None
+    bag = Bag("ros2")
+    outside = [(OUTSIDE, t, bag.odometry(t, 0.2 * t, 0.2)) for t in trial.wheels.t]
+    path = bag.write(tmp_path, "outside", [*bag.trial(trial), *outside])
+    assert read_trial(path).reference_v is None
+    got = read_trial(path, topics={"reference": OUTSIDE})
+    assert got.reference_v is not None
+    assert got.reference_x is not None
+    assert set(got.reference_v.value) == {0.2}
+    assert np.ptp(got.reference_x.value) == pytest.approx(0.2 * np.ptp(trial.wheels.t), rel=1e-6)
+
+
+def test_a_covariance_that_begins_with_minus_one_means_that_there_is_no_sample(
+    trial: Trial, tmp_path: Path
+) -> None:
+    assert trial.imu is not None
+    bag = Bag("ros2")
+    imu = [(IMU, t, bag.imu(t, (0, 0, 0), (0, 0.1, 0), no_force=True)) for t in trial.imu.t]
+    got = read_trial(bag.write(tmp_path, "gyro", [*imu, *(m for m in bag.trial(trial) if m[0] == WHEELS)]))
+    assert got.imu is not None
+    assert np.isnan(got.imu.specific_force).all()
+    assert set(got.imu.angular_rate[:, 1]) == {0.1}
+    assert any("no accelerometer" in line for line in got.warnings)
+
+
+def test_a_column_map_names_topic_and_field(trial: Trial, tmp_path: Path) -> None:
+    """A written map reads the bag as it was read; edited, it turns a sign or takes effort for current."""
+    assert trial.wheels is not None
+    bag = Bag("mcap")
+    joints = [
+        (WHEELS, t, bag.joints(t, JOINTS, angle, effort=(1.0, 2.0, 3.0, 4.0)))
+        for t, angle in zip(trial.wheels.t, trial.wheels.angle, strict=True)
+    ]
+    path = bag.write(tmp_path, "mapped", [*(m for m in bag.trial(trial) if m[0] == IMU), *joints])
+    report = inspect_logs([path])
+    text = report.to_map_toml()
+    own = tmp_path / "own.toml"
+    own.write_text(text)
+    same(read_trial(path, map=own), read_trial(path))
+    name = f"{WHEELS}.effort.{JOINTS[1]}"
+    own.write_text(text + f'\n[[column]]\nname = "{name}"\nto = ["cur_fr"]\nunit = "A"\nscale = -0.5\n')
+    got = read_trial(path, map=own)
+    assert got.currents is not None
+    assert set(got.currents.current[:, 1]) == {-1.0}
+
+
+def test_a_bag_can_be_inspected(trial: Trial, tmp_path: Path) -> None:
+    bag = Bag("ros2")
+    report = inspect_logs([bag.write(tmp_path, "seen", bag.trial(trial))])
+    file = report.files[0]
+    assert not file.problem
+    assert file.layout.startswith("ROS: imu /imu/data")
+    assert {s.what: round(s.rate) for s in file.streams} == {"imu": 100, "encoders": 100}
+    assert len(file.rests) == 2
+    channels = {c for column in file.columns for c in column.to}
+    assert channels == {
+        "t",
+        *(f"imu_{k}{a}" for k in "ag" for a in "xyz"),
+        *(f"enc_{w}" for w in ("fl", "fr", "rl", "rr")),
+    }
+    assert report.as_json()["files"][0]["text"] is None
+    frame = report.to_frame()
+    assert list(frame.loc[frame["channels"] == "enc_fl", "column"]) == [f"{WHEELS}.position.{JOINTS[0]}"]
+
+
+@pytest.mark.parametrize(
+    ("topics", "message"),
+    [
+        ({"imu": "/nothing"}, "there is no topic '/nothing'"),
+        ({"imu": WHEELS}, r"topic '/joint_states' holds sensor_msgs/msg/JointState, expected .*Imu"),
+    ],
+)
+def test_a_wrong_topic_is_refused_with_those_there_are(
+    topics: dict[str, str], message: str, trial: Trial, tmp_path: Path
+) -> None:
+    bag = Bag("ros1")
+    path = bag.write(tmp_path, "t", bag.trial(trial))
+    with pytest.raises(UsageError, match=message):
+        read_trial(path, topics=topics)
+
+
+def test_a_bag_without_sensors_is_refused_with_what_it_holds(tmp_path: Path) -> None:
+    bag = Bag("ros2")
+    text = [("/chatter", k / 10, bag.of("std_msgs/msg/String", "hello")) for k in range(3)]
+    with pytest.raises(InputError, match=r"no topic with sensor_msgs/msg/Imu") as caught:
+        read_trial(bag.write(tmp_path, "talk", text))
+    assert "std_msgs/msg/String" in caught.value.hint
+
+
+def test_joints_that_are_no_wheels_are_refused(tmp_path: Path) -> None:
+    bag = Bag("ros2")
+    arm = [("/joint_states", k / 10, bag.joints(k / 10, ["shoulder", "elbow"], [0.1, k])) for k in range(9)]
+    with pytest.raises(InputError, match="no wheel among the joints of /joint_states"):
+        read_trial(bag.write(tmp_path, "arm", arm))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_damaged_bag_is_one_line_and_never_a_traceback(kind: str, trial: Trial, tmp_path: Path) -> None:
+    """Cut off at many places, and with bytes changed."""
+    bag = Bag(kind)
+    short = dataclasses.replace(
+        trial,
+        imu=dataclasses.replace(
+            trial.imu, t=trial.imu.t[:50], specific_force=trial.imu.specific_force[:50],  # type: ignore[union-attr]
+            angular_rate=trial.imu.angular_rate[:50],  # type: ignore[union-attr]
+        ),
+        wheels=dataclasses.replace(trial.wheels, t=trial.wheels.t[:50], angle=trial.wheels.angle[:50]),  # type: ignore[union-attr]
+    )  # fmt: skip
+    path = bag.write(tmp_path, "cut", bag.trial(short))
+    file = next(p for p in path.iterdir() if p.suffix in (".db3", ".mcap")) if path.is_dir() else path
+    whole = file.read_bytes()
+    rng = np.random.default_rng(1)
+    refused: list[LabError] = []
+    for k in range(40):
+        data = bytearray(whole)
+        if k % 2:
+            del data[int(rng.integers(0, len(data))) :]
+        else:
+            for place in rng.integers(0, len(data), 20):
+                data[place] = int(rng.integers(0, 256))
+        file.write_bytes(data)
+        try:
+            got = read_trial(path)
+        except LabError as error:
+            refused.append(error)
+        else:
+            assert got.imu is None or np.isfinite(got.imu.t).all()
+    assert len(refused) > 10
+    for error in refused:
+        assert error.message.startswith(str(path)), error.message
+        assert "\n" not in error.message
+        assert error.hint
+
+
+def test_a_missing_bag_and_a_text_that_is_none(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="does not exist"):
+        read_trial(tmp_path / "none.mcap")
+    (tmp_path / "text.bag").write_text("t_s\n0\n")
+    with pytest.raises(InputError, match="cannot be read as a ROS bag"):
+        read_trial(tmp_path / "text.bag")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "metadata.yaml").write_text("a: [1, 2\n")
+    with pytest.raises(InputError, match="cannot be read as a ROS bag"):
+        read_trial(tmp_path / "folder")
+
+
+def test_without_the_library_one_line_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(LabError, match="needs rosbags, which is not installed") as caught:
+        read_trial(tmp_path / "a.bag")
+    assert caught.value.hint == "pip install 'granite-lab[ros]'"
+
+
+def test_a_folder_stands_for_its_logs_of_every_kind(trial: Trial, tmp_path: Path) -> None:
+    (tmp_path / "a_v0.2.csv").write_text(make.text())
+    (tmp_path / "notes.txt").write_text("")
+    for kind, name in (("ros1", "b"), ("ros2", "c_v0.5"), ("mcap", "d")):
+        Bag(kind).write(tmp_path, name, Bag(kind).trial(trial))
+    names = [name_of(path) for path in trial_files(tmp_path)]
+    assert names == ["a_v0.2", "b", "c_v0.5", "d"]
+    with pytest.raises(UsageError, match="two logs are called 'b'"):
+        trial_files([tmp_path / "b.bag", tmp_path / "x" / "b.csv"])
+
+
+@pytest.mark.parametrize(
+    ("joint", "wheels"),
+    [
+        ("front_left_wheel_joint", ("fl",)),
+        ("wheel_FR", ("fr",)),
+        ("RearLeftWheel", ("rl",)),
+        ("joint_back_right_wheel", ("rr",)),
+        ("rearright", ("rr",)),
+        ("left_wheel_joint", ("fl", "rl")),
+        ("wheel_r_joint", ("fr", "rr")),
+        ("front_left_steer_joint", ()),
+        ("shoulder_left", ()),
+        ("torso", ()),
+    ],
+)
+def test_wheels_are_known_by_the_names_of_their_joints(joint: str, wheels: tuple[str, ...]) -> None:
+    assert wheels_of(joint) == wheels
+
+
+def test_a_wheel_has_one_joint() -> None:
+    assert assign(["front_left", "front_left_wheel", "left_wheel"]) == {
+        "front_left_wheel": ("fl",),
+        "left_wheel": ("rl",),
+    }
