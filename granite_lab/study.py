@@ -15,6 +15,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.fitting import fit_a_theta, fit_k92
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.logs import read_trial
+from granite_lab.logs.named import name_of
 from granite_lab.logs.trial import InputFile, Trial
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
@@ -107,19 +108,19 @@ def study(
     Raises:
         EstimateError: no trial went through; the message is that of the first.
     """
-    paths = sorted(paths, key=lambda path: (path.stem, str(path)))
+    paths = sorted(paths, key=lambda path: (name_of(path), str(path)))
     how = execution or Execution(jobs)
     outcomes = each_trial(analyse, paths, options, execution=how, done=done)
     trials = tuple(o for o in outcomes if isinstance(o, TrialResult))
     failures = tuple(
-        Failure(path.stem, outcome.message, outcome.hint)
+        Failure(name_of(path), outcome.message, outcome.hint)
         for path, outcome in zip(paths, outcomes, strict=True)
         if isinstance(outcome, LabError)
     )
     if not trials:
         raise next(o for o in outcomes if isinstance(o, LabError))
     result = StudyResult(
-        name, trials, failures, over_trials(trials), _source(paths, trials, options, discover)
+        name, trials, failures, over_trials(trials), source_of("study", paths, trials, options, discover)
     )
     return searched(result, options, how, progress) if discover else result
 
@@ -148,21 +149,39 @@ def over_trials(trials: Sequence[TrialResult]) -> AThetaFit | None:
         return None
 
 
-def _source(paths: Sequence[Path], trials: Sequence[TrialResult], options: Options, discover: bool) -> Source:
+def source_of(
+    command: str,
+    paths: Sequence[Path],
+    trials: Sequence[TrialResult],
+    options: Options,
+    discover: bool | None = None,
+) -> Source:
+    """Return where results come from.
+
+    Args:
+        command: of the command line.
+        paths: all logs, those that failed too.
+        trials: those that went through.
+        options: that were in force.
+        discover: whether a search for a missing effect was asked for; None where that is no question.
+    """
     first = trials[0]
     rows = in_force(
         options.robot or first.trial.info.robot or "granite", options.soil or first.comparison.run.soil.name
     )
-    given = [*options.given(), *([] if discover else [("discover", "no")])]
-    own = tuple(InputFile(path, fingerprint(path)) for path in options.files())
+    given = options.given() + ((("discover", "no"),) if discover is False else ())
+    used = [file for trial in trials for file in trial.trial.inputs]
+    known = {file.path for file in used}
+    others = [*(path for path in paths if path not in known), *options.files()]
+    inputs = [*used, *(InputFile(path, fingerprint(path)) for path in others)]
     return Source(
         version=__version__,
         command=" ".join(
-            ["granite-lab study", *map(str, paths), *(f"--{k} {v}" for k, v in options.given())]
+            ["granite-lab", command, *map(str, paths), *(f"--{k} {v}" for k, v in options.given())]
         ),
-        inputs=(*(file for trial in trials for file in trial.trial.inputs), *own),
+        inputs=tuple(dict.fromkeys(inputs)),
         parameters=tuple((f"{p.group}.{p.key}", f"{p.value:g}", p.unit, p.origin) for p in rows),
-        options=tuple(given),
+        options=given,
         code=code(search=True),
     )
 

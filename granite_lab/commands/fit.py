@@ -16,18 +16,29 @@ from granite_lab.commands.common import (
     QuietOption,
     RobotOption,
     SoilOption,
+    TopicOption,
     TrialsArgument,
     console,
     print_json,
     progress,
+    topics_of,
     trial_files,
     warn,
 )
-from granite_lab.errors import LabError, UsageError
+from granite_lab.commands.running import (
+    CacheOption,
+    SchedulerOption,
+    StrictOption,
+    execution_of,
+    good,
+    tidy,
+)
+from granite_lab.errors import UsageError
 
 if TYPE_CHECKING:
     from granite_lab.fitting.fit import AThetaFit, K92Fit
     from granite_lab.reporting.content import TrialResult
+    from granite_lab.running import Execution, Options
 
 SAMPLES = Path("data/samples")
 
@@ -40,34 +51,50 @@ def register(app: typer.Typer) -> None:
 
 
 def analysed(
-    files: list[Path],
-    *,
+    files: list[Path], options: Options, execution: Execution, *, strict: bool, quiet: bool
+) -> list[TrialResult]:
+    """Take trials through the chain, with progress; one that fails is told and left out.
+
+    Raises:
+        LabError: of the first trial that could not be used, if `strict` or if none could.
+    """
+    from granite_lab.study import analyse, each_trial
+
+    with progress(quiet) as display:
+        task = display.add_task("fitting", total=len(files))
+        outcomes = each_trial(
+            analyse, files, options, execution=execution, done=lambda _: display.advance(task)
+        )
+    tidy(execution)
+    results: list[TrialResult] = good(files, outcomes, strict)
+    for result in results:
+        warn([f"{result.trial.name}: {line}" for line in result.comparison.motion.warnings])
+    return results
+
+
+def options_of(
     robot: str | None,
     soil: str | None,
     column_map: str | None,
+    topic: list[str] | None,
     model: Path | None,
     effects: Path | None,
-    jobs: int,
-    quiet: bool,
-) -> list[TrialResult]:
-    """Take trials through the chain, with progress; the first trouble ends it.
+) -> Options:
+    """Return what the options of a command say about the trials."""
+    from granite_lab.study import Options
 
-    Raises:
-        LabError: of the first trial that could not be used.
-    """
-    from granite_lab.study import Options, analyse, each_trial
+    topics = tuple(topics_of(topic).items())
+    return Options(robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects)
 
-    options = Options(robot=robot, soil=soil, column_map=column_map, model=model, effects=effects)
-    with progress(quiet) as display:
-        task = display.add_task("fitting", total=len(files))
-        outcomes = each_trial(analyse, files, options, jobs=jobs, done=lambda _: display.advance(task))
-    results = []
-    for outcome in outcomes:
-        if isinstance(outcome, LabError):
-            raise outcome
-        warn([f"{outcome.trial.name}: {line}" for line in outcome.comparison.motion.warnings])
-        results.append(outcome)
-    return results
+
+def provenance(
+    command: str, files: list[Path], results: list[TrialResult], options: Options
+) -> dict[str, Any]:
+    """Return where results come from, as it stands in JSON."""
+    from granite_lab.reporting.json_report import provenance_as_json
+    from granite_lab.study import source_of
+
+    return provenance_as_json(source_of(command, files, results, options))
 
 
 def fit_k92(
@@ -75,22 +102,32 @@ def fit_k92(
     robot: RobotOption = None,
     soil: SoilOption = None,
     column_map: MapOption = None,
+    topic: TopicOption = None,
     model: ModelOption = None,
     effects: EffectsOption = None,
+    strict: StrictOption = False,
     jobs: JobsOption = 0,
+    scheduler: SchedulerOption = None,
+    cache: CacheOption = True,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory."""
     from granite_lab.reporting.terminal import show_k92_fits
 
-    results = analysed(
-        trial_files(trials), robot=robot, soil=soil, column_map=column_map, model=model, effects=effects,
-        jobs=jobs, quiet=quiet,
-    )  # fmt: skip
+    options = options_of(robot, soil, column_map, topic, model, effects)
+    execution = execution_of(jobs, scheduler, cache)
+    files = trial_files(trials)
+    results = analysed(files, options, execution, strict=strict, quiet=quiet)
     fits = [result.comparison.fit for result in results]
     if as_json:
-        print_json({"schema": "granite-lab/fit-k92/1", "fits": [fit_as_json(fit) for fit in fits]})
+        print_json(
+            {
+                "schema": "granite-lab/fit-k92/1",
+                "fits": [fit_as_json(fit) for fit in fits],
+                "provenance": provenance("fit-k92", files, results, options),
+            }
+        )
     else:
         show_k92_fits(fits, console())
 
@@ -120,9 +157,13 @@ def fit_atheta(
     robot: RobotOption = None,
     soil: SoilOption = None,
     column_map: MapOption = None,
+    topic: TopicOption = None,
     model: ModelOption = None,
     effects: EffectsOption = None,
+    strict: StrictOption = False,
     jobs: JobsOption = 0,
+    scheduler: SchedulerOption = None,
+    cache: CacheOption = True,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -132,17 +173,18 @@ def fit_atheta(
 
     if published and trials:
         raise UsageError("--published takes no trials", "leave out one of the two")
+    origin: dict[str, Any] | None = None
     if published:
         fit = published_fit()
     else:
         files = trial_files(trials, SAMPLES)
-        results = analysed(
-            files, robot=robot, soil=soil, column_map=column_map, model=model, effects=effects,
-            jobs=jobs, quiet=quiet,
-        )  # fmt: skip
+        options = options_of(robot, soil, column_map, topic, model, effects)
+        execution = execution_of(jobs, scheduler, cache)
+        results = analysed(files, options, execution, strict=strict, quiet=quiet)
+        origin = provenance("fit-atheta", files, results, options)
         fit = fit_a_theta([result.comparison.fit for result in results])
     if as_json:
-        print_json(a_theta_as_json(fit))
+        print_json(a_theta_as_json(fit) | {"provenance": origin})
     else:
         show_a_theta(fit, console())
 
@@ -171,10 +213,14 @@ def compare(
     robot: RobotOption = None,
     soil: SoilOption = None,
     column_map: MapOption = None,
+    topic: TopicOption = None,
     model: ModelOption = None,
     effects: EffectsOption = None,
     out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("reports/compare"),
+    strict: StrictOption = False,
     jobs: JobsOption = 0,
+    scheduler: SchedulerOption = None,
+    cache: CacheOption = True,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -182,10 +228,10 @@ def compare(
     from granite_lab.reporting import write_comparison
     from granite_lab.reporting.terminal import show_misfits
 
-    results = analysed(
-        trial_files(trials), robot=robot, soil=soil, column_map=column_map, model=model, effects=effects,
-        jobs=jobs, quiet=quiet,
-    )  # fmt: skip
+    options = options_of(robot, soil, column_map, topic, model, effects)
+    execution = execution_of(jobs, scheduler, cache)
+    files = trial_files(trials)
+    results = analysed(files, options, execution, strict=strict, quiet=quiet)
     comparisons = [result.comparison for result in results]
     written = write_comparison(comparisons, out)
     if as_json:
@@ -202,6 +248,7 @@ def compare(
                     for c in comparisons
                 ],
                 "files": written,
+                "provenance": provenance("compare", files, results, options),
             }
         )
     else:

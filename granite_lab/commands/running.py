@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
 from granite_lab.commands.common import warn
 
 if TYPE_CHECKING:
+    from granite_lab.errors import LabError
     from granite_lab.running import Execution
+
+T = TypeVar("T")
 
 SchedulerOption = Annotated[
     str | None,
@@ -28,6 +33,28 @@ def execution_of(jobs: int, scheduler: str | None, cache: bool) -> Execution:
     from granite_lab.running import Cache, Execution
 
     return Execution(jobs, scheduler, Cache() if cache else None)
+
+
+def good(files: Sequence[Path], outcomes: Sequence[T | LabError], strict: bool) -> list[T]:
+    """Return the results; a trial that failed is told and left out.
+
+    Raises:
+        LabError: of the first trial that failed, if `strict` or if none went through.
+    """
+    from granite_lab.errors import LabError
+    from granite_lab.logs.named import name_of
+
+    results: list[T] = []
+    failures: list[tuple[Path, LabError]] = []
+    for path, outcome in zip(files, outcomes, strict=True):
+        if isinstance(outcome, LabError):
+            failures.append((path, outcome))
+        else:
+            results.append(outcome)
+    if failures and (strict or not results):
+        raise failures[0][1]
+    warn([f"{name_of(path)}: left out: {error.message}" for path, error in failures])
+    return results
 
 
 def tidy(execution: Execution) -> None:

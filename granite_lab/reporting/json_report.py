@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from granite_lab.parameters import load_paper
-from granite_lab.reporting.content import StudyResult, TrialResult
+from granite_lab.reporting.content import Source, StudyResult, TrialResult
 from granite_lab.reporting.document import Discovery, Report
 from granite_lab.reporting.summary import MeanEstimate, Speed, by_speed, gaps
 
@@ -54,17 +54,22 @@ def as_document(result: StudyResult, report: Report, discovery: Discovery | None
             for d in report.drawings
         ],
         "tables": [{"id": t.id, "title": t.title, "csv": f"tables/{t.id}.csv"} for t in report.tables],
-        "provenance": {
-            "version": result.source.version,
-            "code_sha256": result.source.code,
-            "options": [{"name": name, "value": value} for name, value in result.source.options],
-            "command": result.source.command,
-            "inputs": [{"file": shown_path(i.path), "sha256": i.sha256} for i in result.source.inputs],
-            "parameters": [
-                {"key": key, "value": value, "unit": unit, "origin": origin}
-                for key, value, unit, origin in result.source.parameters
-            ],
-        },
+        "provenance": provenance_as_json(result.source),
+    }
+
+
+def provenance_as_json(source: Source) -> dict[str, Any]:
+    """Return where a result comes from as plain objects."""
+    return {
+        "version": source.version,
+        "code_sha256": source.code,
+        "options": [{"name": name, "value": value} for name, value in source.options],
+        "command": source.command,
+        "inputs": [{"file": shown_path(i.path), "sha256": i.sha256} for i in source.inputs],
+        "parameters": [
+            {"key": key, "value": value, "unit": unit, "origin": origin}
+            for key, value, unit, origin in source.parameters
+        ],
     }
 
 
