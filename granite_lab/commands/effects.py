@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from granite_lab.commands.common import EffectsOption, JsonOption, console, print_json
+from granite_lab.errors import UsageError
 
 if TYPE_CHECKING:
     from granite_lab.model.effect import Effect
@@ -49,19 +51,64 @@ def listing(
 @app.command("show")
 def show(
     effect_id: Annotated[str, typer.Argument(metavar="ID", autocompletion=_ids)],
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            help="PNG or SVG file for the picture of what the sensors read more or less with the effect "
+            "over the four variants.",
+            show_default="reports/effects/ID.png",
+        ),
+    ] = None,
+    no_picture: Annotated[bool, typer.Option("--no-picture", help="Text only; simulates nothing.")] = False,
     effects: EffectsOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Explain one effect: equation, source, parameters and what an observer sees."""
+    """Explain one effect: equation, source, parameters and what an observer sees, with a picture."""
     from granite_lab.effects import get, load_effects
     from granite_lab.reporting.terminal import show_effect
 
+    if picture and no_picture:
+        raise UsageError("--picture and --no-picture exclude each other", "give one of the two")
+    if picture and picture.suffix.lower() not in (".png", ".svg"):
+        raise UsageError(f"--picture {picture}: not a picture", "end the name in .png or .svg")
     own = load_effects(effects) if effects else {}
     effect = own.get(effect_id) or get(effect_id)
     if as_json:
-        print_json({"schema": "granite-lab/effect/1"} | describe(effect))
-    else:
-        show_effect(effect, console())
+        sentence = draw(effect, picture) if picture else None
+        shown = {"picture": picture, "picture_shows": sentence} if picture else {}
+        print_json({"schema": "granite-lab/effect/1"} | describe(effect) | shown)
+        return
+    shown_on = console()
+    show_effect(effect, shown_on)
+    if not no_picture:
+        path = picture or Path("reports") / "effects" / f"{effect.id}.png"
+        sentence = draw(effect, path)
+        shown_on.print(f"picture: {path}", soft_wrap=True)
+        shown_on.print(sentence, markup=False)
+
+
+def draw(effect: Effect, path: Path) -> str:
+    """Write the picture of an effect's signature at a typical size, and return what to see in it.
+
+    Raises:
+        EstimateError: a simulation does not converge.
+    """
+    import os
+
+    from granite_lab.discovery.plan_signature import imprint
+    from granite_lab.effects.signature import typical
+    from granite_lab.files import write_bytes
+    from granite_lab.parameters import load_robot, load_soil, load_variants
+    from granite_lab.reporting.canvas import to_png, to_svg
+    from granite_lab.reporting.plot_effect import effect_drawing
+
+    found = imprint(
+        typical(effect), load_robot(), load_soil(), load_variants(), jobs=min(4, os.cpu_count() or 1)
+    )
+    drawing = effect_drawing(found)
+    svg = path.suffix.lower() == ".svg"
+    write_bytes(path, to_svg(drawing.figure).encode() if svg else to_png(drawing.figure))
+    return drawing.sentence
 
 
 def describe(effect: Effect) -> dict[str, Any]:

@@ -50,8 +50,14 @@ HEAD = """\
 
 What the paper's model leaves out and a trial may show. Each effect is one module of
 `granite_lab/effects/`; with its parameters at the neutral value the model is the paper's, to the
-last digit. Symbols are the paper's, numbers in brackets its equations. `granite-lab effects show ID`
-draws what an effect changes over the four variants.
+last digit. Symbols are the paper's, numbers in brackets its equations.
+
+`granite-lab effects show ID` explains one effect and draws its signature at a typical size: what the
+IMU, the wheels and the currents read more or less with it, in each of the four variants. The picture
+is `reports/effects/ID.png`, or the PNG or SVG file named with `--picture`; `--no-picture` prints the
+text alone. Orange is the change with all else equal. Blue is what is left of it once the sand, the
+start of the command and the sensors' offsets, gains and tilt are fitted anew, as they are in every
+search: where blue is flat, sand or a sensor can imitate the effect, and only the blue can name it.
 
 *Neutral* is the value at which an effect vanishes, *bounds* are what it can physically be, and
 *expected* is the range that the source leads to expect. A *shape* parameter says how, not how
