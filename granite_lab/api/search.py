@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from granite_lab.api.records import all_good
 from granite_lab.api.trials import options_of
 from granite_lab.discovery import Finding
-from granite_lab.discovery import discover as search
-from granite_lab.effects import library, load_effects
 from granite_lab.logs import read_trial
 from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import Trial
-from granite_lab.parameters import load_robot, load_soil
+from granite_lab.running import Execution
+from granite_lab.running.search import save_found, search
 from granite_lab.study import Options, each_trial
 
 Logs = str | Path | Sequence[str | Path]
@@ -32,6 +30,7 @@ def discover(
     column_map: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
     effects: str | Path | None = None,
+    out: str | Path | None = None,
     seed: int = 0,
     jobs: int = 1,
     progress: Callable[[str, int], None] = lambda *_: None,
@@ -45,6 +44,7 @@ def discover(
         topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
         effects: your own effect file (.py), whose effects become candidates beside the library's.
             It is run: use only code you trust.
+        out: file for the model with what was found (model.toml); without it nothing is written.
         seed: of the bootstrap that sets the thresholds.
         jobs: number of processes; 0 means one per core.
         progress: told what is being done and how many simulations are done so far.
@@ -56,15 +56,9 @@ def discover(
         InputError: a log cannot be used, or nothing says what was commanded.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
-    options = options_of(robot=robot, soil=soil, column_map=column_map, topics=topics)
+    options = options_of(robot=robot, soil=soil, column_map=column_map, topics=topics, effects=effects)
     trials = all_good(each_trial(_read, trial_files(logs), options, jobs=1))
-    info = trials[0].info
-    return search(
-        trials,
-        load_robot(robot or info.robot or "granite"),
-        load_soil(soil or info.soil or "dry_sand"),
-        effects=library() | (load_effects(Path(effects)) if effects else {}),
-        seed=seed,
-        jobs=jobs or os.cpu_count() or 1,
-        progress=progress,
-    )
+    finding = search(trials, options, seed=seed, execution=Execution(jobs), progress=progress)
+    if out is not None:
+        save_found(finding, options, trials, Path(out))
+    return finding

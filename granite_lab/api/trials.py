@@ -13,6 +13,7 @@ from granite_lab.fitting import published_fit
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.logs.named import trial_files
 from granite_lab.reporting.content import StudyResult, TrialResult
+from granite_lab.running.search import save_found
 from granite_lab.study import Options, analyse, each_trial
 from granite_lab.study import record as record_all
 from granite_lab.study import study as run
@@ -165,6 +166,7 @@ def study(
     *,
     out: str | Path | None = None,
     name: str = "study",
+    discover: bool = False,
     recordings: bool = False,
     robot: str | Path | None = None,
     soil: str | Path | None = None,
@@ -175,7 +177,7 @@ def study(
     jobs: int = 1,
     done: Callable[[Path], None] = lambda _: None,
 ) -> StudyResult:
-    """Run the chain over trials: estimate, fit, simulate, compare, and a_θ over all of them.
+    """Run the whole chain over trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
 
     A trial that cannot be used stands in `failures` and does not end the study.
 
@@ -183,6 +185,7 @@ def study(
         logs: paths of logs, or of folders with logs.
         out: folder for the report; without it nothing is written.
         name: of the report, unless `out` gives it.
+        discover: search for an effect that the model lacks.
         recordings: with `out`, also write a Rerun recording of each trial.
         robot, soil, column_map, topics, model, effects, jobs, done: as in `fit_k92`.
 
@@ -196,10 +199,14 @@ def study(
         robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects
     )
     folder = None if out is None else Path(out)
-    result = run(trial_files(logs), folder.name if folder else name, options, jobs=jobs, done=done)
+    result = run(
+        trial_files(logs), folder.name if folder else name, options, jobs=jobs, discover=discover, done=done
+    )
     if folder is not None:
         if recordings:
             record(result, folder / "recordings")
+        if result.finding is not None:
+            save_found(result.finding, options, [r.trial for r in result.trials], folder / "model.toml")
         report(result, folder)
     return result
 
@@ -220,5 +227,7 @@ def report(result: StudyResult, folder: str | Path) -> Path:
         LabError: a file cannot be written.
     """
     from granite_lab.reporting import write_report  # noqa: PLC0415, heavy
+    from granite_lab.reporting.discovery import section  # noqa: PLC0415
 
-    return write_report(result, Path(folder))
+    found = result.finding
+    return write_report(result, Path(folder), section(found, "model.toml") if found is not None else None)

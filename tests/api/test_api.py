@@ -1,0 +1,290 @@
+"""Every command is a function: the same numbers, as records and tables."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import typer
+from typer.testing import CliRunner
+
+import granite_lab as gl
+from granite_lab.cli import app
+from granite_lab.discovery.finding import Candidate, Finding
+from granite_lab.errors import EstimateError, InputError, UsageError
+
+ROOT = Path(__file__).parent.parent.parent
+SAMPLES = ROOT / "data" / "samples"
+SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
+OTHER = SAMPLES / "virtual_v0.7_r2.csv"
+
+FUNCTIONS = {
+    "inspect": "inspect",
+    "ingest": "ingest",
+    "simulate": "simulate",
+    "fit-k92": "fit_k92",
+    "fit-atheta": "fit_a_theta",
+    "compare": "compare",
+    "study": "study",
+    "view": "view",
+    "discover": "discover",
+    "params": "params",
+    "effects": "list_effects",
+    "hide": "hide",
+    "reveal": "reveal",
+}
+
+
+def lab(*args: object) -> str:
+    done = CliRunner().invoke(app, [str(a) for a in args], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return str(done.stdout)
+
+
+def test_every_command_is_a_function_with_a_description() -> None:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert set(FUNCTIONS) == set(commands)
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    for command, name in FUNCTIONS.items():
+        function = getattr(gl, name)
+        assert callable(function)
+        assert name in gl.__all__
+        assert name in dir(gl)
+        text = inspect.getdoc(function) or ""
+        for argument in inspect.signature(function).parameters:
+            assert f"{argument}:" in text or f"{argument}," in text, (name, argument)
+        assert f"`{command}`" in page
+        assert f"gl.{name}(" in page
+
+
+def test_the_package_imports_nothing_heavy_and_asks_for_functions_when_they_are_used() -> None:
+    code = "import sys, granite_lab; heavy = {'numpy', 'pandas', 'casadi', 'scipy'}; print(heavy & set(sys.modules))"
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert done.stdout.strip() == "set()"
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.3
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        gl.nonsense  # noqa: B018
+
+
+def test_study_stays_a_function_beside_the_module_of_its_name() -> None:
+    import granite_lab.study
+    from granite_lab.study import Options
+
+    assert inspect.isfunction(gl.study)
+    assert inspect.isfunction(granite_lab.study)
+    assert Options.__module__ in sys.modules
+    assert inspect.ismodule(sys.modules["granite_lab.study"])
+
+
+def test_ingest_is_the_command(tmp_path: Path) -> None:
+    document = json.loads(lab("ingest", SAMPLE, "--out", tmp_path, "--jobs", 1, "--json"))["trials"][0]
+    found = gl.ingest(SAMPLE)
+    assert len(found) == 1
+    motion = found[0].motion
+    assert document["slip_ratio"] == {"value": motion.slip_ratio.value, "std": motion.slip_ratio.std}
+    assert document["distance_m"]["value"] == motion.distance.value
+    table = pd.read_csv(tmp_path / "virtual_v0.3_r1.csv")
+    frame = found.to_frame()
+    assert list(frame.columns) == ["trial", *table.columns]
+    assert set(frame["trial"]) == {"virtual_v0.3_r1"}
+    np.testing.assert_allclose(frame["v_mps"], table["v_mps"], rtol=1e-8, atol=1e-12)
+
+
+def test_ingest_takes_what_the_options_say() -> None:
+    bare = gl.ingest(SAMPLE)[0].motion
+    assert bare.variant_source == "given"
+    told = gl.ingest(
+        SAMPLE, rests=[(0.0, 1.0)], distance_measured=gl.Estimate(bare.distance.value + 0.01, 1e-4),
+        against_reference=False,
+    )[0].motion  # fmt: skip
+    assert told.distance.value == pytest.approx(bare.distance.value + 0.01, abs=1e-3)
+    with pytest.raises(UsageError, match="one trial"):
+        gl.ingest([SAMPLE, OTHER], imu=SAMPLE)
+    with pytest.raises(InputError, match="does not exist"):
+        gl.ingest(SAMPLES / "none.csv")
+    with pytest.raises(UsageError, match="no trials given"):
+        gl.ingest([])
+
+
+def test_inspect_is_the_command() -> None:
+    document = json.loads(lab("inspect", SAMPLE, "--json"))
+    inspection = gl.inspect(SAMPLE)
+    assert (
+        document["files"][0]["columns"] == json.loads(json.dumps(inspection.as_json()))["files"][0]["columns"]
+    )
+    frame = inspection.to_frame()
+    assert list(frame["column"]) == [c["name"] for c in document["files"][0]["columns"]]
+    assert frame.set_index("column").loc["imu_gy_radps", "unit"] == "rad/s"
+
+
+def test_simulate_is_the_command(tmp_path: Path) -> None:
+    document = json.loads(
+        lab("simulate", "--variant", 0.5, "--k92", 0.111, "--out", tmp_path / "r.csv", "--json")
+    )
+    run = gl.simulate(0.5, k92=0.111)
+    assert run.slip_ratio == document["slip_ratio"]
+    frame, table = run.to_frame(), pd.read_csv(tmp_path / "r.csv")
+    assert list(frame.columns) == list(table.columns)
+    np.testing.assert_allclose(frame["v_mps"], table["v_mps"], rtol=1e-8, atol=1e-12)
+    with pytest.raises(UsageError, match="exclude each other"):
+        gl.simulate(0.5, k92=0.1, a_theta=4)
+    with pytest.raises(UsageError, match="the motion is not given"):
+        gl.simulate(v=0.5)
+
+
+def test_simulate_switches_effects_on_by_name() -> None:
+    plain, with_effect = gl.simulate(0.5), gl.simulate(0.5, active={"drive_reaction": {}})
+    assert (
+        with_effect.effects == {"drive_reaction": {"share": 0.0}} or "drive_reaction" in with_effect.effects
+    )
+    assert with_effect.slip_ratio == pytest.approx(plain.slip_ratio, abs=1e-4)  # neutral values
+    with pytest.raises(UsageError, match="unknown effect 'drive_reactio'"):
+        gl.simulate(0.5, active={"drive_reactio": {}})
+
+
+def test_a_table_is_stored_as_csv_or_parquet(tmp_path: Path) -> None:
+    run = gl.simulate(0.3).to_frame()
+    lab("simulate", "--variant", 0.3, "--out", tmp_path / "run.parquet")
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "run.parquet"), run)
+    lab("simulate", "--variant", 0.3, "--format", "parquet", "--out", tmp_path / "named")
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "named"), run)
+    lab("ingest", SAMPLE, "--out", tmp_path, "--format", "parquet", "--jobs", 1)
+    motion = gl.ingest(SAMPLE)[0].to_frame()
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "virtual_v0.3_r1.parquet"), motion)
+    assert not list(tmp_path.glob("*.part"))
+    with pytest.raises(UsageError, match="--format xlsx: not known"):
+        lab("simulate", "--variant", 0.3, "--format", "xlsx")
+    with pytest.raises(UsageError, match="does not fit"):
+        lab("simulate", "--variant", 0.3, "--format", "csv", "--out", tmp_path / "x.parquet")
+
+
+def test_without_pyarrow_one_line_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import importlib.util
+
+    real = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *a: None if name == "pyarrow" else real(name, *a)
+    )
+    with pytest.raises(gl.LabError, match="Parquet needs pyarrow, which is not installed") as caught:
+        lab("simulate", "--variant", 0.3, "--out", tmp_path / "run.parquet")
+    assert caught.value.hint == "pip install 'granite-lab[parquet]'"
+    assert not list(tmp_path.iterdir())
+
+
+def test_fits_and_comparison_are_the_commands(tmp_path: Path) -> None:
+    logs = [SAMPLE, OTHER]
+    document = json.loads(lab("fit-k92", *logs, "--jobs", 1, "--no-cache", "--json"))
+    fits = gl.fit_k92(logs)
+    assert [f["k92"]["value"] for f in document["fits"]] == [fit.k92.value for fit in fits]
+    frame = fits.to_frame()
+    assert list(frame["trial"]) == ["virtual_v0.3_r1", "virtual_v0.7_r2"]
+    assert list(frame["k92"]) == [fit.k92.value for fit in fits]
+    assert len(fits[:1].to_frame()) == 1
+    law = gl.fit_a_theta(fits)
+    assert list(law.to_frame()["k92"]) == list(frame["k92"])
+    compared = gl.compare(SAMPLE, out=tmp_path)
+    assert list(tmp_path.iterdir())
+    table = compared.to_frame()
+    assert {"trial", "channel", "phase", "rms", "unit"} <= set(table.columns)
+    steady = table[(table["channel"] == "velocity") & (table["phase"] == "steady")]
+    assert steady["rms"].iloc[0] == next(
+        m.rms for m in compared[0].misfits if (m.channel, m.phase) == ("velocity", "steady")
+    )
+
+
+def test_published_a_theta() -> None:
+    assert gl.fit_a_theta(published=True).log_linear == pytest.approx(4.919, abs=1e-3)
+    for wrong in ({}, {"logs": SAMPLE, "published": True}):
+        with pytest.raises(UsageError, match="trials or published"):
+            gl.fit_a_theta(**wrong)  # type: ignore[arg-type]
+
+
+def test_a_study_writes_only_where_it_is_told_and_keeps_failures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    broken = tmp_path / "broken.csv"
+    broken.write_text("t_s,imu_ax_mps2\n0,1\n")
+    result = gl.study([SAMPLE, broken])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["broken.csv"]
+    assert [failure.trial for failure in result.failures] == ["broken"]
+    frame = result.to_frame()
+    assert list(frame["trial"]) == ["virtual_v0.3_r1"]
+    assert frame["k92"].iloc[0] == result.trials[0].comparison.fit.k92.value
+    page = gl.report(result, tmp_path / "out")
+    assert page.is_file()
+    recordings = gl.record(result, tmp_path / "rec")
+    assert [path.name for path in recordings] == ["virtual_v0.3_r1.rrd", "study.rrd"]
+    with pytest.raises((InputError, EstimateError)):
+        gl.study([broken])
+
+
+def test_parameters_and_effects_are_tables() -> None:
+    rows = json.loads(lab("params", "--json"))["parameters"]
+    frame = gl.params().to_frame()
+    assert list(frame["value"]) == [row["value"] for row in rows]
+    effects = gl.list_effects().to_frame()
+    shown = gl.show_effect("tyre_windup").to_frame()
+    assert set(shown["parameter"]) == set(effects.loc[effects["effect"] == "tyre_windup", "parameter"])
+    with pytest.raises(UsageError, match="unknown effect"):
+        gl.show_effect("tyre_wind")
+
+
+def test_hide_and_reveal(tmp_path: Path) -> None:
+    made = gl.hide("drive_reaction", tmp_path / "set", seed=3, repetitions=1)
+    frame = made.to_frame()
+    assert list(frame["trial"]) == ["hidden_v0.2_r1", "hidden_v0.3_r1", "hidden_v0.5_r1", "hidden_v0.7_r1"]
+    opened = gl.reveal(tmp_path / "set")
+    assert list(opened.to_frame()["effect"].unique()) == ["drive_reaction"]
+    assert opened.warnings == ()
+    with pytest.raises(UsageError, match="holds a hidden set already"):
+        gl.hide("none", tmp_path / "set")
+
+
+def test_discover_takes_the_command_s_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search itself is tested elsewhere; here, that both hand it the same."""
+    import granite_lab.api.search as home
+
+    calls = []
+
+    def search(trials: object, options: object, **rest: object) -> Finding:
+        calls.append((trials, options, rest))
+        raise EstimateError("enough")
+
+    monkeypatch.setattr(home, "search", search)
+    with pytest.raises(EstimateError, match="enough"):
+        gl.discover([SAMPLE, OTHER], robot="granite", seed=7)
+    trials, options, rest = calls[0]
+    assert [trial.name for trial in trials] == ["virtual_v0.3_r1", "virtual_v0.7_r2"]  # type: ignore[attr-defined]
+    assert options.robot == "granite"  # type: ignore[attr-defined]
+    assert rest["seed"] == 7
+
+
+def test_a_finding_is_a_table_of_candidates() -> None:
+    finding = object.__new__(Finding)
+    rounds = ((Candidate("a", 50.0, 49.0, "evaluated", ()), Candidate("b", 3.0, 3.0, "screened only", ())),)
+    for name, value in {"rounds": rounds, "threshold": 18.0, "effects": ()}.items():
+        object.__setattr__(finding, name, value)
+    frame = finding.to_frame()
+    assert list(frame["effect"]) == ["a", "b"]
+    assert list(frame["evidence"]) == [50.0, 3.0]
+    assert set(frame["threshold"]) == {18.0}
+
+
+def test_view_refuses_what_is_no_recording(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no recording in it"):
+        gl.view(tmp_path)
+    (tmp_path / "x.rrd").write_text("no")
+    with pytest.raises(InputError, match="not a Rerun recording"):
+        gl.view(tmp_path / "x.rrd")
