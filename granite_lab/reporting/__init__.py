@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from granite_lab.reporting.write import write_comparison, write_report
+    from granite_lab.reporting.write import write_comparison, write_discovery, write_report
 
-__all__ = ["write_comparison", "write_report"]
+__all__ = ["write_comparison", "write_discovery", "write_report"]
 
 
 def __getattr__(name: str) -> Any:

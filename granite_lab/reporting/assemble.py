@@ -16,6 +16,7 @@ from granite_lab.reporting import (
 )
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.document import Block, Discovery, Fold, Gallery, Listing, Report, Section, Words
+from granite_lab.reporting.provenance import provenance_section
 from granite_lab.reporting.rounding import plus_minus, significant
 from granite_lab.reporting.summary import Gap, Speed, by_speed, gaps
 
@@ -40,7 +41,7 @@ def assemble(result: StudyResult, discovery: Discovery | None = None) -> Report:
         *([discovery.section] if discovery else []),
         _trials(result),
         _health(result),
-        _provenance(result),
+        provenance_section(result.source),
         _warnings(result),
     ]
     return Report(
@@ -171,15 +172,6 @@ def _health(result: StudyResult) -> Section | None:
     return Section(
         "health", "Health of the estimates", (quality_tables.health_table(result), Words(note), *folds)
     )
-
-
-def _provenance(result: StudyResult) -> Section:
-    blocks: list[Block] = [Words(f"Made by granite-lab {result.source.version}: {result.source.command}")]
-    if result.source.parameters:
-        blocks.append(Fold("Parameters in force", (quality_tables.parameter_table(result),)))
-    if result.source.inputs:
-        blocks.append(Fold("Files that were read", (quality_tables.input_table(result),)))
-    return Section("provenance", "Parameters and provenance", tuple(blocks))
 
 
 def _warnings(result: StudyResult) -> Section:

@@ -20,6 +20,13 @@ class Words:
 
 
 @dataclass(frozen=True)
+class Heading:
+    """A title inside a section."""
+
+    text: str
+
+
+@dataclass(frozen=True)
 class Listing:
     """A list of sentences."""
 
@@ -43,7 +50,7 @@ class Fold:
     open: bool = False
 
 
-Block = Words | Listing | Gallery | Table | Fold
+Block = Words | Heading | Listing | Gallery | Table | Fold
 
 
 @dataclass(frozen=True)
@@ -95,6 +102,7 @@ class Report:
         sections: the evidence.
         version: of granite-lab.
         command: how it was made.
+        numbers: name of the file with all numbers.
     """
 
     name: str
@@ -105,6 +113,7 @@ class Report:
     sections: tuple[Section, ...]
     version: str
     command: str
+    numbers: str = "report.json"
 
     def blocks(self) -> Iterator[Block]:
         """Yield all blocks, those inside folds too."""

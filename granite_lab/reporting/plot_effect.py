@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from granite_lab.discovery.plan_signature import Imprint, Seen
+from granite_lab.discovery.plan_words import IN_WORDS, WHEN, WINDOW
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import steady_interval
 from granite_lab.reporting import canvas
@@ -24,27 +25,6 @@ ROWS = (
     ("current_r", "rear current", "A", 1.0, 0.05),
 )
 """Channel, its name, unit and factor, and the smallest half height of its panels in that unit."""
-
-IN_WORDS = {
-    "accel_x": "the longitudinal acceleration",
-    "accel_z": "the vertical acceleration",
-    "pitch_rate": "the pitch rate",
-    "wheel": "the angle of the wheels",
-    "wheel_split": "the difference of front and rear wheels",
-    "current_f": "the front current",
-    "current_r": "the rear current",
-}
-
-WHEN = {
-    "rest": "at rest before the start",
-    "accelerate": "while accelerating",
-    "steady": "at constant speed",
-    "brake": "while braking",
-    "coast": "while coming to rest",
-}
-
-WINDOW = 15
-"""Bins over which the strongest place of a signature is sought."""
 
 WIDE, PANEL, LEFT, RIGHT, BELOW = 9.2, 1.02, 0.85, 0.12, 0.5
 

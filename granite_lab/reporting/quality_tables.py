@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.json_report import shown_path
 from granite_lab.reporting.rounding import NONE, shown_as, significant, tidy_unit
 from granite_lab.reporting.study_tables import data_cell
 from granite_lab.reporting.summary import Gap, worst_of
@@ -86,27 +85,3 @@ def health_table(result: StudyResult) -> Table:
         columns("trial", "data", "filter", ("at rest [s]", ("rest_s",)), "NIS per update", "verdict"),
         tuple(rows),
     )  # fmt: skip
-
-
-def parameter_table(result: StudyResult) -> Table:
-    """Return every parameter in force and its origin."""
-    rows = tuple(
-        (words(key), Cell(value, (value,)), words(tidy_unit(unit)), words(origin))
-        for key, value, unit, origin in result.source.parameters
-    )
-    return Table(
-        "parameters", "Parameters in force", "Each with the file it was read from.",
-        columns("parameter", ("value", ("value",)), "unit", "origin"), rows,
-    )  # fmt: skip
-
-
-def input_table(result: StudyResult) -> Table:
-    """Return the files that were read; of an absolute path only the name."""
-    rows = tuple((words(shown_path(i.path)), words(i.sha256)) for i in result.source.inputs)
-    return Table(
-        "inputs",
-        "Files that were read",
-        "With them and the parameters the report can be made again.",
-        columns("file", "SHA-256"),
-        rows,
-    )

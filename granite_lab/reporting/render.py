@@ -9,10 +9,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from granite_lab.reporting.canvas import inline_svg
-from granite_lab.reporting.document import Fold, Gallery, Listing, Report, Words
+from granite_lab.reporting.document import Fold, Gallery, Heading, Listing, Report, Words
 from granite_lab.reporting.table import Table
 
-_KINDS = {"words": Words, "listing": Listing, "gallery": Gallery, "table": Table, "fold": Fold}
+_KINDS = {
+    "words": Words, "heading": Heading, "listing": Listing, "gallery": Gallery, "table": Table, "fold": Fold,
+}  # fmt: skip
 _SYMBOL = re.compile(r"\b(k_92|a_θ|λ_R|b_0|b_1)\b")
 _UNIT = re.compile(r"(?<=\d) (?=[%°]|(?:m/s|mm/s|s/m|N m|ms)\b)")
 _MARKDOWN = {c: f"\\{c}" for c in "\\`*_[]|~#$"} | {"&": "&amp;", "<": "&lt;", ">": "&gt;"}

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from granite_lab.comparison.record import Comparison
+from granite_lab.discovery.as_json import finding_as_json
+from granite_lab.discovery.finding import Finding
 from granite_lab.files import readable
+from granite_lab.model.effect import Effect
 from granite_lab.reporting.assemble import assemble
 from granite_lab.reporting.canvas import Drawing, to_png, to_svg
-from granite_lab.reporting.content import StudyResult
+from granite_lab.reporting.content import Source, StudyResult
+from granite_lab.reporting.discovery.report import assemble as assemble_discovery
 from granite_lab.reporting.document import Discovery
-from granite_lab.reporting.json_report import to_json
+from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.plot_motion import comparison_drawing
 from granite_lab.reporting.plot_quality import misfit_drawing
 from granite_lab.reporting.quality_tables import channel_table, misfit_table
@@ -44,6 +48,40 @@ def write_report(result: StudyResult, folder: Path, discovery: Discovery | None 
         svgs = _write_figures(report.drawings, new / "figures")
         _write_tables(report.tables, new / "tables")
         _write(new / "report.json", to_json(result, report, discovery))
+        _write(new / "report.md", to_markdown(report))
+        _write(new / "index.html", to_html(report, svgs))
+    return folder / "index.html"
+
+
+def write_discovery(
+    finding: Finding,
+    folder: Path,
+    source: Source,
+    *,
+    model: Path | str | None = None,
+    effects: Mapping[str, Effect] | None = None,
+) -> Path:
+    """Write ``index.html``, ``report.md``, ``finding.json``, ``figures/`` and ``tables/`` of a search.
+
+    Args:
+        finding: the record.
+        folder: of the report; made if it does not exist.
+        source: where the finding comes from.
+        model: path of the model file, as ``finding.json`` shall name it.
+        effects: the candidates by id; those of the package by default.
+
+    Returns:
+        path of ``index.html``.
+
+    Raises:
+        LabError: a file cannot be written.
+    """
+    beside = Path(model).name if model is not None else None
+    report = assemble_discovery(finding, folder.resolve().name, source, model=beside, effects=effects)
+    with _replacing(folder) as new:
+        svgs = _write_figures(report.drawings, new / "figures")
+        _write_tables(report.tables, new / "tables")
+        _write(new / "finding.json", dumps(finding_as_json(finding, model)))
         _write(new / "report.md", to_markdown(report))
         _write(new / "index.html", to_html(report, svgs))
     return folder / "index.html"

@@ -5,25 +5,101 @@ from __future__ import annotations
 import math
 
 from granite_lab.discovery.finding import Finding
-from granite_lab.reporting.discovery.names import describe, listed
+from granite_lab.reporting.discovery.names import channel_name, describe, either, listed, plain
 from granite_lab.reporting.document import Answer
 from granite_lab.reporting.rounding import significant
+from granite_lab.reporting.summary import IN_PHASE
 
 QUESTION = "What is missing from the model?"
 
 
 def missing_answer(finding: Finding) -> Answer:
-    """Say what is missing, how sure that is, and how much of the gap it closes on held-out trials."""
+    """Say what is missing, how sure that is, and how much of the gap it closes on left-out trials."""
+    if finding.verdict == "none":
+        text = f"Nothing that these trials can show. {_best(finding)} {_gap(finding)}"
+        return Answer("missing", QUESTION, text.replace("  ", " "), "nothing", "good")
+    if finding.verdict == "named":
+        named = _capital(listed([describe(e) for e in finding.effects]))
+        text = f"{named}. {_evidence(finding)} {_gap(finding)}"
+        left = finding.map_after > finding.map_threshold
+        return Answer(
+            "missing", QUESTION, f"{text} What is left is more than noise." if left else text,
+            "one effect" if len(finding.effects) == 1 else f"{len(finding.effects)} effects",
+            "fair" if left or any(e.twins for e in finding.effects) else "good",
+        )  # fmt: skip
+    n = len(finding.rounds[0]) if finding.rounds else 0
+    stands = (
+        "An empirical law stands in for it." if finding.effects else "No empirical law explains it either."
+    )
+    text = f"Something that none of the {n} candidates explains. {stands} {_gap(finding)}"
+    return Answer("missing", QUESTION, text, "not known", "bad")
+
+
+def sure_answer(finding: Finding) -> Answer:
+    """Say what speaks for the verdict: left-out trials and speeds, twins, and what is left."""
+    question = "How sure is that?"
     if finding.verdict == "none":
         return Answer(
-            "missing", QUESTION, f"Nothing that these trials can show. {_gap(finding)}", "nothing", "good"
+            "sure", question,
+            "All candidates were tried, alone, after the sand and the sensors' errors had been fitted. "
+            "A false alarm is allowed in one set of trials in a hundred. How small an effect would have been "
+            "seen stands below.",
+        )  # fmt: skip
+    parts = []
+    if finding.effects and finding.trial_losses:
+        better = sum(after < before for _, before, after in finding.trial_losses)
+        text = f"{better} of {len(finding.trial_losses)} trials that a fit had not seen are predicted better"
+        if finding.losses:
+            of = sum(after < before for _, before, after in finding.losses)
+            text += f", and so are {of} of {len(finding.losses)} speeds that it had not seen"
+        parts.append(f"{text}.")
+    elif not finding.trial_losses:
+        parts.append("With one trial nothing can be left out, so that nothing proves it.")
+    twins = [e for e in finding.effects if e.twins]
+    for e in twins:
+        parts.append(
+            f"{_capital(plain(e.id))} may as well be {either([plain(t) for t in e.twins])}: another trial "
+            "is needed."
         )
-    if finding.verdict == "named":
-        text = f"{_capital(listed([describe(e) for e in finding.effects]))}. {_sure(finding)} {_gap(finding)}"
-        return Answer("missing", QUESTION, text, _count(len(finding.effects)), "good")
-    stands_in = "; an empirical law stands in for it" if finding.effects else ""
-    text = f"Something is missing that no candidate explains{stands_in}. {_gap(finding)}"
-    return Answer("missing", QUESTION, text, "unknown effect", "fair")
+    if finding.verdict == "named" and not twins:
+        parts.append("No other candidate explains these trials as well.")
+    if finding.map_after <= finding.map_threshold:
+        parts.append("What is left is noise.")
+    else:
+        parts.append("What is left is more than noise.")
+    tone = "fair" if twins or finding.map_after > finding.map_threshold else "good"
+    return Answer("sure", question, " ".join(parts), "", tone if finding.verdict == "named" else "fair")
+
+
+def gap_answer(finding: Finding) -> Answer:
+    """Say how much of the gap closes, on trials of the fit and on trials left out."""
+    question = "How much of the gap does it close?"
+    if finding.verdict == "none" or not finding.effects:
+        return Answer("gap", "How far is the model from the trials?", _gap(finding))
+    before, after, floor = (significant(v) for v in finding.gap.train)
+    text = f"{_gap(finding)} On the trials of the fit it falls from {before} to {after} (noise: {floor})."
+    share = closed(finding.gap.held_out)
+    good = math.isfinite(share) and share >= 0.9
+    return Answer("gap", question, text, _share(share), "good" if good else "fair")
+
+
+def where_answer(finding: Finding) -> Answer:
+    """Say where the model without effects is off most."""
+    question = "Where does it show?" if finding.verdict != "none" else "Is there a place where it is off?"
+    if not finding.where:
+        return Answer("where", question, "Nowhere beyond what chance explains.", "nowhere", "good")
+    ranked = sorted(finding.where, key=lambda d: -d.strength)
+    seen: dict[tuple[str, str], str] = {}
+    for d in ranked:
+        at = f"{d.variant:g} m/s from {d.start:.2f} s to {d.end:.2f} s, {significant(d.strength, 2)} times"
+        seen.setdefault(
+            (d.channel, d.phase), f"the {channel_name(d.channel)} {IN_PHASE[d.phase]} (at {at} the noise)"
+        )
+    n = len(finding.where)
+    count = "One interval is" if n == 1 else f"{n} intervals are"
+    return Answer(
+        "where", question, f"{count} off beyond chance, most of all {listed(list(seen.values())[:3])}."
+    )
 
 
 def closed(gap: tuple[float, float, float]) -> float:
@@ -32,28 +108,43 @@ def closed(gap: tuple[float, float, float]) -> float:
     return (before - after) / (before - floor) if before > floor else math.nan
 
 
-def _sure(finding: Finding) -> str:
+def _share(share: float) -> str:
+    if not math.isfinite(share):
+        return ""
+    return "all of it" if share >= 0.995 else f"{significant(100 * share, 2)} % of it"
+
+
+def _evidence(finding: Finding) -> str:
     least = min((e.evidence for e in finding.effects), default=math.nan)
+    each = "The evidence for it is" if len(finding.effects) == 1 else "The evidence for each is at least"
     return (
-        f"Chance reaches an evidence of {significant(finding.threshold, 2)} in one set of trials out of a "
-        f"hundred; these reach {significant(least, 2)}."
+        f"{each} {significant(least)}; chance alone reaches {significant(finding.threshold, 2)} in one set "
+        "of trials in a hundred."
+    )
+
+
+def _best(finding: Finding) -> str:
+    found = finding.rounds[0] if finding.rounds else ()
+    if not found:
+        return ""
+    best = max(found, key=lambda c: c.evidence)
+    if best.evidence > finding.threshold:
+        return ""
+    return (
+        f"The best of {len(found)} candidates, {plain(best.id)}, has an evidence of "
+        f"{significant(best.evidence, 2)}; chance alone reaches {significant(finding.threshold, 2)} in one "
+        "set of trials in a hundred."
     )
 
 
 def _gap(finding: Finding) -> str:
-    held = finding.gap.held_out
-    before, after, floor = (significant(v, 3) for v in held)
-    share = closed(held)
+    known = finding.gap.held_out if finding.trial_losses else finding.gap.train
+    which = "On trials that were left out of the fit" if finding.trial_losses else "On the trial of the fit"
+    before, after, floor = (significant(v) for v in known)
+    share = closed(known)
     if finding.verdict == "none" or not finding.effects or not math.isfinite(share):
-        return f"On trials that were left out the model misses by {before} times the noise (noise: {floor})."
-    return (
-        f"On trials that were left out of the fit the gap falls from {before} to {after} times the noise "
-        f"(noise: {floor}): {significant(100 * share, 2)} % of it closes."
-    )
-
-
-def _count(n: int) -> str:
-    return "one effect" if n == 1 else f"{n} effects"
+        return f"{which} the model is off by {before} times the noise, where noise alone gives {floor}."
+    return f"{which} the gap falls from {before} to {after} times the noise: {_share(share)} closes."
 
 
 def _capital(text: str) -> str:

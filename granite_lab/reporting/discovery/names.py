@@ -29,7 +29,11 @@ def describe(effect: FoundEffect) -> str:
     sizes = ", ".join(
         f"{p.name.replace('_', ' ')} {plus_minus(p.estimate, tidy_unit(p.unit))}" for p in effect.parameters
     )
-    twins = f"; these trials cannot tell it from {either(effect.twins)}" if effect.twins else ""
+    twins = (
+        f"; these trials cannot tell it from {either([plain(t) for t in effect.twins])}"
+        if effect.twins
+        else ""
+    )
     return f"{effect.title} ({sizes}{twins})"
 
 

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from granite_lab.discovery.finding import Finding, Gap
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
+from granite_lab.reporting.discovery.answers import closed
 from granite_lab.reporting.discovery.names import channel_name, short
 from granite_lab.reporting.discovery.residue import channels_of
 from granite_lab.reporting.rounding import significant
@@ -26,12 +28,6 @@ class Row:
 
     name: str
     values: tuple[tuple[float, float, float], ...]
-
-
-def closed(gap: tuple[float, float, float]) -> float:
-    """Return the share of a gap above its floor that closes; NaN where there was none."""
-    before, after, floor = gap
-    return (before - after) / (before - floor) if before > floor else math.nan
 
 
 def gap_drawing(finding: Finding) -> Drawing:
@@ -57,7 +53,7 @@ def _name(gap: Gap) -> str:
     return IN_PHASE.get(gap.phase, "everything")
 
 
-def _dumbbells(lines: Sequence[Row], titles: Sequence[str], finding: Finding) -> canvas.Figure:
+def _dumbbells(lines: Sequence[Row], titles: Sequence[str], finding: Finding) -> Figure:
     known = [v for line in lines for own in line.values for v in own if math.isfinite(v) and v > 0]
     low, high = 0.8 * min([*known, 0.9]), 1.25 * max([*known, 2.0])
     figure, axes = rows.panels(

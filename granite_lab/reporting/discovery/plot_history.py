@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from granite_lab.discovery.finding import Finding
+from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
@@ -74,7 +76,7 @@ def _panel(axis: Axes, mean: Mean, finding: Finding) -> None:
         axis.fill_between([], [], color=canvas.SHADE, linewidth=0, label="beyond chance")
     axis.text(0, 1.03, name, transform=axis.transAxes, fontsize=8, va="bottom")
     axis.set_ylabel(f"[{unit}]")
-    axis.yaxis.set_major_locator(canvas.mpl.ticker.MaxNLocator(4))
+    axis.yaxis.set_major_locator(MaxNLocator(4))
 
 
 def _describe(finding: Finding, shown: dict[str, Mean]) -> str:
@@ -95,6 +97,6 @@ def _describe(finding: Finding, shown: dict[str, Mean]) -> str:
     )
 
 
-def _rms(values: canvas.Array) -> float:
+def _rms(values: Array) -> float:
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

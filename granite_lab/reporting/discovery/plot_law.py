@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from granite_lab.discovery.empirical import TARGETS, TERMS
 from granite_lab.discovery.finding import Finding, FoundEffect
@@ -73,7 +74,7 @@ def law_drawing(finding: Finding) -> Drawing | None:
                 axis.plot(run.t, values, color=colour, label=f"{run.variant.velocity:g} m/s")
             axis.text(0, 1.03, NAMES[target], transform=axis.transAxes, fontsize=8, va="bottom")
             axis.set_ylabel(f"[{TARGETS[target][0]}]")
-            axis.yaxis.set_major_locator(canvas.mpl.ticker.MaxNLocator(4))
+            axis.yaxis.set_major_locator(MaxNLocator(4))
         axes[-1].set_xlabel("time since the start of the command [s]")
         axes[0].set_xlim(-0.5, max(float(r.t[-1]) for r in runs))
         canvas.legend_above(axes[0], 4)

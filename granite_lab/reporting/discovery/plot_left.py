@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.ticker import NullLocator
 from scipy.stats import chi2
 
 from granite_lab.discovery.finding import Finding
@@ -35,7 +36,7 @@ def left_drawing(finding: Finding) -> Drawing:
         axis.set_ylim(bottom, top)
         ticks = [10.0**k for k in range(-4, 8) if bottom <= 10.0**k <= top]
         axis.set_yticks(ticks, [rows.times(t) for t in ticks])
-        axis.yaxis.set_minor_locator(canvas.mpl.ticker.NullLocator())
+        axis.yaxis.set_minor_locator(NullLocator())
         axis.set_xlabel("frequency [Hz]")
         axis.set_ylabel("power over noise [–]")
         canvas.align_labels([axis])

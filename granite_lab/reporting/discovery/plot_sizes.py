@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter
@@ -51,7 +52,7 @@ def sizes_drawing(finding: Finding) -> Drawing | None:
     )
 
 
-def _line(axis: canvas.Axes, i: int, p: FoundParameter, own: EffectParameter, smallest: float) -> None:
+def _line(axis: Axes, i: int, p: FoundParameter, own: EffectParameter, smallest: float) -> None:
     scale = 100 / _reach(own)
 
     def at(value: float) -> float:

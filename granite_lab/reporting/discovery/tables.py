@@ -1,0 +1,191 @@
+"""Tables of a discovery: effects, intervals, candidates, gaps, smallest sizes, terms of a law."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from granite_lab.discovery.finding import Finding
+from granite_lab.model.effect import Effect
+from granite_lab.reporting.discovery.names import channel_name, plain
+from granite_lab.reporting.discovery.plot_law import BY, NAMES, law_of, split
+from granite_lab.reporting.discovery.plot_sizes import LIKELY, multiple
+from granite_lab.reporting.discovery.plot_which import STATUS
+from granite_lab.reporting.rounding import NONE, interval, plus_minus, significant, tidy_unit
+from granite_lab.reporting.study_tables import data_cell
+from granite_lab.reporting.summary import IN_PHASE
+from granite_lab.reporting.table import Cell, Table, columns, fixed, number, words
+
+MOST = 25
+"""Intervals that are listed."""
+
+
+def effects_table(finding: Finding) -> Table | None:
+    """List what was named, each number with its interval and its multiple of the smallest size seen."""
+    rows = []
+    for e in finding.effects:
+        if e.empirical:
+            continue
+        for p in e.parameters:
+            unit, half = tidy_unit(p.unit), LIKELY * p.estimate.std
+            value = p.estimate.value
+            times = multiple(finding, e, p)
+            rows.append(
+                (
+                    words(plain(e.id)),
+                    words(e.title),
+                    words(p.name.replace("_", " ")),
+                    Cell(plus_minus(p.estimate), (value, p.estimate.std)),
+                    Cell(interval(value - half, value + half), (value - half, value + half)),
+                    words(unit or "–"),
+                    Cell(significant(times, 2), (times,)) if math.isfinite(times) else Cell(NONE, (None,)),
+                    words(", ".join(map(plain, e.twins)) or "none"),
+                    data_cell(finding.virtual),
+                )
+            )
+    if not rows:
+        return None
+    return Table(
+        "found_effects", "What is missing, with sizes",
+        "Value ± standard deviation, fitted together with the sand and the sensors' errors; the multiple "
+        "is the size over the smallest that these trials show.",
+        columns(
+            "effect", "what it is", "number", ("value", ("value", "std")), ("95 %", ("low", "high")), "unit",
+            ("multiple of smallest [–]", ("multiple",)), "cannot be told from", "data",
+        ),
+        tuple(rows),
+    )  # fmt: skip
+
+
+def intervals_table(finding: Finding) -> Table | None:
+    """List the strongest intervals of disagreement."""
+    if not finding.where:
+        return None
+    strongest = sorted(finding.where, key=lambda d: -d.strength)[:MOST]
+    more = len(finding.where) - len(strongest)
+    rest = f" {more} weaker ones stand in the JSON file." if more else ""
+    rows = tuple(
+        (
+            words(channel_name(d.channel)), words(d.phase), Cell(f"{d.variant:g}", (d.variant,)),
+            fixed(d.start, 2), fixed(d.end, 2), number(d.frequency, 2), number(d.strength, 2),
+            data_cell(finding.virtual),
+        )
+        for d in strongest
+    )  # fmt: skip
+    return Table(
+        "found_intervals", "The strongest intervals of disagreement",
+        f"Times count from the start of the command; the frequency is where it is strongest.{rest}",
+        columns(
+            "channel", "phase", ("speed [m/s]", ("speed_mps",)), ("from [s]", ("start_s",)),
+            ("to [s]", ("end_s",)), ("frequency [Hz]", ("frequency_hz",)),
+            ("strength over noise [–]", ("strength",)), "data",
+        ),
+        rows,
+    )  # fmt: skip
+
+
+def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table | None:
+    """List every candidate with its evidence in each round."""
+    if not finding.rounds or not finding.rounds[0]:
+        return None
+    by_round = [{c.id: c for c in found} for found in finding.rounds]
+    rows = []
+    for c in finding.rounds[0]:
+        cells = [
+            number(found[c.id].evidence, 3) if c.id in found else Cell(NONE, (None,)) for found in by_round
+        ]
+        title = known[c.id].title if c.id in known else ""
+        rows.append(
+            (
+                words(plain(c.id)), words(title or NONE), *cells, words(STATUS[c.status][1]),
+                data_cell(finding.virtual),
+            )
+        )  # fmt: skip
+    n = len(finding.rounds)
+    titles = [(f"round {k + 1} [–]" if n > 1 else "evidence [–]", (f"evidence_{k + 1}",)) for k in range(n)]
+    return Table(
+        "found_candidates", "Every candidate, its meaning and its evidence",
+        f"Chance alone reaches {significant(finding.threshold, 2)} in one set of trials in a hundred. A "
+        "dash: already in the model.",
+        columns("candidate", "what it is", *titles, "how far it was tried", "data"),
+        tuple(rows),
+    )  # fmt: skip
+
+
+def gaps_table(finding: Finding) -> Table:
+    """List the gap of every channel and phase, on trials of the fit and on trials left out."""
+    rows = []
+    for g in (finding.gap, *finding.gaps):
+        if not any(math.isfinite(v) for v in (*g.train, *g.held_out)):
+            continue
+        name = "all channels" if g.channel == "all" else channel_name(g.channel)
+        phase = "all phases" if g.phase == "all" else IN_PHASE.get(g.phase, g.phase)
+        cells = [number(v, 3) for v in (*g.train[:2], *g.held_out[:2], g.train[2])]
+        rows.append((words(name), words(phase), *cells, data_cell(finding.virtual)))
+    return Table(
+        "found_gaps", "The gap of every channel and phase",
+        "Root mean square of what is left over the noise, before and after what was found is added; the "
+        "floor is what repetitions of one command do not have in common.",
+        columns(
+            "channel", "phase", ("in the fit: before [–]", ("train_before",)),
+            ("after [–]", ("train_after",)), ("left out: before [–]", ("held_out_before",)),
+            ("after [–]", ("held_out_after",)), ("floor [–]", ("floor",)), "data",
+        ),
+        tuple(rows),
+    )  # fmt: skip
+
+
+def detectable_table(finding: Finding, known: Mapping[str, Effect]) -> Table | None:
+    """List the smallest size of each candidate that these trials show, and what it is alike."""
+    rows = []
+    for d in finding.detectable:
+        own = {p.name: p for p in known[d.effect].parameters} if d.effect in known else {}
+        p = own.get(d.parameter)
+        expected = interval(p.prior_low, p.prior_high) if p else NONE
+        alike = [plain(i) for i in d.confused_with]
+        text = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
+        seen = math.isfinite(d.size)
+        rows.append(
+            (
+                words(plain(d.effect)), words(d.parameter.replace("_", " ")),
+                number(d.size, 2) if seen else Cell("cannot be seen", (None,)),
+                Cell(expected, (p.prior_low, p.prior_high) if p else (None, None)),
+                words(tidy_unit(d.unit) or "–"), words(text or "none"), data_cell(finding.virtual),
+            )
+        )  # fmt: skip
+    if not rows:
+        return None
+    return Table(
+        "found_detectable", "Smallest sizes that these trials show",
+        "A size that is found four times out of five, beside what the literature leads to expect.",
+        columns(
+            "candidate", "number", ("smallest size", ("smallest",)),
+            ("expected", ("expected_low", "expected_high")), "unit", "looks like", "data",
+        ),
+        tuple(rows),
+    )  # fmt: skip
+
+
+def law_table(finding: Finding) -> Table | None:
+    """List the terms of the empirical law."""
+    law = law_of(finding)
+    if law is None:
+        return None
+    rows = []
+    for p in law.parameters:
+        if p.estimate.value == 0:
+            continue
+        target, term = split(p.name)
+        rows.append(
+            (
+                words(NAMES[target]), words(BY.get(term, plain(term))),
+                Cell(plus_minus(p.estimate), (p.estimate.value, p.estimate.std)), words(tidy_unit(p.unit)),
+                data_cell(finding.virtual),
+            )
+        )  # fmt: skip
+    return Table(
+        "found_law", "The terms of the empirical law",
+        "Each amount at a typical state: 0.5 m/s, slip 0.2, 1 m of way, 5 s, 20 mm/s of sinking.",
+        columns("what is missing", "how it goes", ("amount", ("amount", "std")), "unit", "data"),
+        tuple(rows),
+    )  # fmt: skip
