@@ -48,36 +48,48 @@ class GearBacklash(Influence):
     title = "play in the gears"
     account = (
         "two masses and a dead zone (Nordin and Gutman 2002): three tenths of the inertia at the motor, "
-        "teeth of 20 kN m/rad; encoder at the motor; at rest in the middle of the play"
+        "teeth of 20 kN m/rad, stiffer where the play is less than 0.8°, so that play it remains; encoder at "
+        "the motor; at rest in the middle of the play"
     )
     declared = (Size("play", "deg", "whole play at the wheel", 0.8, 2.5, 0, 20, kind="equivalent"),)
 
     def setup(self) -> None:
-        """Claim angle and rate of the motors."""
+        """Claim lead of the motors on the wheels, and its rate, in half plays.
+
+        Angles of many turns could not be subtracted closely enough for a play of a hundredth of a degree.
+        """
         super().setup()
-        self.half_play = 0.5 * float(np.radians(self.sizes[GearBacklash.id]["play"]))
+        self.method = "BDF"  # LSODA is late to see how stiff the teeth are
+        self.half_play = max(0.5 * float(np.radians(self.sizes[GearBacklash.id]["play"])), 1e-7)
+        # little play: teeth that give by a like share of it, else their twist would outdo the play
+        small = max(1.0, 0.007 / self.half_play)
+        self.teeth, self.rubbing, self.soft = 2e4 * small, 8.0 * small, 2e-4 / small
         self.motor_inertia = 0.3 * self.chassis.wheel_inertia
         self.rim_inertia -= self.motor_inertia
-        self.motor_angle, self.motor_rate = self.claim(2), self.claim(2)
+        self.lead, self.lead_rate = self.claim(2), self.claim(2)
 
     def shaft(self, y: Array) -> tuple[Array, Array]:
         """Return the motion of the motors."""
-        return y[self.motor_angle], y[self.motor_rate]
+        return (
+            np.asarray(y[ANGLE] + self.half_play * y[self.lead]),
+            np.asarray(y[OMEGA] + self.half_play * y[self.lead_rate]),
+        )
 
     def torque(self, y: Array) -> Array:
         """Return what the teeth pass on: nothing within the play."""
-        gap, soft = y[self.motor_angle] - y[ANGLE], 2e-4
+        gap, soft = self.half_play * y[self.lead], self.soft
         bite = np.maximum(np.abs(gap) - self.half_play, 0.0)
-        # the teeth give over the first 0.2 mrad, which keeps force and damping free of corners
+        # the teeth engage over the first 0.2 mrad or less, which keeps force and damping free of corners
         bent = np.where(bite < soft, 0.5 * bite**2 / soft, bite - 0.5 * soft)
-        rubbing = 8.0 * smoothstep(bite / soft)
-        return np.asarray(2e4 * np.sign(gap) * bent + rubbing * (y[self.motor_rate] - y[OMEGA]))
+        rubbing = self.rubbing * smoothstep(bite / soft)
+        return np.asarray(self.teeth * np.sign(gap) * bent + rubbing * self.half_play * y[self.lead_rate])
 
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Add the rates of the motors."""
         dy = super().rates(t, y, wheel)
-        dy[self.motor_angle] = y[self.motor_rate]
-        dy[self.motor_rate] = (super().torque(y) - self.torque(y)) / self.motor_inertia
+        motor = (super().torque(y) - self.torque(y)) / self.motor_inertia
+        dy[self.lead] = y[self.lead_rate]
+        dy[self.lead_rate] = (motor - dy[OMEGA]) / self.half_play
         return dy
 
 

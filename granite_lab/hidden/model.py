@@ -16,7 +16,7 @@ from scipy.optimize import brentq, fsolve, root
 
 from granite_lab.hidden.command import Trapezoid
 from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Ground, contact, smoothstep
-from granite_lab.hidden.parts import Law, Misreading, Push, Sizes, Stance
+from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes, Stance
 from granite_lab.parameters import GRAVITY, Robot, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
@@ -50,6 +50,7 @@ class Truth:
         self.intervals = intervals
         self.sizes = dict(sizes or {})
         self.order = 12
+        self.method: Method = "LSODA"  # of integration
         self.r = robot.wheels.radius
         self.rim_inertia = robot.chassis.wheel_inertia
         self.rise = 0.0  # of the ground [rad]

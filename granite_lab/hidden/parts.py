@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
 
 Law = Callable[[float], float]
+Method = Literal["LSODA", "Radau", "BDF"]
+"""Of `scipy.integrate.solve_ivp`."""
+
 Sizes = Mapping[str, float]
 """Parameters of an influence by name."""
 

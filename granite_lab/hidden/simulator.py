@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -23,10 +22,8 @@ from granite_lab.hidden.model import (
     X,
     Z,
 )
-from granite_lab.hidden.parts import constant_k92, exponential_k92
+from granite_lab.hidden.parts import Method, constant_k92, exponential_k92
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
-
-Method = Literal["LSODA", "Radau"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +85,7 @@ class Result:
 
 
 def solve(
-    truth: Truth, t: Array, *, method: Method = "LSODA", rtol: float = 1e-7, atol: float = 1e-9
+    truth: Truth, t: Array, *, method: Method | None = None, rtol: float = 1e-7, atol: float = 1e-9
 ) -> Array:
     """Integrate from rest at the first instant and return the states (N, 12 or more) at `t` (N,), increasing.
 
@@ -103,7 +100,7 @@ def solve(
     for start, stop in pairwise(edges):
         inside = t[(t >= start) & (t < stop)]
         part = solve_ivp(
-            truth.derivative, (start, stop), y, method=method, rtol=rtol, atol=atol,
+            truth.derivative, (start, stop), y, method=method or truth.method, rtol=rtol, atol=atol,
             t_eval=np.append(inside, stop), max_step=0.05,
         )  # fmt: skip
         if not part.success:
@@ -114,7 +111,7 @@ def solve(
 
 
 def integrate(
-    truth: Truth, t: Array, *, method: Method = "LSODA", rtol: float = 1e-7, atol: float = 1e-9
+    truth: Truth, t: Array, *, method: Method | None = None, rtol: float = 1e-7, atol: float = 1e-9
 ) -> Result:
     """Integrate from rest at the first instant and return the signals at `t` (N,), increasing."""
     return signals(truth, t, solve(truth, t, method=method, rtol=rtol, atol=atol))
@@ -196,7 +193,7 @@ def simulate(
     dt: float = 0.005,
     settle: float = 1.0,
     after: float = 1.0,
-    method: Method = "LSODA",
+    method: Method | None = None,
     rtol: float = 1e-7,
     atol: float = 1e-9,
 ) -> Result:
@@ -208,7 +205,7 @@ def simulate(
         robot, soil: records; the paper's when not given.
         dt: spacing of the returned samples [s].
         settle, after: rest before the command and time after its end [s].
-        method, rtol, atol: of `scipy.integrate.solve_ivp`.
+        method, rtol, atol: of `scipy.integrate.solve_ivp`; the model knows its method.
     """
     truth = build(
         velocity=velocity, acceleration=acceleration, distance=distance,
