@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -183,6 +184,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the sets in here")
     parser.add_argument("--detectable", action="store_true", help="find the smallest detectable sizes again")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     results = Results(options.results)
     run(results, options.minutes, options.jobs, options.only, options.keep, options.detectable)
     text = report(results.lines, every=options.all)

@@ -100,7 +100,8 @@ def discover(folder: Path) -> dict[str, Any]:
         LabError: as the command does.
     """
     printed, said = io.StringIO(), io.StringIO()
-    arguments = ["discover", str(folder), "--out", str(folder / "out"), "--json", "--quiet", "--jobs", "1"]
+    arguments = ["discover", str(folder), "--out", str(folder / "out"), "--json", "--quiet", "--no-cache"]
+    arguments += ["--jobs", "1"]
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(said):
         app(arguments, standalone_mode=False)
     document: dict[str, Any] = json.loads(printed.getvalue())
