@@ -3,48 +3,60 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from granite_lab.discovery.finding import Finding
+from granite_lab.model.effect import Effect
 from granite_lab.reporting.discovery.names import channel_name, describe, either, listed, plain
+from granite_lab.reporting.discovery.sizes import picked, shares
 from granite_lab.reporting.document import Answer
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import IN_PHASE
 
 QUESTION = "What is missing from the model?"
 
+TENTH = 10.0
+"""Share of the largest size expected [%] at which an effect counts as small."""
+
 
 def missing_answer(finding: Finding) -> Answer:
     """Say what is missing, how sure that is, and how much of the gap it closes on left-out trials."""
     if finding.verdict == "none":
-        text = f"Nothing that these trials can show. {_best(finding)} {_gap(finding)}"
-        return Answer("missing", QUESTION, text.replace("  ", " "), "nothing", "good")
+        text = " ".join(["These trials show no missing effect.", *_best(finding), _gap(finding)])
+        return Answer("missing", QUESTION, text, "nothing", "good")
     if finding.verdict == "named":
         named = _capital(listed([describe(e) for e in finding.effects]))
         text = f"{named}. {_evidence(finding)} {_gap(finding)}"
         left = finding.map_after > finding.map_threshold
         return Answer(
             "missing", QUESTION, f"{text} What is left is more than noise." if left else text,
-            "one effect" if len(finding.effects) == 1 else f"{len(finding.effects)} effects",
+            ("one effect", "two effects", "three effects")[min(len(finding.effects), 3) - 1],
             "fair" if left or any(e.twins for e in finding.effects) else "good",
         )  # fmt: skip
     n = len(finding.rounds[0]) if finding.rounds else 0
-    stands = (
+    parts = [f"Something that none of the {n} candidates explains."]
+    tried = [plain(i) for i in (picked(finding, k) for k in range(len(finding.rounds))) if i is not None]
+    if tried:
+        each = "explains" if len(tried) == 1 else "together explain"
+        parts.append(f"What came closest, {listed(tried)}, {each} too little to be named.")
+    parts.append(
         "An empirical law stands in for it." if finding.effects else "No empirical law explains it either."
     )
-    text = f"Something that none of the {n} candidates explains. {stands} {_gap(finding)}"
-    return Answer("missing", QUESTION, text, "not known", "bad")
+    return Answer("missing", QUESTION, " ".join([*parts, _gap(finding)]), "not known", "bad")
 
 
-def sure_answer(finding: Finding) -> Answer:
-    """Say what speaks for the verdict: left-out trials and speeds, twins, and what is left."""
+def sure_answer(finding: Finding, known: Mapping[str, Effect]) -> Answer:
+    """Say what speaks for the verdict: left-out trials and speeds, twins, what is left, what would be "
+    "seen."""
     question = "How sure is that?"
     if finding.verdict == "none":
-        return Answer(
-            "sure", question,
-            "All candidates were tried, alone, after the sand and the sensors' errors had been fitted. "
-            "A false alarm is allowed in one set of trials in a hundred. How small an effect would have been "
-            "seen stands below.",
-        )  # fmt: skip
+        sizes = shares(finding, known)
+        seen = sum(low <= TENTH for low, _ in sizes.values())
+        text = (
+            f"{seen} of {len(sizes)} candidates would have been seen at a tenth of the largest size "
+            "expected of them. A false alarm is allowed in one set of trials in a hundred."
+        )
+        return Answer("sure", question, text)
     parts = []
     if finding.effects and finding.trial_losses:
         better = sum(after < before for _, before, after in finding.trial_losses)
@@ -87,7 +99,8 @@ def where_answer(finding: Finding) -> Answer:
     """Say where the model without effects is off most."""
     question = "Where does it show?" if finding.verdict != "none" else "Is there a place where it is off?"
     if not finding.where:
-        return Answer("where", question, "Nowhere beyond what chance explains.", "nowhere", "good")
+        text = "No interval is off beyond what chance explains."
+        return Answer("where", question, text, "nowhere", "good")
     ranked = sorted(finding.where, key=lambda d: -d.strength)
     seen: dict[tuple[str, str], str] = {}
     for d in ranked:
@@ -123,18 +136,19 @@ def _evidence(finding: Finding) -> str:
     )
 
 
-def _best(finding: Finding) -> str:
+def _best(finding: Finding) -> list[str]:
     found = finding.rounds[0] if finding.rounds else ()
     if not found:
-        return ""
+        return []
     best = max(found, key=lambda c: c.evidence)
     if best.evidence > finding.threshold:
-        return ""
-    return (
+        return []
+    text = (
         f"The best of {len(found)} candidates, {plain(best.id)}, has an evidence of "
         f"{significant(best.evidence, 2)}; chance alone reaches {significant(finding.threshold, 2)} in one "
         "set of trials in a hundred."
     )
+    return [text]
 
 
 def _gap(finding: Finding) -> str:
@@ -144,7 +158,10 @@ def _gap(finding: Finding) -> str:
     share = closed(known)
     if finding.verdict == "none" or not finding.effects or not math.isfinite(share):
         return f"{which} the model is off by {before} times the noise, where noise alone gives {floor}."
-    return f"{which} the gap falls from {before} to {after} times the noise: {_share(share)} closes."
+    return (
+        f"{which} the gap between sensors and model falls from {before} to {after} times the noise: "
+        f"{_share(share)} closes."
+    )
 
 
 def _capital(text: str) -> str:

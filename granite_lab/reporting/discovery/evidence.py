@@ -60,16 +60,25 @@ def steps(
     finding: Finding, model: Path | str | None = None, *, effects: Mapping[str, Effect] | None = None
 ) -> tuple[Section, ...]:
     """Return the steps of the case, numbered; arguments as in `section`."""
-    known = _candidates(finding, effects)
+    known = candidates_of(finding, effects)
+    nothing = finding.verdict == "none"
     parts: list[tuple[str, str, list[Block]]] = [
         ("where", "Where do model and trials disagree?", _where(finding)),
-        ("which", "Which effect explains it?", _which(finding, known)),
+        (
+            "which",
+            "Would any effect explain them better?" if nothing else "Which effect explains it?",
+            _which(finding, known),
+        ),
         ("held-out", "Does it hold on trials that were left out?", _held_out(finding)),
         ("twins", "What cannot be told apart?", _twins(finding)),
         ("sizes", "How large is it?", _sizes(finding, model)),
         ("law", "What does the missing quantity look like?", _law(finding)),
-        ("gap", "How much of the gap closes?", _gap(finding)),
-        ("histories", "Before and after, over time", _histories(finding)),
+        ("gap", "How much of the gap closes?" if finding.effects else "How large is the gap?", _gap(finding)),
+        (
+            "histories",
+            "Before and after, over time" if finding.effects else "Model and trials over time",
+            _histories(finding),
+        ),
         ("left", "What is left, and is it noise?", _left(finding)),
         ("could-show", "What could these trials show?", _could_show(finding, known)),
         ("limits", "What could not be told", [Listing(finding.notes)] if finding.notes else []),
@@ -81,7 +90,8 @@ def steps(
     )
 
 
-def _candidates(finding: Finding, effects: Mapping[str, Effect] | None) -> dict[str, Effect]:
+def candidates_of(finding: Finding, effects: Mapping[str, Effect] | None) -> dict[str, Effect]:
+    """Return the candidates by id, those of the package where none are given."""
     if effects is None:
         from granite_lab.effects import library  # noqa: PLC0415, heavy
 
@@ -103,8 +113,8 @@ def _folded(title: str, table: Table | None) -> Iterator[Block]:
 def _where(finding: Finding) -> list[Block]:
     if finding.where:
         text = (
-            "The model of the paper, without any effect, beside the trials. Left: how strong the difference "
-            "is in each channel, phase of the motion and band of frequency. Right: when it happens."
+            "The model of the paper, without any effect, beside the trials. The first picture shows in which "
+            "channel, phase of the motion and band of frequency it is off, the second one when."
         )
     else:
         text = (

@@ -33,10 +33,10 @@ class Row:
 def gap_drawing(finding: Finding) -> Drawing:
     """Draw the gap per channel and phase, on the trials of the fit and on trials left out."""
     table = {(g.channel, g.phase): g for g in finding.gaps} | {("all", "all"): finding.gap}
-    keys = [("all", "all"), *((c, "all") for c in channels_of(finding)), *(("all", p) for p in PHASES)]
+    channels = channels_of(finding)
+    keys = [("all", "all"), *((c, "all") for c in channels), *(("all", p) for p in PHASES)]
     lines = [Row(_name(table[k]), (table[k].train, table[k].held_out)) for k in keys if k in table]
-    lines = [line for line in lines if any(math.isfinite(v) for own in line.values for v in own)]
-    figure = _dumbbells(lines, ("in the fit", "left out of the fit"), finding)
+    figure = _dumbbells(lines, ("in the fit", "left out of the fit"), finding, (0.5, len(channels) + 0.5))
     return Drawing(
         "found_gap",
         f"The gap before and after, per channel and phase{canvas.data_tag(finding.virtual)}",
@@ -53,7 +53,9 @@ def _name(gap: Gap) -> str:
     return IN_PHASE.get(gap.phase, "everything")
 
 
-def _dumbbells(lines: Sequence[Row], titles: Sequence[str], finding: Finding) -> Figure:
+def _dumbbells(
+    lines: Sequence[Row], titles: Sequence[str], finding: Finding, rules: Sequence[float] = ()
+) -> Figure:
     known = [v for line in lines for own in line.values for v in own if math.isfinite(v) and v > 0]
     low, high = 0.8 * min([*known, 0.9]), 1.25 * max([*known, 2.0])
     figure, axes = rows.panels(
@@ -74,8 +76,8 @@ def _dumbbells(lines: Sequence[Row], titles: Sequence[str], finding: Finding) ->
                 axis.plot(after, y, "D", color=rows.AFTER, markersize=4, label="with what was found")
             rows.log_axis(axis, low, high)
             axis.set_xlabel(UNIT if len(titles) == 1 else f"{title}\n{UNIT}")
-            if lines[0].name == "everything":
-                axis.axhline(0.5, color=canvas.FAINT, linewidth=0.6)
+            for at in rules:
+                axis.axhline(at, color=canvas.FAINT, linewidth=0.6)
         if lines[0].name == "everything":
             axes[0].get_yticklabels()[0].set_fontweight("bold")
         rows.legend_on_top(figure, axes[0], 3)
@@ -112,7 +114,8 @@ def held_out_drawing(finding: Finding) -> Drawing | None:
             lines.append(Row(f"all at {velocity:g} m/s", (values,)))
     if not lines:
         return None
-    figure = _dumbbells(lines, ("",), finding)
+    rules = (len(finding.trial_losses) - 0.5,) if finding.losses else ()
+    figure = _dumbbells(lines, ("",), finding, rules)
     return Drawing(
         "found_held_out",
         f"Trials and speeds predicted by a fit that did not see them{canvas.data_tag(finding.virtual)}",

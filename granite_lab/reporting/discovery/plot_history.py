@@ -49,12 +49,16 @@ def _speed(finding: Finding, velocity: float, own: list[Mean]) -> Drawing:
     data = canvas.data_tag(finding.virtual)
     return Drawing(
         f"found_history_{velocity:.2f}".replace(".", "p"),
-        f"{velocity:g} m/s: measured, and the model before and after{data}",
+        f"{velocity:g} m/s: {_titled(finding)}{data}",
         _describe(finding, by_channel),
         f"Sensor readings over time at {velocity:g} m/s, measured and simulated without and with what was "
         f"found{data}.",
         figure,
     )
+
+
+def _titled(finding: Finding) -> str:
+    return "measured, and the model before and after" if finding.effects else "measured and simulated"
 
 
 def _panel(axis: Axes, mean: Mean, finding: Finding) -> None:
@@ -69,7 +73,13 @@ def _panel(axis: Axes, mean: Mean, finding: Finding) -> None:
     axis.plot(
         mean.t, scale * (mean.measured - zero), color=canvas.MEASURED_LIGHT, linewidth=2.2, label="measured"
     )
-    axis.plot(mean.t, scale * (mean.before - zero), color=rows.BEFORE, linewidth=1.0, label="before")
+    axis.plot(
+        mean.t,
+        scale * (mean.before - zero),
+        color=rows.BEFORE,
+        linewidth=1.0,
+        label="before" if finding.effects else "model",
+    )
     if finding.effects:
         axis.plot(mean.t, scale * (mean.after - zero), color=rows.AFTER, linewidth=1.0, label="after")
     if finding.where:
@@ -81,19 +91,16 @@ def _panel(axis: Axes, mean: Mean, finding: Finding) -> None:
 
 def _describe(finding: Finding, shown: dict[str, Mean]) -> str:
     n = max(m.trials for m in shown.values())
-    what = "one trial" if n == 1 else f"the mean of {n} trials"
-    angles = [c for c in shown if c.startswith("wheel")]
-    less = " Of wheel angles the difference to the measurement is drawn." if angles else ""
+    what = "One trial" if n == 1 else f"Mean of {n} trials"
     if not finding.effects:
-        return f"The channels with the largest gap, {what}.{less}"
-    better = [c for c, m in shown.items() if _rms(m.after - m.measured) < _rms(m.before - m.measured)]
-    factor = max(_rms(m.before - m.measured) / _rms(m.after - m.measured) for m in shown.values())
+        return f"{what}, the channels with the largest gap."
+    factor = {c: _rms(m.before - m.measured) / _rms(m.after - m.measured) for c, m in shown.items()}
+    better = [channel_name(c) for c, f in factor.items() if f > 1]
     if not better:
-        return f"The channels with the largest gap, {what}: none of them comes closer.{less}"
+        return f"{what}, the channels with the largest gap: none of them comes closer."
     return (
-        f"The channels with the largest gap, {what}: with what was found the "
-        f"{listed([channel_name(c) for c in better])} come closer, up to {significant(factor, 2)} "
-        f"times.{less}"
+        f"{what}: with what was found, the model comes up to {significant(max(factor.values()), 2)} times "
+        f"closer in {listed(better)}."
     )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
@@ -14,9 +14,8 @@ from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.names import listed, plain
+from granite_lab.reporting.discovery.sizes import LIKELY, reach, shares
 from granite_lab.reporting.rounding import plus_minus, significant, tidy_unit, with_unit
-
-LIKELY = 1.96
 
 
 def sizes_drawing(finding: Finding) -> Drawing | None:
@@ -53,7 +52,7 @@ def sizes_drawing(finding: Finding) -> Drawing | None:
 
 
 def _line(axis: Axes, i: int, p: FoundParameter, own: EffectParameter, smallest: float) -> None:
-    scale = 100 / _reach(own)
+    scale = 100 / reach(own)
 
     def at(value: float) -> float:
         return (value - (0.0 if own.shape else own.neutral)) * scale
@@ -82,12 +81,6 @@ def _line(axis: Axes, i: int, p: FoundParameter, own: EffectParameter, smallest:
     )  # fmt: skip
 
 
-def _reach(p: EffectParameter) -> float:
-    """Return how far from its neutral value a strength may be expected to be, or a shape from zero."""
-    start = 0.0 if p.shape else p.neutral
-    return max((p.prior_high - start, p.prior_low - start), key=abs) or 1.0
-
-
 def _describe(effect: FoundEffect, parameters: list[FoundParameter]) -> str:
     first = parameters[0]
     text = plus_minus(first.estimate, tidy_unit(first.unit))
@@ -98,22 +91,14 @@ def _describe(effect: FoundEffect, parameters: list[FoundParameter]) -> str:
     )
 
 
-def detectable_drawing(finding: Finding, known: dict[str, Effect]) -> Drawing | None:
+def detectable_drawing(finding: Finding, known: Mapping[str, Effect]) -> Drawing | None:
     """Draw the smallest size of each candidate that these trials show, over what is expected of it.
 
     Args:
         finding: the record.
         known: candidates by id; of those that are not there nothing is known to compare with.
     """
-    declared = {id_: {p.name: p for p in e.parameters} for id_, e in known.items()}
-    smallest: dict[str, tuple[float, float]] = {}
-    for d in finding.detectable:
-        p = declared.get(d.effect, {}).get(d.parameter)
-        if p is None or p.shape:
-            continue
-        share = 100 * d.size / abs(_reach(p)) if math.isfinite(d.size) else math.inf
-        low, high = smallest.get(d.effect, (math.inf, 0.0))
-        smallest[d.effect] = min(low, share), max(high, share)
+    smallest = shares(finding, known)
     if not smallest:
         return None
     ranked = sorted(smallest, key=lambda i: smallest[i][0])
@@ -167,13 +152,3 @@ def _describe_detectable(
     if beyond:
         text += f" These trials cannot show {listed(beyond)}."
     return text
-
-
-def multiple(finding: Finding, effect: FoundEffect, parameter: FoundParameter) -> float:
-    """Return a found size over the smallest that these trials show; NaN where that is not known."""
-    sizes = {(d.effect, d.parameter): d.size for d in finding.detectable}
-    smallest = sizes.get((effect.id, parameter.name), math.nan)
-    declared = {p.name: p for a in finding.active if a.effect.id == effect.id for p in a.effect.parameters}
-    neutral = declared[parameter.name].neutral if parameter.name in declared else 0.0
-    away = abs(parameter.estimate.value - neutral)
-    return float(np.divide(away, smallest)) if math.isfinite(smallest) and smallest > 0 else math.nan

@@ -10,6 +10,7 @@ from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.names import listed, plain
+from granite_lab.reporting.discovery.sizes import picked
 from granite_lab.reporting.rounding import significant
 
 STATUS = {
@@ -28,9 +29,9 @@ def candidate_drawings(finding: Finding) -> list[Drawing]:
 
 
 def _round(finding: Finding, k: int) -> Drawing:
-    found, chosen = finding.rounds[k], [e.id for e in finding.effects if not e.empirical]
+    found = finding.rounds[k]
     shown = found if k == 0 else found[:MOST]
-    picked = chosen[k] if k < len(chosen) else None
+    chosen, named = picked(finding, k), {e.id for e in finding.effects}
     figure, (axis,) = rows.panels([plain(c.id) for c in shown], row=0.165, head=0.45)
     top = 3 * max([c.evidence for c in shown] + [finding.threshold])
     with canvas.styled():
@@ -46,10 +47,10 @@ def _round(finding: Finding, k: int) -> Drawing:
                     marker=marker, markersize=5, color=canvas.GREY, label=label,
                 )  # fmt: skip
         for i, c in enumerate(shown):
-            if c.id == picked:
+            if c.id == chosen:
                 axis.plot(
                     c.evidence, i, linestyle="none", marker="o", markersize=6.5, color=canvas.FITTED,
-                    label="named",
+                    label="named" if c.id in named else "put in for a time",
                 )  # fmt: skip
                 axis.get_yticklabels()[i].set_fontweight("bold")
         rows.log_axis(axis, 0.8, top)
@@ -60,19 +61,19 @@ def _round(finding: Finding, k: int) -> Drawing:
     return Drawing(
         f"found_candidates_{k + 1}",
         f"{step} round: evidence for each candidate{canvas.data_tag(finding.virtual)}",
-        _describe(finding, found, picked, k),
+        _describe(finding, found, chosen, k),
         f"Evidence for each candidate effect in round {k + 1} of the search, with the threshold that chance "
         "reaches in one set of a hundred.",
         figure,
     )
 
 
-def _describe(finding: Finding, found: tuple[Candidate, ...], picked: str | None, k: int) -> str:
+def _describe(finding: Finding, found: tuple[Candidate, ...], chosen: str | None, k: int) -> str:
     chance = significant(finding.threshold, 2)
     best = max(found, key=lambda c: c.evidence)
-    already = [plain(e.id) for e in finding.effects[:k] if not e.empirical]
+    already = [plain(i) for i in (picked(finding, r) for r in range(k)) if i is not None]
     given = f"With {listed(already)} in the model, " if already else ""
-    if picked is None:
+    if chosen is None:
         if best.evidence <= finding.threshold:
             text = f"no candidate reaches the {chance} that chance alone reaches in one set of 100"
             return _sentence(f"{given}{text} (best: {plain(best.id)}, {significant(best.evidence, 2)}).")
@@ -80,11 +81,11 @@ def _describe(finding: Finding, found: tuple[Candidate, ...], picked: str | None
             f"{given}{plain(best.id)} comes closest with {significant(best.evidence, 3)} (chance: {chance}), "
             "but it does not count: it explains too little, or it does not hold on trials left out."
         )
-    own = next((c for c in found if c.id == picked), best)
-    rest = sorted((c for c in found if c.id != picked), key=lambda c: -c.evidence)
+    own = next((c for c in found if c.id == chosen), best)
+    rest = sorted((c for c in found if c.id != chosen), key=lambda c: -c.evidence)
     second = f"; next comes {plain(rest[0].id)} with {significant(rest[0].evidence, 3)}" if rest else ""
     return _sentence(
-        f"{given}{plain(picked)} brings {significant(own.evidence, 3)}, where chance alone reaches {chance} "
+        f"{given}{plain(chosen)} brings {significant(own.evidence, 3)}, where chance alone reaches {chance} "
         f"in one set of 100{second}."
     )
 

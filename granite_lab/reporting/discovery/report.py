@@ -9,7 +9,7 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.content import Source
 from granite_lab.reporting.discovery import answers
-from granite_lab.reporting.discovery.evidence import HOW, steps
+from granite_lab.reporting.discovery.evidence import HOW, candidates_of, steps
 from granite_lab.reporting.discovery.names import listed
 from granite_lab.reporting.document import Report, Words
 from granite_lab.reporting.provenance import provenance_section
@@ -32,16 +32,17 @@ def assemble(
         model: path of the model file, as the report shall name it.
         effects: the candidates by id; those of the package by default.
     """
+    known = candidates_of(finding, effects)
     return Report(
         name=name,
         lead=_lead(finding),
         virtual=_virtual(finding),
         answers=(
-            answers.missing_answer(finding), answers.sure_answer(finding), answers.gap_answer(finding),
+            answers.missing_answer(finding), answers.sure_answer(finding, known), answers.gap_answer(finding),
             answers.where_answer(finding),
         ),
         first_page=(Words(HOW),),
-        sections=(*steps(finding, model, effects=effects), provenance_section(source)),
+        sections=(*steps(finding, model, effects=known), provenance_section(source)),
         version=source.version,
         command=source.command,
         numbers="finding.json",

@@ -9,8 +9,8 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.discovery.names import channel_name, plain
 from granite_lab.reporting.discovery.plot_law import BY, NAMES, law_of, split
-from granite_lab.reporting.discovery.plot_sizes import LIKELY, multiple
 from granite_lab.reporting.discovery.plot_which import STATUS
+from granite_lab.reporting.discovery.sizes import LIKELY, multiple
 from granite_lab.reporting.rounding import NONE, interval, plus_minus, significant, tidy_unit
 from granite_lab.reporting.study_tables import data_cell
 from granite_lab.reporting.summary import IN_PHASE
@@ -33,11 +33,9 @@ def effects_table(finding: Finding) -> Table | None:
             rows.append(
                 (
                     words(plain(e.id)),
-                    words(e.title),
                     words(p.name.replace("_", " ")),
-                    Cell(plus_minus(p.estimate), (value, p.estimate.std)),
+                    Cell(plus_minus(p.estimate, unit), (value, p.estimate.std, p.unit)),
                     Cell(interval(value - half, value + half), (value - half, value + half)),
-                    words(unit or "–"),
                     Cell(significant(times, 2), (times,)) if math.isfinite(times) else Cell(NONE, (None,)),
                     words(", ".join(map(plain, e.twins)) or "none"),
                     data_cell(finding.virtual),
@@ -50,8 +48,8 @@ def effects_table(finding: Finding) -> Table | None:
         "Value ± standard deviation, fitted together with the sand and the sensors' errors; the multiple "
         "is the size over the smallest that these trials show.",
         columns(
-            "effect", "what it is", "number", ("value", ("value", "std")), ("95 %", ("low", "high")), "unit",
-            ("multiple of smallest [–]", ("multiple",)), "cannot be told from", "data",
+            "effect", "number", ("value", ("value", "std", "unit")), ("95 %", ("low", "high")),
+            ("multiple [–]", ("multiple",)), "cannot be told from", "data",
         ),
         tuple(rows),
     )  # fmt: skip
