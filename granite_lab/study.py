@@ -24,7 +24,7 @@ from granite_lab.reporting.content import Failure, Source, StudyResult, TrialRes
 from granite_lab.running import Execution, Options, each_trial
 from granite_lab.running.fingerprint import code, fingerprint
 from granite_lab.running.options import NOTHING_SAID
-from granite_lab.running.search import search
+from granite_lab.running.search import save_found, search
 
 __all__ = [
     "Options",
@@ -34,8 +34,8 @@ __all__ = [
     "ingest",
     "over_trials",
     "record",
-    "searched",
     "study",
+    "write",
 ]
 
 
@@ -90,6 +90,7 @@ def study(
     jobs: int = 0,
     execution: Execution | None = None,
     discover: bool = False,
+    strict: bool = False,
     done: Callable[[Path], None] = lambda _: None,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> StudyResult:
@@ -102,30 +103,32 @@ def study(
         jobs: number of processes; 0 means one per core.
         execution: where the work is done and what is remembered, in place of `jobs`.
         discover: search for a missing effect in the end.
+        strict: a trial or a search that fails ends the study.
         done: called with each path once it is finished.
         progress: of that search, as in `discovery.discover`.
 
     Raises:
-        EstimateError: no trial went through; the message is that of the first.
+        LabError: no trial went through; it is that of the first. With `strict`, one did not.
     """
     paths = sorted(paths, key=lambda path: (name_of(path), str(path)))
     how = execution or Execution(jobs)
     outcomes = each_trial(analyse, paths, options, execution=how, done=done)
     trials = tuple(o for o in outcomes if isinstance(o, TrialResult))
-    failures = tuple(
-        Failure(name_of(path), outcome.message, outcome.hint)
-        for path, outcome in zip(paths, outcomes, strict=True)
-        if isinstance(outcome, LabError)
-    )
-    if not trials:
-        raise next(o for o in outcomes if isinstance(o, LabError))
-    result = StudyResult(
-        name, trials, failures, over_trials(trials), source_of("study", paths, trials, options, discover)
-    )
-    return searched(result, options, how, progress) if discover else result
+    errors = [(path, o) for path, o in zip(paths, outcomes, strict=True) if isinstance(o, LabError)]
+    if errors and (strict or not trials):
+        raise errors[0][1]
+    failures = tuple(Failure(name_of(path), error.message, error.hint) for path, error in errors)
+    source = source_of("study", paths, trials, options, discover)
+    result = StudyResult(name, trials, failures, over_trials(trials), source)
+    if not discover:
+        return result
+    result = _searched(result, options, how, progress)
+    if strict and result.unsearched:
+        raise EstimateError(result.unsearched, "--no-discover leaves the search out")
+    return result
 
 
-def searched(
+def _searched(
     result: StudyResult,
     options: Options,
     execution: Execution,
@@ -186,6 +189,21 @@ def source_of(
     )
 
 
+def write(result: StudyResult, options: Options, folder: Path) -> Path:
+    """Write the report of a study, and the model with what was found; return its first page.
+
+    Raises:
+        LabError: a file cannot be written.
+    """
+    from granite_lab.reporting import write_report  # noqa: PLC0415, heavy
+    from granite_lab.reporting.discovery import section  # noqa: PLC0415, heavy
+
+    if result.finding is None:
+        return write_report(result, folder)
+    save_found(result.finding, options, [r.trial for r in result.trials], folder / "model.toml")
+    return write_report(result, folder, section(result.finding, "model.toml"))
+
+
 def record(result: StudyResult, folder: Path, *, done: Callable[[str], None] = lambda _: None) -> list[Path]:
     """Write a Rerun recording of each trial and one of the whole study.
 
@@ -199,6 +217,8 @@ def record(result: StudyResult, folder: Path, *, done: Callable[[str], None] = l
         path = folder / f"{trial.trial.name}.rrd"
         paths.append(record_trial(trial.trial, trial.comparison, path, finding=result.finding))
         done(trial.trial.name)
+    for path in set(folder.glob("*.rrd")) - {folder / "study.rrd", *paths}:
+        path.unlink()  # of a trial that is no longer in the study
     paths.append(record_study(result, folder / "study.rrd", finding=result.finding))
     done("study")
     return paths

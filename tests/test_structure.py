@@ -28,6 +28,7 @@ STAGES = [
     {"reporting"},
     {"running"},
     {"study"},
+    {"verify"},
     {"api"},
     {"commands"},
     {"cli"},

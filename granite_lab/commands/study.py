@@ -17,18 +17,27 @@ from granite_lab.commands.common import (
     QuietOption,
     RobotOption,
     SoilOption,
+    TopicOption,
     TrialsArgument,
     console,
+    jsonable,
     print_json,
     progress,
+    topics_of,
     trial_files,
     warn,
 )
 from granite_lab.commands.running import CacheOption, SchedulerOption, StrictOption, execution_of, tidy
-from granite_lab.errors import EstimateError, InputError
+from granite_lab.errors import LabError
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+
+    from granite_lab.running import Execution
+
+
+MOST = 20
+"""Differences that are printed."""
 
 
 def register(app: typer.Typer) -> None:
@@ -45,10 +54,15 @@ def study(
     robot: RobotOption = None,
     soil: SoilOption = None,
     column_map: MapOption = None,
+    topic: TopicOption = None,
     model: ModelOption = None,
     effects: EffectsOption = None,
     recordings: Annotated[bool, typer.Option(help="Write a Rerun recording of each trial.")] = True,
     discover: Annotated[bool, typer.Option(help="Search for an effect that the model lacks.")] = True,
+    check: Annotated[
+        Path | None,
+        typer.Option("--verify", metavar="REPORT", help="Compute a report again and say what differs."),
+    ] = None,
     strict: StrictOption = False,
     jobs: JobsOption = 0,
     scheduler: SchedulerOption = None,
@@ -58,37 +72,43 @@ def study(
 ) -> None:
     """Run the whole chain over trials, from raw logs to a report and Rerun timelines."""
     from granite_lab.discovery import finding_as_json
-    from granite_lab.reporting import write_report
-    from granite_lab.reporting.discovery import section
     from granite_lab.reporting.terminal import show_study
-    from granite_lab.running.search import save_found
-    from granite_lab.study import Options, record, searched
+    from granite_lab.running.folder import claimed
+    from granite_lab.study import Options, record, write
     from granite_lab.study import study as run
 
-    files = trial_files(trials)
-    options = Options(robot=robot, soil=soil, column_map=column_map, model=model, effects=effects)
     execution = execution_of(jobs, scheduler, cache)
-    with progress(quiet) as display:
+    if check is not None:
+        _verify(check, trials or [], execution, quiet=quiet, as_json=as_json)
+        return
+    files = trial_files(trials)
+    options = Options(
+        robot=robot, soil=soil, column_map=column_map, model=model, effects=effects,
+        topics=tuple(topics_of(topic).items()),
+    )  # fmt: skip
+    with claimed(out), progress(quiet) as display:
         task = display.add_task("trials", total=len(files))
-        result = run(files, out.name, options, execution=execution, done=lambda _: display.advance(task))
+        searching = display.add_task("searching", total=None, visible=False)
+        result = run(
+            files,
+            out.name,
+            options,
+            execution=execution,
+            discover=discover,
+            strict=strict,
+            done=lambda _: display.advance(task),
+            progress=partial(_tell, display, searching),
+        )
+        display.remove_task(searching)
         warn([f"{failure.trial}: left out: {failure.message}" for failure in result.failures])
-        if strict and result.failures:
-            raise InputError(result.failures[0].message, result.failures[0].hint)
-        if discover:
-            task = display.add_task("searching", total=None)
-            result = searched(result, options, execution, partial(_tell, display, task))
-            if strict and result.unsearched:
-                raise EstimateError(result.unsearched, "--no-discover leaves the search out")
         if recordings:
             task = display.add_task("recordings", total=len(result.trials) + 1)
             record(result, out / "recordings", done=lambda _: display.advance(task))
         task = display.add_task("report", total=1)
-        found = result.finding
-        if found is not None:
-            save_found(found, options, [r.trial for r in result.trials], out / "model.toml")
-        page = write_report(result, out, section(found, "model.toml") if found is not None else None)
+        page = write(result, options, out)
         display.advance(task)
     tidy(execution)
+    found = result.finding
     if as_json:
         print_json(
             {
@@ -106,7 +126,37 @@ def study(
 
 
 def _tell(display: Progress, task: TaskID, text: str, runs: int) -> None:
-    display.update(task, description=f"{text}: simulations", completed=runs)
+    display.update(task, description=f"{text}: simulations", completed=runs, visible=True)
+
+
+def _verify(report: Path, logs: list[Path], execution: Execution, *, quiet: bool, as_json: bool) -> None:
+    from granite_lab.verify import verify
+
+    with progress(quiet) as display:
+        task = display.add_task("computing again", total=None)
+        found = verify(
+            report,
+            logs,
+            execution=execution,
+            done=lambda _: display.advance(task),
+            progress=partial(_tell, display, task),
+        )
+    warn(found.notes)
+    same = not found.differences
+    if as_json:
+        print_json({"schema": "granite-lab/verify/1", "same": same} | jsonable(found))
+    elif same:
+        console().print(f"{found.report}: the same again, from {found.trials} logs", soft_wrap=True)
+    else:
+        for line in found.differences[:MOST]:
+            console().print(line, soft_wrap=True, markup=False)
+        if len(found.differences) > MOST:
+            console().print(f"and {len(found.differences) - MOST} more differences; --json lists all")
+    if not same:
+        raise LabError(
+            f"{found.report}: differs in {len(found.differences)} places when computed again",
+            "an input, the version or a library has changed, or the report was edited",
+        )
 
 
 def view(

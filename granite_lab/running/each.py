@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -86,5 +87,17 @@ def _guarded(work: Callable[[Path, Options], Any], options: Options, path: Path)
             result = work(path, options)
         except LabError as error:
             return error
+        except Exception as error:  # one trial must not take the others with it
+            return _fault(path, error)
     depends = tuple((str(p), sha) for p, sha in files.items() if not p.is_relative_to(CATALOGUE))
     return encode((depends, result))
+
+
+def _fault(path: Path, error: Exception) -> LabError:
+    """Say where in the code an error arose that nobody foresaw."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    what = " ".join(str(error).split())[:200]
+    return LabError(
+        f"{path}: {type(error).__name__} in {Path(last.filename).name}:{last.lineno}: {what}",
+        "this is a fault of granite-lab, not of the log: please report it",
+    )

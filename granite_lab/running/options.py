@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,6 +60,21 @@ class Options:
         }
         topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
         return (*((key, str(value)) for key, value in named.items() if value is not None), *topics)
+
+    @classmethod
+    def from_given(cls, given: Sequence[tuple[str, str]]) -> Options:
+        """Return what `given` was made from; other names are passed over."""
+        said = dict(given)
+        model, effects = said.get("model"), said.get("effects")
+        topics = (value.partition("=") for key, value in given if key == "topic")
+        return cls(
+            robot=said.get("robot"),
+            soil=said.get("soil"),
+            column_map=said.get("map"),
+            model=None if model is None else Path(model),
+            effects=None if effects is None else Path(effects),
+            topics=tuple((role, topic) for role, _, topic in topics),
+        )
 
 
 NOTHING_SAID = Options()
