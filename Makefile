@@ -6,12 +6,13 @@ BIN := .venv/bin
 USE := .venv/.use-installed
 DEV := .venv/.dev-installed
 
-.PHONY: help study test lint types bench bench-simulator bench-estimation samples clean
+.PHONY: help study test lint types bench bench-simulator bench-estimation blind samples clean
 
 help:
 	@echo "make study             analyse data/samples, write reports/samples/index.html"
 	@echo "make test              ruff, mypy and all tests"
 	@echo "make bench             measure speed and accuracy, write docs/bench-*.md"
+	@echo "make blind             an hour of hidden sets for discover, adds to docs/blind.md"
 	@echo "make samples           write the virtual sample trials again"
 	@echo "make clean             remove .venv and all caches"
 
@@ -48,6 +49,9 @@ bench-simulator: $(DEV)
 
 bench-estimation: $(DEV)
 	$(BIN)/python -m benchmarks.estimation --out docs/bench-estimation.md
+
+blind: $(DEV)
+	$(BIN)/python -m benchmarks.blind --minutes 60 --jobs 2 --out docs/blind.md
 
 samples: $(USE)
 	sh data/make-samples.sh $(BIN)/granite-lab

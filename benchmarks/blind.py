@@ -20,11 +20,11 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
+from benchmarks.blind_code import ROOT, origin
 from benchmarks.blind_schedule import LOUD, Task, schedule
 from benchmarks.blind_tables import report
 from granite_lab.files import write_text
 
-ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results" / "blind.jsonl"
 
 HORIZON = 20_000
@@ -96,7 +96,7 @@ class Workers:
         except ValueError:
             task = Task(**asked["task"]) if "task" in asked else None
             line = {"key": task.key if task else "", **(asked.get("task") or {})}
-            line |= {"status": "crashed", "error": said[-2000:], "exit": process.returncode}
+            line |= origin() | {"status": "crashed", "error": said[-2000:], "exit": process.returncode}
         return line
 
     def stop(self) -> None:
@@ -186,7 +186,8 @@ def main() -> None:
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     results = Results(options.results)
-    run(results, options.minutes, options.jobs, options.only, options.keep, options.detectable)
+    if options.minutes > 0:
+        run(results, options.minutes, options.jobs, options.only, options.keep, options.detectable)
     text = report(results.lines, every=options.all)
     print(text)
     if options.out is not None:

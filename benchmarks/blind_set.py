@@ -6,23 +6,20 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import io
 import json
 import math
-import subprocess
 import sys
 import tempfile
 import time
 import traceback
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from benchmarks.blind_code import origin
 from benchmarks.blind_schedule import Detectable, Task, wish_of
-from granite_lab import __version__
 from granite_lab.cli import app
 from granite_lab.effects import library
 from granite_lab.errors import EstimateError, LabError
@@ -33,40 +30,13 @@ from granite_lab.hidden.wish import Wish
 from granite_lab.logs import write_canonical
 from granite_lab.parameters import load_robot, load_soil
 
-ROOT = Path(__file__).parent.parent
-
-JUDGED = ("discovery", "model", "effects")
-"""Packages whose sources decide what is found."""
-
 ROBOT, SOIL = "granite", "dry_sand"
 
 SHRINK = 0.7
 """Step by which an effect is made smaller that would make the robot dig itself in."""
 
 
-@lru_cache
-def code_hash() -> str:
-    """Return a hash of the sources that decide what is found."""
-    digest = hashlib.sha256()
-    for package in JUDGED:
-        for path in sorted((ROOT / "granite_lab" / package).rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:10]
-
-
-@lru_cache
-def commit() -> str:
-    """Return the git commit, "-" outside of a repository."""
-    try:
-        found = subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return "-"
-    return found.stdout.strip()
-
-
-def hide(wish: Wish, folder: Path) -> tuple[Wish, float]:
+def hide(wish: Wish, folder: Path, repetitions: int = 3) -> tuple[Wish, float]:
     """Write a set; return the wish as it was fulfilled, and the factor on its sizes.
 
     Raises:
@@ -80,7 +50,7 @@ def hide(wish: Wish, folder: Path) -> tuple[Wish, float]:
             strength=wish.strength * (1.0 if wish.sizes else factor),
         )
         try:
-            trials, answer = make_set(smaller, robot, soil)
+            trials, answer = make_set(smaller, robot, soil, repetitions=repetitions)
         except EstimateError:
             if wish.effect == "none" or attempt == 7:
                 raise
@@ -108,20 +78,21 @@ def discover(folder: Path) -> dict[str, Any]:
     return document
 
 
-def run(task: Task, detectable: Detectable, folder: Path | None = None) -> dict[str, Any]:
+def run(
+    task: Task, detectable: Detectable, folder: Path | None = None, repetitions: int = 3
+) -> dict[str, Any]:
     """Make, search and judge one set; return the line for the results file.
 
     Args:
         task: which set.
         detectable: smallest detectable sizes, which the task's strength multiplies.
         folder: where the set stays; without one it is deleted.
+        repetitions: of each of the four variants.
     """
     line: dict[str, Any] = {
         "key": task.key,
         **task.record(),
-        "version": __version__,
-        "commit": commit(),
-        "code": code_hash(),
+        **origin(),
         "status": "crashed",
     }
     with contextlib.ExitStack() as stack:
@@ -132,7 +103,7 @@ def run(task: Task, detectable: Detectable, folder: Path | None = None) -> dict[
         line["cpu"] = cpu
         try:
             wish, reached = wish_of(task, detectable)
-            wish, factor = hide(wish, place)
+            wish, factor = hide(wish, place, repetitions)
             line["reached"] = {name: round(factor * x, 3) for name, x in reached.items()}
             cpu["make"] = round(time.process_time() - start, 2)
             start = time.process_time()
@@ -217,8 +188,7 @@ def main() -> None:
     """Do what the argument asks and print one line."""
     asked = json.loads(sys.argv[1])
     if "detectable_at" in asked:
-        found: dict[str, Any] = {"code": code_hash(), "commit": commit(), "version": __version__}
-        found["sizes"] = detectable_of(asked["detectable_at"])
+        found: dict[str, Any] = origin() | {"sizes": detectable_of(asked["detectable_at"])}
     else:
         folder = Path(asked["folder"]) if asked.get("folder") else None
         found = run(Task(**asked["task"]), asked["detectable"], folder)

@@ -8,7 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind_figures import Line, headline, is_right, newest, saw_nothing, share, strength_of
+from benchmarks.blind_figures import (
+    Line,
+    headline,
+    is_right,
+    median_closed,
+    newest,
+    saw_nothing,
+    share,
+    strength_of,
+)
 from benchmarks.blind_misses import missed
 
 
@@ -24,9 +33,10 @@ def report(lines: Sequence[Line], *, every: bool = False) -> str:
     words = [
         "# Blind benchmark of `discover`",
         "",
-        "`make blind` makes sets of virtual trials as `granite-lab hide` does, by a simulator that shares no",
-        "code with the model, runs `granite-lab discover` on each, opens the sealed answer and judges. Each",
-        "run goes on where the last one ended, and writes this page from `benchmarks/results/blind.jsonl`.",
+        "`make blind`, that is `python -m benchmarks.blind --minutes 60 --jobs 2 --out docs/blind.md`, makes",
+        "sets of twelve virtual trials as `granite-lab hide` does, by a simulator that shares no code with",
+        "the model, runs `granite-lab discover` on each, opens the sealed answer and judges. Each run goes on",
+        "where the last one ended, and writes this page from `benchmarks/results/blind.jsonl`.",
         "",
     ]
     if not kept:
@@ -46,7 +56,15 @@ def report(lines: Sequence[Line], *, every: bool = False) -> str:
     ]
     for name, value, aim, met in headline(kept):
         words.append(f"| {name} | {f'**{value}**' if met is False else value} | {aim} |")
-    words += ["", *_nulls(kept), *_outcomes(kept), *_effects(kept), *_outside(kept), *_parameters(kept)]
+    words += [
+        "",
+        *_nulls(kept),
+        *_outcomes(kept),
+        *_effects(kept),
+        *_gaps(kept),
+        *_outside(kept),
+        *_parameters(kept),
+    ]
     return "\n".join([*words, *missed(kept), ""])
 
 
@@ -103,6 +121,29 @@ def _effects(lines: Sequence[Line]) -> list[str]:
             good = share(own, saw_nothing if group == "0.5" else is_right)
             cells.append(f"{good.hits}/{good.total}" if good.total else "")
         rows.append(f"| {effect} | {' | '.join(cells)} |")
+    return [*rows, ""]
+
+
+def _gaps(lines: Sequence[Line]) -> list[str]:
+    """Return a table of the gap by strength: a weak effect leaves little gap to be closed."""
+    rows = [
+        "## Gap on held-out trials",
+        "",
+        "Root mean square of the residual over its standard deviation, median of the sets that were judged",
+        "right; the floor is the scatter between repetitions.",
+        "",
+        "| times detectable | sets | before | after | floor | closed |",
+        "|---|---|---|---|---|---|",
+    ]
+    good = [line for line in lines if is_right(line) and line["kind"] in ("single", "drawn", "loud", "pair")]
+    for group in ("2", "5", "20", "drawn"):
+        own = [line for line in good if strength_of(line) == group and None not in line["gap"]["held_out"]]
+        if own:
+            before, after, floor = np.median([line["gap"]["held_out"] for line in own], axis=0)
+            closed = 100 * median_closed(own)[0]
+            rows.append(
+                f"| {group} | {len(own)} | {before:.3f} | {after:.3f} | {floor:.3f} | {closed:.1f} % |"
+            )
     return [*rows, ""]
 
 
