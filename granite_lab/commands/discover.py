@@ -18,7 +18,6 @@ from granite_lab.commands.common import (
     TopicOption,
     TrialsArgument,
     console,
-    jsonable,
     print_json,
     progress,
     topics_of,
@@ -36,6 +35,7 @@ from granite_lab.commands.running import (
 
 if TYPE_CHECKING:
     from granite_lab.logs.trial import Trial
+    from granite_lab.reporting.content import Source
     from granite_lab.study import Options
 
 
@@ -52,7 +52,7 @@ def _read(path: Path, options: Options) -> Trial:
 
 def discover(
     trials: TrialsArgument = None,
-    out: Annotated[Path, typer.Option(help="Folder for finding.json and model.toml.")] = Path(
+    out: Annotated[Path, typer.Option(help="Folder of the report, finding.json and model.toml.")] = Path(
         "reports/discover"
     ),
     effects: EffectsOption = None,
@@ -68,12 +68,12 @@ def discover(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Find the physical effect that the model lacks, and write the model with it."""
-    import json
-
+    """Find the physical effect that the model lacks; write the case for it and the model with it."""
     from granite_lab.discovery import finding_as_json
-    from granite_lab.files import write_text
+    from granite_lab.effects import library, load_effects
+    from granite_lab.reporting import write_discovery
     from granite_lab.reporting.findings import show_finding
+    from granite_lab.running.folder import claimed
     from granite_lab.running.search import save_found, search
     from granite_lab.study import Options, each_trial
 
@@ -83,10 +83,12 @@ def discover(
     )  # fmt: skip
     execution = execution_of(jobs, scheduler, cache)
     files = trial_files(trials)
+    known = library() | (load_effects(effects) if effects is not None else {})
     read: list[Trial] = good(files, each_trial(_read, files, options, jobs=1), strict)
     for trial in read:
         warn([f"{trial.name}: {line}" for line in trial.warnings])
-    with progress(quiet) as display:
+    model = out / "model.toml"
+    with claimed(out), progress(quiet) as display:
         task = display.add_task("discovering", total=None)
         finding = search(
             read,
@@ -97,13 +99,32 @@ def discover(
                 task, description=f"{text}: simulations", completed=runs
             ),
         )
+        display.update(task, description="writing the report")
+        save_found(finding, options, read, model)
+        page = write_discovery(finding, out, _source(files, read, options, seed), model=model, effects=known)
     tidy(execution)
-    model = out / "model.toml"
-    save_found(finding, options, read, model)
-    document = jsonable(finding_as_json(finding, model))
-    write_text(out / "finding.json", json.dumps(document, indent=2, ensure_ascii=False) + "\n")
     if as_json:
-        print_json(document)
+        print_json(finding_as_json(finding, model))
     else:
         show_finding(finding, console())
+        console().print(f"report: {page}", soft_wrap=True)
         console().print(f"model with what was found: {model}", soft_wrap=True)
+
+
+def _source(files: list[Path], read: list[Trial], options: Options, seed: int) -> Source:
+    from granite_lab import __version__
+    from granite_lab.parameters.catalogue import in_force
+    from granite_lab.reporting.content import Source
+    from granite_lab.running.fingerprint import code
+    from granite_lab.running.search import names_of
+
+    rows = in_force(*names_of(read, options))
+    given = (*options.given(), *((("seed", str(seed)),) if seed else ()))
+    return Source(
+        version=__version__,
+        command=" ".join(["granite-lab discover", *map(str, files), *(f"--{k} {v}" for k, v in given)]),
+        inputs=tuple(file for trial in read for file in trial.inputs),
+        parameters=tuple((f"{p.group}.{p.key}", f"{p.value:g}", p.unit, p.origin) for p in rows),
+        options=given,
+        code=code(search=True),
+    )

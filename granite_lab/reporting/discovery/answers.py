@@ -128,7 +128,13 @@ def _share(share: float) -> str:
 
 
 def _evidence(finding: Finding) -> str:
-    least = min((e.evidence for e in finding.effects), default=math.nan)
+    brought = {
+        c.id: c.evidence
+        for k, found in enumerate(finding.rounds)
+        for c in found
+        if c.id == picked(finding, k)
+    }
+    least = min((brought.get(e.id, e.evidence) for e in finding.effects), default=math.nan)
     each = "The evidence for it is" if len(finding.effects) == 1 else "The evidence for each is at least"
     return (
         f"{each} {significant(least)}; chance alone reaches {significant(finding.threshold, 2)} in one set "

@@ -19,6 +19,15 @@ CHANNELS = {
 """Channels of a finding, in the order of the report."""
 
 
+STATUS = {
+    "evaluated": "fitted in full",
+    "screened only": "first look only",
+    "at a bound": "ended at a bound",
+    "not converged": "did not converge",
+}
+"""How far a candidate was tried, as a reader is told."""
+
+
 def channel_name(channel: str) -> str:
     """Return a channel as a reader calls it."""
     return CHANNELS.get(channel, channel)

@@ -9,16 +9,11 @@ from granite_lab.discovery.finding import Candidate, Finding
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
-from granite_lab.reporting.discovery.names import listed, plain
+from granite_lab.reporting.discovery.names import STATUS, listed, plain
 from granite_lab.reporting.discovery.sizes import picked
 from granite_lab.reporting.rounding import significant
 
-STATUS = {
-    "evaluated": ("o", "fitted in full"),
-    "screened only": (".", "first look only"),
-    "at a bound": ("x", "fit ended at a bound: does not count"),
-    "not converged": ("+", "fit did not converge: does not count"),
-}
+MARKERS = {"evaluated": "o", "screened only": ".", "at a bound": "x", "not converged": "+"}
 MOST = 12
 """Candidates of a later round that are drawn."""
 
@@ -39,12 +34,12 @@ def _round(finding: Finding, k: int) -> Drawing:
             finding.threshold, color=canvas.INK, linewidth=1.0, linestyle=(0, (4, 1.5)),
             label="chance, 1 set of 100",
         )  # fmt: skip
-        for status, (marker, label) in STATUS.items():
+        for status, marker in MARKERS.items():
             own = [(i, c) for i, c in enumerate(shown) if c.status == status]
             if own:
                 axis.plot(
                     [max(c.evidence, 1.0) for _, c in own], [i for i, _ in own], linestyle="none",
-                    marker=marker, markersize=5, color=canvas.GREY, label=label,
+                    marker=marker, markersize=5, color=canvas.GREY, label=STATUS[status],
                 )  # fmt: skip
         for i, c in enumerate(shown):
             if c.id == chosen:

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 
 from granite_lab.discovery.finding import Finding
 from granite_lab.model.effect import Effect
-from granite_lab.reporting.discovery.names import channel_name, plain
+from granite_lab.reporting.discovery.names import STATUS, channel_name, plain
 from granite_lab.reporting.discovery.plot_law import BY, NAMES, law_of, split
-from granite_lab.reporting.discovery.plot_which import STATUS
 from granite_lab.reporting.discovery.sizes import LIKELY, multiple
 from granite_lab.reporting.rounding import NONE, interval, plus_minus, significant, tidy_unit
 from granite_lab.reporting.study_tables import data_cell
@@ -95,7 +94,7 @@ def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table | N
         title = known[c.id].title if c.id in known else ""
         rows.append(
             (
-                words(plain(c.id)), words(title or NONE), *cells, words(STATUS[c.status][1]),
+                words(plain(c.id)), words(title or NONE), *cells, words(STATUS.get(c.status, c.status)),
                 data_cell(finding.virtual),
             )
         )  # fmt: skip
