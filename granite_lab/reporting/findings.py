@@ -66,13 +66,12 @@ def _gaps(finding: Finding, console: Console) -> None:
         "\nafter",
         "left out:\nbefore",
         "\nafter",
-        "noise\nfloor",
         words=(0,),
     )
     rows = [("everything", finding.gap)]
     rows += [(channel_name(g.channel), g) for g in finding.gaps if g.phase == "all" and g.channel != "all"]
     for name, g in rows:
-        values = (*g.train[:2], *g.held_out[:2], g.held_out[2])
+        values = (*g.train[:2], *g.held_out[:2])
         shown = [_number(v) for v in values]
         if not finding.effects:
             shown[1] = shown[3] = "–"

@@ -18,6 +18,9 @@ QUESTION = "What is missing from the model?"
 TENTH = 10.0
 """Share of the largest size expected [%] at which an effect counts as small."""
 
+SMALL = 0.005
+"""A noise floor this close to 1 is not worth a word."""
+
 
 def missing_answer(finding: Finding) -> Answer:
     """Say what is missing, how sure that is, and how much of the gap it closes on left-out trials."""
@@ -88,8 +91,8 @@ def gap_answer(finding: Finding) -> Answer:
     question = "How much of the gap does it close?"
     if finding.verdict == "none" or not finding.effects:
         return Answer("gap", "How far is the model from the trials?", _gap(finding))
-    before, after, floor = (significant(v) for v in finding.gap.train)
-    text = f"{_gap(finding)} On the trials of the fit it falls from {before} to {after} (noise: {floor})."
+    before, after, _ = (significant(v) for v in finding.gap.train)
+    text = f"{_gap(finding)} On the trials of the fit it falls from {before} to {after}."
     share = closed(finding.gap.held_out)
     good = math.isfinite(share) and share >= 0.9
     return Answer("gap", question, text, _share(share), "good" if good else "fair")
@@ -163,7 +166,8 @@ def _gap(finding: Finding) -> str:
     before, after, floor = (significant(v) for v in known)
     share = closed(known)
     if finding.verdict == "none" or not finding.effects or not math.isfinite(share):
-        return f"{which} the model is off by {before} times the noise, where noise alone gives {floor}."
+        alone = "" if abs(known[2] - 1) < SMALL else f", where noise alone gives {floor}"
+        return f"{which} sensors and model differ by {before} times the noise{alone}."
     return (
         f"{which} the gap between sensors and model falls from {before} to {after} times the noise: "
         f"{_share(share)} closes."

@@ -88,14 +88,11 @@ def _dumbbells(
 def _describe_gap(finding: Finding) -> str:
     before, after, floor = finding.gap.held_out
     text = f"On trials left out, the model without effects is off by {significant(before)} times the noise"
-    if not finding.effects:
-        return f"{text}; the noise itself, from what repetitions do not share, is {significant(floor)}."
-    share = closed(finding.gap.held_out)
-    part = f" ({significant(100 * share, 2)} % of the gap closes)" if math.isfinite(share) else ""
-    return (
-        f"{text}, with what was found by {significant(after)}{part}; the noise itself is "
-        f"{significant(floor)}."
-    )
+    if finding.effects:
+        share = closed(finding.gap.held_out)
+        part = f" ({significant(100 * share, 2)} % of the gap closes)" if math.isfinite(share) else ""
+        text += f", with what was found by {significant(after)}{part}"
+    return f"{text}; noise alone, from what repetitions do not share, gives {significant(floor)}."
 
 
 def held_out_drawing(finding: Finding) -> Drawing | None:
