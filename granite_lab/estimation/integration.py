@@ -10,8 +10,9 @@ import numpy as np
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.roll import cumulate, roll_angle
 from granite_lab.logs.trial import Array
-from granite_lab.parameters import GRAVITY, Robot
+from granite_lab.parameters import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,31 +40,6 @@ class Nominal:
     accel_bias: float
     gyro_bias: float
     coupling: Array
-
-
-def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, float]:
-    """(N,) roll of the sensor about x against the vertical [rad], and its std.
-
-    It matters only because a turning robot feeds yaw rate times roll into the pitch gyro. At rest
-    it is the lateral specific force over g, shrunk by what the accelerometer's bias may make of it.
-    """
-    grade = robot.imu_grade
-    assert grade is not None
-    prior = np.radians(np.hypot(1.0, 0.0 if imu.levelled else robot.imu.tilt))
-    doubt = grade.accel_bias / GRAVITY
-    if not imu.gravity or not np.isfinite(imu.left).any() or not rest.any():
-        return np.zeros(imu.t.size), float(prior)
-    weight = prior**2 / (prior**2 + doubt**2)
-    start = weight * float(np.clip(np.nanmean(imu.left[rest]) / GRAVITY, -1, 1))
-    rate = np.nan_to_num(imu.roll_rate)
-    rate -= float(np.mean(rate[rest]))
-    return start + _cumulate(imu.t, rate, rest), float(np.sqrt(weight) * doubt)
-
-
-def _cumulate(t: Array, rate: Array, rest: np.ndarray) -> Array:
-    """Integral by the trapezoidal rule from the first sample on; it stops between two samples at rest."""
-    step = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
-    return np.concatenate([[0.0], np.cumsum(np.where(rest[1:] & rest[:-1], 0.0, step))])
 
 
 def integrate(
@@ -107,15 +83,15 @@ def integrate(
     pitch_rate = (gyro - gyro_bias) * np.cos(roll) - yaw_rate * np.sin(roll)
     if not imu.has_pitch_rate:
         pitch_rate = np.zeros(t.size)
-    angle = pitch + _cumulate(t, pitch_rate, rest)
+    angle = pitch + cumulate(t, pitch_rate, rest)
     acceleration = forward + imu.gravity * np.sin(angle) - accel_bias
     acceleration += (pitch_rate**2 + yaw_rate**2) * robot.imu.x
     if aside is not None:
         acceleration += yaw_rate * aside
-    v_sensor = velocity + _cumulate(t, acceleration, rest)
+    v_sensor = velocity + cumulate(t, acceleration, rest)
     pitch_rate, yaw_rate = np.where(rest, 0.0, pitch_rate), np.where(rest, 0.0, yaw_rate)
     v = v_sensor - robot.imu.z * pitch_rate
-    x = _cumulate(t, v_sensor, rest) - robot.imu.z * (angle - pitch)
+    x = cumulate(t, v_sensor, rest) - robot.imu.z * (angle - pitch)
     return Nominal(
         t=t, rest=rest, x=x, v=v, pitch=angle, pitch_rate=pitch_rate, heading_rate=yaw_rate,
         accel_bias=accel_bias, gyro_bias=gyro_bias, coupling=imu.gravity * np.cos(angle),

@@ -12,13 +12,14 @@ from granite_lab.estimation import nodes as layout
 from granite_lab.estimation import smoother
 from granite_lab.estimation.clock import coarse_offset, refine_offset
 from granite_lab.estimation.faults import Faults
-from granite_lab.estimation.integration import Nominal, integrate, roll_angle
+from granite_lab.estimation.integration import Nominal, integrate
 from granite_lab.estimation.lateral import Sideways
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.process import BA, BG, TH, SlipModel
 from granite_lab.estimation.rest import Interval, wheels_still
+from granite_lab.estimation.roll import roll_angle
 from granite_lab.estimation.rolling import Rolling
 from granite_lab.estimation.smoother import Smoothed
 from granite_lab.parameters import Robot
