@@ -36,13 +36,17 @@ def _options(
 
 
 def _register() -> None:
-    from granite_lab.commands import discover, effects, fit, hidden, logs, parameters, simulate, study
+    from granite_lab.commands import discover, effects, fit, hidden, logs, parameters, plan, simulate, study
 
-    for module in (logs, simulate, fit, study, discover, parameters, effects, hidden):
+    for module in (logs, simulate, fit, study, discover, plan, parameters, effects, hidden):
         module.register(app)
 
 
 _register()
+
+
+def _interrupted() -> None:
+    print("interrupted", file=sys.stderr)
 
 
 def main() -> None:
@@ -55,8 +59,12 @@ def main() -> None:
             print(f"hint: {error.hint}", file=sys.stderr)
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        _interrupted()
         sys.exit(130)
+    except SystemExit as end:
+        if end.code == 130:  # Ctrl-C that the parser has seen
+            _interrupted()
+        raise
     except BrokenPipeError:  # the reader of our output has gone, as in `… | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -14,6 +14,7 @@ from granite_lab import __version__
 from granite_lab.discovery import Finding, discover
 from granite_lab.discovery.bench import Respond, Task, World
 from granite_lab.discovery.empirical import EmpiricalLaw
+from granite_lab.discovery.plan_file import NAME, save_design
 from granite_lab.discovery.setup import variant_of_trial
 from granite_lab.effects import library, load_effects
 from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
@@ -114,7 +115,7 @@ def _all_say(trials: Sequence[Trial]) -> bool:
 
 
 def save_found(finding: Finding, options: Options, trials: Sequence[Trial], path: Path) -> None:
-    """Write the baseline with the physical effects that were named.
+    """Write the baseline with the physical effects that were named, and beside it what a plan needs.
 
     Raises:
         LabError: the file cannot be written.
@@ -139,6 +140,7 @@ def save_found(finding: Finding, options: Options, trials: Sequence[Trial], path
     robot, soil = names_of(trials, options)
     law = Estimate(load_paper().a_theta)
     save_model(ModelFile(robot, soil, "exponential", law, tuple(fitted), provenance), path)
+    save_design(finding, trials, path.with_name(NAME))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,126 @@
+"""Under which conditions a trial is driven: payload, direction, slope, rut, wheels off the ground."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from granite_lab.discovery.bench import Task, World
+from granite_lab.logs.trial import Array
+from granite_lab.model.body import BodyLoad, BodyState
+from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
+from granite_lab.model.effect import Axle, Effect, Own
+from granite_lab.model.symbols import ModelParameters
+from granite_lab.parameters import Soil
+
+
+@dataclass(frozen=True, order=True)
+class Conditions:
+    """What differs from a plain trial on raked, level sand.
+
+    Attributes:
+        payload: mass that is put on the robot, at its centre of mass [kg].
+        turned: the robot is turned round and drives the other way over the same ground.
+        slope: by which the ground is raised in the direction of travel on purpose [deg].
+        same_rut: driven again in the rut of a trial before, without raking.
+        wheels_up: the robot stands on a block and its wheels turn in the air.
+    """
+
+    payload: float = 0.0
+    turned: bool = False
+    slope: float = 0.0
+    same_rut: bool = False
+    wheels_up: bool = False
+
+    @property
+    def words(self) -> str:
+        """The conditions for people; empty for a plain trial."""
+        parts = []
+        if self.turned:
+            parts.append("robot turned round")
+        if self.payload:
+            parts.append(f"{self.payload:g} kg on top")
+        if self.slope:
+            parts.append(f"ground raised by {abs(self.slope):g}°, {'up' if self.slope > 0 else 'down'}hill")
+        if self.same_rut:
+            parts.append("again in the same rut")
+        if self.wheels_up:
+            parts.append("wheels in the air")
+        return ", ".join(parts)
+
+
+class OnABlock(Effect):
+    """The body is held and the wheels touch nothing; stands last, so that it has the last word."""
+
+    id = "on_a_block"
+    title = "robot on a block, wheels in the air"
+    equation = "F = 0, M_ω = 0 for each wheel; body at rest"
+    source = "a common check of drives"
+    signature = "the drives alone"
+    parameters = ()
+
+    def wheel_forces(
+        self,
+        forces: WheelForces,
+        state: WheelState,  # noqa: ARG002
+        angles: ContactAngles,  # noqa: ARG002
+        soil: Soil,  # noqa: ARG002
+        own: Own,  # noqa: ARG002
+    ) -> WheelForces:
+        """Take the ground away."""
+        return dataclasses.replace(
+            forces, vertical=0.0, resistance=0.0, thrust=0.0, moment=0.0, normal=0.0, extra=0.0
+        )
+
+    def body_load(
+        self,
+        load: BodyLoad,
+        body: BodyState,  # noqa: ARG002
+        axles: tuple[Axle, Axle],  # noqa: ARG002
+        p: ModelParameters,
+        own: Own,  # noqa: ARG002
+    ) -> BodyLoad:
+        """Hold the body."""
+        m: Any = p.chassis.total_mass
+        return dataclasses.replace(load, x=-m * load.gravity_x, z=-m * load.gravity_z, moment=0.0)
+
+
+@dataclass(frozen=True)
+class StagedWorld(World):
+    """A world in which each command is driven under conditions of its own.
+
+    A slope of the ground changes sign for a robot that is turned round; every other effect of the
+    library belongs to the robot or does not know directions. In the rut of a trial before, all four
+    wheels meet the sand as `multi_pass` has it behind the front wheels, and a further pass compacts
+    it no more; without that effect a rut changes nothing.
+
+    Attributes:
+        conditions: of each command.
+    """
+
+    conditions: tuple[Conditions, ...] = ()
+
+    def respond(self, task: Task) -> Array | None:
+        """Return the (7, M) signals of a run; None where it has no solution."""
+        under = self.conditions[task.variant]
+        robot, soil, setting = self.robot, self.soil, dict(task.setting)
+        if under.payload and robot.chassis is not None:
+            chassis = dataclasses.replace(robot.chassis, body_mass=robot.chassis.body_mass + under.payload)
+            robot = dataclasses.replace(robot, chassis=chassis)
+        if under.slope or (under.turned and "ground_slope" in setting):
+            own = setting.get("ground_slope", (0.0,))[0]
+            setting["ground_slope"] = (under.slope + (-own if under.turned else own),)
+        if under.same_rut and "multi_pass" in setting:
+            pressure, shear = setting.pop("multi_pass")
+            soil = dataclasses.replace(
+                soil,
+                cohesive_modulus=soil.cohesive_modulus * (1 + pressure),
+                frictional_modulus=soil.frictional_modulus * (1 + pressure),
+                shear_modulus=soil.shear_modulus / (1 + shear),
+            )
+        if under.wheels_up:  # on a level block
+            setting.pop("ground_slope", None)
+            setting[OnABlock.id] = ()
+        plain = World(robot, soil, self.variants, self.effects)
+        return plain.respond(Task(task.variant, task.sand, tuple(setting.items())))
