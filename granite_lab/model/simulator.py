@@ -17,6 +17,14 @@ from granite_lab.model.columns import ColumnFunction
 from granite_lab.model.command import duration, steady_part
 from granite_lab.model.effect import Active, Effect
 from granite_lab.model.graph import STATES, build_graph
+from granite_lab.model.limits import (
+    MAX_STEPS,
+    not_converged,
+    refuse_backwards,
+    refuse_long,
+    refuse_standing,
+    refuse_unsteady,
+)
 from granite_lab.model.run import Run
 from granite_lab.model.symbols import ModelParameters, model_parameters, vector_of
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
@@ -76,7 +84,8 @@ def _integrator(effects: tuple[Effect, ...], samples: int, accuracy: Accuracy) -
         {
             "reltol": accuracy.relative,
             "abstol": accuracy.absolute,
-            "max_num_steps": 100_000,
+            "max_num_steps": MAX_STEPS,
+            "disable_internal_warnings": True,
         },
     )
 
@@ -135,14 +144,12 @@ def integrate(
     """
     chosen = tuple(e.effect for e in effects)
     samples = int(np.ceil((SETTLE + duration(p.variant) + COAST) / accuracy.step)) + 1
+    refuse_long(p.variant, samples, accuracy.step)
     start, vector = rest_state(p, effects), _vector(p, effects)
     try:
         states = _integrator(chosen, samples, accuracy)(x0=start, p=vector)["xf"].full()
     except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1]
-        raise EstimateError(
-            f"the simulation does not converge: {reason}", "check the parameters with 'granite-lab params'"
-        ) from None
+        raise not_converged(error) from None
     t: Array = -SETTLE + accuracy.step * np.arange(samples, dtype=np.float64)
     history = np.column_stack([start, states])
     table = _outputs(chosen)(t[None], history, np.array(vector), samples=samples)
@@ -183,6 +190,9 @@ def steady_slip(
     The desired distance is the one the wheels would cover without slip. The steady part is the
     second half of the constant desired velocity: the robot settles with a time constant of about
     0.35 s after the ramp, and the first half would add up to 1.4 points.
+
+    Raises:
+        EstimateError: the wheels do not turn in the steady part.
     """
     t1, t2 = steady_part(variant)
     start, end = (
@@ -191,6 +201,7 @@ def steady_slip(
     )
     gained = {name: float(end[name] - start[name]) for name in start}
     wheels = radius * (gained["theta_f_rad"] + gained["theta_r_rad"]) / 2
+    refuse_standing(wheels, variant, t1, t2)
     return 1 - gained["x_m"] / wheels, (t1, t2)
 
 
@@ -217,13 +228,16 @@ def simulate(
 
     Raises:
         InputError: the robot's file lacks chassis or drive.
-        EstimateError: the simulation does not converge or the robot finds no rest.
+        EstimateError: the simulation does not converge, the robot finds no rest or is pushed
+            backwards, or there is no steady part or no slip ratio in it.
     """
+    refuse_unsteady(variant, *steady_part(variant))
     exponent = load_paper().a_theta if a_theta is None else a_theta
     p = model_parameters(robot, soil, variant, k92=k92, a_theta=exponent)
     begin = time.perf_counter()
     signals = integrate(p, effects, accuracy)
     wall = time.perf_counter() - begin
+    refuse_backwards(float(signals["v_mps"].min()), variant.velocity)
     slip, steady = steady_slip(signals, variant, robot.wheels.radius)
     return Run(
         variant=variant,

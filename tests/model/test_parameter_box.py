@@ -1,0 +1,273 @@
+"""Anywhere in the allowed parameters a run is finite and loses no energy, or is refused with a reason."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+
+from granite_lab.errors import EstimateError
+from granite_lab.model import Accuracy, Run, simulate
+from granite_lab.model.body import BodyState, accelerations, ground_load
+from granite_lab.model.contact import WheelState, contact_angles, wheel_forces
+from granite_lab.model.limits import MAX_SAMPLES
+from granite_lab.model.simulator import rest_state
+from granite_lab.model.symbols import model_parameters
+from granite_lab.parameters import GRAVITY, Variant, load_variants, variant_of
+from granite_lab.parameters.records import replace_path
+from tests.model.box import ROBOT, SOIL, Draw, draw, energies, near, scaled
+
+DRAWS = 2400 if os.environ.get("GRANITE_SOAK") else 64
+BATCH = 16
+REASONS = (
+    "the robot sinks to its axles on this soil",
+    "the ground pushes the robot backwards",
+    "the simulation does not converge: ",
+    "the wheels do not turn in the steady part",
+    "the desired velocity is never steady",
+)
+USUAL, FINE = Accuracy(), Accuracy(1e-6, 1e-8, 0.0005)
+assert ROBOT.chassis is not None
+assert ROBOT.drive is not None
+
+
+def run_of(d: Draw, accuracy: Accuracy = USUAL) -> Run | str:
+    """Simulate a draw; return the run, or the reason why not."""
+    try:
+        return simulate(
+            d.variant, d.robot, d.soil, k92=d.k92, a_theta=d.a_theta, effects=d.effects, accuracy=accuracy
+        )
+    except EstimateError as error:
+        return error.message if error.hint else f"no hint: {error.message}"
+
+
+@pytest.mark.parametrize("batch", range(DRAWS // BATCH))
+def test_a_random_robot_gives_a_consistent_run_or_a_reason(batch: int) -> None:
+    """Work of the motors = energy gained + lost in gears + taken by the ground, which gives none back."""
+    went = 0
+    for number in range(batch * BATCH, (batch + 1) * BATCH):
+        d = draw(5, number)
+        run = run_of(d)
+        if isinstance(run, str):
+            assert run.startswith(REASONS), run
+            continue
+        went += 1
+        for name, signal in run.signals.items():
+            assert np.isfinite(signal).all(), (number, name)
+        assert np.isfinite(run.slip_ratio)
+        if d.effects:
+            assert_no_runaway(run, number)
+            continue
+        e = energies(run)
+        if abs(e.missing) > 2e-3:  # fast motors or a bouncing wheel: integrate the powers more finely
+            finer = run_of(d, FINE)
+            assert isinstance(finer, Run)
+            e = energies(finer)
+        assert abs(e.missing) < 2e-3, (number, d.kind, e)
+        assert e.ground > -1e-3 * e.scale, (number, d.kind, e)
+    assert went >= BATCH // 3
+
+
+def assert_no_runaway(run: Run, number: int) -> None:
+    """With effects that change masses, radii and forces a rough bound on kinetic energy remains."""
+    c, d = run.robot.chassis, run.robot.drive
+    assert c is not None
+    assert d is not None
+    power = sum(
+        2 * d.gear_ratio * d.torque_constant * run[f"current_{a}_A"] * run[f"omega_{a}_radps"] for a in "fr"
+    )
+    work = float(np.trapezoid(np.maximum(power, 0), run.t))
+    slope = abs(run.effects.get("ground_slope", {}).get("angle", 0.0))
+    given = work + c.total_mass * GRAVITY * np.sin(np.radians(slope)) * float(run["x_m"].max())
+    kinetic = c.total_mass * run["v_mps"] ** 2 / 2
+    assert kinetic.max() <= 2 * given + 1e-3, (number, run.effects)
+
+
+def test_the_balance_sees_energy_from_nowhere() -> None:
+    """The check itself: a run whose forces are falsified by one per cent does not pass it."""
+    run = simulate(variant_of(0.5), ROBOT, SOIL)
+    assert abs(energies(run).missing) < 1e-3
+    wrong = dataclasses.replace(run, signals=run.signals | {"moment_f_Nm": 1.01 * run["moment_f_Nm"]})
+    assert abs(energies(wrong).missing) > 1e-3
+
+
+def test_a_resistance_that_would_drive_the_robot_backwards_is_refused() -> None:
+    """A large a_θ on soft sand: (13) exceeds the thrust and has only one direction."""
+    soft = dataclasses.replace(SOIL, tyre_friction=0.05)
+    with pytest.raises(EstimateError, match="the ground pushes the robot backwards"):
+        simulate(variant_of(0.7), ROBOT, soft, a_theta=20)
+
+
+@pytest.mark.parametrize(
+    ("variant", "reason"),
+    [
+        (Variant(velocity=3.0, acceleration=4.0, distance=0.1), "0.1 m are too short for 3 m/s at 4 m/s"),
+        (Variant(velocity=0.01, acceleration=1.0, distance=10_000), "the run would last 1000000 s"),
+    ],
+)
+def test_a_motion_that_cannot_be_is_refused_with_a_reason(variant: Variant, reason: str) -> None:
+    with pytest.raises(EstimateError, match=reason) as caught:
+        simulate(variant, ROBOT, SOIL)
+    assert caught.value.hint.startswith("choose a")
+    assert MAX_SAMPLES * Accuracy().step == 1000
+
+
+def test_wheels_that_do_not_turn_are_said() -> None:
+    idle = replace_path(replace_path(ROBOT, "drive.gain_p", 0.0), "drive.gain_d", 0.0)
+    with pytest.raises(EstimateError, match="the wheels do not turn"):
+        simulate(variant_of(0.3), idle, SOIL, k92=1.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0, 4.0])
+@pytest.mark.parametrize("number", range(3))
+def test_a_robot_of_another_size_slips_alike(size: float, number: int) -> None:
+    """Froude's similarity: lengths by s, masses by s³, times by √s, soil and motors to match.
+
+    Only the floor of the slip's denominator, a fixed velocity, does not scale; it acts near standstill.
+    """
+    rng = np.random.default_rng([8, number])
+    robot = dataclasses.replace(
+        ROBOT, chassis=near(ROBOT.chassis, rng, 1.2), drive=near(ROBOT.drive, rng, 1.2)
+    )
+    soil, k92 = near(SOIL, rng, 1.2), float(rng.uniform(0.1, 1))
+    v = load_variants()[2]
+    small = simulate(v, robot, soil, k92=k92, accuracy=Accuracy(1e-7, 1e-9))
+    other, ground = scaled(robot, soil, size)
+    motion = Variant(velocity=v.velocity * size**0.5, acceleration=v.acceleration, distance=v.distance * size)
+    large = simulate(motion, other, ground, k92=k92, accuracy=Accuracy(1e-7, 1e-9))
+    assert large.slip_ratio == pytest.approx(small.slip_ratio, abs=2e-4)
+    t = np.linspace(0.5, 0.9, 50) * small.steady[1]
+    for name, power in (
+        ("v_mps", 0.5),
+        ("sinkage_f_m", 1),
+        ("sinkage_r_m", 1),
+        ("torque_r_Nm", 4),
+        ("current_f_A", 2.5),
+    ):
+        got = np.interp(t * size**0.5, large.t, large[name]) / size**power
+        want = np.interp(t, small.t, small[name])
+        np.testing.assert_allclose(got, want, rtol=5e-3, atol=1e-3 * np.abs(small[name]).max(), err_msg=name)
+
+
+@pytest.mark.parametrize("factor", [0.2, 7.0])
+def test_all_forces_by_one_factor_leave_the_motion_as_it_is(factor: float) -> None:
+    c, d = ROBOT.chassis, ROBOT.drive
+    assert c is not None
+    assert d is not None
+    names = ("body_mass", "wheel_mass", "wheel_inertia", "pitch_inertia", "contact_damping")
+    heavy = dataclasses.replace(
+        ROBOT,
+        chassis=dataclasses.replace(c, **{name: getattr(c, name) * factor for name in names}),
+        drive=dataclasses.replace(d, torque_constant=d.torque_constant * factor),
+    )
+    soils = ("cohesive_modulus", "frictional_modulus", "cohesion")
+    firm = dataclasses.replace(SOIL, **{name: getattr(SOIL, name) * factor for name in soils})
+    a, b = (
+        simulate(variant_of(0.7), robot, soil, accuracy=Accuracy(1e-8, 1e-10))
+        for robot, soil in ((ROBOT, SOIL), (heavy, firm))
+    )
+    assert b.slip_ratio == pytest.approx(a.slip_ratio, abs=1e-7)
+    np.testing.assert_allclose(b["v_mps"], a["v_mps"], atol=1e-6)
+    np.testing.assert_allclose(b["force_x_f_N"], factor * a["force_x_f_N"], atol=1e-3 * factor)
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_front_and_rear_exchange_with_the_centre_of_mass_mirrored(number: int) -> None:
+    """At rest with equal contact angles: sinkages and loads change places, the pitch its sign."""
+    rng = np.random.default_rng([11, number])
+    robot = dataclasses.replace(
+        ROBOT, chassis=near(ROBOT.chassis, rng, 1.3), wheels=near(ROBOT.wheels, rng, 1.3)
+    )
+    soil = near(SOIL, rng, 1.3)
+    mirrored = replace_path(robot, "chassis.com_x", -robot.chassis.com_x)  # type: ignore[union-attr]
+    here, there = (
+        rest_state(model_parameters(one, soil, variant_of(0.3), k92=1.0))  # type: ignore[arg-type]
+        for one in (robot, mirrored)
+    )
+    assert there[1] == pytest.approx(here[1], rel=1e-9)  # height
+    assert there[2] == pytest.approx(-here[2], rel=1e-6, abs=1e-12)  # pitch
+
+
+def test_mirrored_forces_give_mirrored_accelerations() -> None:
+    """(19)-(22): forward and nose-down change sign together, wherever the forces act."""
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        c = dataclasses.replace(ROBOT.chassis, com_x=rng.normal(0, 0.2), com_z=rng.normal(0, 0.2))  # type: ignore[type-var]
+        mirrored = dataclasses.replace(c, com_x=-c.com_x)  # type: ignore[union-attr]
+        pitch, forces = rng.normal(0, 0.3), rng.normal(0, 100, 4)
+        half = c.wheel_base / 2  # type: ignore[union-attr]
+        a = accelerations(
+            c, ground_load(BodyState(0, 0, pitch, 0, 0, 0), c, [(half, *forces[:2]), (-half, *forces[2:])])
+        )  # type: ignore[arg-type]
+        x1, z1, x2, z2 = forces
+        turned = [(half, -x2, z2), (-half, -x1, z1)]
+        b = accelerations(mirrored, ground_load(BodyState(0, 0, -pitch, 0, 0, 0), mirrored, turned))  # type: ignore[arg-type]
+        got, want = [float(v) for v in (b.x, b.z, b.pitch)], [float(v) for v in (-a.x, a.z, -a.pitch)]
+        assert got == pytest.approx(want, rel=1e-12, abs=1e-12)
+
+
+def contact(
+    slip: float, k92: float, sinkage: float = 0.015, k_phi: float = SOIL.frictional_modulus
+) -> dict[str, float]:
+    """Return forces [N] and power taken [W] of one rolling wheel at 0.5 m/s."""
+    r = ROBOT.wheels.radius
+    v = 0.5 * (1 - slip)
+    state = WheelState(
+        front=True, travel=0, angle=0, rate=0.5 / r, tread_rate=0.5 / r, velocity=v, sinkage=sinkage,
+        sinkage_rate=0, radius=r, width=ROBOT.wheels.width, v_desired=0.5,
+    )  # fmt: skip
+    soil = dataclasses.replace(SOIL, frictional_modulus=k_phi)
+    f = wheel_forces(state, contact_angles(state, k92), soil, 0)
+    longitudinal, moment = float(f.longitudinal), float(f.moment)
+    return {"resistance": float(f.resistance), "thrust": float(f.thrust), "moment": moment,
+            "taken": -moment * 0.5 / r - longitudinal * v}  # fmt: skip
+
+
+def test_equal_contact_angles_have_no_resistance() -> None:
+    for slip in (0.0, 0.1, 0.5):
+        assert contact(slip, 1.0)["resistance"] == pytest.approx(0, abs=1e-9)
+    assert contact(0.1, 0.9)["resistance"] < -0.1
+
+
+def test_as_k92_goes_to_one_the_run_goes_to_that_at_one() -> None:
+    def slip(k92: float) -> float:
+        return simulate(variant_of(0.5), ROBOT, SOIL, k92=k92, accuracy=Accuracy(1e-8, 1e-10)).slip_ratio
+
+    limit = slip(1.0)
+    gaps = [abs(slip(1 - e) - limit) for e in (0.04, 0.02, 0.01)]
+    for smaller, larger in zip(gaps[1:], gaps[:-1], strict=True):
+        assert 0 < smaller < larger / 2
+
+
+def test_on_hard_ground_sinkage_and_slip_vanish_together() -> None:
+    """The same load on moduli 10 and 100 times as high: W ~ k z^(n + 1/2) gives the sinkage."""
+    runs = [
+        simulate(
+            variant_of(0.3),
+            ROBOT,
+            dataclasses.replace(SOIL, frictional_modulus=m, cohesive_modulus=0.0),
+            k92=1.0,
+        )
+        for m in (1e7, 1e8, 1e9)
+    ]
+    sinkages = [run["sinkage_f_m"][0] for run in runs]
+    for harder, softer in zip(sinkages[1:], sinkages[:-1], strict=True):
+        assert harder == pytest.approx(softer * 10 ** (-1 / (SOIL.exponent + 0.5)), rel=0.02)
+    slips = [abs(run.slip_ratio) for run in runs]
+    assert slips[2] < 1e-3
+
+
+def test_without_slip_thrust_vanishes_with_the_contact_and_the_ground_takes_power() -> None:
+    small, smaller = (contact(0.0, 1.0, sinkage=z) for z in (1e-4, 1e-6))
+    assert 0 < smaller["thrust"] < 1e-2 * small["thrust"] < 1e-3
+    for k92 in (0.0, 0.3, 1.0):
+        for slip in (0.0, 0.05, 0.3, 0.9):
+            assert contact(slip, k92)["taken"] >= 0
+
+
+def test_a_column_of_draws_is_the_same_again() -> None:
+    a, b = draw(5, 7), draw(5, 7)
+    assert (a.robot, a.soil, a.variant, a.k92, a.a_theta) == (b.robot, b.soil, b.variant, b.k92, b.a_theta)
+    assert [e.values for e in a.effects] == [e.values for e in b.effects]
