@@ -19,7 +19,7 @@ from granite_lab.running import fingerprint
 X = TypeVar("X")
 Y = TypeVar("Y")
 
-PATIENCE = 15
+PATIENCE = 10
 """How long a scheduler may take to answer, and to have workers [s]."""
 
 AHEAD = 2
@@ -45,7 +45,7 @@ def connected(address: str) -> Iterator[Any]:
             "install it: pip install 'granite-lab[cluster]'",
         ) from None
     try:
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
+        client = Client(address, timeout=PATIENCE)
     except (OSError, ValueError, TypeError) as error:
         reason = (str(error).splitlines() or [""])[0]
         raise UsageError(

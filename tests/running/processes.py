@@ -1,0 +1,74 @@
+"""Whole runs as processes of their own, which a test can end in any way."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent.parent
+SAMPLES = ROOT / "data" / "samples"
+MAIN = "from granite_lab.cli import main; main()"
+
+SOAK = bool(os.environ.get("GRANITE_SOAK"))
+"""Whether the long parts run whole, as in `make soak`."""
+
+
+def begin(folder: Path, *args: object, cache: Path | None = None) -> subprocess.Popen[str]:
+    """Start a command in a session of its own, so that all its processes can be found."""
+    environment = os.environ | ({"GRANITE_LAB_CACHE": str(cache)} if cache else {})
+    return subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-c", MAIN, *map(str, args)],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def members(session: int) -> list[int]:
+    """Return the processes of a session that still run."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, _, of = stat.read_text().rpartition(")")[2].split()[:4]
+        except OSError:
+            continue
+        if int(of) == session and state not in ("Z", "X"):
+            found.append(int(stat.parent.name))
+    return found
+
+
+def gone(session: int, within: float = 20.0) -> bool:
+    """Wait until no process of a session is left; say whether that came true."""
+    end = time.monotonic() + within
+    while members(session):
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+def results(report: Path) -> dict[str, bytes]:
+    """Return numbers and tables of a report, byte by byte."""
+    files = [report / "report.json", *sorted((report / "tables").glob("*.csv"))]
+    return {str(path.relative_to(report)): path.read_bytes() for path in files}
+
+
+def unfinished(folder: Path) -> list[str]:
+    """Return what interrupted writing leaves behind."""
+    return [str(p) for p in folder.rglob(".*") if p.name not in (".", "..")]
+
+
+def trials(folder: Path, *names: str) -> list[str]:
+    """Copy sample trials and return their paths as a user in `folder` names them."""
+    (folder / "logs").mkdir(parents=True)
+    for name in names:
+        shutil.copy(SAMPLES / f"{name}.csv", folder / "logs")
+    return [f"logs/{name}.csv" for name in names]

@@ -1,0 +1,170 @@
+"""The same results from a Dask cluster: a real scheduler and two workers over loopback, one of which dies."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.running.processes import SOAK, begin, results, trials
+
+pytestmark = pytest.mark.slow
+
+NAMES = ("virtual_v0.2_r1", "virtual_v0.5_r1", "virtual_v0.7_r2")
+SEARCH = "--discover" if SOAK else "--no-discover"
+
+
+@dataclass
+class Cluster:
+    address: str
+    workers: list[subprocess.Popen[bytes]]
+
+
+def start(folder: Path, module: str, *args: object) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-m", f"distributed.cli.{module}", *map(str, args)],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def begin_worker(folder: Path, scheduler: Path) -> subprocess.Popen[bytes]:
+    return start(
+        folder, "dask_worker", "--scheduler-file", scheduler, "--nthreads", 1, "--no-nanny",
+        "--no-dashboard", "--local-directory", folder, "--memory-limit", "2GB", "--host", "127.0.0.1",
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    folder = tmp_path_factory.mktemp("cluster")
+    file = folder / "scheduler.json"
+    scheduler = start(
+        folder,
+        "dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        0,
+        "--no-dashboard",
+        "--scheduler-file",
+        file,
+    )
+    workers = [begin_worker(folder, file) for _ in range(2)]
+    try:
+        end = time.monotonic() + 60
+        while not file.exists():
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        import json
+
+        yield Cluster(json.loads(file.read_text())["address"], workers)
+    finally:
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+
+
+def test_nobody_answers(tmp_path: Path) -> None:
+    logs = trials(tmp_path, NAMES[0])
+    run = begin(tmp_path, "fit-k92", *logs, "--scheduler", "tcp://127.0.0.1:9", "--no-cache")
+    _, errors = run.communicate()
+    assert run.returncode == 2
+    assert errors.startswith("error: scheduler 'tcp://127.0.0.1:9' cannot be reached")
+    assert "Traceback" not in errors
+
+
+def test_simulations_of_a_search_are_the_same_on_a_cluster(cluster: Cluster, tmp_path: Path) -> None:
+    """In a process of its own: dask.distributed warns of things that are not ours."""
+    script = """
+import sys
+import numpy as np
+from granite_lab.discovery.bench import Bench, Task, World
+from granite_lab.effects import library
+from granite_lab.parameters import load_robot, load_soil, load_variants
+from granite_lab.running.execution import Execution
+from granite_lab.running.search import _respond
+world = World(load_robot(), load_soil(), load_variants()[2:], library())
+effect = library()["tyre_windup"]
+sand = (0.0,) * 7
+tasks = [Task(i, (0.01 * k, *sand[1:])) for i in range(2) for k in range(3)]
+tasks.append(Task(0, sand, ((effect.id, tuple(p.prior_high for p in effect.parameters)),)))
+tasks.append(Task(0, (9.0, *sand[1:])))
+here = [world.respond(t) for t in tasks]
+with _respond(Execution(scheduler=sys.argv[1]), None) as respond, Bench(world, respond=respond) as bench:
+    there = bench.run(tasks)
+np.savez("out.npz", **{f"{w}{i}": np.zeros(0) if x is None else x
+                       for w, of in (("here", here), ("there", there)) for i, x in enumerate(of)})
+"""
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", script, cluster.address],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    with np.load(tmp_path / "out.npz") as found:
+        for i in range(8):
+            assert found[f"here{i}"].tobytes() == found[f"there{i}"].tobytes()
+        assert found["here6"].shape[0] == 7
+
+
+def test_the_same_report_although_a_worker_dies(cluster: Cluster, tmp_path: Path) -> None:
+    logs = trials(tmp_path, *NAMES)
+    here = begin(tmp_path, "study", *logs, "--out", "here/r", "--no-recordings", "--no-cache", SEARCH)
+    _, errors = here.communicate()
+    assert here.returncode == 0, errors
+
+    cache = tmp_path / "cache"
+    run = begin(
+        tmp_path, "study", "logs", "--out", "there/r", "--no-recordings", "--scheduler", cluster.address,
+        SEARCH, cache=cache,
+    )  # fmt: skip
+    while not list(cache.glob("*/*.npz")):  # until the first trial is back: the others are in mid-run
+        assert run.poll() is None, run.communicate()
+        time.sleep(0.02)
+    cluster.workers[0].kill()
+    assert run.poll() is None
+    _, errors = run.communicate(timeout=600)
+    assert run.returncode == 0, errors
+    assert len(list(cache.glob("*/*.npz"))) >= len(NAMES)
+    assert results(tmp_path / "there" / "r") == results(tmp_path / "here" / "r")
+
+
+def test_a_broken_log_is_left_out_on_a_cluster_too(cluster: Cluster, tmp_path: Path) -> None:
+    good, bad = trials(tmp_path, *NAMES[:2])
+    path = tmp_path / bad
+    path.write_text(path.read_text(encoding="utf-8").replace("imu_gy_radps", "tilt"), encoding="utf-8")
+    for strict, code in (((), 0), (("--strict",), 3)):
+        run = begin(
+            tmp_path, "fit-k92", good, bad, "--scheduler", cluster.address, *strict, cache=tmp_path / "cache"
+        )
+        output, errors = run.communicate()
+        assert run.returncode == code, errors
+        assert "imu_gy" in errors
+        assert ("virtual_v0.2_r1" in output) == (code == 0)
+
+
+def test_a_worker_that_cannot_see_the_folder_says_so(tmp_path: Path) -> None:
+    from granite_lab.errors import LabError
+    from granite_lab.running import fingerprint
+    from granite_lab.running.cluster import _on_worker
+
+    before = Path.cwd()
+    try:
+        lost = _on_worker(len, "x.csv", str(tmp_path / "nowhere"), fingerprint.code(search=True))
+        assert isinstance(lost, LabError)
+        assert "cannot see the folder" in lost.message
+        other = _on_worker(len, "x.csv", str(tmp_path), "other code")
+        assert isinstance(other, LabError)
+        assert "another version" in other.message
+        assert _on_worker(len, "x.csv", str(tmp_path), fingerprint.code(search=True)) == 5
+    finally:
+        os.chdir(before)

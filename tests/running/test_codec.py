@@ -1,0 +1,81 @@
+"""Records become bytes and come back the same; what is no record is refused."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from granite_lab.effects import library
+from granite_lab.estimate import Estimate
+from granite_lab.logs.trial import ImuStream, Trial, TrialInfo
+from granite_lab.model.effect import activate
+from granite_lab.running.codec import decode, encode
+from granite_lab.running.options import Options
+
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.lists(inner, max_size=3).map(tuple)
+        | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+    ),
+    max_leaves=20,
+)
+
+
+@given(plain)
+def test_any_plain_value_comes_back_with_its_types(value: object) -> None:
+    assert repr(decode(encode(value))) == repr(value)
+
+
+def test_a_trial_comes_back_whole() -> None:
+    imu = ImuStream(np.array([0.0, 0.1]), np.array([[math.nan, -0.0, 9.81]] * 2), np.zeros((2, 3)), True)
+    trial = Trial("a b", TrialInfo(robot="granite", extra={"sand": "düne"}), imu=imu, warnings=("w",))
+    back = decode(encode(trial))
+    assert (back.name, back.info, back.warnings, back.wheels) == (trial.name, trial.info, ("w",), None)
+    assert back.imu.specific_force.tobytes() == imu.specific_force.tobytes()
+    assert back.imu.gravity_removed is True
+
+
+def test_equal_records_give_equal_bytes() -> None:
+    options = Options(robot="granite", model=Path("m.toml"), distance_measured=Estimate(2.0, math.inf))
+    assert encode(options) == encode(Options(**vars(options)))
+    assert decode(encode(options)) == options
+
+
+def test_an_effect_comes_back_as_the_one_of_the_library() -> None:
+    effect = library()["tyre_windup"]
+    active = activate(effect, {effect.parameters[0].name: effect.parameters[0].prior_high})
+    assert decode(encode((active,)), library()) == (active,)
+    with pytest.raises(KeyError):
+        decode(encode(active), {})
+
+
+@dataclass
+class Stranger:
+    x: int = 1
+
+
+@pytest.mark.parametrize("value", [Stranger(), object(), np.array([{}]), {1, 2}], ids=repr)
+def test_what_is_no_record_of_the_package_is_refused(value: object) -> None:
+    with pytest.raises(TypeError):
+        encode(value)
+
+
+def test_bytes_name_no_code_outside_the_package(tmp_path: Path) -> None:
+    text = '{"record":"subprocess:Popen","fields":{"args":{"list":["touch","x"]}}}'
+    np.savez(tmp_path / "evil.npz", record=np.frombuffer(text.encode(), dtype=np.uint8))
+    with pytest.raises(ValueError, match="no record"):
+        decode((tmp_path / "evil.npz").read_bytes())
+    np.savez(tmp_path / "pickled.npz", record=np.array([{}], dtype=object))
+    with pytest.raises(ValueError, match=r"allow_pickle|pickled"):
+        decode((tmp_path / "pickled.npz").read_bytes())
+    with pytest.raises(Exception, match=r".*"):
+        decode(pickle.dumps(1))
