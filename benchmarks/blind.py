@@ -30,8 +30,8 @@ RESULTS = ROOT / "benchmarks" / "results" / "blind.jsonl"
 HORIZON = 20_000
 """Sets of the schedule that are looked through for what is asked."""
 
-LIMIT = 1200.0
-"""Longest that a set may take [s]."""
+LIMIT = 4 * 3600.0
+"""Longest that a set may take, on however busy a machine [s]."""
 
 TYPICAL = 60.0
 """Expected time of a set before one was made [s]."""

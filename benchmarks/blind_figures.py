@@ -126,8 +126,9 @@ def headline(lines: Sequence[Line]) -> list[tuple[str, str, str, bool | None]]:
     found = share(of["loud"], is_right)
     add("right at 3 times the noise (2, 5 and 20 times the size detectable there)", found, "", True)
     closed, n = median_closed(line for line in library if is_right(line) and strength_of(line) != "0.5")
-    rows.append(("median share of the held-out gap closed, of what was named rightly",
-                 f"{100 * closed:.1f} % of {n} sets" if n else "–", "≥ 90 %", closed >= 0.9 if n else None))  # fmt: skip
+    median = f"{100 * closed:.1f} % of {n} sets" if n else "–"
+    name = "median share of the held-out gap closed, of what was named rightly"
+    rows.append((name, median, "≥ 90 %", closed >= 0.9 if n else None))
     z = np.abs(z_scores(library, ("exact",)))
     inside = Share(int((z < 1.96).sum()), z.size)
     add("true value inside the stated 95 % interval", inside, "90–98 %", 0.9 <= inside.value <= 0.98)

@@ -9,6 +9,8 @@ import contextlib
 import io
 import json
 import math
+import resource
+import signal
 import sys
 import tempfile
 import time
@@ -31,6 +33,9 @@ from granite_lab.logs import write_canonical
 from granite_lab.parameters import load_robot, load_soil
 
 ROBOT, SOIL = "granite", "dry_sand"
+
+LIMIT = 900
+"""Longest that a set may take [s of CPU time]."""
 
 SHRINK = 0.7
 """Step by which an effect is made smaller that would make the robot dig itself in."""
@@ -184,8 +189,14 @@ def _short(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(f"{value:.5g}")
 
 
+def _too_long(*_: object) -> None:
+    raise TimeoutError(f"longer than {LIMIT} s of CPU time")
+
+
 def main() -> None:
     """Do what the argument asks and print one line."""
+    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 10))
+    signal.signal(signal.SIGXCPU, _too_long)
     asked = json.loads(sys.argv[1])
     if "detectable_at" in asked:
         found: dict[str, Any] = origin() | {"sizes": detectable_of(asked["detectable_at"])}

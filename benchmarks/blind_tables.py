@@ -35,8 +35,8 @@ def report(lines: Sequence[Line], *, every: bool = False) -> str:
         "",
         "`make blind`, that is `python -m benchmarks.blind --minutes 60 --jobs 2 --out docs/blind.md`, makes",
         "sets of twelve virtual trials as `granite-lab hide` does, by a simulator that shares no code with",
-        "the model, runs `granite-lab discover` on each, opens the sealed answer and judges. Each run goes on",
-        "where the last one ended, and writes this page from `benchmarks/results/blind.jsonl`.",
+        "the model, runs `granite-lab discover` on each, opens the sealed answer and judges. Each run goes",
+        "on where the last one ended, and writes this page from `benchmarks/results/blind.jsonl`.",
         "",
     ]
     if not kept:
