@@ -18,6 +18,7 @@ from PIL import Image
 from granite_lab.errors import InputError, LabError
 from granite_lab.reporting.recording import Interval, open_viewer, record_study, record_trial, viewer
 from tests.recording.made_up import made_up_study, made_up_trial
+from tests.reporting.made_up_finding import made_up_finding
 
 ARTEFACTS = Path(__file__).parent.parent / "artefacts"
 DRIVERS = Path("/usr/share/vulkan/icd.d")
@@ -147,6 +148,23 @@ def test_a_trial_looks_right_at_three_times(headless: Any, tmp_path: Path) -> No
         assert _share(picture, PAINT) > 0.05
         assert _share(picture, MAGENTA) > 0.001
     assert np.abs(pictures[2] - pictures[0]).mean() > 1  # it moves
+
+
+@pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
+def test_a_discovery_is_seen_as_bars(headless: Any, tmp_path: Path) -> None:
+    result = made_up_trial(0.3)
+    path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd", finding=made_up_finding())
+    _opened(headless, path)
+    headless.set_time("time", duration=1.0, play_state="paused")
+    time.sleep(3)
+    views = headless.get_state().views
+    names = {view.name for view in views}
+    assert {"Pitch rate read by the IMU [rad/s]", "Motor current, rear [A]"} <= names
+    for view in views:
+        assert not view.reports, (view.name, view.reports)
+    _picture(headless.take_screenshot(), "recording_discovery")
+    bars = next(view for view in views if view.name == "Phases and intervals")
+    assert _share(_picture(headless.take_screenshot(bars.view_id), "recording_bars"), (213, 94, 0)) > 0.002
 
 
 @pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")

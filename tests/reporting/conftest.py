@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from granite_lab.reporting import write_report
-from granite_lab.reporting.content import StudyResult
+from granite_lab.reporting import write_discovery, write_report
+from granite_lab.reporting.content import Source, StudyResult
 from tests.reporting.made_up import made_up_study, rename
+from tests.reporting.made_up_finding import made_up_finding
 
 HOSTILE = "<script>alert(1)</script>|`x`\"'{{7*7}}</table>[a](b)=HYPERLINK()\n-z"
 
@@ -29,4 +30,14 @@ def hostile_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report of a study whose names try to break out of every format."""
     folder = tmp_path_factory.mktemp("reports") / "hostile"
     write_report(rename(made_up_study(speeds=(0.3,), repetitions=1), HOSTILE), folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def discovery_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a search that named an effect with a twin."""
+    folder = tmp_path_factory.mktemp("reports") / "found"
+    finding = made_up_finding(twins=("slip_sinkage",))
+    source = Source("0.1.0", "granite-lab discover trials", (), (("soil.n", "1.1", "-", "dry_sand.toml"),))
+    write_discovery(finding, folder, source, model=folder / "model.toml")
     return folder

@@ -77,7 +77,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
         yield tab
 
 
-@pytest.mark.parametrize("which", ["folder", "hostile_folder"])
+@pytest.mark.parametrize("which", ["folder", "hostile_folder", "discovery_folder"])
 @pytest.mark.parametrize(("name", "width", "height"), [("phone", 390, 844), ("desktop", 1280, 900)])
 def test_the_page_fits_its_window(
     page: Page, which: str, name: str, width: int, height: int, request: pytest.FixtureRequest
@@ -87,13 +87,17 @@ def test_the_page_fits_its_window(
     assert page.evaluate("document.documentElement.scrollWidth") == width
     assert page.evaluate(OVERFLOWING) == []
     assert page.complaints() == []
-    if which == "folder":
+    if which != "hostile_folder":
         assert page.evaluate(STACKED_LETTERS) == []
     page.screenshot(ARTEFACTS / f"report_{which.removesuffix('_folder')}_{name}.png")
     assert (ARTEFACTS / f"report_{which.removesuffix('_folder')}_{name}.png").stat().st_size > 50_000
 
 
-def test_text_in_figures_is_whole_in_the_browsers_own_fonts(page: Page, folder: Path) -> None:
+@pytest.mark.parametrize("which", ["folder", "discovery_folder"])
+def test_text_in_figures_is_whole_in_the_browsers_own_fonts(
+    page: Page, which: str, request: pytest.FixtureRequest
+) -> None:
+    folder: Path = request.getfixturevalue(which)
     page.open((folder / "index.html").as_uri(), 1280, 900)
     assert page.evaluate(CUT_IN_FIGURES) == []
 

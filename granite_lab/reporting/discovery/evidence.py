@@ -165,6 +165,8 @@ def _twins(finding: Finding) -> list[Block]:
         for e in finding.effects
         if e.twins
     ]
+    if parts:
+        parts.append("The command plan-next proposes a trial that tells them apart.")
     alone = [plain(e.id) for e in finding.effects if not e.twins]
     if alone:
         parts.append(f"No other candidate explains the trials as well as {listed(alone)}.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -76,7 +77,8 @@ def write_events(
     _bars(writer, "standstill", within(rests, comparison), t[0], GREY)
     for channel in sorted({i.channel for i in intervals}):
         own = [i for i in intervals if i.channel == channel]
-        name = f"simulation_differs/{rr.escape_entity_path_part(channel)}"
+        lane = re.sub(r"\W+", "_", channel)
+        name = f"simulation_differs/{rr.escape_entity_path_part(lane)}"
         _bars(writer, name, own, t[0], VERMILION)
     events = sorted([*_events(comparison, intervals), *further], key=lambda e: e.t)
     levels = [e.level for e in events]

@@ -91,13 +91,13 @@ def extent_of(lines: Sequence[Line]) -> Extent:
 
 
 def plot(root: str, key: str, extent: Extent, *, legend: bool) -> Any:
-    """Return the view of one plot below a trial's root."""
+    """Return the view of one plot below a trial's root; its legend stands where little happens."""
     return rrb.TimeSeriesView(
         origin=f"{root}/{key}",
         name=TITLES[key],
         axis_x=TIME_AXIS,
         axis_y=rrb.ScalarAxis(range=extent[key]),
-        plot_legend=rrb.PlotLegend("LeftTop", visible=legend),
+        plot_legend=rrb.PlotLegend("RightTop" if key.startswith("found") else "LeftTop", visible=legend),
     )
 
 
@@ -135,7 +135,7 @@ def trial_layout(root: str, lines: Sequence[Line], *, lanes: int, name: str) -> 
     bars = rrb.StateTimelineView(origin=f"{root}/bars", name="Phases and intervals", time_view=TIME_AXIS)
     about = rrb.TextDocumentView(origin=f"{root}/about", name="About")
     left = [scene(root), bars, rrb.Tabs(log(root), about)]
-    shares = [5, 0.3 + 0.42 * min(lanes, 6), 2.2]
+    shares = [5, 0.3 + 0.42 * min(lanes, 9), 2.2]
     tabs = []
     for title, keys in TABS.items():
         views = [plot(root, key, extent, legend=names[key] > 1) for key in keys if key in names]

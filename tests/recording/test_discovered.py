@@ -1,0 +1,122 @@
+"""What a search for the missing effect adds to a recording, read back."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granite_lab.discovery import Finding
+from granite_lab.reporting.content import TrialResult
+from granite_lab.reporting.recording import record_study, record_trial
+from tests.recording.made_up import made_up_study, made_up_trial
+from tests.recording.read_back import ReadBack, verify
+from tests.reporting.made_up_finding import BUMP, CHANNELS, START, made_up_finding
+
+NANOSECOND = 0.6e-9
+LATE = START - 102.0
+"""The search starts the command so much later than the comparison [s]."""
+
+
+@pytest.fixture(scope="module")
+def trial() -> TrialResult:
+    return made_up_trial(0.3, repetition=2)
+
+
+@pytest.fixture(scope="module")
+def finding() -> Finding:
+    return made_up_finding()
+
+
+@pytest.fixture(scope="module")
+def path(trial: TrialResult, finding: Finding, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("discovered")
+    return record_trial(trial.trial, trial.comparison, folder / "trial.rrd", finding=finding)
+
+
+@pytest.fixture(scope="module")
+def back(path: Path) -> ReadBack:
+    return ReadBack(path)
+
+
+def test_rerun_accepts_it(path: Path) -> None:
+    assert "1 file verified" in verify(path)
+
+
+def test_disagreements_are_bars_on_the_trials_own_clock(back: ReadBack) -> None:
+    lane = "/bars/simulation_differs/pitch_rate"
+    assert back.texts(lane, "StateChange:state") == ["none", "7.0 × noise", "none"]
+    np.testing.assert_allclose(back.t(lane), [-2.0, BUMP[0] + LATE, BUMP[1] + LATE], atol=NANOSECOND)
+    colours = back.fixed(lane, "StateConfiguration:colors")
+    assert colours[0] != colours[1]
+
+
+def test_a_disagreement_at_another_speed_is_not_this_trials(back: ReadBack) -> None:
+    assert not [e for e in back.entities() if "motor" in e and "bars" in e]
+
+
+def test_simulations_before_and_after_stand_beside_what_was_measured(
+    trial: TrialResult, finding: Finding, back: ReadBack
+) -> None:
+    own = {r.channel: r for r in finding.residuals if r.trial == trial.trial.name}
+    assert set(own) == set(CHANNELS)
+    r = own["pitch_rate"]
+    values = back.scalars("/found_pitch_rate/lines")
+    np.testing.assert_array_equal(values, np.column_stack([r.measured, r.before, r.after]))
+    np.testing.assert_allclose(back.t("/found_pitch_rate/lines"), r.t + LATE, atol=NANOSECOND)
+    names = back.fixed("/found_pitch_rate/lines", "SeriesLines:names")
+    assert names == ["measured [rad/s]", "before [rad/s]", "after [rad/s]"]
+    r = own["wheel"]
+    np.testing.assert_array_equal(
+        back.scalars("/found_wheel/lines"), np.column_stack([r.before - r.measured, r.after - r.measured])
+    )
+
+
+def test_a_gap_in_the_log_is_a_gap_in_the_line(back: ReadBack) -> None:
+    values = back.scalars("/found_accel_x/lines")
+    assert np.isnan(values[42, 0])
+    assert np.isfinite(values[42, 1])
+
+
+def test_log_lines_name_what_is_missing_and_where(back: ReadBack) -> None:
+    lines = back.texts("/events", "TextLog:text")
+    (missing,) = [line for line in lines if "missing from the model" in line]
+    assert "rear wheels in the compacted rut (pressure 0.300 ± 0.004" in missing
+    (where,) = [line for line in lines if "× noise" in line]
+    assert "pitch rate: 7.0 × noise, 0.53 s to 1.53 s" in where
+    levels = dict(zip(lines, back.texts("/events", "TextLog:level"), strict=True))
+    assert levels[missing] == levels[where] == "WARN"
+
+
+def test_nothing_found_is_said_and_no_after_is_drawn(trial: TrialResult, tmp_path: Path) -> None:
+    path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=made_up_finding("none"))
+    back = ReadBack(path)
+    assert not [e for e in back.entities() if "simulation_differs" in e]
+    assert [line for line in back.texts("/events", "TextLog:text") if "these trials show none" in line]
+    assert back.scalars("/found_pitch_rate/lines").shape[1] == 2
+
+
+def test_a_trial_that_was_not_searched_is_recorded_as_without(trial: TrialResult, tmp_path: Path) -> None:
+    finding = made_up_finding(names="another_{speed}_{repetition}")
+    path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=finding)
+    entities = ReadBack(path).entities()
+    assert not [e for e in entities if "found_" in e or "simulation_differs" in e]
+
+
+def test_a_study_shows_it_in_every_trial(tmp_path: Path, finding: Finding) -> None:
+    study = made_up_study(1, (0.3, 0.7))
+    back = ReadBack(record_study(study, tmp_path / "study.rrd", finding=finding))
+    for result in study.trials:
+        root = f"/{result.trial.name}"
+        assert f"{root}/found_current_r/lines" in back.entities()
+        assert f"{root}/bars/simulation_differs/pitch_rate" in back.entities()
+
+
+def test_it_still_takes_less_than_a_second_and_two_megabytes(finding: Finding, tmp_path: Path) -> None:
+    result = made_up_trial(0.3)  # the longest of Table 2
+    begin = time.process_time()
+    path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd", finding=finding)
+    assert time.process_time() - begin <= 1.0
+    assert path.stat().st_size <= 2_000_000
