@@ -91,7 +91,7 @@ def _load(path: str, code: bytes) -> dict[str, Effect]:
         raise InputError(
             f"{at(path, error.lineno)}: not valid Python: {error.msg}", "an effect file is a Python module"
         ) from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a file that ends the process would end it in silence
         raise _trouble(path, error) from error
     effects = _effects_of(module, path)
     if not effects:
@@ -194,7 +194,7 @@ def _check_neutral(effect: Effect, path: str) -> None:
     """
     try:
         gap = neutral_gap(effect)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _trouble(path, error, f"effect '{effect.id}': ") from error
     if gap > 1e-9:
         raise InputError(
@@ -204,7 +204,7 @@ def _check_neutral(effect: Effect, path: str) -> None:
         )
 
 
-def _trouble(path: str, error: Exception, what: str = "") -> InputError:
+def _trouble(path: str, error: BaseException, what: str = "") -> InputError:
     """Name the line of the user's file at which an exception arose."""
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
     return InputError(

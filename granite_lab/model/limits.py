@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from granite_lab.errors import EstimateError
+from granite_lab.logs.trial import Array
 from granite_lab.model.command import V_FLOOR, duration
 from granite_lab.parameters import Variant
 
@@ -20,6 +23,9 @@ FASTEST_BACKWARDS = V_FLOOR
 
 LEAST_TURN = 1e-3
 """Wheels that turn less than this share of what was desired stand still."""
+
+LARGEST_GIFT = 0.02
+"""Share of the energy through the contact that may come back over a run: what integration leaves."""
 
 _TROUBLE = {
     "CV_TOO_MUCH_WORK": f"it needs more than {MAX_STEPS} steps for one row",
@@ -83,6 +89,37 @@ def refuse_backwards(slowest: float, velocity: float) -> None:
         raise EstimateError(
             f"the ground pushes the robot backwards ({slowest:.3g} m/s): the model holds for forward motion",
             "the resistance exceeds what the wheels can do: check the soil, k_92 or a_θ, and the effects",
+        )
+
+
+def refuse_giving(signals: dict[str, Array], wheel_base: float) -> None:
+    """Refuse a run in which the ground gives energy to the robot, over the whole run.
+
+    With a k_92 near 1 on soil of great stiffness the thrust (14) of a wheel that is slower than
+    the robot can exceed every resistance; the robot would run away from its wheels.
+
+    Args:
+        signals: outputs of the graph.
+        wheel_base: L [m].
+
+    Raises:
+        EstimateError: the contact gave more than `LARGEST_GIFT` of the energy that went through it.
+    """
+    pitch, rate, v_z = signals["pitch_rad"], signals["pitch_rate_radps"], signals["v_z_mps"]
+    v_x = (signals["v_mps"] + np.sin(pitch) * v_z) / np.cos(pitch)
+    taken = np.zeros_like(pitch)
+    for axle, sign in (("f", 1), ("r", -1)):
+        lever = sign * wheel_base / 2
+        x, z = v_x - rate * np.sin(pitch) * lever, v_z - rate * np.cos(pitch) * lever
+        force_x, force_z = signals[f"force_x_{axle}_N"], signals[f"force_z_{axle}_N"]
+        moment = signals[f"moment_{axle}_Nm"] * signals[f"omega_{axle}_radps"]
+        taken -= 2 * (force_x * x + force_z * z + moment)
+    total = float(np.trapezoid(taken, signals["t_s"]))
+    through = float(np.trapezoid(np.abs(taken), signals["t_s"]))
+    if total < -LARGEST_GIFT * through - 1e-6:
+        raise EstimateError(
+            f"the ground would drive the robot, with {-total:.2g} J from nowhere: outside the model's range",
+            "the wheels are slower than the robot all the time: check k_92 or a_θ, the soil and the effects",
         )
 
 

@@ -21,6 +21,7 @@ from granite_lab.model.limits import (
     MAX_STEPS,
     not_converged,
     refuse_backwards,
+    refuse_giving,
     refuse_long,
     refuse_standing,
     refuse_unsteady,
@@ -228,8 +229,8 @@ def simulate(
 
     Raises:
         InputError: the robot's file lacks chassis or drive.
-        EstimateError: the simulation does not converge, the robot finds no rest or is pushed
-            backwards, or there is no steady part or no slip ratio in it.
+        EstimateError: the simulation does not converge, the robot finds no rest or is driven
+            by the ground, or there is no steady part or no slip ratio in it.
     """
     refuse_unsteady(variant, *steady_part(variant))
     exponent = load_paper().a_theta if a_theta is None else a_theta
@@ -239,6 +240,7 @@ def simulate(
     wall = time.perf_counter() - begin
     refuse_backwards(float(signals["v_mps"].min()), variant.velocity)
     slip, steady = steady_slip(signals, variant, robot.wheels.radius)
+    refuse_giving(signals, p.chassis.wheel_base)
     return Run(
         variant=variant,
         robot=robot,

@@ -24,6 +24,7 @@ BATCH = 16
 REASONS = (
     "the robot sinks to its axles on this soil",
     "the ground pushes the robot backwards",
+    "the ground would drive the robot",
     "the simulation does not converge: ",
     "the wheels do not turn in the steady part",
     "the desired velocity is never steady",
@@ -66,7 +67,7 @@ def test_a_random_robot_gives_a_consistent_run_or_a_reason(batch: int) -> None:
             assert isinstance(finer, Run)
             e = energies(finer)
         assert abs(e.missing) < 2e-3, (number, d.kind, e)
-        assert e.ground > -1e-3 * e.scale, (number, d.kind, e)
+        assert e.ground > -1e-2 * e.scale, (number, d.kind, e)
     assert went >= BATCH // 3
 
 
@@ -79,7 +80,7 @@ def assert_no_runaway(run: Run, number: int) -> None:
         2 * d.gear_ratio * d.torque_constant * run[f"current_{a}_A"] * run[f"omega_{a}_radps"] for a in "fr"
     )
     work = float(np.trapezoid(np.maximum(power, 0), run.t))
-    slope = abs(run.effects.get("ground_slope", {}).get("angle", 0.0))
+    slope = abs(run.effects.get("ground_slope", {}).get("slope", 0.0))
     given = work + c.total_mass * GRAVITY * np.sin(np.radians(slope)) * float(run["x_m"].max())
     kinetic = c.total_mass * run["v_mps"] ** 2 / 2
     assert kinetic.max() <= 2 * given + 1e-3, (number, run.effects)
@@ -98,6 +99,13 @@ def test_a_resistance_that_would_drive_the_robot_backwards_is_refused() -> None:
     soft = dataclasses.replace(SOIL, tyre_friction=0.05)
     with pytest.raises(EstimateError, match="the ground pushes the robot backwards"):
         simulate(variant_of(0.7), ROBOT, soft, a_theta=20)
+
+
+def test_a_thrust_that_drives_the_robot_without_the_wheels_is_refused() -> None:
+    """Number 1612 of the draws: 0.4 J of the motors, 3.4 J in the robot."""
+    d = draw(5, 1612)
+    with pytest.raises(EstimateError, match="from nowhere: outside the model's range"):
+        simulate(d.variant, d.robot, d.soil, k92=d.k92, a_theta=d.a_theta)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,64 @@
+"""The command line in this process: `main()` with its output and exit code."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from granite_lab.cli import main
+from tests.logs import make
+
+ROOT = Path(__file__).parent.parent.parent
+GRANITE = (ROOT / "granite_lab/catalogue/robots/granite.toml").read_text(encoding="utf-8")
+SAND = (ROOT / "granite_lab/catalogue/soils/dry_sand.toml").read_text(encoding="utf-8")
+CODES = (0, 1, 2, 3, 4, 130)
+LOG = make.text()
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a command left: exit code, stdout and stderr."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def error(self) -> str:
+        """The line that begins with ``error: ``, without that."""
+        lines = [line.removeprefix("error: ") for line in self.err.splitlines() if line.startswith("error: ")]
+        return lines[-1] if lines else ""
+
+    @property
+    def hint(self) -> str:
+        """The line that begins with ``hint: ``, without that."""
+        lines = [line.removeprefix("hint: ") for line in self.err.splitlines() if line.startswith("hint: ")]
+        return lines[-1] if lines else ""
+
+
+def lab(*args: object) -> Done:
+    """Run a command as a user does, errors and all; an exception that escapes is the test's failure."""
+    out, err, before = io.StringIO(), io.StringIO(), sys.argv
+    sys.argv = ["granite-lab", *map(str, args)]
+    code = 0
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            main()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    finally:
+        sys.argv = before
+    return Done(code, out.getvalue(), err.getvalue())
+
+
+def refused(done: Done, code: int, error: str, hint: str = "") -> None:
+    """Hold a refusal to its promises: one line, a hint, the exit code, and nothing on stdout."""
+    assert done.code == code, done
+    assert error in done.error, done.err
+    assert hint in done.hint, done.err
+    assert done.hint, done.err
+    assert "Traceback" not in done.err
+    assert done.out == ""

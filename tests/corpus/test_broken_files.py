@@ -1,0 +1,232 @@
+"""Broken column maps, robots, soils, models and effect files: one line, a hint and the exit code."""
+
+# ruff: noqa: E501  # tables, one broken file a line
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from granite_lab.effects.documentation import EXAMPLE
+from tests.corpus.cli import GRANITE, LOG, SAND, lab, refused
+
+MAP = """name = "mine"
+[[column]]
+name = "t_s"
+to = ["t"]
+unit = "s"
+[[column]]
+name = "imu_ax_mps2"
+to = ["imu_ax"]
+unit = "m/s^2"
+[[column]]
+name = "enc_fl_rad"
+to = ["enc_fl"]
+unit = "rad"
+"""
+
+# name: (content, what the message says, what the hint says)
+Cases = dict[str, tuple[str | bytes, str, str]]
+
+MAPS: Cases = {
+    "empty": ("", "'name' is missing", "add name"),
+    "no columns": ('name = "a"\n', "'column' is missing", "column"),
+    "not TOML": ("name = mine\n", "not valid TOML", "toml.io"),
+    "a CSV file": (LOG, "not valid TOML", "toml.io"),
+    "binary": (bytes(range(256)), "is not UTF-8 text", "UTF-8"),
+    "UTF-16": (MAP.encode("utf-16"), "is not UTF-8 text", "UTF-8"),
+    "unknown key": ("nme = 3\n" + MAP, "unknown key 'nme'", "did you mean 'name'?"),
+    "unknown key of a column": (MAP.replace('unit = "rad"', 'unit = "rad"\nscal = 2'), "unknown key 'scal'", "did you mean 'scale'?"),
+    "no clock": (MAP.replace('to = ["t"]', 'to = ["v_cmd"]').replace('unit = "s"', 'unit = "m/s"'), "no column feeds 't'", "to ="),
+    "unknown channel": (MAP.replace('"imu_ax"', '"imu_aq"'), "unknown channel 'imu_aq'", "imu_ax"),
+    "no unit": (MAP.replace('unit = "rad"', ""), "the unit is missing", ""),
+    "unknown unit": (MAP.replace('unit = "rad"', 'unit = "radian/h"'), "unit 'radian/h' is not known", ""),
+    "unit of another kind": (MAP.replace('unit = "rad"', 'unit = "A"'), "unit 'A' is one of current", "expected one of"),
+    "neither name nor pattern": (MAP.replace('name = "enc_fl_rad"', ""), "needs either 'name' or 'pattern'", "which column"),
+    "name and pattern": (MAP.replace('name = "enc_fl_rad"', 'name = "a"\npattern = "b"'), "needs either 'name' or 'pattern'", "which column"),
+    "not a regular expression": (MAP.replace('name = "enc_fl_rad"', "pattern = '('"), "is not a regular expression", "quotes"),
+    "scale of zero": (MAP.replace('unit = "rad"', 'unit = "rad"\nscale = 0'), "scale = 0", "leave it out"),
+    "scale not finite": (MAP.replace('unit = "rad"', 'unit = "rad"\nscale = nan'), "scale = nan is out of range", "expected a number"),
+    "scale as text": (MAP.replace('unit = "rad"', 'unit = "rad"\nscale = "two"'), "scale = 'two' is not a number", "expected a number"),
+    "negative wrap": (MAP.replace('unit = "rad"', 'unit = "rad"\nwrap = -5'), "wrap = -5 is out of range", "expected a number"),
+    "channels as a text": (MAP.replace('to = ["t"]', 'to = "t"'), "is not a list", "write it as"),
+    "columns as a table": ('name = "a"\n[column]\nname = "t"\n', "'column' must be a list of tables", "[[column]]"),
+    "a flag as a number": (MAP.replace('unit = "rad"', 'unit = "rad"\noptional = 1'), "neither true nor false", "write true or false"),
+    "unknown delimiter": (MAP + '[table]\ndelimiter = "&"\n', "delimiter = '&' is not known", "one of"),
+    "of another log": (MAP.replace("enc_fl_rad", "wheel_1"), "column 'wheel_1' is missing", ""),
+}  # fmt: skip
+
+
+def robot(old: str, new: str) -> str:
+    assert old in GRANITE
+    return GRANITE.replace(old, new, 1)
+
+
+def soil(old: str, new: str) -> str:
+    assert old in SAND
+    return SAND.replace(old, new, 1)
+
+
+ROBOTS: Cases = {
+    "empty": ("", "'name' is missing", "add name"),
+    "only a name": ('name = "a"\ntitle = "A"\n', "'wheels' is missing", "wheels"),
+    "not TOML": (robot("[wheels]", "[wheels"), "not valid TOML", "toml.io"),
+    "a decimal comma": (robot("radius_m = 0.0965", "radius_m = 0,0965"), "not valid TOML", "toml.io"),
+    "a duplicate key": (robot("radius_m = 0.0965", "radius_m = 0.0965\nradius_m = 0.1"), "not valid TOML", "toml.io"),
+    "binary": (b"\x00\xff" * 50, "is not UTF-8 text", "UTF-8"),
+    "UTF-16": (GRANITE.encode("utf-16"), "is not UTF-8 text", "UTF-8"),
+    "negative mass": (robot("body_mass_kg = 36.54", "body_mass_kg = -36.54"), "body_mass_kg = -36.54 is out of range", "from 0.1 to 2000 kg"),
+    "mass in grams": (robot("body_mass_kg = 36.54", "body_mass_kg = 36540"), "body_mass_kg = 36540 is out of range", "kg"),
+    "NaN": (robot("body_mass_kg = 36.54", "body_mass_kg = nan"), "body_mass_kg = nan is out of range", "kg"),
+    "infinite": (robot("body_mass_kg = 36.54", "body_mass_kg = inf"), "body_mass_kg = inf is out of range", "kg"),
+    "a text": (robot("body_mass_kg = 36.54", 'body_mass_kg = "36.54 kg"'), "is not a number", "kg"),
+    "a truth value": (robot("body_mass_kg = 36.54", "body_mass_kg = true"), "is not a number", "kg"),
+    "a date": (robot("body_mass_kg = 36.54", "body_mass_kg = 2026-01-01"), "is not a number", "kg"),
+    "a list": (robot("body_mass_kg = 36.54", "body_mass_kg = [36.54]"), "is not a number", "kg"),
+    "missing key": (robot("body_mass_kg = 36.54", ""), "'body_mass_kg' is missing", "add body_mass_kg"),
+    "no unit in the key": (robot("body_mass_kg", "body_mass"), "unknown key 'body_mass'", "did you mean 'body_mass_kg'?"),
+    "another unit in the key": (robot("radius_m = 0.0965", "radius_mm = 96.5"), "unknown key 'radius_mm'", "did you mean 'radius_m'?"),
+    "misspelt table": (robot("[chassis]", "[chasis]"), "unknown key 'chasis'", "did you mean 'chassis'?"),
+    "a table as a number": ('name = "a"\ntitle = "A"\nwheels = 3\n', "'wheels' must be a table", "[wheels]"),
+    "a radius of zero": (robot("radius_m = 0.0965", "radius_m = 0"), "radius_m = 0 is out of range", "m"),
+    "an efficiency in per cent": (robot("gear_efficiency = 0.8", "gear_efficiency = 80"), "gear_efficiency = 80 is out of range", "0.05 to 1"),
+    "an unknown IMU grade": (robot('grade = "industrial"', 'grade = "golden"'), "unknown IMU grade 'golden'", "industrial"),
+    "a number as a name": (robot('name = "granite"', "name = 7"), "name = 7 is not a text", "quotes"),
+}  # fmt: skip
+
+SOILS: Cases = {
+    "empty": ("", "'name' is missing", "add name"),
+    "not TOML": ("exponent: 1.1\n", "not valid TOML", "toml.io"),
+    "a robot": (GRANITE, "unknown key", ""),
+    "an angle in radians": (soil("friction_angle_deg = 30", "friction_angle_deg = 0.52"), "friction_angle_deg = 0.52 is out of range", "5 to 60 deg"),
+    "kilopascals": (soil("frictional_modulus_Pa_mn = 1", "frictional_modulus_Pa_mn = 0.0001 #"), "frictional_modulus_Pa_mn = 0.0001 is out of range", "Pa"),
+    "NaN": (soil("friction_angle_deg = 30", "friction_angle_deg = nan"), "friction_angle_deg = nan is out of range", "deg"),
+    "an exponent of zero": (soil("exponent = ", "exponent = 0 #"), "exponent = 0 is out of range", "0.1 to 3"),
+    "negative cohesion": (soil("cohesion_Pa = ", "cohesion_Pa = -1 #"), "cohesion_Pa = -1 is out of range", "Pa"),
+    "unknown key": (soil("cohesion_Pa", "cohesiom_Pa"), "unknown key 'cohesiom_Pa'", "did you mean"),
+}  # fmt: skip
+
+MODEL = """schema = "granite-lab/model/1"
+robot = "granite"
+soil = "dry_sand"
+[k92]
+law = "exponential"
+value = 4.9
+[[effect]]
+id = "drive_reaction"
+[effect.parameters]
+share = { value = 1.0, std = 0.1 }
+"""
+
+MODELS: Cases = {
+    "empty": ("", "schema = None is not a model's", "granite-lab/model/1"),
+    "a robot": (GRANITE, "unknown key", ""),
+    "not TOML": ("{}", "not valid TOML", "toml.io"),
+    "binary": (b"\x80\x04\x95pickle", "is not UTF-8 text", "UTF-8"),
+    "a later schema": (MODEL.replace("model/1", "model/9"), "schema = 'granite-lab/model/9'", "granite-lab/model/1"),
+    "no robot": (MODEL.replace('robot = "granite"\n', ""), "'robot' is missing", "add robot"),
+    "no soil": (MODEL.replace('soil = "dry_sand"\n', ""), "'soil' is missing", "add soil"),
+    "an unknown robot": (MODEL.replace('"granite"\n', '"granit"\n'), "unknown robot 'granit'", "granite"),
+    "a robot's file that is not there": (MODEL.replace('"granite"\n', '"mine.toml"\n'), "mine.toml: cannot be read", ""),
+    "no k92": (MODEL.replace('[k92]\nlaw = "exponential"\nvalue = 4.9\n', ""), "[k92] is missing", "add [k92]"),
+    "an unknown law": (MODEL.replace('"exponential"', '"cubic"'), "law = 'cubic' is not known", "exponential"),
+    "a law without a value": (MODEL.replace("value = 4.9\n", ""), "'value' is missing", "add value"),
+    "NaN": (MODEL.replace("value = 4.9", "value = nan"), "value = nan is out of range", "s/m"),
+    "a negative std": (MODEL.replace("std = 0.1", "std = -0.1"), "std = -0.1 is out of range", "from 0"),
+    "an unknown effect": (MODEL.replace('"drive_reaction"', '"drive_reactoin"'), "unknown effect 'drive_reactoin'", "did you mean 'drive_reaction'"),
+    "an unknown parameter": (MODEL.replace("share =", "shar ="), "unknown key 'shar'", "did you mean 'share'"),
+    "a size out of bounds": (MODEL.replace("value = 1.0", "value = 1000.0"), "value = 1000 is out of range", "expected"),
+    "a size as a bare number": (MODEL.replace("{ value = 1.0, std = 0.1 }", "1.0"), "must hold a table for each parameter", "value"),
+    "an effect twice": (MODEL + MODEL[MODEL.index("[[effect]]") :], "stands there twice", "keep one"),
+    "effects as a table": (MODEL.replace("[[effect]]", "[effect]").replace("[effect.parameters]", "[effect.p]"), "'effect' must be a list of tables", "[[effect]]"),
+    "an effect without an id": (MODEL.replace('id = "drive_reaction"\n', ""), "'id' is missing", "add id"),
+    "provenance as a text": (MODEL.replace("[k92]", 'provenance = "me"\n[k92]'), "'provenance' must be a table", "[provenance]"),
+}  # fmt: skip
+
+HOOK = '        return replace(load, x=load.x - own.p["force"])\n'
+assert HOOK in EXAMPLE
+
+EFFECTS: Cases = {
+    "empty": ("", "defines no effect", "subclass"),
+    "not Python": ("effect = (\n", ":1: not valid Python", "Python module"),
+    "NUL bytes": (b"a = 1\0\n", "not valid Python", "Python module"),
+    "not UTF-8": (b"a = '\xff\xfe'\n", "not valid Python", "Python module"),
+    "raises at once": ("raise RuntimeError('no \\n sand')\n", ":1: RuntimeError: no sand", "docs/effects.md"),
+    "ends the process": ("import sys\nsys.exit(0)\n", ":2: SystemExit: 0", "docs/effects.md"),
+    "imports what is not there": ("import granite_sand\n", ":1: ModuleNotFoundError", "docs/effects.md"),
+    "asserts": ("assert 1 == 2, 'sums'\n", ":1: AssertionError: sums", "docs/effects.md"),
+    "a hook that raises": (EXAMPLE.replace(HOOK, "        raise ValueError('wind')\n"), "ValueError: wind", "docs/effects.md"),
+    "a hook that returns nothing": (EXAMPLE.replace(HOOK, "        return None\n"), "AttributeError", "docs/effects.md"),
+    "a hook that divides by zero": (EXAMPLE.replace(HOOK, "        return replace(load, x=1 / 0)\n"), "ZeroDivisionError", "docs/effects.md"),
+    "a hook that makes NaN": (EXAMPLE.replace(HOOK, "        return replace(load, x=load.x * float('nan'))\n"), "do not give the paper's model", "neutral"),
+    "an unknown hook": (EXAMPLE.replace("def body_load", "def body_lod"), "'body_lod' is not a hook", "did you mean 'body_load'?"),
+    "an id of the library": (EXAMPLE.replace('"head_wind"', '"ground_slope"'), "belongs to an effect of the library", "another id"),
+    "an id with markup": (EXAMPLE.replace('"head_wind"', '"<script>"'), "the id is not usable", "small letters"),
+}  # fmt: skip
+
+
+def written(folder: Path, name: str, content: str | bytes) -> Path:
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_a_broken_column_map(name: str, tmp_path: Path) -> None:
+    content, error, hint = MAPS[name]
+    log = written(tmp_path, "trial.csv", LOG)
+    path = written(tmp_path, "map.toml", content)
+    done = lab("ingest", log, "--map", path, "--out", tmp_path / "out", "--jobs", 1)
+    refused(done, 3, error, hint)
+    assert str(tmp_path) in done.error
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_broken_robot(name: str, tmp_path: Path) -> None:
+    content, error, hint = ROBOTS[name]
+    path = written(tmp_path, "robot.toml", content)
+    code = 2 if "grade" in name else 3
+    for command in (("params",), ("simulate", "--variant", "0.5", "--out", tmp_path / "run.csv")):
+        refused(lab(*command, "--robot", path), code, error, hint)
+    assert not (tmp_path / "run.csv").exists()
+
+
+@pytest.mark.parametrize("name", SOILS)
+def test_a_broken_soil(name: str, tmp_path: Path) -> None:
+    content, error, hint = SOILS[name]
+    path = written(tmp_path, "soil.toml", content)
+    done = lab("simulate", "--variant", "0.5", "--soil", path, "--out", tmp_path / "run.csv")
+    refused(done, 3, error, hint)
+    assert str(path) in done.error
+    assert not (tmp_path / "run.csv").exists()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_broken_model(name: str, tmp_path: Path) -> None:
+    content, error, hint = MODELS[name]
+    path = written(tmp_path, "model.toml", content)
+    done = lab("simulate", "--variant", "0.5", "--model", path, "--out", tmp_path / "run.csv")
+    refused(done, 3, error, hint)
+    assert str(path) in done.error
+    assert not (tmp_path / "run.csv").exists()
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_broken_effect_file(name: str, tmp_path: Path) -> None:
+    content, error, hint = EFFECTS[name]
+    path = written(tmp_path, "mine.py", content)
+    done = lab("effects", "--effects", path)
+    refused(done, 3, error, hint)
+    assert str(path) in done.error
+
+
+def test_the_files_that_the_cases_start_from_are_good(tmp_path: Path) -> None:
+    log, own = written(tmp_path, "trial.csv", LOG), written(tmp_path, "map.toml", MAP)
+    assert lab("inspect", log, "--map", own).code == 0
+    for text, option in ((GRANITE, "--robot"), (SAND, "--soil")):
+        assert lab("params", option, written(tmp_path, f"x{option}.toml", text)).code == 0
+    model = written(tmp_path, "model.toml", MODEL)
+    assert lab("simulate", "--variant", "0.5", "--model", model, "--out", tmp_path / "run.csv").code == 0
+    assert lab("effects", "--effects", written(tmp_path, "mine.py", EXAMPLE)).code == 0
