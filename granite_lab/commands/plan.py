@@ -78,7 +78,7 @@ def plan(
     if as_json:
         print_json(_document(found, design))
     else:
-        _show(found, design, most, console())
+        show_plan(found, design, most, console())
 
 
 def _document(plan: Plan, design: Design) -> dict[str, Any]:
@@ -133,7 +133,7 @@ def _sharpened(plan: Plan) -> list[str]:
 HEADING = {"apart": "told\napart", "show": "shown", "sharpen": "std"}
 
 
-def _show(plan: Plan, design: Design, most: int, shown: Console) -> None:
+def show_plan(plan: Plan, design: Design, most: int, shown: Console) -> None:
     """Print a plan so that it fits 80 columns."""
     from granite_lab.discovery.plan_words import IN_WORDS, WHEN, how, trial_words, why
     from granite_lab.reporting.grid import grid, row_of, say
@@ -142,14 +142,16 @@ def _show(plan: Plan, design: Design, most: int, shown: Console) -> None:
     say(shown, plan.question.words + (" (virtual data)" if design.virtual else ""), "bold")
     count = sum(d.count for d in design.driven)
     say(shown, _now(plan, count))
-    table = grid("", "next trial", HEADING[kind], "evidence", "because", words=(1, 4))
+    gains = kind != "sharpen"
+    heads = ("", "next trial", HEADING[kind], *(["evidence"] if gains else []), "because")
+    table = grid(*heads, words=(1, len(heads) - 1))
     for k, p in enumerate(plan.proposals[:most], 1):
         table.add_row(
             *row_of(
                 str(k),
                 trial_words(p.option.variant, p.option.conditions),
                 _chance(plan, p.after),
-                _gain(plan, p),
+                *([_gain(plan, p)] if gains else []),
                 why(design, p.option.variant, p.option.conditions, repeats=p.option.repeats),
             )
         )
@@ -158,9 +160,10 @@ def _show(plan: Plan, design: Design, most: int, shown: Console) -> None:
         best = plan.proposals[0]
         say(shown, f"First choice: {how(best.option.conditions)}.")
         if best.channel:
-            say(shown, f"There they part most in {IN_WORDS[best.channel]} {WHEN[best.phase]}.")
-    if kind != "sharpen":
-        say(shown, "evidence: expected drop of χ² in favour of the true one, beyond what is known now")
+            most_seen = "they part" if kind == "apart" else "it shows"
+            say(shown, f"There {most_seen} most in {IN_WORDS[best.channel]} {WHEN[best.phase]}.")
+    if gains:
+        say(shown, "evidence: expected drop of χ² in favour of the true one, whichever it is, beyond now")
     for line in plan.left_out:
         say(shown, f"left out: {line}")
 
@@ -172,7 +175,7 @@ def _now(plan: Plan, count: int) -> str:
         return f"With {trials} {' and '.join(names)} are told apart with a probability of {now}."
     if plan.question.kind == "show":
         sizes = "; ".join(_values(plan, k) for k in range(1, len(names)))
-        return f"With {trials} an effect just too weak ({sizes}) is shown with a probability of {now}."
+        return f"With {trials} an effect just too weak to be named ({sizes}) is shown with a probability of {now}."
     return f"{names[0]} is named and alone; with {trials} its std is {now}."
 
 
@@ -206,7 +209,5 @@ def _chance(plan: Plan, outlook: Outlook) -> str:
 
 
 def _gain(plan: Plan, proposal: Proposal) -> str:
-    if plan.question.kind == "sharpen":
-        return "–"
     gain = proposal.after.evidence - plan.now.evidence
     return f"+{gain:.0f}" if gain >= 9.5 else f"+{max(gain, 0.0):.1f}"

@@ -37,7 +37,8 @@ class Outlook:
     Attributes:
         chance: that the false explanation is ruled out, or that the effect is shown; mean over what
             may be true. NaN where a number is to be sharpened.
-        evidence: expected chi2 by which the false explanation loses, mean.
+        evidence: expected chi2 by which the false explanation loses, whichever is the true one: the
+            smallest of all pairs.
         std: of the named effect's strengths, by parameter, where they are to be sharpened.
     """
 
@@ -214,20 +215,18 @@ def outlook(question: Question, rivals: tuple[Rival, ...], pieces: list[Piece]) 
         pairs = [(k, 0) for k in range(1, len(rivals))]
     else:
         pairs = [(a, b) for a in range(len(rivals)) for b in range(len(rivals)) if a != b]
-    chances, losses, strongest_signal = [], [], np.zeros(last.shape[0])
+    chances, least, signal = [], np.inf, np.zeros(last.shape[0])
     for true, false in pairs:
         loss, amounts = difference(n, rivals, gram, true, false)
-        losses.append(loss)
         if question.kind == "show":
             chances.append(float(norm.cdf(np.sqrt(loss) - np.sqrt(question.threshold))))
         else:
             here = places(rivals)[true][0]
             need = TWIN + MISMATCH * float(gram[here, here])
             chances.append(decided(loss, need))
-        signal = last @ amounts
-        if signal @ signal >= strongest_signal @ strongest_signal:
-            strongest_signal = signal
-    return Outlook(float(np.mean(chances)), float(np.mean(losses))), strongest_signal
+        if loss < least:
+            least, signal = loss, last @ amounts
+    return Outlook(float(np.mean(chances)), float(least)), signal
 
 
 def decided(loss: float, need: float) -> float:

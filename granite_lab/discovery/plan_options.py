@@ -11,7 +11,7 @@ from granite_lab.discovery.plan_design import Design, Driven
 from granite_lab.model.command import duration, peak_velocity
 from granite_lab.parameters import Variant
 
-ACCELERATIONS = (0.6, 1.2, 2.4, 4.8)
+ACCELERATIONS = (0.6, 2.4, 4.8)
 """Of the proposed commands [m/s^2]."""
 
 FASTER = 1.25
