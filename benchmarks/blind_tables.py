@@ -44,8 +44,8 @@ def report(lines: Sequence[Line], *, every: bool = False) -> str:
     cpu = [sum((line.get("cpu") or {}).values()) for line in kept]
     codes = ", ".join(sorted({f"{line.get('code')}" for line in kept}))
     words += [
-        f"{len(kept)} sets, code {codes}, last commit {kept[-1].get('commit')}"
-        + (f"; {older} sets of older code are left out (`--all` shows them)" if older else "")
+        f"{_sets(len(kept))}, code {codes}, last commit {kept[-1].get('commit')}"
+        + (f"; {_sets(older)} of older code left out (`--all` shows them)" if older else "")
         + f". A set takes {np.median(cpu):.0f} s of one core (median).",
         "Strengths are multiples of the smallest size that the tool itself says it can detect in twelve such",
         "trials (`benchmarks/results/detectable.json`). Intervals are 95 % Wilson intervals.",
@@ -56,16 +56,16 @@ def report(lines: Sequence[Line], *, every: bool = False) -> str:
     ]
     for name, value, aim, met in headline(kept):
         words.append(f"| {name} | {f'**{value}**' if met is False else value} | {aim} |")
-    words += [
-        "",
-        *_nulls(kept),
-        *_outcomes(kept),
-        *_effects(kept),
-        *_gaps(kept),
-        *_outside(kept),
-        *_parameters(kept),
-    ]
+    words.append("")
+    for section in (_nulls, _outcomes, _effects, _gaps, _outside, _parameters):
+        rows = section(kept)
+        # a table that ends with its rule has no rows
+        words += [] if rows[-2].startswith("|---") else rows
     return "\n".join([*words, *missed(kept), ""])
+
+
+def _sets(count: int) -> str:
+    return f"{count} set" if count == 1 else f"{count} sets"
 
 
 def _nulls(lines: Sequence[Line]) -> list[str]:
