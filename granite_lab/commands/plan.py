@@ -175,7 +175,8 @@ def _now(plan: Plan, count: int) -> str:
         return f"With {trials} {' and '.join(names)} are told apart with a probability of {now}."
     if plan.question.kind == "show":
         sizes = "; ".join(_values(plan, k) for k in range(1, len(names)))
-        return f"With {trials} an effect just too weak to be named ({sizes}) is shown with a probability of {now}."
+        weak = f"an effect just too weak to be named ({sizes})"
+        return f"With {trials} {weak} is shown with a probability of {now}."
     return f"{names[0]} is named and alone; with {trials} its std is {now}."
 
 
