@@ -117,7 +117,10 @@ def run(
             answer = open_answer(place)
             line |= result_of(document, answer, score(answer, document)) | {"status": "judged"}
         except LabError as error:
-            line |= {"status": "refused", "error": f"{error.message} ({error.hint})"}
+            line |= {
+                "status": "refused" if "make" in cpu else "not made",
+                "error": f"{error.message} ({error.hint})",
+            }
         except Exception:  # a crash is a result, too
             line["error"] = traceback.format_exc(limit=-6)
     return line

@@ -28,8 +28,9 @@ def report(lines: Sequence[Line], *, every: bool = False) -> str:
         lines: of the results file, in its order.
         every: results of older code, too.
     """
-    kept = list(lines) if every else newest(lines)
-    older = len(lines) - len(kept)
+    made = [line for line in lines if line["status"] != "not made"]
+    kept = made if every else newest(made)
+    older = len(made) - len(kept)
     words = [
         "# Blind benchmark of `discover`",
         "",

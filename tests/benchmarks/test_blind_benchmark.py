@@ -216,3 +216,8 @@ def test_the_page_shows_the_newest_code_and_tells_of_the_rest() -> None:
 
 def test_the_page_of_no_results_says_so() -> None:
     assert "No set has been judged yet" in report([])
+
+
+def test_a_set_in_which_no_robot_could_drive_does_not_count() -> None:
+    page = report([line(), line(status="not made", right=None, outcome=None)])
+    assert "1 set, code new" in page
