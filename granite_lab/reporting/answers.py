@@ -21,7 +21,8 @@ def lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
     robots = _names([r.comparison.run.robot.title.split(",")[0] for r in result.trials])
     soils = _names([_lower(r.comparison.run.soil.title) for r in result.trials])
     counts = {len(s.results) for s in speeds}
-    each = f", {counts.pop()} trials each" if len(counts) == 1 and len(speeds) > 1 else ""
+    n = counts.pop() if len(counts) == 1 and len(speeds) > 1 else 0
+    each = "" if n == 0 else ", one trial each" if n == 1 else f", {n} trials each"
     velocities = _and([f"{s.velocity:g}" for s in speeds])
     left_out = f" {_plural(len(result.failures), 'more trial')} could not be used." if result.failures else ""
     return (
