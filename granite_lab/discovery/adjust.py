@@ -1,12 +1,13 @@
-"""Gauss-Newton over all trials: the model with its nuisances, and with effects where some are given."""
+"""Least squares over all trials: the model with its nuisances, and with effects where some are given."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.discovery.arrow import step
+from granite_lab.discovery.arrow import Block, step
 from granite_lab.discovery.bench import SAND
 from granite_lab.discovery.point import Fit, Point, Slopes
 from granite_lab.discovery.problem import Problem
@@ -20,6 +21,11 @@ TOLERANCE, RELATIVE = 0.3, 0.003
 GIVE_UP = 0.1
 """A step that covers less than this share of the way to the goal ends a fit."""
 
+TRUSTED, GOOD = 0.6, 0.85
+"""Shares of the promised drop above which the derivatives are kept, and the damping falls."""
+
+UNDAMPED, MOST_DAMPED = 1e-3, 1e4
+
 
 def fit(
     problem: Problem,
@@ -27,27 +33,30 @@ def fit(
     *,
     slopes: Slopes | None = None,
     rounds: int = 8,
-    renew: int = 1,
+    renew: int = 2,
     goal: float = np.inf,
+    fine: bool = True,
 ) -> Fit:
-    """Iterate to convergence.
+    """Iterate to convergence, by Levenberg and Marquardt.
 
-    The derivatives are computed at the start and `renew` times on the way; in between they are
-    kept (chord method), while the residuals come from simulations of every trial.
+    The derivatives cost as much as three steps, so they are kept while steps bring what they promise; the
+    residuals come from simulations of every trial. Sand has corners, where the smaller of two laws limits
+    the shear stress, and beyond a corner old derivatives mislead.
 
     Args:
         problem: the trials, with the noise.
         start: where to begin.
         slopes: derivatives at the start, if they are known.
         rounds: most steps.
-        renew: how often the derivatives are computed anew.
+        renew: how often the derivatives may be computed anew.
+        fine: near the solution; new derivatives are taken over small steps.
         goal: chi2 that makes the fit interesting; one that no longer approaches it is given up.
 
     Raises:
         EstimateError: the simulation fails at the start.
     """
     point = start
-    slopes = slopes or slopes_at(problem, point)
+    slopes = slopes or slopes_at(problem, point, fine=fine)
     residuals = problem.residuals(point)
     if residuals is None:
         raise EstimateError("the simulation does not converge at the start of a fit", "check the files")
@@ -56,39 +65,49 @@ def fit(
     chi2 = problem.chi2(white, point)
     prior, low, high = problem.bounds(point)
     centre = problem.centres(point)
-    damping, converged = 0.0, False
+    damping, converged, fresh = 0.0, False, True
     count = sum(int(w.known.sum()) for own in problem.whiteners for w in own)
     for _ in range(rounds):
-        shared = np.concatenate([point.sand, point.common])
-        move = step(blocks, list(white), list(point.trials), shared, (prior, centre), (low, high), damping)
-        trial_point = _moved(problem, point, move.shared, move.local, low, high)
-        new = problem.residuals(trial_point)
-        new_white = problem.white(new) if new is not None else None
-        new_chi2 = problem.chi2(new_white, trial_point) if new_white is not None else np.inf
         # far from noise the last digits do not matter
         tolerance = max(TOLERANCE, RELATIVE * (chi2 - count))
-        if new_chi2 > chi2 + TOLERANCE:
-            damping = max(10 * damping, 0.3)
-            if damping > 1e4:
+        shared = np.concatenate([point.sand, point.common])
+        move = step(blocks, list(white), list(point.trials), shared, (prior, centre), (low, high), damping)
+        aim = _moved(problem, point, move.shared, move.local, low, high)
+        promised = chi2 - problem.chi2(_promised(blocks, white, point, aim), aim)
+        if promised < tolerance and damping < 1:
+            converged = fresh or renew <= 0
+            if converged:
                 break
-            if renew > 0:
-                slopes = slopes_at(problem, point)
-                blocks, renew = blocks_at(problem, point, slopes), renew - 1
+            slopes, fresh, renew = slopes_at(problem, point, fine=fine), True, renew - 1
+            blocks = blocks_at(problem, point, slopes)
             continue
-        drop = chi2 - new_chi2
-        point, white, chi2 = trial_point, new_white or white, min(new_chi2, chi2)
-        assert new is not None
-        residuals = new
-        damping = 0.0 if damping < 0.1 else damping / 10
-        if drop < GIVE_UP * (chi2 - goal):
-            break
-        if abs(drop) < tolerance:
-            if renew <= 0:
-                converged = True
+        new = problem.residuals(aim)
+        new_white = problem.white(new) if new is not None else None
+        drop = chi2 - problem.chi2(new_white, aim) if new_white is not None else -np.inf
+        kept = drop / promised if promised > 0 else -1.0
+        if new is not None and new_white is not None and drop > 0:
+            point, residuals, white, chi2, fresh = aim, new, new_white, chi2 - drop, False
+            damping = damping / 10 if kept > GOOD else damping
+            damping = 0.0 if damping < UNDAMPED else damping
+            if drop < GIVE_UP * (chi2 - goal):
                 break
-            slopes = slopes_at(problem, point)
-            blocks, renew = blocks_at(problem, point, slopes), renew - 1
+        elif fresh or renew <= 0:
+            damping = max(10 * damping, 0.1)
+            if damping > MOST_DAMPED:
+                break
+        if kept < TRUSTED and not fresh and renew > 0:
+            slopes, fresh, renew = slopes_at(problem, point, fine=fine), True, renew - 1
+            blocks = blocks_at(problem, point, slopes)
     return Fit(point, residuals, chi2, blocks, slopes, converged, white)
+
+
+def _promised(blocks: list[Block], white: Sequence[Array], point: Point, aim: Point) -> list[Array]:
+    """Return the whitened residuals that the derivatives promise at another point."""
+    shared = np.concatenate([aim.sand - point.sand, aim.common - point.common])
+    return [
+        w - b.local @ (new - old) - b.shared @ shared
+        for b, w, old, new in zip(blocks, white, point.trials, aim.trials, strict=True)
+    ]
 
 
 def _moved(

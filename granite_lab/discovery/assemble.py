@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granite_lab.discovery.baseline import by_command, pure_error
+from granite_lab.discovery.baseline import by_command, noise_floor, pure_error
 from granite_lab.discovery.bench import PER_TRIAL, SAND
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import (
@@ -54,14 +54,19 @@ def assemble(
     speeds = [t.variant for t in problem.trials]
     many = len(each) > 1
     predicted = [held_out(problem, f, each).white if many else f.white for f in (before, after)]
-    floor = pure_error(problem, after.white)
-    gaps = _gaps(problem, [before.white, after.white, floor], [*predicted, floor])
+    floors = [
+        [np.sqrt(share) * e for e in noise_floor(problem, pure_error(problem, after.white))]
+        for share in _left_by_fits(problem, after)
+    ]
+    gaps = _gaps(problem, [before.white, after.white, floors[0]], [*predicted, floors[1]])
     found = effects_of(problem, after, choice, threshold)
+    # so that noise alone gives one for each number that was measured
+    unit = sum(float(e @ e) for e in floors[1]) / _count(problem)
     losses: list[tuple[float, float, float]] = []
     if len(set(speeds)) > 1:
         other = [held_out(problem, f, speeds).white for f in (before, after)]
         for own in by_command(problem):
-            sums = [float(sum(w[i] @ w[i] for i in own)) for w in other]
+            sums = [float(sum(w[i] @ w[i] for i in own)) / unit for w in other]
             losses.append((problem.trials[own[0]].observation.variant.velocity, sums[0], sums[1]))
     return Finding(
         verdict=judgement.verdict,
@@ -87,7 +92,7 @@ def assemble(
         sand_per_trial=tuple(_sand_of(problem, after, i) for i in each),
         losses=tuple(losses),
         trial_losses=tuple(
-            (t.observation.name, float(a @ a), float(b @ b))
+            (t.observation.name, float(a @ a) / unit, float(b @ b) / unit)
             for t, a, b in zip(problem.trials, *predicted, strict=True)
             if many
         ),
@@ -107,6 +112,20 @@ def _under_present_noise(problem: Problem, fit: Fit) -> Fit:
     return Fit(
         fit.point, fit.residuals, problem.chi2(white, fit.point), blocks, fit.slopes, fit.converged, white
     )
+
+
+def _count(problem: Problem) -> int:
+    """Return how many numbers were measured."""
+    return sum(int(w.known.sum()) for own in problem.whiteners for w in own)
+
+
+def _left_by_fits(problem: Problem, fit: Fit) -> tuple[float, float]:
+    """Return the share of the noise's energy that all fitted numbers leave, and that a trial's own leave."""
+    count = _count(problem)
+    own = sum(float(np.trace(b.solve(b.local.T @ b.local))) for b in fit.blocks)
+    precision = problem.bounds(fit.point)[0]
+    shared = precision.size - float(precision @ np.diag(covariance(problem, fit)))
+    return 1 - (own + shared) / count, 1 - own / count
 
 
 def _gaps(problem: Problem, train: Sequence[Sequence[Array]], held: Sequence[Sequence[Array]]) -> list[Gap]:
@@ -130,7 +149,9 @@ def _gaps(problem: Problem, train: Sequence[Sequence[Array]], held: Sequence[Seq
         own = [v for (c, p), v in cells.items() if channel in ("all", c) and name in ("all", p)]
         total = np.sum(own, axis=0) if own else np.zeros(len(train) + len(held) + 1)
         rms = np.sqrt(total[:-1] / total[-1]) if total[-1] > 0 else np.full(total.size - 1, np.nan)
-        a, b = rms[: len(train)].tolist(), rms[len(train) :].tolist()
+        a, b = (
+            (part / part[-1] if part[-1] > 0 else np.full(3, np.nan)).tolist() for part in np.split(rms, 2)
+        )
         found.append(Gap(channel, name, (a[0], a[1], a[2]), (b[0], b[1], b[2])))
     return found
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.bench import SAND
-from granite_lab.discovery.noise import FAST, learn, white
+from granite_lab.discovery.noise import FAST, LEARNT, learn, white
 from granite_lab.discovery.point import Fit
 from granite_lab.discovery.problem import Problem
 from granite_lab.logs.trial import Array
@@ -91,7 +91,7 @@ def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> 
 def from_weak_sand(problem: Problem, fit: Fit) -> Fit:
     """Try the second start under the noise as it stands; return the better fit."""
     sand = np.array([WEAK_SAND.get(name, 0.0) for name in SAND])
-    other = adjust(problem, replace(problem.neutral(), sand=sand), rounds=10, renew=2)
+    other = adjust(problem, replace(problem.neutral(), sand=sand), rounds=10, renew=2, fine=False)
     return other if other.chi2 < fit.chi2 else fit
 
 
@@ -112,11 +112,11 @@ def baseline(problem: Problem, tick: Callable[[], None] = lambda: None) -> Fit:
         EstimateError: the simulation fails.
     """
     begin(problem)
-    fit = adjust(problem, problem.neutral(), rounds=6, renew=1)
+    fit = adjust(problem, problem.neutral(), rounds=8, renew=2, fine=False)
     for _ in range(ROUNDS):
         tick()
         learn_noise(problem, fit.residuals)
-        fit = adjust(problem, fit.point, slopes=fit.slopes, renew=1)
+        fit = adjust(problem, fit.point, slopes=fit.slopes, rounds=10, renew=4)
     return fit
 
 
@@ -141,4 +141,29 @@ def pure_error(problem: Problem, white_residuals: Sequence[Array]) -> list[Array
                 if result[i] is white_residuals[i]:
                     result[i] = white_residuals[i].copy()
                 result[i][rows[i]] = factor * (white_residuals[i][rows[i]] - mean)
+    return result
+
+
+def noise_floor(problem: Problem, error: Sequence[Array]) -> list[Array]:
+    """Return the pure error, scaled to what noise alone is expected to leave.
+
+    The noise was learnt from that very error, which makes it look smaller than the next sample of it, and
+    the mean over the repetitions, which took no part, larger: with κ numbers learnt per number seen,
+    shares of (R − 1)/R and 1/R of the residual are off by −κ and +κ.
+
+    Args:
+        problem: for the layout.
+        error: (m,) per trial from `pure_error`.
+    """
+    result = [np.asarray(e).copy() for e in error]
+    for own in by_command(problem):
+        for c in channels_of(problem, own):
+            having = [i for i in own if c in problem.trials[i].channels]
+            if len(having) < 2:
+                continue
+            for i in having:
+                k = problem.trials[i].channels.index(c)
+                seen = int(problem.whiteners[i][k].known.sum()) * (len(having) - 1)
+                n = problem.trials[i].observation.bins
+                result[i][k * n : (k + 1) * n] *= np.sqrt(1 + 2 * LEARNT / max(seen, LEARNT) / len(having))
     return result

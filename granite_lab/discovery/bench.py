@@ -31,7 +31,8 @@ SAND = (
 PER_TRIAL = 3
 """The first of `SAND` change with the raking from trial to trial."""
 
-ACCURACY = Accuracy(relative=1e-6, absolute=1e-8, step=0.0025)
+ACCURACY = Accuracy(relative=1e-5, absolute=1e-7, step=0.0025)
+"""Errors of at most 3e-4 m/s^2, 5e-6 rad/s, 1e-5 rad and 3e-4 A: a tenth of the floor of the noise."""
 
 KEPT = 200
 """How many runs are remembered, of about 200 kB each."""
@@ -74,7 +75,7 @@ class World:
                 active.append(
                     activate(effect, {q.name: v for q, v in zip(effect.parameters, values, strict=True)})
                 )
-            signals = integrate(p, active, ACCURACY)
+            signals = integrate(p, active, ACCURACY, SIGNALS)
         except (EstimateError, InputError):
             return None
         return np.stack([signals[name] for name in SIGNALS])

@@ -93,12 +93,12 @@ class Detectable:
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean square of whitened residuals; 1 is noise.
+    """Root mean square of whitened residuals over that of the noise.
 
     Attributes:
         channel: or "all".
         phase: or "all".
-        train: before, after, floor, with all trials in the fit.
+        train: before, after, and 1 for the noise, with all trials in the fit.
         held_out: the same, each trial predicted by the fit to the others.
     """
 

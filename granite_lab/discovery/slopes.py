@@ -10,22 +10,27 @@ from granite_lab.discovery.point import Point, Slopes
 from granite_lab.discovery.problem import Problem, as_values
 from granite_lab.errors import EstimateError
 
-_SAND_STEP = (0.01, 0.01, -0.15, 0.01, -0.06, 0.01, 0.03)
+_COARSE_STEP = (0.01, 0.01, -0.15, 0.01, -0.06, 0.01, 0.03)
+_FINE_STEP = (0.01, 0.01, -0.03, 0.01, -0.01, 0.01, 0.005)
 """Steps of the differences by `SAND`. The smaller of two laws limits the shear stress, (10), and in the
 sand of the file it is friction on the tyre everywhere; only a step of a few percent in cohesion and
-angle of friction shows what the other law would do."""
+angle of friction shows what the other law would do. Near the solution both laws rule in places, and
+only small steps tell what each of them does there."""
 
 _EFFECT_STEP = 0.02
 """Step of a difference by an effect's parameter, as a share of its prior range."""
 
 
-def slopes_at(problem: Problem, point: Point, *, sand_from: Slopes | None = None) -> Slopes:
+def slopes_at(
+    problem: Problem, point: Point, *, sand_from: Slopes | None = None, fine: bool = False
+) -> Slopes:
     """Differentiate the responses, one command at a time, at the mean sand of its trials.
 
     Args:
         problem: the trials.
         point: where.
         sand_from: slopes whose derivatives by the sand are good enough to be kept.
+        fine: small steps, for a point near the solution.
 
     Raises:
         EstimateError: a simulation fails.
@@ -33,6 +38,7 @@ def slopes_at(problem: Problem, point: Point, *, sand_from: Slopes | None = None
     shared, private = problem.effect_parameters(point.effects)
     tasks: list[Task] = []
     steps: list[float] = []
+    apart_by = _FINE_STEP if fine else _COARSE_STEP
     extra = {v: problem.extra(point, v) for v in problem.variants}
     for v in problem.variants:
         centre = problem.centre(point, v)
@@ -41,9 +47,9 @@ def slopes_at(problem: Problem, point: Point, *, sand_from: Slopes | None = None
         if sand_from is None:
             for k in range(len(SAND)):
                 moved = np.array(centre.sand)
-                moved[k] += _SAND_STEP[k]
+                moved[k] += apart_by[k]
                 tasks.append(Task(v, as_values(moved), centre.setting))
-                steps.append(_SAND_STEP[k])
+                steps.append(apart_by[k])
         for k, p in enumerate([*shared, *private]):
             values = np.concatenate([point.common, extra[v]])
             h = _EFFECT_STEP * (p.prior_high - p.prior_low)

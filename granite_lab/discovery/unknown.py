@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.discovery.baseline import pure_error
+from granite_lab.discovery.baseline import noise_floor, pure_error
 from granite_lab.discovery.empirical import EmpiricalLaw, amounts, sparse
 from granite_lab.discovery.finding import Verdict
 from granite_lab.discovery.lackfit import largest_score, null_threshold
@@ -72,7 +72,7 @@ def judge(
     threshold = max(LEAST, null_threshold(problem, error, rng, level=level) + MARGIN)
     before = largest_score(problem, problem.white(base.residuals))
     after = largest_score(problem, choice.fit.white)
-    noise = sum(float(e @ e) for e in error)
+    noise = sum(float(e @ e) for e in noise_floor(problem, error))
     first, last = misfit(problem, base, noise), misfit(problem, choice.fit, noise)
     closed = 1 - last / first if choice.effects and first > 0 else float("nan")
     if after <= threshold:

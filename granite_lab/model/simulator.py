@@ -91,10 +91,10 @@ def _integrator(effects: tuple[Effect, ...], samples: int, accuracy: Accuracy) -
     )
 
 
-@lru_cache(maxsize=64)
-def _outputs(effects: tuple[Effect, ...]) -> ColumnFunction:
+@lru_cache(maxsize=128)
+def _outputs(effects: tuple[Effect, ...], names: tuple[str, ...]) -> ColumnFunction:
     graph = build_graph(effects)
-    return ColumnFunction([graph.t, graph.x, graph.p], ca.vertcat(*graph.outputs.values()))
+    return ColumnFunction([graph.t, graph.x, graph.p], ca.vertcat(*(graph.outputs[name] for name in names)))
 
 
 def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
@@ -133,9 +133,18 @@ def _vector(p: ModelParameters, effects: Sequence[Active]) -> list[float]:
 
 
 def integrate(
-    p: ModelParameters, effects: Sequence[Active] = (), accuracy: Accuracy = Accuracy()
+    p: ModelParameters,
+    effects: Sequence[Active] = (),
+    accuracy: Accuracy = Accuracy(),
+    names: tuple[str, ...] | None = None,
 ) -> dict[str, Array]:
     """Integrate the model from rest, through the command, to rest.
+
+    Args:
+        p: all numbers.
+        effects: effects added to the paper's model.
+        accuracy: tolerances and output grid.
+        names: which outputs of the graph are wanted; by default all.
 
     Returns:
         name to (N,) array, the outputs of the graph; the first is ``t_s`` [s after command start].
@@ -153,10 +162,11 @@ def integrate(
         raise not_converged(error) from None
     t: Array = -SETTLE + accuracy.step * np.arange(samples, dtype=np.float64)
     history = np.column_stack([start, states])
-    table = _outputs(chosen)(t[None], history, np.array(vector), samples=samples)
+    wanted = names or tuple(build_graph(chosen).outputs)
+    table = _outputs(chosen, wanted)(t[None], history, np.array(vector), samples=samples)
     if not np.isfinite(table).all():
         raise EstimateError("the simulation left the range of numbers", "check the parameters")
-    signals = dict(zip(build_graph(chosen).outputs, table, strict=True))
+    signals = dict(zip(wanted, table, strict=True))
     return {"t_s": t} | _delayed(t, signals, chosen, vector)
 
 
@@ -178,7 +188,7 @@ def _delayed(
     late = {
         name: CubicSpline(t, signals[name])(np.clip(t - lag, t[0], t[-1]))
         for name, lag in zip(delays, _lags(effects)(vector).full()[:, 0], strict=True)
-        if lag != 0
+        if lag != 0 and name in signals
     }
     return signals | late
 
