@@ -110,6 +110,7 @@ def _document(plan: Plan, design: Design) -> dict[str, Any]:
                 "phase": p.phase or None,
                 "why": why(design, p.option.variant, p.option.conditions, repeats=p.option.repeats),
                 "how": how(p.option.conditions),
+                "log_lines": p.option.conditions.lines,
             }
             for p in plan.proposals
         ],
@@ -159,6 +160,9 @@ def show_plan(plan: Plan, design: Design, most: int, shown: Console) -> None:
     if plan.proposals:
         best = plan.proposals[0]
         say(shown, f"First choice: {how(best.option.conditions)}.")
+        if best.option.conditions.lines:
+            lines = ", ".join(f"'{line}'" for line in best.option.conditions.lines)
+            say(shown, f"Write {lines} into its log, so that discover knows.")
         if best.channel:
             most_seen = "they part" if kind == "apart" else "it shows"
             say(shown, f"There {most_seen} most in {IN_WORDS[best.channel]} {WHEN[best.phase]}.")

@@ -13,6 +13,7 @@ from granite_lab.discovery.chance import null_maximum
 from granite_lab.discovery.detect import detectability
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import Finding
+from granite_lab.discovery.plan_conditions import under_conditions
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.screen import scores
 from granite_lab.discovery.select import search
@@ -66,6 +67,7 @@ def discover(
     models, variants = trial_models(trials, robot, motions)
     candidates = dict(sorted(effects.items()))
     world = World(robot, soil, variants, candidates | {EmpiricalLaw.id: EmpiricalLaw()})
+    world = under_conditions(world, trials, models)
     stage = ["fitting the model"]
 
     def tell(text: str) -> None:

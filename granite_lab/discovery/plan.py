@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import norm
 
 from granite_lab.discovery.bench import Bench
-from granite_lab.discovery.plan_conditions import Conditions, OnABlock, StagedWorld
+from granite_lab.discovery.plan_conditions import OnABlock, StagedWorld
 from granite_lab.discovery.plan_design import Design, Driven
 from granite_lab.discovery.plan_options import LEFT_OUT, Option, options
 from granite_lab.discovery.plan_pieces import Piece, Rival, Table, difference, places, stand_in, together
@@ -110,7 +110,7 @@ def plan_next(
     chosen = options(design, ids, room=room, max_speed=max_speed)
     n = len(design.driven)
     variants = (*(d.variant for d in design.driven), *(o.variant for o in chosen))
-    under = (*(Conditions() for _ in design.driven), *(o.conditions for o in chosen))
+    under = (*(d.conditions for d in design.driven), *(o.conditions for o in chosen))
     effects = library() | {s.effect.id: s.effect for s in (*question.suspects, *question.others)}
     world = StagedWorld(
         design.robot, design.soil, variants, effects | {OnABlock.id: OnABlock()}, conditions=under
@@ -125,7 +125,7 @@ def plan_next(
         proposals, failed = [], 0
         for k, option in enumerate(chosen):
             progress(k, len(chosen))
-            same = next((j for j, d in driven if option.repeats and d.variant == option.variant), n + k)
+            same = next((j for j, d in driven if option.repeats and d is option.like), n + k)
             try:
                 new = table.piece(same, option.like, rivals)
             except EstimateError:

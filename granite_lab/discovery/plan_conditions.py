@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from granite_lab.discovery.bench import Task, World
-from granite_lab.logs.trial import Array
+from granite_lab.discovery.nuisance import TrialModel
+from granite_lab.effects.library import get
+from granite_lab.errors import InputError
+from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.body import BodyLoad, BodyState
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
 from granite_lab.model.effect import Axle, Effect, Own
@@ -48,6 +52,48 @@ class Conditions:
         if self.wheels_up:
             parts.append("wheels in the air")
         return ", ".join(parts)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What the log of such a trial must say of itself."""
+        values = {key: getattr(self, name) for key, name in KEYS.items()}
+        return tuple(
+            f"# {key} = {'true' if value is True else f'{value:g}'}" for key, value in values.items() if value
+        )
+
+
+PLAIN = Conditions()
+
+KEYS = {
+    "payload_kg": "payload",
+    "turned": "turned",
+    "slope_deg": "slope",
+    "same_rut": "same_rut",
+    "wheels_up": "wheels_up",
+}
+"""Key of a log's own metadata to the field of `Conditions`."""
+
+
+def conditions_of(trial: Trial) -> Conditions:
+    """Return the conditions that a log tells of.
+
+    Raises:
+        InputError: a value is neither true or false nor a number.
+    """
+    found: dict[str, Any] = {}
+    for key, name in KEYS.items():
+        text = trial.info.extra.get(key, "").strip().lower()
+        if not text:
+            continue
+        try:
+            number = name in ("payload", "slope")
+            found[name] = float(text) if number else {"true": True, "false": False}[text]
+        except (ValueError, KeyError):
+            raise InputError(
+                f"trial '{trial.name}': {key} = {text} cannot be used",
+                f"write a number, as in # {key} = 5" if number else f"write # {key} = true",
+            ) from None
+    return Conditions(**found)
 
 
 class OnABlock(Effect):
@@ -124,3 +170,29 @@ class StagedWorld(World):
             setting[OnABlock.id] = ()
         plain = World(robot, soil, self.variants, self.effects)
         return plain.respond(Task(task.variant, task.sand, tuple(setting.items())))
+
+
+def under_conditions(world: World, trials: Sequence[Trial], models: Sequence[TrialModel]) -> World:
+    """Return a world that simulates each trial under its conditions; a plain one for plain trials.
+
+    Args:
+        world: of the trials without conditions.
+        trials: the logs.
+        models: of the logs, in their order; they are numbered anew where conditions differ.
+
+    Raises:
+        InputError: a log's conditions cannot be used.
+    """
+    under = [conditions_of(trial) for trial in trials]
+    if all(c == PLAIN for c in under):
+        return world
+    pairs = sorted({(m.variant, c) for m, c in zip(models, under, strict=True)})
+    for model, conditions in zip(models, under, strict=True):
+        model.variant = pairs.index((model.variant, conditions))
+    return StagedWorld(
+        world.robot,
+        world.soil,
+        tuple(world.variants[variant] for variant, _ in pairs),
+        {**world.effects, OnABlock.id: OnABlock(), "ground_slope": get("ground_slope")},
+        conditions=tuple(conditions for _, conditions in pairs),
+    )

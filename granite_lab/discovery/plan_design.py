@@ -12,6 +12,7 @@ from granite_lab.discovery.bench import SAND
 from granite_lab.discovery.finding import Finding
 from granite_lab.discovery.noise import FAST, Whitener, learn
 from granite_lab.discovery.observation import BIN, CHANNELS
+from granite_lab.discovery.plan_conditions import PLAIN, Conditions
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, peak_velocity
 from granite_lab.parameters import Robot, Soil, Variant
@@ -33,7 +34,7 @@ class Driven:
     """The trials of one command.
 
     Attributes:
-        variant: the command.
+        variant, conditions: the command, and under what it was driven.
         channels: what was logged.
         count: repetitions.
         noise: by channel.
@@ -43,6 +44,7 @@ class Driven:
     channels: tuple[str, ...]
     count: int
     noise: Mapping[str, Noise]
+    conditions: Conditions = PLAIN
 
 
 @dataclass(frozen=True)
@@ -65,20 +67,24 @@ class Design:
     virtual: bool
 
 
-def design_of(finding: Finding, variants: Mapping[str, Variant]) -> Design:
+def design_of(
+    finding: Finding, variants: Mapping[str, Variant], under: Mapping[str, Conditions] | None = None
+) -> Design:
     """Take the design from a finding.
 
     Args:
         finding: the discovery.
         variants: the command of each trial, by its name.
+        under: its conditions, where they are not plain.
     """
     rows = [r for r in finding.residuals if np.isfinite(r.measured).any()]
+    staged = {r.trial: (variants[r.trial], (under or {}).get(r.trial, PLAIN)) for r in rows}
     commands = sorted(
-        {variants[r.trial] for r in rows}, key=lambda v: (v.velocity, v.acceleration, v.distance)
+        set(staged.values()), key=lambda s: (s[0].velocity, s[0].acceleration, s[0].distance, s[1])
     )
     driven = []
-    for command in commands:
-        own = [r for r in rows if variants[r.trial] == command]
+    for command, conditions in commands:
+        own = [r for r in rows if staged[r.trial] == (command, conditions)]
         channels = tuple(c for c in CHANNELS if any(r.channel == c for r in own))
         width = float(np.median(np.diff(own[0].t)))
         noise = {}
@@ -89,7 +95,7 @@ def design_of(finding: Finding, variants: Mapping[str, Variant]) -> Design:
             left = [np.nan_to_num(r.measured - r.after)[:bins] for r in having]
             slope = np.gradient(np.nanmean([r.after[:bins] for r in having], axis=0))
             noise[c] = _noise(learn(left, speed, slope, FLOOR[c], width)[0], speed)
-        driven.append(Driven(command, channels, len({r.trial for r in own}), noise))
+        driven.append(Driven(command, channels, len({r.trial for r in own}), noise, conditions))
     sand = tuple(float(finding.sand[name].value) for name in SAND)
     return Design(finding.robot, finding.soil, sand, width, tuple(driven), finding.virtual)
 

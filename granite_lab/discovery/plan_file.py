@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from granite_lab.discovery.finding import Finding
+from granite_lab.discovery.plan_conditions import Conditions, conditions_of
 from granite_lab.discovery.plan_design import Design, Driven, Noise, design_of
 from granite_lab.discovery.setup import variant_of_trial
 from granite_lab.errors import InputError
@@ -35,6 +36,7 @@ def as_document(design: Design) -> dict[str, Any]:
         "driven": [
             {
                 "variant": _table(d.variant),
+                "conditions": dataclasses.asdict(d.conditions),
                 "channels": list(d.channels),
                 "count": d.count,
                 "noise": {c: {"rest": list(n.rest), "driven": list(n.driven)} for c, n in d.noise.items()},
@@ -72,6 +74,7 @@ def design_from(document: Mapping[str, Any], path: Path) -> Design:
                 tuple(str(c) for c in d["channels"]),
                 int(d["count"]),
                 {c: Noise(tuple(n["rest"]), tuple(n["driven"])) for c, n in d["noise"].items()},
+                Conditions(**d.get("conditions", {})),
             )
             for d in document["driven"]
         )
@@ -99,17 +102,18 @@ def save_design(finding: Finding, trials: Sequence[Trial], path: Path) -> None:
         LabError: the file cannot be written.
     """
     speeds = {r.trial: r.variant for r in finding.residuals}
-    variants = {}
+    variants, under = {}, {}
     for trial in trials:
         if trial.name not in speeds:
             continue
         info = dataclasses.replace(trial.info, v_desired=trial.info.v_desired or speeds[trial.name])
         try:
             variants[trial.name] = variant_of_trial(dataclasses.replace(trial, info=info), None)
+            under[trial.name] = conditions_of(trial)
         except InputError:
             path.unlink(missing_ok=True)  # that of an earlier search would be wrong
             return
-    text = json.dumps(as_document(design_of(finding, variants)), allow_nan=False)
+    text = json.dumps(as_document(design_of(finding, variants, under)), allow_nan=False)
     write_text(path, text + "\n")
 
 

@@ -64,8 +64,8 @@ def options(
     room = room or max(d.variant.distance for d in design.driven)
     fastest = max(peak_velocity(d.variant) for d in design.driven)
     limit = max_speed or _top(design, FASTER * fastest)
-    found = [Option(d.variant, Conditions(), d, True) for d in design.driven if d.variant.distance <= room]
-    known = {o.variant for o in found}
+    found = [Option(d.variant, d.conditions, d, True) for d in design.driven if d.variant.distance <= room]
+    known = {o.variant for o in found if o.conditions == Conditions()}
     speeds = {0.2, 0.35, 0.5, 0.7, round(fastest, 2), math.floor(limit * 20) / 20}
     for v in sorted(s for s in speeds if s <= limit + 1e-9):
         for a in ACCELERATIONS:
@@ -73,10 +73,11 @@ def options(
                 variant = Variant(velocity=v, acceleration=a, distance=d)
                 if variant not in known and duration(variant) <= LONGEST:
                     found.append(Option(variant, Conditions(), nearest(design, v), False))
-    slow = min(design.driven, key=lambda d: peak_velocity(d.variant))
-    fast = max(design.driven, key=lambda d: peak_velocity(d.variant))
+    plain = [d for d in design.driven if d.conditions == Conditions()] or list(design.driven)
+    slow = min(plain, key=lambda d: peak_velocity(d.variant))
+    fast = max(plain, key=lambda d: peak_velocity(d.variant))
     for like in dict.fromkeys(d.variant for d in (slow, fast)):
-        own = next(d for d in design.driven if d.variant == like)
+        own = next(d for d in plain if d.variant == like)
         if like.distance <= room:
             found += [Option(like, c, own, False) for c in conditions(rivals)]
     return found

@@ -170,6 +170,8 @@ def _respond(execution: Execution, effects: Path | None) -> Iterator[Respond | N
     with connected(execution.scheduler) as client:
 
         def respond(world: World, tasks: Sequence[Task]) -> list[Array | None]:
+            if type(world) is not World:  # a worker makes a plain world
+                return [world.respond(task) for task in tasks]
             sha = fingerprint(effects) if effects else ""
             recipe = _Recipe(world.robot, world.soil, world.variants, effects, sha)
             size = max(1, min(16, len(tasks) // (2 * max(1, sum(client.nthreads().values())))))

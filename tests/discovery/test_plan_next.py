@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -19,11 +19,17 @@ from granite_lab.cli import main
 from granite_lab.commands.plan import show_plan
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.baseline import begin
-from granite_lab.discovery.bench import SAND, Bench, Task
+from granite_lab.discovery.bench import SAND, Bench, Task, World
 from granite_lab.discovery.finding import Residual
 from granite_lab.discovery.observation import CHANNELS
 from granite_lab.discovery.plan import Plan, decided, plan_next
-from granite_lab.discovery.plan_conditions import Conditions, OnABlock, StagedWorld
+from granite_lab.discovery.plan_conditions import (
+    Conditions,
+    OnABlock,
+    StagedWorld,
+    conditions_of,
+    under_conditions,
+)
 from granite_lab.discovery.plan_design import commanded_share, design_of, nominal
 from granite_lab.discovery.plan_file import as_document, design_from
 from granite_lab.discovery.plan_options import conditions
@@ -37,6 +43,7 @@ from granite_lab.discovery.setup import trial_models
 from granite_lab.effects import get, library
 from granite_lab.errors import InputError
 from granite_lab.estimate import Estimate
+from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.model import Accuracy, simulate
 from granite_lab.model.command import phase_of
 from granite_lab.model.effect import activate
@@ -100,11 +107,11 @@ def driven(twins: Twins, false: Rival, seed: int, *, both: bool) -> float:
             variant, ROBOT, SOIL, effects=(activate(get(twins.true), values),),
             accuracy=Accuracy(1e-6, 1e-8, 0.0025),
         )  # fmt: skip
-        trials.append(virtual_trial(run, seed + k, f"t{k}")[0])
-    models = [trial_models([t], ROBOT)[0][0] for t in trials]
-    for k, model in enumerate(models):
-        model.variant = k
-    with Bench(world_of(*stages)) as bench:
+        trial = virtual_trial(run, seed + k, f"t{k}")[0]
+        said = {"turned": "true"} if under.turned else {}
+        trials.append(replace(trial, info=replace(trial.info, extra=said)))
+    models, variants = trial_models(trials, ROBOT)
+    with Bench(under_conditions(World(ROBOT, SOIL, variants, EFFECTS), trials, models)) as bench:
         problem = Problem(models, bench)
         begin(problem)
         chi2 = []
@@ -190,6 +197,17 @@ def test_conditions_do_what_they_say() -> None:
     hard = steady(Conditions(same_rut=True), rut)
     assert hard[5] < steady(PLAIN)[5]
     assert np.allclose(steady(Conditions(same_rut=True)), steady(PLAIN))
+
+
+def test_a_log_says_under_which_conditions_it_was_driven() -> None:
+    for under in (PLAIN, *conditions(["ground_slope", "multi_pass"])):
+        said = dict(line.lstrip("# ").split(" = ") for line in under.lines)
+        trial = Trial("t", TrialInfo(extra=said))
+        assert conditions_of(trial) == under
+    with pytest.raises(InputError, match="payload_kg = heavy cannot be used"):
+        conditions_of(Trial("t", TrialInfo(extra={"payload_kg": "heavy"})))
+    with pytest.raises(InputError, match="turned = yes cannot be used"):
+        conditions_of(Trial("t", TrialInfo(extra={"turned": "yes"})))
 
 
 def made_up_finding(rng: np.random.Generator) -> tuple[Any, dict[str, Variant]]:
@@ -295,6 +313,7 @@ def test_the_table_fits_80_columns_and_says_why(plan: Plan) -> None:
     assert "What would tell ground_slope from imu_tilt? (virtual data)" in words
     assert "the slope changes its sign" in words
     assert "First choice: turn the robot round" in words
+    assert "Write '# turned = true' into its log" in words
     assert "left out: driving backwards" in words
 
 
