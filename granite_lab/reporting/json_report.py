@@ -146,6 +146,8 @@ def _trial(r: TrialResult) -> dict[str, Any]:
             "good": m.health.good,
             "verdict": m.health.verdict,
             "nis": m.health.nis,
+            "whiteness": m.health.whiteness,
+            "ljung_box": m.health.ljung_box,
             "rests_s": m.health.rests,
         },
         "misfits": [dataclasses.asdict(x) for x in r.comparison.misfits],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.rounding import NONE, shown_as, significant, tidy_unit
 from granite_lab.reporting.study_tables import data_cell
@@ -71,17 +73,33 @@ def health_table(result: StudyResult) -> Table:
     for r in result.trials:
         h = r.comparison.motion.health
         nis = ", ".join(f"{kind.replace('_', ' ')} {significant(value, 2)}" for kind, value in h.nis.items())
+        white = ", ".join(
+            f"{kind.replace('_', ' ')} {_chance(h.ljung_box.get(kind, math.nan))} ({significant(r, 1)})"
+            for kind, r in h.whiteness.items()
+            if math.isfinite(r)
+        )
         rest = sum(end - start for start, end in h.rests)
         rows.append(
             (
                 words(r.trial.name), data_cell(r.trial.info.virtual),
                 words("good" if h.good else "doubtful", "good" if h.good else "bad"), number(rest, 2),
-                words(nis or NONE), words(h.verdict),
+                words(nis or NONE), words(white or NONE), words(h.verdict),
             )
         )  # fmt: skip
     return Table(
         "health", "Health of the estimates",
-        "NIS is the mean normalised innovation squared: 1 is ideal, below 1 cautious, above 1 overconfident.",
-        columns("trial", "data", "filter", ("at rest [s]", ("rest_s",)), "NIS per update", "verdict"),
+        "NIS is the mean normalised innovation squared: 1 is ideal, below 1 cautious, above 1 overconfident. "
+        "Successive innovations should be independent: the probability that chance alone makes them "
+        "correlate as they do (Ljung and Box, ten lags; small: they are not independent), and their "
+        "correlation in brackets (0 is ideal).",
+        columns(
+            "trial", "data", "filter", ("at rest [s]", ("rest_s",)), "NIS per update",
+            "chance of such correlation", "verdict",
+        ),
         tuple(rows),
     )  # fmt: skip
+
+
+def _chance(probability: float) -> str:
+    """Write a probability; below one in a thousand only that."""
+    return "<0.001" if probability < 0.001 else significant(probability, 1)
