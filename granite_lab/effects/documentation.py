@@ -100,6 +100,50 @@ against the paper's model; an error in it is reported with file and line.
 """
 
 
+NEXT = """\
+## Telling effects apart: the next trial
+
+Some effects look alike on the trials at hand, and some are too weak to be shown. `granite-lab
+plan-next DIR`, with the folder that `granite-lab discover … --out DIR` wrote, says which trial would
+help most. It reads `finding.json` for what is open and `design.json` for the trials, their noise and
+the fitted sand, then simulates each proposed trial with every explanation that is left. Sand, start,
+offsets and the rivals' own numbers are refitted over the old trials and the new one; what one
+explanation cannot imitate of the other is the χ² by which the false one would lose.
+
+- *told apart*: the chance that the false explanation is ruled out, mean over which one is true. It is
+  ruled out when its χ² is worse by 9 (and by 0.4 % of what the effect explains, since no formula is
+  exact), the rule of `discover` itself.
+- *evidence*: the expected χ² by which the false one loses, beyond what the trials at hand give. It is
+  twice the logarithm of the evidence. Of several pairs the least counts.
+- Where nothing was named, the three candidates with most evidence are taken at a size that would just
+  be missed, and *shown* is the chance that one of them clears the threshold after the trial. Where one
+  effect stands alone, the table gives the std of its strength after the trial.
+
+Proposed are commands (speed, acceleration, distance within `--room` and `--max-speed`), repetitions,
+and conditions. A log says its conditions itself, in lines of its head, and `discover` simulates it
+accordingly:
+
+| line | meaning | how it is simulated |
+|---|---|---|
+| `# payload_kg = 5` | mass on top, at the centre of mass | added to m_0 |
+| `# turned = true` | robot turned round, same ground | `ground_slope` changes its sign; all else stays |
+| `# slope_deg = 3` | ground raised on purpose, uphill positive | added to `ground_slope` |
+| `# same_rut = true` | second pass in the same rut | with `multi_pass`, all wheels in compacted sand |
+| `# wheels_up = true` | robot on a level block | no ground: drives, encoders and currents alone |
+
+Driving backwards is left out, since (26) drives forward only; so are loads off the centre of mass and
+turns, since the model is planar. A second pass is taken to compact no further, and a rut to change
+nothing unless `multi_pass` is among the explanations.
+
+How often each candidate would be named on the trials at hand, and what it would be taken for, comes
+from the same signatures: the scores are normal numbers whose mean is the signature and whose covariance
+are the inner products of all signatures with the nuisances projected out, so that thousands of sets can
+be drawn without a simulation. Full fits can do a little better or worse than this: they also move the
+shape parameters.
+
+"""
+
+
 def markdown() -> str:
     """Return the page."""
     known = library()
@@ -110,7 +154,7 @@ def markdown() -> str:
         if names:
             parts.append(f"## {area}\n")
             parts += [_section(known[name]) for name in names]
-    return "\n".join([*parts, OWN.format(example=EXAMPLE)])
+    return "\n".join([*parts, NEXT + OWN.format(example=EXAMPLE)])
 
 
 def _section(effect: Effect) -> str:
