@@ -28,6 +28,7 @@ class Nominal:
         heading_rate: (N,) [rad/s].
         accel_bias, gyro_bias: constants that were removed before integration.
         coupling: (N,) forward acceleration per radian of pitch [m/s^2].
+        vibration_left: (N,) share of the vibration's rms that is in x and v; None: all of it.
     """
 
     t: Array
@@ -40,6 +41,7 @@ class Nominal:
     accel_bias: float
     gyro_bias: float
     coupling: Array
+    vibration_left: Array | None = None
 
 
 def integrate(

@@ -88,12 +88,14 @@ class Pace:
         calm: (K,) the same, averaged over half a second wherever it is steady [m/s].
         unrest: (K,) its relative change [1/s].
         growth: (K,) how fast its magnitude grows [m/s^2]; 0 within the noise.
+        steady: (K,) True where it does not change within a quarter of a second.
     """
 
     speed: Array
     calm: Array
     unrest: Array
     growth: Array
+    steady: np.ndarray
 
 
 def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
@@ -109,7 +111,7 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     period = max(float(np.median(np.diff(stamps))), GRID)
     window = max(round(0.16 / GRID), 8 * round(period / GRID)) | 1
     if grid.size <= 3 * window:
-        return Pace(speed, speed, np.zeros(t.size), np.zeros(t.size))
+        return Pace(speed, speed, np.zeros(t.size), np.zeros(t.size), np.zeros(t.size, dtype=bool))
     path = np.interp(grid, stamps, rolling.mean[known])
     growth = savgol_filter(path, window, 3, deriv=2, delta=GRID, mode="nearest")
     calm = savgol_filter(path, 3 * window, 1, deriv=1, delta=GRID, mode="nearest")
@@ -129,11 +131,13 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     quick = speed
     if rolling.by_rate:
         quick = np.interp(t, grid, savgol_filter(path, window, 2, deriv=1, delta=GRID, mode="nearest"))
+    steady = np.interp(t, grid, near) == 0
     return Pace(
         speed=speed,
-        calm=np.where(np.interp(t, grid, near) > 0, quick, np.interp(t, grid, calm)),
+        calm=np.where(steady, np.interp(t, grid, calm), quick),
         unrest=np.interp(t, grid, np.maximum(relative, lasting)),
         growth=np.interp(t, grid, growth),
+        steady=steady,
     )
 
 
@@ -191,7 +195,7 @@ def build(
         pace = pace_of(rolling, offset, t)
     else:
         none = np.zeros(t.size)
-        pace = Pace(nominal.v[index], nominal.v[index], none, none)
+        pace = Pace(nominal.v[index], nominal.v[index], none, none, none > 0)
     speed = pace.speed
     w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), process.V_FLOOR)
     mean_slip = slip.expected(pace.growth)
@@ -216,6 +220,8 @@ def build(
     )
     process.add_slip(Q, dt, moving, onset, w, pace.unrest, slip)
     size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
+    if nominal.vibration_left is not None:
+        size = size * nominal.vibration_left[index]
     process.add_vibration(Q, F, dt, moving, size, omega)
     Q[onset, process.BM, process.BM] += noise.motion_bias**2
     inflate(Q, t, dt, moving, faults, imu, nominal.rest, None if rolling is None else pace.growth)

@@ -18,6 +18,7 @@ from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.process import BA, BG, TH, SlipModel
+from granite_lab.estimation.quieting import quieten
 from granite_lab.estimation.rest import Interval, wheels_still
 from granite_lab.estimation.roll import roll_angle
 from granite_lab.estimation.rolling import Rolling
@@ -98,6 +99,9 @@ def solve(
             gyro_bias=gyro_bias, pitch=pitch, velocity=velocity,
             aside=None if problem.aside is None else problem.aside.velocity,
         )  # fmt: skip
+        if problem.rolling is not None:
+            steady = layout.pace_of(problem.rolling, offset.value, nominal.t).steady
+            nominal = quieten(nominal, steady, problem.noise.vibration_frequency)
         nodes = lay_out(problem, nominal, offset.value, std, distance)
         found = smoother.run(nodes)
         middle = found.x[found.x.shape[0] // 2]

@@ -21,6 +21,9 @@ WINDOWS = 3
 FACTOR = 2.0
 """Ratio of neighbouring candidates."""
 
+REFERENCE = 0.01
+"""Scatter to start from [-]."""
+
 LEAST, MOST = 0.002, 0.1
 """Bounds of the scatter [-]."""
 
@@ -77,7 +80,7 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
 
     def score(place: int) -> float:
         if place not in known:
-            slip = with_scatter(problem.slip, 0.01 * FACTOR**place)
+            slip = with_scatter(problem.slip, REFERENCE * FACTOR**place)
             known[place] = sum(
                 smoother.filter_only(lay_out(dataclasses.replace(p, slip=slip), n, offset, 1e-3))
                 for p, n in zip(parts, nominal, strict=True)
@@ -85,14 +88,26 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
         return known[place]
 
     best = 0
-    while LEAST < 0.01 * FACTOR**best < MOST:
+    while LEAST < REFERENCE * FACTOR**best < MOST:
         better = max((best - 1, best, best + 1), key=score)
         if better == best:
             break
         best = better
-    below, here, above = score(best - 1), score(best), score(best + 1)
+    return with_scatter(problem.slip, expected(best, score(best - 1), score(best), score(best + 1)))
+
+
+def expected(best: int, below: float, here: float, above: float) -> float:
+    """Root of the posterior mean of the scatter's variance, which the std of the estimate goes by.
+
+    The posterior of the scatter's logarithm is taken for normal, by the parabola through three values.
+
+    Args:
+        best: the most likely candidate.
+        below, here, above: log-likelihood of it and its neighbours.
+    """
     bend = below - 2.0 * here + above
-    peak = float(np.clip(0.5 * (below - above) / bend, -0.5, 0.5)) if bend < 0 else 0.0
-    # rounded up by up to half an octave: too small a scatter would claim too much
-    octaves = np.ceil(2.0 * (best + peak)) / 2.0
-    return with_scatter(problem.slip, float(np.clip(0.01 * FACTOR**octaves, LEAST, MOST)))
+    if bend >= 0.0:
+        return float(np.clip(REFERENCE * FACTOR**best, LEAST, MOST))
+    peak = best + float(np.clip(0.5 * (above - below) / -bend, -0.5, 0.5))
+    spread = min(float(np.log(FACTOR) / np.sqrt(-bend)), 0.7)
+    return float(np.clip(REFERENCE * FACTOR**peak * np.exp(spread**2), LEAST, MOST))
