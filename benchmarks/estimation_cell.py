@@ -101,8 +101,10 @@ class Summary:
         trials, refused: how many were drawn, and how many of them got no estimate.
         v_rmse, v_worst: RMS error of v over all trials, and of the worst 5 % of trials [m/s].
         nees: mean NEES of v per degree of freedom; v_cover: share of samples within 2 std.
+        nees_error, v_cover_error, slip_error: standard errors of nees, v_cover and slip_mean by the
+            scatter of the trials, for the samples of one trial hang together.
         distance_rmse, distance_cover: relative.
-        slip_rmse, slip_mean, slip_cover: of λ_R.
+        slip_rmse, slip_mean, slip_size, slip_cover: of λ_R: rms, mean and mean absolute error.
         offset_rmse, offset_mean [s], offset_cover, observable: of the clock offset.
         white: mean correlation of successive innovations for each of KINDS.
     """
@@ -123,6 +125,10 @@ class Summary:
     offset_cover: float
     observable: float
     white: tuple[float, ...]
+    nees_error: float = np.nan
+    v_cover_error: float = np.nan
+    slip_size: float = np.nan
+    slip_error: float = np.nan
 
 
 def summarise(scores: list[Score]) -> Summary:
@@ -143,6 +149,9 @@ def summarise(scores: list[Score]) -> Summary:
     def rms(values: Array) -> float:
         return float(np.sqrt(np.mean(values**2)))
 
+    def error_of_mean(name: str) -> float:
+        return float(np.std(column(name)) / np.sqrt(len(good)))
+
     stated = np.isfinite(column("offset_std"))
     offset = column("offset")[stated] if stated.any() else np.array([np.nan])
     return Summary(
@@ -162,4 +171,8 @@ def summarise(scores: list[Score]) -> Summary:
         offset_cover=cover("offset"),
         observable=float(stated.mean()),
         white=tuple(float(w) for w in np.nanmean(np.array([s.white for s in good]), axis=0)),
+        nees_error=error_of_mean("v_nees"),
+        v_cover_error=error_of_mean("v_within"),
+        slip_size=float(np.mean(np.abs(column("slip")))),
+        slip_error=error_of_mean("slip"),
     )

@@ -1,0 +1,30 @@
+"""How surely a share or a mean is known from so many trials."""
+
+from __future__ import annotations
+
+import numpy as np
+
+Interval = tuple[float, float]
+
+NORMAL = 1.96
+"""Half the width of a 95 % interval, in std."""
+
+
+def wilson(share: float, trials: int) -> Interval:
+    """Return the 95 % interval of a share by Wilson (1927): true to small numbers and to shares near 1."""
+    if trials == 0:
+        return float("nan"), float("nan")
+    z2 = NORMAL**2 / trials
+    centre = (share + 0.5 * z2) / (1.0 + z2)
+    half = NORMAL * float(np.sqrt(share * (1.0 - share) / trials + 0.25 * z2 / trials)) / (1.0 + z2)
+    return max(centre - half, 0.0), min(centre + half, 1.0)
+
+
+def around(mean: float, error: float, low: float = -np.inf, high: float = np.inf) -> Interval:
+    """Return the 95 % interval of a mean with its standard error, within what is possible."""
+    return max(mean - NORMAL * error, low), min(mean + NORMAL * error, high)
+
+
+def excludes(interval: Interval, aim: Interval) -> bool:
+    """Whether a range of values that fit the trials has none in common with the aim."""
+    return interval[1] < aim[0] or interval[0] > aim[1]
