@@ -41,6 +41,8 @@ def test_a_load_five_times_as_heavy_as_can_be_seen_is_named_and_weighed() -> Non
 
 
 @pytest.mark.slow
-def test_an_effect_outside_the_library_is_seen() -> None:
+def test_an_effect_outside_the_library_gets_no_name() -> None:
     line = judged(Task("outside", "command_staircase", 1.0, 79))
-    assert line["verdict"] != "none"  # how often it is given a name that it has not: docs/blind.md
+    assert line["verdict"] == "unknown"
+    assert line["right"]
+    assert line["gap"]["held_out"][0] > 1.2 * line["gap"]["held_out"][2]
