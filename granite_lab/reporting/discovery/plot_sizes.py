@@ -58,27 +58,30 @@ def _line(axis: Axes, i: int, p: FoundParameter, own: EffectParameter, smallest:
         return (value - (0.0 if own.shape else own.neutral)) * scale
 
     low, high = at(own.prior_low), at(own.prior_high)
-    first = i == 0
     axis.barh(
         i, high - low, left=low, height=0.5, color=canvas.SHADE, linewidth=0,
-        label="expected" if first else None,
+        label=_once(axis, "expected"),
     )  # fmt: skip
     if math.isfinite(smallest) and not own.shape:
         ends = (-1, 1) if own.prior_low < own.neutral else (1,)
         axis.plot(
             [sign * smallest * abs(scale) for sign in ends], [i] * len(ends), "|", color=canvas.INK,
-            markersize=11, label="smallest seen" if first else None,
+            markersize=11, label=_once(axis, "smallest seen"),
         )  # fmt: skip
     if p.per_trial:
         axis.plot(
             [at(v) for v in p.per_trial], [i] * len(p.per_trial), ".", color=canvas.GREY, markersize=4,
-            label="a trial" if first else None,
+            label=_once(axis, "a trial"),
         )  # fmt: skip
     half = LIKELY * p.estimate.std * abs(scale)
     axis.errorbar(
         at(p.estimate.value), i, xerr=half if math.isfinite(half) else 0, color=rows.AFTER, marker="D",
-        markersize=4.5, capsize=3, linestyle="none", label="found, 95 %" if first else None,
+        markersize=4.5, capsize=3, linestyle="none", label=_once(axis, "found, 95 %"),
     )  # fmt: skip
+
+
+def _once(axis: Axes, label: str) -> str | None:
+    return None if label in axis.get_legend_handles_labels()[1] else label
 
 
 def _describe(effect: FoundEffect, parameters: list[FoundParameter]) -> str:
