@@ -7,6 +7,7 @@ import hashlib
 import importlib.util
 import os
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,12 +46,37 @@ def readable(error: OSError, path: Path | str, doing: str = "read") -> LabError:
     return kind(f"{path}: cannot be {'read' if doing == 'read' else 'written'}: {what}", hint)
 
 
+def is_folder(path: Path) -> bool:
+    """Say whether a path is a folder; no where one may not look, so that reading it says why."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
+def refuse_special(path: Path) -> None:
+    """Refuse what would be read for ever: a pipe, a device, a socket.
+
+    Raises:
+        InputError: the path is one of these, or nothing can be found there.
+    """
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        raise readable(error, path) from None
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise InputError(
+            f"{path}: cannot be read: is not a regular file", "write the data to a file and give its path"
+        )
+
+
 def sha256(path: Path) -> str:
     """Return the SHA-256 of a file's content in hexadecimal; of a folder, of its files and their names.
 
     Raises:
         InputError: the file cannot be read.
     """
+    refuse_special(path)
     try:
         if path.is_dir():
             inside = "".join(

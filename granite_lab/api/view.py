@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from granite_lab.errors import InputError
+from granite_lab.files import is_folder
 from granite_lab.logs.named import is_bag, name_of
 
 
@@ -30,7 +31,7 @@ def view(
     from granite_lab.reporting.recording import open_viewer, record_trial  # noqa: PLC0415, heavy
 
     path = Path(what)
-    if path.is_dir() and not is_bag(path):
+    if is_folder(path) and not is_bag(path):
         open_viewer(recording_in(path, trial))
     elif path.suffix == ".rrd":
         open_viewer(path)

@@ -20,7 +20,7 @@ import numpy as np
 
 import granite_lab.effects as package
 from granite_lab.errors import InputError, UsageError, at
-from granite_lab.files import readable
+from granite_lab.files import readable, refuse_special
 from granite_lab.model.effect import Effect, EffectParameter
 from granite_lab.model.graph import STATES, Graph, build_graph
 from granite_lab.model.symbols import model_parameters, vector_of
@@ -71,6 +71,7 @@ def load_effects(path: Path | str) -> dict[str, Effect]:
             carries file and line.
     """
     file = Path(path)
+    refuse_special(file)
     try:
         code = file.read_bytes()
     except OSError as error:

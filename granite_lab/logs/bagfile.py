@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from granite_lab.errors import InputError, LabError, UsageError
-from granite_lab.files import readable
+from granite_lab.files import is_folder, readable, refuse_special
 from granite_lab.logs.trial import Array
 
 IMU, JOINTS, ODOMETRY = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
@@ -59,8 +59,9 @@ def read_messages(path: Path, asked: Mapping[str, str]) -> Messages:
             f"{path}: reading ROS bags and MCAP needs rosbags, which is not installed",
             "pip install 'granite-lab[ros]'",
         ) from None
+    refuse_special(path)
     try:
-        if not path.is_dir():
+        if not is_folder(path):
             path.open("rb").close()
     except OSError as error:
         raise readable(error, path) from None

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TextIO
 
 from granite_lab.errors import InputError
-from granite_lab.files import readable
+from granite_lab.files import readable, refuse_special
 
 _MAGIC = {
     b"#ROSBAG": "a ROS bag", b"\x89MCAP": "an MCAP file", b"PK\x03\x04": "a zip archive or Excel workbook",
@@ -37,6 +37,7 @@ def encoding_of(path: Path) -> tuple[str, tuple[str, ...]]:
     Raises:
         InputError: the file cannot be read, or is not text.
     """
+    refuse_special(path)
     try:
         with path.open("rb") as file:
             head = file.read(1 << 16)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from granite_lab.errors import UsageError
+from granite_lab.files import is_folder
 
 BAGS = (".bag", ".mcap", ".db3")
 """File name endings of recordings by ROS."""
@@ -13,12 +14,12 @@ BAGS = (".bag", ".mcap", ".db3")
 
 def is_bag(path: Path) -> bool:
     """Say whether a path is a recording by ROS: a file, or the folder of a ROS 2 recording."""
-    return path.suffix.lower() in BAGS if not path.is_dir() else (path / "metadata.yaml").is_file()
+    return path.suffix.lower() in BAGS if not is_folder(path) else (path / "metadata.yaml").is_file()
 
 
 def name_of(path: Path) -> str:
     """Return the name of a trial: its file's without the ending, or its folder's."""
-    return path.name if path.is_dir() else path.stem
+    return path.name if is_folder(path) else path.stem
 
 
 def trial_files(paths: Sequence[str | Path] | str | Path) -> list[Path]:
@@ -34,7 +35,7 @@ def trial_files(paths: Sequence[str | Path] | str | Path) -> list[Path]:
         raise UsageError("no trials given", "name one or more logs, or a folder of them")
     files: list[Path] = []
     for path in named:
-        if path.is_dir() and not is_bag(path):
+        if is_folder(path) and not is_bag(path):
             found = sorted([*path.glob("*.csv"), *(p for p in path.iterdir() if is_bag(p))])
             if not found:
                 raise UsageError(

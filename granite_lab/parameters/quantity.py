@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from granite_lab.errors import InputError
+from granite_lab.files import readable, refuse_special
 
 T = TypeVar("T")
 
@@ -88,15 +89,14 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises:
         InputError: the file is missing, unreadable, not UTF-8 or not TOML.
     """
+    refuse_special(path)
     try:
         data = path.read_bytes()
         if (files := _files.get()) is not None:
             files[path] = hashlib.sha256(data).hexdigest()
         return parse_toml(data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n"), path)
     except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read: {error.strerror or error}", "give the path of a TOML file"
-        ) from None
+        raise readable(error, path) from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not UTF-8 text", "a parameter file is UTF-8 TOML") from None
 

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from granite_lab.errors import InputError, LabError
-from granite_lab.files import readable
+from granite_lab.files import readable, refuse_special
 
 PATIENCE = 4.0
 """How long a viewer that cannot start may take to say so [s]."""
@@ -23,6 +23,7 @@ def open_viewer(path: Path) -> None:
         InputError: there is no such file, or it is no recording.
         LabError: this machine has no display, no viewer, or no graphics driver.
     """
+    refuse_special(path)
     try:
         with path.open("rb") as file:
             magic = file.read(len(MAGIC))

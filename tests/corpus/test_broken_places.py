@@ -1,0 +1,245 @@
+"""Places that cannot be read or written: folders, links in a loop, pipes, no permission, a full disk."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from granite_lab.effects.documentation import EXAMPLE
+from tests.corpus.cli import GRANITE, LOG, ROOT, lab, refused
+
+SAMPLE = ROOT / "data" / "samples" / "virtual_v0.3_r1.csv"
+NOBODY = 65534
+
+
+@contextmanager
+def somebody_else() -> Iterator[None]:
+    """Act as a user without rights; root may read everything."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(NOBODY)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+def missing(path: Path) -> Path:
+    return path
+
+
+def folder(path: Path) -> Path:
+    path.mkdir()
+    return path
+
+
+def loop(path: Path) -> Path:
+    path.symlink_to(path)
+    return path
+
+
+def pipe(path: Path) -> Path:
+    os.mkfifo(path)
+    return path
+
+
+def zeros(path: Path) -> Path:
+    path.symlink_to("/dev/zero")
+    return path
+
+
+PLACES: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "missing": (missing, "does not exist"),
+    "folder": (folder, "is a directory"),
+    "loop": (loop, "its symbolic links form a loop"),
+    "pipe": (pipe, "is not a regular file"),
+    "device": (zeros, "is not a regular file"),
+}
+
+# what is asked, with the bad path in place of None; the file's name
+READERS: dict[str, tuple[tuple[object, ...], str]] = {
+    "ingest": (("ingest", None), "a.csv"),
+    "ingest a bag": (("ingest", None), "a.bag"),
+    "the wheels": (("ingest", SAMPLE, "--encoders", None), "a.csv"),
+    "fit-k92": (("fit-k92", None), "a.csv"),
+    "compare": (("compare", None), "a.csv"),
+    "a map": (("ingest", SAMPLE, "--map", None), "a.toml"),
+    "a robot": (("params", "--robot", None), "a.toml"),
+    "a soil": (("params", "--soil", None), "a.toml"),
+    "a model": (("simulate", "--variant", "0.5", "--model", None), "a.toml"),
+    "an effect file": (("effects", "--effects", None), "a.py"),
+    "a recording": (("view", None), "a.rrd"),
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("reader", READERS)
+def test_what_cannot_be_read_is_one_line(
+    reader: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make, said = PLACES[place]
+    args, name = READERS[reader]
+    path = make(tmp_path / name)
+    if place == "folder" and reader in ("ingest", "ingest a bag", "fit-k92", "compare"):
+        refused(lab(*[path if a is None else a for a in args]), 2, "the folder holds no log", "name the logs")
+        return
+    if place == "folder" and reader == "a recording":
+        said = "no recording in it"
+    monkeypatch.chdir(tmp_path)
+    done = lab(*[path if a is None else a for a in args])
+    refused(done, 3, said)
+    assert str(path) in done.error
+    assert not (tmp_path / "reports").exists()
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_what_may_not_be_read_is_one_line(
+    reader: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    args, name = READERS[reader]
+    path = tmp_path / name
+    path.write_text(LOG)
+    path.chmod(0)
+    monkeypatch.chdir("/")
+    with somebody_else():
+        done = lab(*[path if a is None else a for a in args])
+    refused(done, 3, "permission denied", "permissions")
+
+
+WRITERS: dict[str, tuple[object, ...]] = {
+    "a run": ("simulate", "--variant", "0.5", "--out", "OUT/run.csv"),
+    "a run as Parquet": ("simulate", "--variant", "0.5", "--out", "OUT/run.parquet"),
+    "a virtual log": ("simulate", "--variant", "0.5", "--out", "RUN", "--log", "OUT/log.csv"),
+    "a motion": ("ingest", SAMPLE, "--out", "OUT", "--jobs", "1"),
+    "a map": ("inspect", SAMPLE, "--write-map", "OUT/map.toml"),
+    "a comparison": ("compare", SAMPLE, "--out", "OUT", "--jobs", "1", "--no-cache"),
+    "a report": (
+        "study",
+        SAMPLE,
+        "--out",
+        "OUT",
+        "--jobs",
+        "1",
+        "--no-cache",
+        "--no-discover",
+        "--no-recordings",
+    ),
+    "a recording": ("study", SAMPLE, "--out", "OUT", "--jobs", "1", "--no-cache", "--no-discover"),
+    "a hidden set": ("hide", "--effect", "none", "--out", "OUT", "--repetitions", "1"),
+}
+
+
+def command(writer: str, out: Path, run: Path) -> list[str]:
+    return [str(a).replace("OUT", str(out)).replace("RUN", str(run)) for a in WRITERS[writer]]
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_file_in_the_way_is_one_line(writer: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.write_text("mine")
+    done = lab(*command(writer, out, tmp_path / "run.csv"))
+    assert done.code == 1, done
+    assert "cannot be written" in done.error
+    assert done.hint
+    assert "Traceback" not in done.err
+    assert out.read_text() == "mine"
+
+
+@pytest.mark.parametrize("writer", ["a run", "a motion", "a map"])
+def test_a_folder_without_permission_is_one_line(writer: str, tmp_path: Path) -> None:
+    for above in [tmp_path, *tmp_path.parents[:2]]:
+        above.chmod(0o755)
+    out = tmp_path / "out"
+    out.mkdir(mode=0o555)
+    with somebody_else():
+        done = lab(*command(writer, out, Path("/nowhere/run.csv")))
+    assert done.code == 1, done
+    assert "permission denied" in done.error
+    assert "Traceback" not in done.err
+    assert not list(out.iterdir())
+
+
+class Full(io.BytesIO):
+    """A file on a disk that is full after some bytes."""
+
+    room = 4000
+
+    def write(self, data: Any) -> int:
+        if self.tell() + len(data) > self.room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return super().write(data)
+
+
+@pytest.mark.parametrize(
+    "writer", ["a run", "a run as Parquet", "a virtual log", "a motion", "a map", "a hidden set"]
+)
+def test_a_full_disk_is_one_line_and_leaves_nothing(
+    writer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Single files go through one door, `files.writing`; here the disk behind it is small."""
+    real = Path.open
+
+    def small(self: Path, mode: str = "r", *args: Any, **kwargs: Any) -> Any:
+        if self.name.endswith(".part"):
+            real(self, mode, *args, **kwargs).close()
+            return Full()
+        return real(self, mode, *args, **kwargs)
+
+    monkeypatch.setattr(Path, "open", small)
+    Full.room = 100 if writer == "a map" else 4000
+    out = tmp_path / "out"
+    done = lab(*command(writer, out, out / "run.csv"))
+    assert done.code == 1, done
+    assert "no space left on the device" in done.error
+    assert "free some space" in done.hint
+    assert not [p for p in out.rglob("*") if p.is_file() and p.stat().st_size]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root mounts file systems")
+def test_a_really_full_disk(tmp_path: Path) -> None:
+    small = folder(tmp_path / "small")
+    if os.system(f"mount -t tmpfs -o size=64k tmpfs {small} 2>/dev/null") != 0:
+        pytest.skip("this machine mounts no file systems")
+    try:
+        with contextlib.suppress(OSError), (small / "filler").open("wb", buffering=0) as file:
+            while file.write(bytes(4096)):
+                pass
+        for writer in WRITERS:
+            done = lab(*command(writer, small / "x", small / "run.csv"))
+            assert done.code == 1, (writer, done)
+            assert "no space left on the device" in done.error
+            assert not list(small.rglob("*.part"))
+    finally:
+        os.system(f"umount {small}")
+
+
+def test_the_user_s_own_code_is_said_to_be_run_and_nothing_else_is(tmp_path: Path) -> None:
+    for name in ("simulate", "effects", "study", "fit-k92", "discover"):
+        shown = " ".join(lab(name, "--help").out.replace("│", " ").split())
+        assert "It is run: use only code you trust" in shown, name
+    trace = tmp_path / "was_run"
+    code = f"import pathlib\npathlib.Path({str(trace)!r}).touch()\n"
+    for kind, args in {
+        "a.toml": ("params", "--robot"),
+        "b.toml": ("simulate", "--variant", "0.5", "--model"),
+        "c.csv": ("ingest",),
+        "d.toml": ("ingest", SAMPLE, "--map"),
+    }.items():
+        path = tmp_path / kind
+        path.write_text(code)
+        assert lab(*args, path).code == 3
+    assert not trace.exists()
+    own = tmp_path / "own.py"
+    own.write_text(code + EXAMPLE)
+    assert lab("effects", "--effects", own).code == 0
+    assert trace.exists()
+    assert GRANITE
