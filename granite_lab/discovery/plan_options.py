@@ -79,7 +79,8 @@ def options(
     for like in dict.fromkeys(d.variant for d in (slow, fast)):
         own = next(d for d in plain if d.variant == like)
         if like.distance <= room:
-            found += [Option(like, c, own, False) for c in conditions(rivals)]
+            driven = {o.conditions for o in found if o.repeats and o.variant == like}
+            found += [Option(like, c, own, False) for c in conditions(rivals) if c not in driven]
     return found
 
 

@@ -54,6 +54,8 @@ def trial_words(variant: Variant, conditions: Conditions) -> str:
 
 def why(design: Design, variant: Variant, conditions: Conditions, *, repeats: bool) -> str:
     """Say what is different about a proposed trial."""
+    if repeats:
+        return "repeats a command, averages noise and raking"
     parts = []
     if conditions.wheels_up:
         parts.append("without ground only the drives are seen")
@@ -68,8 +70,6 @@ def why(design: Design, variant: Variant, conditions: Conditions, *, repeats: bo
         parts.append("all wheels run in compacted sand from the start")
     if parts:
         return ", ".join(parts)
-    if repeats:
-        return "repeats a command, averages noise and raking"
     speeds = [peak_velocity(d.variant) for d in design.driven]
     starts = [d.variant.acceleration for d in design.driven]
     v, a = peak_velocity(variant), variant.acceleration

@@ -32,10 +32,11 @@ from granite_lab.discovery.plan_conditions import (
 )
 from granite_lab.discovery.plan_design import commanded_share, design_of, nominal
 from granite_lab.discovery.plan_file import as_document, design_from
-from granite_lab.discovery.plan_options import conditions
+from granite_lab.discovery.plan_options import conditions, options
 from granite_lab.discovery.plan_pieces import Rival, Table, difference, stand_in, together
 from granite_lab.discovery.plan_question import Question, Suspect, question
 from granite_lab.discovery.plan_stage import whitener_of
+from granite_lab.discovery.plan_words import why
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.refit import with_effect
 from granite_lab.discovery.rivals import TWIN
@@ -155,6 +156,15 @@ def test_the_other_direction_is_proposed_for_a_slope_that_a_tilted_sensor_imitat
     assert best.after.evidence > 20 * repeated.after.evidence
     assert all(p.after.evidence >= plan.now.evidence - 1e-6 for p in plan.proposals)
     assert any("backwards" in line for line in plan.left_out)
+
+
+def test_a_condition_that_was_driven_already_is_only_repeated() -> None:
+    design = nominal(ROBOT, SOIL, [SLOW])
+    both = replace(design, driven=(*design.driven, replace(design.driven[0], conditions=TURNED)))
+    turned = [o for o in options(both, ["ground_slope"]) if o.conditions == TURNED]
+    assert [o.repeats for o in turned] == [True]
+    assert "repeats" in why(both, SLOW, TURNED, repeats=True)
+    assert [o.repeats for o in options(design, ["imu_tilt"]) if o.conditions == TURNED] == []
 
 
 def test_a_sharper_start_is_proposed_for_a_contact_angle_that_lags(monkeypatch: pytest.MonkeyPatch) -> None:
