@@ -8,6 +8,7 @@ import itertools
 import json
 import math
 import re
+import time
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -328,3 +329,12 @@ def test_few_channels_and_one_speed_make_a_report_too() -> None:
     drawn = {d.id for d in report.drawings}
     assert drawn >= {"found_map_before", "found_gap", "found_history_0p20"}
     assert "found_intervals" not in drawn  # none of these channels is off
+
+
+@pytest.mark.slow
+def test_a_report_of_twelve_trials_with_its_discovery_stays_small_and_quick(tmp_path: Path) -> None:
+    study = made_up_study(speeds=(0.2, 0.3, 0.5, 0.7), repetitions=3)
+    begin = time.process_time()
+    write_report(study, tmp_path / "study", section(made_up_finding(), "model.toml"))
+    assert time.process_time() - begin <= 20
+    assert sum(path.stat().st_size for path in tmp_path.rglob("*") if path.is_file()) <= 15_000_000
