@@ -26,7 +26,10 @@ FADE = 0.1
 """The smoothing comes in within this time [s]."""
 
 LOWEST = 5.0
-"""What is slower than this is motion and not vibration [Hz]."""
+"""The smoothing passes whatever is slower than this [Hz]: it may be motion."""
+
+APART = 1.5
+"""A vibration this many times faster than what the smoothing must pass can be told from motion."""
 
 
 def smoothed(signal: Array, width: float) -> Array:
@@ -44,20 +47,22 @@ def quieten(nominal: Nominal, steady: np.ndarray, frequency: float) -> Nominal:
         frequency: of the vibration [Hz].
 
     Returns:
-        the motion with `vibration_left`: (N,) share of the vibration's rms that is still in it, by the
-        spectrum between `LOWEST` and what the smoothing removes.
+        the motion with `vibration_left`: (N,) share of the vibration's rms that is still in it, counting
+        as such what is up to an octave slower than the smoothing removes. Unchanged where the vibration
+        is too slow to be told from motion, or the wheels never turn steadily.
     """
     period = float(np.median(np.diff(nominal.t)))
-    width = HALF / (CUT * frequency * period)
+    cut = max(CUT * frequency, LOWEST)
+    width = HALF / (cut * period)
     on = steady & ~nominal.rest
-    if width < 1.0 or on.sum() * period < 1.0:
+    if frequency < APART * LOWEST or width < 1.0 or on.sum() * period < 1.0:
         return nominal
     fade = max(round(FADE / period), 1)
     inner = minimum_filter1d(on.astype(float), 2 * fade + 1, mode="constant")
     weight = gaussian_filter1d(inner, fade / 3.0, mode="constant")
     weight = np.where(on, weight, 0.0)
     slow = smoothed(nominal.v, width)
-    motion = smoothed(nominal.v, max(HALF / (LOWEST * period), width))
+    motion = smoothed(nominal.v, 2.0 * width)
     core = inner > 0
     if not core.any():
         return nominal

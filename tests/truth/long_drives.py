@@ -1,0 +1,134 @@
+"""Long drives over firm, uneven ground with their truth: for what short trials on sand do not show.
+
+Everything is by formula on a fine grid; nothing of `granite_lab.estimation` or of the simulators is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from granite_lab.logs.trial import ImuStream, Trial, TrialInfo, WheelStream
+
+Array = NDArray[np.float64]
+
+RADIUS = 0.0965
+LEVER = (0.10, 0.12)
+"""The sample robot's wheel radius, and its IMU's place ahead of and above R [m]."""
+
+FINE = 400.0
+"""Rate of the grid [Hz]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A log and what happened.
+
+    Attributes:
+        trial: IMU and encoders.
+        t: (K,) grid [s].
+        v, wheel: (K,) body and wheel velocity [m/s].
+    """
+
+    trial: Trial
+    t: Array
+    v: Array
+    wheel: Array
+
+    def at(self, t: Array, name: str) -> Array:
+        """Truth at other instants."""
+        return np.interp(t, self.t, getattr(self, name))
+
+
+def wander(rng: np.random.Generator, n: int, std: float, time: float) -> Array:
+    """(n,) first-order Gauss-Markov process twice smoothed, so that it can be differentiated."""
+    a = np.exp(-1.0 / (FINE * time))
+    signal = lfilter(
+        [1 - a], [1, -a], lfilter([1 - a], [1, -a], rng.standard_normal(n + int(8 * time * FINE)))
+    )
+    signal = signal[-n:]
+    return np.asarray(signal * (std / max(float(np.std(signal)), 1e-12)))
+
+
+def drive(
+    seed: int,
+    course: Sequence[tuple[float, float]],
+    *,
+    slip: float = 0.04,
+    scatter: float = 0.03,
+    accel: float = 0.02,
+    gyro: float = 0.0005,
+    imu_rate: float = 200.0,
+    wheel_rate: float = 100.0,
+    terrain: float = 0.02,
+) -> Drive:
+    """Drive a course.
+
+    Args:
+        seed: of all that is random.
+        course: (instant [s], wheel speed [m/s]), straight lines between; zero speed is a standstill.
+        slip, scatter: mean of the slip ratio, and std of what wanders about it within a second.
+        accel, gyro: white noise of the IMU in motion [m/s^2 sqrt(s)], [rad/s sqrt(s)]; a tenth at rest.
+        imu_rate, wheel_rate: [Hz].
+        terrain: std of the pitch [rad].
+    """
+    rng = np.random.default_rng(seed)
+    instants, speeds = np.array(course, dtype=float).T
+    t = np.arange(instants[0], instants[-1], 1.0 / FINE)
+    wheel = np.interp(t, instants, speeds)
+    moving = wheel > 0
+    wheel = wheel * (1.0 + wander(rng, t.size, 0.04, 1.5) * np.minimum(wheel / 0.2, 1.0))
+    ratio = slip + wander(rng, t.size, scatter, 0.4)
+    v = wheel * (1.0 - ratio)
+    # pitch by the way: the ground is what it is, and the robot stands on it
+    ground = wander(rng, t.size, terrain, 3.0)
+    way = np.cumsum(np.where(moving, 1.0, 0.0)) / FINE
+    pitch = np.interp(way, t - t[0], ground)
+    rate = np.gradient(pitch, 1.0 / FINE)
+    force = np.gradient(v, 1.0 / FINE) - 9.81 * np.sin(pitch)
+    force += np.gradient(rate, 1.0 / FINE) * LEVER[1] - rate**2 * LEVER[0]
+    up = 9.81 * np.cos(pitch)
+
+    def mean_over(signal: Array, every: int) -> Array:
+        return np.asarray(signal[: signal.size // every * every].reshape(-1, every).mean(axis=1))
+
+    every = round(FINE / imu_rate)
+    stamps = mean_over(t, every)
+    n = stamps.size
+    shake = np.where(mean_over(moving.astype(float), every) > 0, 1.0, 0.1)
+    specific, angular = np.zeros((n, 3)), np.zeros((n, 3))
+    specific[:, 0], specific[:, 2], angular[:, 1] = (mean_over(s, every) for s in (force, up, rate))
+    specific += accel * np.sqrt(imu_rate) * shake[:, None] * rng.standard_normal((n, 3)) + rng.normal(
+        0, 0.05, 3
+    )
+    angular += gyro * np.sqrt(imu_rate) * shake[:, None] * rng.standard_normal((n, 3)) + rng.normal(
+        0, 2e-3, 3
+    )
+    skip = round(FINE / wheel_rate)
+    step = 2 * np.pi / 106000
+    angle = np.floor(np.cumsum(wheel)[::skip] / FINE / RADIUS / step) * step
+    trial = Trial(
+        name=f"long-{seed}",
+        info=TrialInfo(robot="granite", virtual=True),
+        imu=ImuStream(stamps, specific, angular),
+        wheels=WheelStream(t[::skip], np.repeat((angle - angle[0])[:, None], 4, axis=1), step=step),
+    )
+    return Drive(trial, t, v, wheel)
+
+
+def cycles(number: int, length: float = 30.0, speed: float = 0.5) -> list[tuple[float, float]]:
+    """Course of repeated drives with a standstill after each."""
+    course = [(0.0, 0.0)]
+    for i in range(number):
+        begin = i * length
+        course += [
+            (begin + 3.0, 0.0),
+            (begin + 4.0, speed),
+            (begin + length - 3.0, speed),
+            (begin + length - 2.0, 0),
+        ]
+    return [*course, (number * length + 1.0, 0.0)]
