@@ -6,12 +6,13 @@ BIN := .venv/bin
 USE := .venv/.use-installed
 DEV := .venv/.dev-installed
 
-.PHONY: help study test lint types bench bench-simulator bench-estimation blind samples clean
+.PHONY: help study test lint types bench bench-simulator bench-estimation bench-many blind soak samples clean
 
 help:
 	@echo "make study             analyse data/samples, write reports/samples/index.html"
 	@echo "make test              ruff, mypy and all tests"
 	@echo "make bench             measure speed and accuracy, write docs/bench-*.md"
+	@echo "make soak              the tests whose long parts are only sampled by make test, whole; 1,200 trials"
 	@echo "make blind             an hour of hidden sets for discover, adds to docs/blind.md"
 	@echo "make samples           write the virtual sample trials again"
 	@echo "make clean             remove .venv and all caches"
@@ -42,13 +43,20 @@ lint: $(DEV)
 types: $(DEV)
 	$(BIN)/mypy
 
-bench: bench-simulator bench-estimation
+soak: $(DEV)
+	GRANITE_SOAK=1 $(BIN)/python -m pytest -n 2
+	$(BIN)/python -m benchmarks.many_trials --counts 12,120,1200 --out docs/bench-many.md
+
+bench: bench-simulator bench-estimation bench-many
 
 bench-simulator: $(DEV)
 	$(BIN)/python -m benchmarks.simulator --out docs/bench-simulator.md
 
 bench-estimation: $(DEV)
 	$(BIN)/python -m benchmarks.estimation --out docs/bench-estimation.md
+
+bench-many: $(DEV)
+	$(BIN)/python -m benchmarks.many_trials --counts 12,120 --out docs/bench-many.md
 
 blind: $(DEV)
 	$(BIN)/python -m benchmarks.blind --minutes 60 --jobs 2 --out docs/blind.md

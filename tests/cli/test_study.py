@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from granite_lab.effects.model_file import load_model
 from tests.cli.test_cli import ROOT, lab
 
 SAMPLES = ROOT / "data" / "samples"
@@ -41,6 +42,27 @@ def test_a_failing_trial_is_told_and_left_out(folder: Path) -> None:
     assert "Traceback" not in warned
 
 
+def test_it_ends_with_the_search_for_a_missing_effect(folder: Path) -> None:
+    found = json.loads((folder / "stdout").read_text(encoding="utf-8"))["discovery"]
+    assert found["schema"] == "granite-lab/discovery/1"
+    assert found["verdict"] == "none"  # the samples hide nothing
+    report = json.loads((folder / "reports" / "mine" / "report.json").read_bytes())
+    assert report["discovery"]["verdict"] == "none"
+    answers = {answer["id"]: answer for answer in report["summary"]["answers"]}
+    assert "No search" not in answers["missing"]["text"]
+    assert load_model(folder / "reports" / "mine" / "model.toml").effects == ()
+
+
+def test_it_says_why_no_search_was_run(folder: Path) -> None:
+    model = "reports/mine/model.toml"
+    log = "trials/virtual_v0.7_r1.csv"
+    done = lab("study", log, "--model", model, "--out", "with", "--no-recordings", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stdout.split())
+    assert "No search for a missing effect was run (no search starts from a model with effects)" in said
+    assert not (folder / "with" / "model.toml").exists()
+
+
 def test_report_and_recordings_are_complete(folder: Path) -> None:
     report = folder / "reports" / "mine"
     for name in ("index.html", "report.md", "report.json"):
@@ -55,10 +77,12 @@ def test_report_and_recordings_are_complete(folder: Path) -> None:
 
 
 def test_strict_ends_at_a_failing_trial(folder: Path) -> None:
-    done = lab("study", "trials", "--out", "strict", "--strict", "--no-recordings", cwd=folder)
+    done = lab(
+        "study", "trials", "--out", "strict", "--strict", "--no-recordings", "--no-discover", cwd=folder
+    )
     assert done.returncode == 3
     assert "imu_gy" in done.stderr
-    assert not (folder / "strict" / "index.html").exists()
+    assert not (folder / "strict").exists()
 
 
 def test_compare_writes_the_panels_of_a_trial(folder: Path) -> None:
@@ -77,6 +101,18 @@ def test_results_do_not_depend_on_order_or_number_of_processes(folder: Path) -> 
     two = lab("fit-atheta", *reversed(names), "--jobs", "2", "--json", cwd=folder)
     a, b = (json.loads(done.stdout) for done in (one, two))
     assert a["a_theta"] == b["a_theta"]
+
+
+def test_fits_leave_out_a_trial_that_fails_unless_told_otherwise(folder: Path) -> None:
+    done = lab("fit-k92", "trials", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert [fit["trial"] for fit in document["fits"]] == ["virtual_v0.2_r2", "virtual_v0.7_r1"]
+    assert "trials/broken.csv" in {i["file"] for i in document["provenance"]["inputs"]}
+    assert "warning: broken: left out" in done.stderr
+    strict = lab("fit-atheta", "trials", "--strict", cwd=folder)
+    assert strict.returncode == 3
+    assert strict.stderr.startswith("error: trials/broken.csv")
 
 
 def test_view_without_a_display_says_what_to_do(folder: Path) -> None:

@@ -1,0 +1,160 @@
+"""Cost per trial of a study of 12, 120 and 1,200 trials, in processor time and memory.
+
+    python -m benchmarks.many_trials [--counts 12,120] [--jobs 2] [--out docs/bench-many.md]
+
+The trials are the twelve of data/samples, copied under further names: each copy is read, estimated,
+fitted and compared anew. Processor time counts all processes; each count runs in processes of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from granite_lab.reporting import write_report
+from granite_lab.running import Cache, Execution
+from granite_lab.study import study
+
+SAMPLES = Path(__file__).parent.parent / "data" / "samples"
+
+PAGE = """# Many trials
+
+Written by `make bench-many` (`python -m benchmarks.many_trials --counts {counts} --out docs/bench-many.md`);
+`make soak` takes 1,200 trials, too. {machine}, Python {python}, {jobs} processes. Times are processor
+time of all processes.
+
+* **analysis**: from the log to the comparison with the model, nothing remembered, per trial; the start
+  of the processes, measured with {jobs} trials and given as **start**, is taken off;
+* **report**: a_θ over all trials, figures, tables and page, per trial; figures per speed are as many
+  for few trials as for many;
+* **again**: the analysis of a second run, in which all results are remembered, per trial;
+* **worker**, **main**: largest memory of a worker process and of the command itself.
+
+| trials | start [s] | analysis [s] | against {first} | report [s] | again [s] | worker [MB] | main [MB] |
+|---|---|---|---|---|---|---|---|
+{rows}
+
+The analysis of a trial costs the same however many there are: {verdict}. A worker holds one trial at a
+time. The command itself keeps all trials and figures for the report.
+"""
+
+ALLOWED = 0.2
+"""By how much the analysis of a trial may cost more or less than among the fewest."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a study of so many trials took: processor time [s], memory [MB]."""
+
+    trials: int
+    start: float
+    analysis: float
+    report: float
+    again: float
+    worker: float
+    main: float
+
+
+def processor() -> float:
+    """Return the processor time of this process and of those it has waited for [s]."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(u.ru_utime + u.ru_stime for u in used)
+
+
+def megabytes(who: int) -> float:
+    """Return the largest memory so far [MB]."""
+    return resource.getrusage(who).ru_maxrss / 1024
+
+
+def measure(folder: Path, jobs: int) -> Cost:
+    """Run the study of a folder in this process and its workers."""
+    logs = sorted((folder / "logs").glob("*.csv"))
+    few = Execution(jobs, cache=Cache(folder / "few"))
+    all_ = Execution(jobs, cache=Cache(folder / "cache"))
+    marks = [processor()]
+    study(logs[:jobs], "few", execution=few)
+    marks.append(processor())
+    result = study(logs, "many", execution=all_)
+    marks.append(processor())
+    write_report(result, folder / "report")
+    marks.append(processor())
+    worker, main = megabytes(resource.RUSAGE_CHILDREN), megabytes(resource.RUSAGE_SELF)
+    before = processor()
+    again = study(logs, "many", execution=all_)
+    last = processor() - before
+    assert len(again.trials) == len(result.trials) == len(logs)
+    first, whole, report = (b - a for a, b in pairwise(marks))
+    each = (whole - first) / (len(logs) - jobs)
+    start = first - jobs * each
+    n = len(logs)
+    return Cost(n, start, each, report / n, last / n, worker, main)
+
+
+def cost_of(count: int, jobs: int) -> Cost:
+    """Measure in a process of its own, so that memory and start-up belong to this count alone."""
+    with tempfile.TemporaryDirectory(prefix="granite-lab-many-") as temporary:
+        folder = Path(temporary)
+        (folder / "logs").mkdir()
+        samples = sorted(SAMPLES.glob("*.csv"))
+        for i in range(count):
+            sample = samples[i % len(samples)]
+            shutil.copy(sample, folder / "logs" / f"{sample.stem}_{i // len(samples):03d}.csv")
+        done = subprocess.run(
+            [sys.executable, "-m", "benchmarks.many_trials", "--folder", str(folder), "--jobs", str(jobs)],
+            stdout=subprocess.PIPE, text=True, check=True,
+        )  # fmt: skip
+    return Cost(**json.loads(done.stdout))
+
+
+def row(cost: Cost, first: Cost) -> str:
+    """Return one row of the table."""
+    return (
+        f"| {cost.trials} | {cost.start:.1f} | {cost.analysis:.2f} | {cost.analysis / first.analysis:.2f} | "
+        f"{cost.report:.2f} | {cost.again:.3f} | {cost.worker:.0f} | {cost.main:.0f} |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--counts", default="12,120", help="numbers of trials")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--out", type=Path, help="page to write")
+    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.folder:
+        print(json.dumps(asdict(measure(given.folder, given.jobs))))
+        return
+    costs = []
+    for count in map(int, given.counts.split(",")):
+        costs.append(cost_of(count, given.jobs))
+        print(row(costs[-1], costs[0]), flush=True)
+    apart = [abs(c.analysis / costs[0].analysis - 1) for c in costs]
+    constant = max(apart) <= ALLOWED
+    page = PAGE.format(
+        counts=given.counts,
+        machine=platform.machine(),
+        python=platform.python_version(),
+        jobs=given.jobs,
+        first=costs[0].trials,
+        rows="\n".join(row(c, costs[0]) for c in costs),
+        verdict=f"the largest difference is {100 * max(apart):.0f} %"
+        + ("" if constant else f", more than the {100 * ALLOWED:.0f} % that are allowed"),
+    )
+    if given.out:
+        given.out.write_text(page, encoding="utf-8")
+    sys.exit(not constant)
+
+
+if __name__ == "__main__":
+    main()
