@@ -1,0 +1,43 @@
+"""What happens in one process of a pool stays there."""
+
+from __future__ import annotations
+
+import multiprocessing
+from pathlib import Path
+
+import pytest
+
+from granite_lab.errors import InputError, LabError
+from granite_lab.estimate import Estimate
+from granite_lab.running import Execution, Options, each_trial
+from tests.running.work import measure
+
+
+@pytest.mark.parametrize("jobs", [1, 3])
+def test_errors_and_faults_of_one_trial_leave_the_others_alone(tmp_path: Path, jobs: int) -> None:
+    texts = ["a", "wrong", "bb", "fault", "ccc"]
+    logs = [tmp_path / f"{i}.csv" for i in range(len(texts))]
+    for log, text in zip(logs, texts, strict=True):
+        log.write_text(text, encoding="utf-8")
+    found = each_trial(measure, logs, Options(), execution=Execution(jobs))
+    lengths = [f.value for f in found if isinstance(f, Estimate)]
+    assert lengths == [1, 2, 3]
+    assert isinstance(found[1], InputError)
+    assert found[1].hint == "mend it"
+    assert isinstance(found[3], LabError)
+    assert "ZeroDivisionError in work.py" in found[3].message
+    assert "report it" in found[3].hint
+
+
+def test_a_process_that_dies_fails_only_the_trial_that_kills_it(tmp_path: Path) -> None:
+    logs = [tmp_path / f"{i}.csv" for i in range(5)]
+    for i, log in enumerate(logs):
+        log.write_text("die" if i == 2 else "x" * i, encoding="utf-8")
+    finished: list[Path] = []
+    found = each_trial(measure, logs, Options(), execution=Execution(2), done=finished.append)
+    assert isinstance(found[2], LabError)
+    assert "2.csv: the process that worked on it died" in found[2].message
+    values = [f.value for f in found if isinstance(f, Estimate)]
+    assert values == [0, 1, 3, 4]
+    assert sorted(finished) == logs
+    assert multiprocessing.active_children() == []
