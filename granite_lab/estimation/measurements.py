@@ -48,6 +48,7 @@ def add_rest(
     force = np.concatenate([[0.0], np.cumsum(np.where(usable, imu.forward, 0.0))])
     rate = np.concatenate([[0.0], np.cumsum(np.where(usable, np.nan_to_num(imu.pitch_rate), 0.0))])
     count = np.concatenate([[0], np.cumsum(usable)])
+    has_pitch_rate = imu.has_pitch_rate
     for k in np.flatnonzero(rest):
         i = index[k]
         first = index[k - 1] + 1 if k and rest[k - 1] else i
@@ -58,7 +59,7 @@ def add_rest(
         n = count[i + 1] - count[first]
         if n == 0:
             continue
-        if imu.has_pitch_rate:
+        if has_pitch_rate:
             mean = (rate[i + 1] - rate[first]) / n
             updates[k].append(
                 Update("zero_rate", mean - nominal.gyro_bias, h_rate, noise.gyro**2 / (n * period))
