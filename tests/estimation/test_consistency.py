@@ -70,4 +70,4 @@ def test_slip_ratio_has_no_bias(scores: dict[str, list[Score]]) -> None:
 def test_innovations_are_nearly_white(scores: dict[str, list[Score]]) -> None:
     """Correlation of successive innovations: wheels, specific force and gyro at rest."""
     white = np.array([s.white for of_grade in scores.values() for s in of_grade])
-    assert np.abs(np.nanmean(white, axis=0)).max() < 0.25
+    assert np.abs(np.nanmean(white, axis=0)).max() < 0.15
