@@ -1,4 +1,4 @@
-"""Manners of worker processes: quiet on Ctrl-C, and none stays behind when its parent is gone."""
+"""Manners of processes: quiet on Ctrl-C, none stays behind, and sums do not depend on the number of cores."""
 
 from __future__ import annotations
 
@@ -46,3 +46,17 @@ def starting() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep linear algebra to one thread during the block.
+
+    Sums that are split among threads differ in their last digits with the number of threads, and an
+    iteration can turn that into a difference one sees.
+    """
+    import scipy.linalg  # noqa: F401, PLC0415, brings a library of its own, which must be there to be limited
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415
+
+    with threadpool_limits(1, user_api="blas"):
+        yield

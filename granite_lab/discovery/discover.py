@@ -24,6 +24,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Robot, Soil
+from granite_lab.processes import one_thread
 
 ALLOWANCE = 18.0
 """Least evidence that counts. By chance alone 1 set of 100 exceeds about 12 over all candidates; the
@@ -74,7 +75,7 @@ def discover(
         stage[0] = text
         progress(text, bench.runs)
 
-    with Bench(world, jobs, lambda _: progress(stage[0], bench.runs), respond) as bench:
+    with one_thread(), Bench(world, jobs, lambda _: progress(stage[0], bench.runs), respond) as bench:
         problem = Problem(models, bench)
         tell("fitting the model without effects")
         base = baseline(problem)

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from granite_lab.errors import LabError
 from granite_lab.parameters.catalogue import CATALOGUE, forget
 from granite_lab.parameters.quantity import noting_files
+from granite_lab.processes import one_thread
 from granite_lab.running.codec import decode, encode
 from granite_lab.running.execution import Execution
 from granite_lab.running.fingerprint import trial_key
@@ -82,7 +83,7 @@ def _outcomes(
 def _guarded(work: Callable[[Path, Options], Any], options: Options, path: Path) -> bytes | LabError:
     """Return the encoded pair of files that were read besides the log, and result."""
     forget()
-    with noting_files() as files:
+    with one_thread(), noting_files() as files:
         try:
             result = work(path, options)
         except LabError as error:
