@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+from granite_lab.csv_rows import csv_blocks
 from granite_lab.errors import InputError, LabError, UsageError
 
 if TYPE_CHECKING:
@@ -167,4 +168,6 @@ def write_table(path: Path, table: pd.DataFrame, ending: str = ".csv") -> None:
         with writing(path) as file:
             table.to_parquet(file, index=False, engine="pyarrow")
     else:
-        write_text(path, table.to_csv(index=False, float_format="%.9g"))
+        with writing(path) as file:
+            for block in csv_blocks(table):
+                file.write(block.encode("utf-8", errors="replace"))

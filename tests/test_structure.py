@@ -15,7 +15,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 STAGES = [
     {"errors", "estimate", "__init__"},
-    {"files", "processes"},
+    {"csv_rows", "files", "processes"},
     {"parameters"},
     {"logs"},
     {"hidden"},
