@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from granite_lab.api.hidden import hide, reveal
     from granite_lab.api.logs import ingest, inspect
     from granite_lab.api.parameters import list_effects, params, show_effect
+    from granite_lab.api.plan import plan_next
     from granite_lab.api.search import discover
     from granite_lab.api.simulate import simulate
     from granite_lab.api.trials import compare, fit_a_theta, fit_k92, record, report, study
@@ -28,6 +29,7 @@ _HOMES = {
     "granite_lab.api.hidden": ("hide", "reveal"),
     "granite_lab.api.logs": ("ingest", "inspect"),
     "granite_lab.api.parameters": ("list_effects", "params", "show_effect"),
+    "granite_lab.api.plan": ("plan_next",),
     "granite_lab.api.search": ("discover",),
     "granite_lab.api.simulate": ("simulate",),
     "granite_lab.api.trials": ("compare", "fit_a_theta", "fit_k92", "record", "report", "study"),
@@ -49,6 +51,7 @@ __all__ = [
     "inspect",
     "list_effects",
     "params",
+    "plan_next",
     "record",
     "report",
     "reveal",

@@ -5,6 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 
+def printable(text: str) -> str:
+    """Return a text as one line that a terminal shows and does not obey.
+
+    Names and cells come from files; control characters in them, changes of the reading direction
+    and what is no character at all become U+FFFD.
+    """
+    return "".join(c if c.isprintable() else "\ufffd" for c in " ".join(text.split()))
+
+
 class LabError(Exception):
     """Known trouble: what is wrong, what to do about it, and how the process ends.
 
@@ -17,8 +26,8 @@ class LabError(Exception):
 
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(message)
-        self.message = " ".join(message.split())
-        self.hint = " ".join(hint.split())
+        self.message = printable(message)
+        self.hint = printable(hint)
 
     def __reduce__(self) -> tuple[type[LabError], tuple[str, str]]:
         """Keep the hint when the error crosses a process border."""

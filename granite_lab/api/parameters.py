@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library, load_effects
 from granite_lab.model.effect import Effect
-from granite_lab.parameters.catalogue import Provenance, in_force
+from granite_lab.parameters.catalogue import Provenance, forget, in_force
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,6 +65,7 @@ def params(
         UsageError: unknown robot, soil or IMU grade.
         InputError: a file is wrong.
     """
+    forget()
     return Records([Parameter(row) for row in in_force(str(robot), str(soil), grade)])
 
 

@@ -18,6 +18,7 @@ from granite_lab.model import simulate as run_model
 from granite_lab.model.effect import activate
 from granite_lab.model.virtual import Scatter, rake, virtual_trial
 from granite_lab.parameters import Robot, Soil, Variant, load_paper, load_robot, load_soil, variant_of
+from granite_lab.parameters.catalogue import forget
 from granite_lab.parameters.quantity import build
 
 
@@ -71,6 +72,7 @@ def simulate(
         raise UsageError("--k92 and --a-theta exclude each other", "give one of the two")
     if truth is not None and log is None:
         raise UsageError("--truth needs --log", "give the virtual log a path with --log")
+    forget()
     chosen = trapezoid(variant, v, a, distance)
     base = load_model(Path(model), Path(effects) if effects else None) if model else None
     known = library() | (load_effects(Path(effects)) if effects and not model else {})

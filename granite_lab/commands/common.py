@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import IO, TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -91,23 +92,41 @@ def jsonable(value: Any) -> Any:
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document on stdout."""
-    sys.stdout.write(json.dumps(jsonable(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(jsonable(document), indent=2, ensure_ascii=False, allow_nan=False)
+    # A file's name may hold bytes that are no character; JSON can, the terminal's encoding cannot.
+    sys.stdout.write(re.sub("[\ud800-\udfff]", lambda c: f"\\u{ord(c[0]):04x}", text) + "\n")
+
+
+class _Shown:
+    """A stream on which names cannot turn the reading direction, and every text can be encoded."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        return self._stream.write(re.sub("[\u202a-\u202e\u2066-\u2069\ud800-\udfff]", "\ufffd", text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def console(*, stderr: bool = False) -> Console:
     """Return a console: at most 100 columns on a terminal, 80 elsewhere; colours only on a terminal."""
     from rich.console import Console
 
-    plain = Console(stderr=stderr, highlight=False, soft_wrap=False)
+    stream = cast("IO[str]", _Shown(sys.stderr if stderr else sys.stdout))
+    plain = Console(file=stream, highlight=False, soft_wrap=False)
     if not plain.is_terminal:
-        return Console(stderr=stderr, highlight=False, width=80)
+        return Console(file=stream, highlight=False, width=80)
     return plain
 
 
 def warn(lines: Sequence[str]) -> None:
     """Print warnings on stderr, one line each."""
+    from granite_lab.errors import printable
+
     for line in lines:
-        print(f"warning: {line}", file=sys.stderr)
+        print(f"warning: {printable(line)}", file=sys.stderr)
 
 
 @contextmanager

@@ -17,7 +17,6 @@ from granite_lab.commands.common import (
     print_json,
     progress,
 )
-from granite_lab.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -48,33 +47,19 @@ def plan(
     as_json: JsonOption = False,
 ) -> None:
     """Propose the next trial: the one that best separates what the trials so far left open."""
-    import os
+    from granite_lab.api.plan import plan_next
 
-    from granite_lab.discovery.plan import plan_next
-    from granite_lab.discovery.plan_file import NAME, load_design, load_document
-    from granite_lab.discovery.plan_question import question
-    from granite_lab.effects import library, load_effects
-
-    path = folder / "finding.json"
-    for needed in (path, folder / NAME):
-        if not needed.exists():
-            raise InputError(
-                f"{folder}: holds no finding ('{needed.name}' is missing)",
-                f"run 'granite-lab discover TRIALS… --out {folder}' first",
-            )
-    known = library() | (load_effects(effects) if effects else {})
-    asked = question(load_document(path), known, str(path))
-    design = load_design(folder / NAME)
     with progress(quiet) as display:
         task = display.add_task("looking at trials", total=None)
-        found = plan_next(
-            design,
-            asked,
+        planned = plan_next(
+            folder,
             room=room,
             max_speed=max_speed,
-            jobs=jobs or os.cpu_count() or 1,
+            effects=effects,
+            jobs=jobs,
             progress=lambda done, all_: display.update(task, completed=done, total=all_),
         )
+    found, design = planned.plan, planned.design
     if as_json:
         print_json(_document(found, design))
     else:

@@ -35,6 +35,7 @@ FUNCTIONS = {
     "study": "study",
     "view": "view",
     "discover": "discover",
+    "plan-next": "plan_next",
     "params": "params",
     "effects": "list_effects",
     "hide": "hide",
@@ -288,3 +289,16 @@ def test_view_refuses_what_is_no_recording(tmp_path: Path) -> None:
     (tmp_path / "x.rrd").write_text("no")
     with pytest.raises(InputError, match="not a Rerun recording"):
         gl.view(tmp_path / "x.rrd")
+
+
+def test_a_file_that_was_edited_meanwhile_is_read_again(tmp_path: Path) -> None:
+    """As one does in a long session at the keyboard."""
+    own = tmp_path / "mine.toml"
+    text = (ROOT / "granite_lab/catalogue/robots/granite.toml").read_text(encoding="utf-8")
+    slips = []
+    for mass in ("36.54", "60.0"):
+        own.write_text(text.replace("body_mass_kg = 36.54", f"body_mass_kg = {mass}"), encoding="utf-8")
+        slips.append(gl.simulate(0.3, robot=own).slip_ratio)
+        frame = gl.params(own).to_frame()
+        assert frame.loc[frame["key"] == "body_mass_kg", "value"].iloc[0] == float(mass)
+    assert abs(slips[1] - slips[0]) > 1e-3

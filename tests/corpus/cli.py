@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granite_lab.cli import main
+from granite_lab.parameters.catalogue import forget
 from tests.logs import make
 
 ROOT = Path(__file__).parent.parent.parent
@@ -41,6 +42,7 @@ class Done:
 
 def lab(*args: object) -> Done:
     """Run a command as a user does, errors and all; an exception that escapes is the test's failure."""
+    forget()  # another process would read every file anew
     out, err, before = io.StringIO(), io.StringIO(), sys.argv
     sys.argv = ["granite-lab", *map(str, args)]
     code = 0

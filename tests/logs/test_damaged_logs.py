@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from granite_lab.errors import LabError
 from granite_lab.logs import inspect_logs, read_trial
 from tests.logs import make
 
+EXAMPLES = 3000 if os.environ.get("GRANITE_SOAK") else 150
 GOOD = make.text(duration=3.0).encode()
 LINES = GOOD.split(b"\n")
 
@@ -74,7 +76,7 @@ def check(path: Path) -> None:
 
 
 @given(steps=st.lists(damage, min_size=1, max_size=4))
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
 def test_a_damaged_log(steps: list[tuple[str, int, int, bytes]], tmp_path: Path) -> None:
     path = tmp_path / "trial.csv"
     path.write_bytes(damaged(steps))
@@ -82,7 +84,7 @@ def test_a_damaged_log(steps: list[tuple[str, int, int, bytes]], tmp_path: Path)
 
 
 @given(content=st.binary(max_size=300))
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
 def test_any_bytes(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "trial.csv"
     path.write_bytes(content)
@@ -94,7 +96,7 @@ def test_any_bytes(content: bytes, tmp_path: Path) -> None:
         st.lists(st.floats(allow_nan=True, width=32) | st.none(), min_size=11, max_size=11), max_size=12
     )
 )
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
 def test_any_numbers(rows: list[list[float | None]], tmp_path: Path) -> None:
     path = tmp_path / "trial.csv"
     table = [",".join("" if x is None else repr(x) for x in row) for row in rows]
