@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 from types import TracebackType
@@ -144,9 +145,14 @@ class Bench:
         elif self._pool is None:
             found = [self.world.respond(task) for task in fresh]
         else:
-            with starting():
-                answers = self._pool.map(_work, fresh, chunksize=max(1, min(8, len(fresh) // 8)))
-            found = list(answers)
+            try:
+                with starting():
+                    answers = self._pool.map(_work, fresh, chunksize=max(1, min(8, len(fresh) // 8)))
+                found = list(answers)
+            except BrokenProcessPool:
+                raise EstimateError(
+                    "a process that simulated has died", "is memory short? --jobs 1 works in one process"
+                ) from None
         self.runs += len(fresh)
         self._tick(len(fresh))
         known = self._known | dict(zip(fresh, found, strict=True))

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import sys
 from pathlib import Path
 
 import pytest
 
-from granite_lab.errors import InputError, LabError
+from granite_lab.discovery.bench import Bench, Task, World
+from granite_lab.errors import EstimateError, InputError, LabError
 from granite_lab.estimate import Estimate
+from granite_lab.parameters import load_robot, load_soil, load_variants
 from granite_lab.running import Execution, Options, each_trial
 from tests.running.work import measure
 
@@ -40,4 +44,20 @@ def test_a_process_that_dies_fails_only_the_trial_that_kills_it(tmp_path: Path) 
     values = [f.value for f in found if isinstance(f, Estimate)]
     assert values == [0, 1, 3, 4]
     assert sorted(finished) == logs
+    assert multiprocessing.active_children() == []
+
+
+class Deadly(World):
+    """A world in which no simulation is survived."""
+
+    def respond(self, task: Task) -> None:  # noqa: ARG002, as the real one
+        os._exit(9)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a search runs in one process")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_search_whose_processes_die_says_so() -> None:
+    world = Deadly(load_robot(), load_soil(), load_variants(), {})
+    with Bench(world, 2) as bench, pytest.raises(EstimateError, match="has died"):
+        bench.run([Task(0, (0.01 * k,) * 7) for k in range(4)])
     assert multiprocessing.active_children() == []
