@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from granite_lab import __version__
 from granite_lab.api.records import all_good
 from granite_lab.api.trials import options_of
 from granite_lab.discovery import Finding
+from granite_lab.effects import library, load_effects
 from granite_lab.logs import read_trial
 from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import Trial
+from granite_lab.parameters.catalogue import in_force
+from granite_lab.reporting.content import Source
 from granite_lab.running import Execution
-from granite_lab.running.search import save_found, search
+from granite_lab.running.fingerprint import code
+from granite_lab.running.folder import claimed
+from granite_lab.running.search import names_of, save_found, search
 from granite_lab.study import Options, each_trial
 
 Logs = str | Path | Sequence[str | Path]
@@ -44,7 +50,8 @@ def discover(
         topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
         effects: your own effect file (.py), whose effects become candidates beside the library's.
             It is run: use only code you trust.
-        out: file for the model with what was found (model.toml); without it nothing is written.
+        out: folder for the report, finding.json, design.json (for `plan_next`) and model.toml; without it
+            nothing is written.
         seed: of the bootstrap that sets the thresholds.
         jobs: number of processes; 0 means one per core.
         progress: told what is being done and how many simulations are done so far.
@@ -57,8 +64,30 @@ def discover(
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
     options = options_of(robot=robot, soil=soil, column_map=column_map, topics=topics, effects=effects)
-    trials = all_good(each_trial(_read, trial_files(logs), options, jobs=1))
+    files = trial_files(logs)
+    trials = all_good(each_trial(_read, files, options, jobs=1))
     finding = search(trials, options, seed=seed, execution=Execution(jobs), progress=progress)
     if out is not None:
-        save_found(finding, options, trials, Path(out))
+        from granite_lab.reporting import write_discovery  # noqa: PLC0415, heavy
+
+        folder = Path(out)
+        known = library() | (load_effects(Path(effects)) if effects else {})
+        with claimed(folder):
+            save_found(finding, options, trials, folder / "model.toml")
+            source = source_of(files, trials, options, seed)
+            write_discovery(finding, folder, source, model=folder / "model.toml", effects=known)
     return finding
+
+
+def source_of(files: Sequence[Path], trials: Sequence[Trial], options: Options, seed: int) -> Source:
+    """Return where a finding comes from: command, inputs, parameters and code."""
+    rows = in_force(*names_of(trials, options))
+    given = (*options.given(), *((("seed", str(seed)),) if seed else ()))
+    return Source(
+        version=__version__,
+        command=" ".join(["granite-lab discover", *map(str, files), *(f"--{k} {v}" for k, v in given)]),
+        inputs=tuple(file for trial in trials for file in trial.inputs),
+        parameters=tuple((f"{p.group}.{p.key}", f"{p.value:g}", p.unit, p.origin) for p in rows),
+        options=given,
+        code=code(search=True),
+    )

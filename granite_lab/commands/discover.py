@@ -35,7 +35,6 @@ from granite_lab.commands.running import (
 
 if TYPE_CHECKING:
     from granite_lab.logs.trial import Trial
-    from granite_lab.reporting.content import Source
     from granite_lab.study import Options
 
 
@@ -69,6 +68,7 @@ def discover(
     as_json: JsonOption = False,
 ) -> None:
     """Find the physical effect that the model lacks; write the case for it and the model with it."""
+    from granite_lab.api.search import source_of
     from granite_lab.discovery import finding_as_json
     from granite_lab.effects import library, load_effects
     from granite_lab.reporting import write_discovery
@@ -101,7 +101,9 @@ def discover(
         )
         display.update(task, description="writing the report")
         save_found(finding, options, read, model)
-        page = write_discovery(finding, out, _source(files, read, options, seed), model=model, effects=known)
+        page = write_discovery(
+            finding, out, source_of(files, read, options, seed), model=model, effects=known
+        )
     tidy(execution)
     if as_json:
         print_json(finding_as_json(finding, model))
@@ -109,22 +111,3 @@ def discover(
         show_finding(finding, console())
         console().print(f"report: {page}", soft_wrap=True)
         console().print(f"model with what was found: {model}", soft_wrap=True)
-
-
-def _source(files: list[Path], read: list[Trial], options: Options, seed: int) -> Source:
-    from granite_lab import __version__
-    from granite_lab.parameters.catalogue import in_force
-    from granite_lab.reporting.content import Source
-    from granite_lab.running.fingerprint import code
-    from granite_lab.running.search import names_of
-
-    rows = in_force(*names_of(read, options))
-    given = (*options.given(), *((("seed", str(seed)),) if seed else ()))
-    return Source(
-        version=__version__,
-        command=" ".join(["granite-lab discover", *map(str, files), *(f"--{k} {v}" for k, v in given)]),
-        inputs=tuple(file for trial in read for file in trial.inputs),
-        parameters=tuple((f"{p.group}.{p.key}", f"{p.value:g}", p.unit, p.origin) for p in rows),
-        options=given,
-        code=code(search=True),
-    )
