@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.estimation import main_row, offset_row, seed_of
+from benchmarks.estimation import drawn, main_row, offset_row, remembered, seed_of, summaries
 from benchmarks.estimation_cell import Cell, Score, score, successive_correlation, summarise
 from granite_lab.estimation.motion import Health
 
@@ -100,3 +101,25 @@ def test_a_trial_is_judged() -> None:
     assert not s.refused
     assert 0 < s.v_square < 0.02**2
     assert 0 < s.slip_std < 0.1
+
+
+def test_a_run_that_ends_early_has_its_share_of_each_cell() -> None:
+    many, few = Cell("industrial", 8.0, 0.3), Cell("industrial", 8.0, 0.5, 0.02)
+    jobs = drawn({many: 100, few: 25})
+    assert len(jobs) == 125
+    assert set(jobs) == {(many, i) for i in range(100)} | {(few, i) for i in range(25)}
+    for end in (20, 60, 110):
+        assert sum(cell == many for cell, _ in jobs[:end]) == pytest.approx(0.8 * end, abs=1)
+
+
+def test_scores_that_are_kept_are_not_measured_again(tmp_path: Path) -> None:
+    cell, kept = Cell("industrial", 2.5, 0.5), tmp_path / "scores.jsonl"
+    first = summaries({cell: 1}, 1, kept=kept)
+    ((job, found),) = remembered(kept).items()
+    assert job == (cell, 0)
+    assert found.v_square == pytest.approx(first[cell].v_rmse ** 2)
+    written = kept.read_text()
+    # no time for another trial: what is known is all there is
+    again = summaries({cell: 1}, 1, minutes=0.0, kept=kept)
+    assert again == first
+    assert kept.read_text() == written
