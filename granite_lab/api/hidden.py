@@ -13,7 +13,7 @@ from granite_lab.hidden.making import make_set
 from granite_lab.hidden.scoring import Score, read_finding, score
 from granite_lab.hidden.sealed import NAME, open_answer, seal
 from granite_lab.hidden.wish import Wish
-from granite_lab.logs import write_canonical
+from granite_lab.logs import write_canonical, write_truth
 from granite_lab.parameters import load_robot, load_soil
 
 if TYPE_CHECKING:
@@ -79,6 +79,8 @@ def hide(
     robot: str | Path = "granite",
     soil: str | Path = "dry_sand",
     overwrite: bool = False,
+    label: str = "hidden",
+    truth: str | Path | None = None,
     jobs: int = 1,
     done: Callable[[str], None] = lambda _: None,
 ) -> HiddenSet:
@@ -95,6 +97,8 @@ def hide(
         repetitions: trials of each variant.
         robot, soil: names or files.
         overwrite: replace a set that is there.
+        label: with which the trials' names begin.
+        truth: folder in which the true motion of each trial is kept aside (CSV).
         jobs: number of processes.
         done: called with the name of each finished trial.
 
@@ -104,12 +108,13 @@ def hide(
         LabError: a file cannot be written.
     """
     folder = Path(out)
-    old = [*folder.glob("hidden_v*_r*.csv"), *folder.glob(NAME)]
+    old = [*folder.glob(f"{label}_v*_r*.csv"), *folder.glob(NAME)]
     if old and not overwrite:
         raise UsageError(f"{folder}: holds a hidden set already", "choose another folder, or add --overwrite")
+    true: dict[str, pd.DataFrame] = {}
     trials, answer = make_set(
         Wish(effect, seed, strength, noise, sand_off, dict(sizes or {})), load_robot(robot), load_soil(soil),
-        repetitions=repetitions, jobs=jobs, done=done,
+        repetitions=repetitions, label=label, jobs=jobs, done=done, keep=true.__setitem__,
     )  # fmt: skip
     for path in old:
         path.unlink()
@@ -120,6 +125,8 @@ def hide(
         answer["trials"][trial.name]["sha256"] = sha256(path)
         files.append(path)
     write_bytes(folder / NAME, seal(answer))
+    for name, motion in true.items() if truth else ():
+        write_truth(Path(truth or "") / f"{name}.csv", motion)
     return HiddenSet(tuple(sorted(files)), folder / NAME)
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from granite_lab.effects import get, library, load_effects
 from granite_lab.effects.model_file import ModelFile, load_model
 from granite_lab.errors import UsageError
-from granite_lab.files import write_text
-from granite_lab.logs import write_canonical
+from granite_lab.logs import write_canonical, write_truth
 from granite_lab.model import Accuracy, Run
 from granite_lab.model import simulate as run_model
 from granite_lab.model.effect import activate
@@ -122,8 +121,4 @@ def _write_log(run: Run, log: Path, truth: Path | None, seed: int, repetition: i
     trial, true = virtual_trial(run, seed, log.stem, repetition=repetition)
     write_canonical(log, trial)
     if truth:
-        header = "".join(
-            f"# {key} = {value!r}\n".replace("'", '"')
-            for key, value in {"virtual": True, **true.attrs}.items()
-        ).replace("True", "true")
-        write_text(truth, header + true.to_csv(index=False, float_format="%.7g"))
+        write_truth(truth, true)

@@ -58,6 +58,8 @@ def hide(
     robot: RobotOption = None,
     soil: SoilOption = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a set that is there.")] = False,
+    label: Annotated[str, typer.Option("--name", help="First word of the trials' names.")] = "hidden",
+    truth: Annotated[Path | None, typer.Option(help="Folder to keep the true motion aside (CSV).")] = None,
     jobs: JobsOption = 1,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
@@ -71,7 +73,8 @@ def hide(
         made = run(
             effect, out, seed=seed, strength=strength, sizes=_sizes(size or []), noise=noise,
             sand_off=sand_off, repetitions=repetitions, robot=robot or "granite", soil=soil or "dry_sand",
-            overwrite=overwrite, jobs=_processes(jobs), done=lambda _: display.advance(task),
+            overwrite=overwrite, label=label, truth=truth, jobs=_processes(jobs),
+            done=lambda _: display.advance(task),
         )  # fmt: skip
     if as_json:
         print_json({"schema": "granite-lab/hide/1", "trials": made.trials, "sealed": made.sealed})

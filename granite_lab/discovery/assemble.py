@@ -54,14 +54,11 @@ def assemble(
     speeds = [t.variant for t in problem.trials]
     many = len(each) > 1
     predicted = [held_out(problem, f, each).white if many else f.white for f in (before, after)]
-    floors = [
-        [np.sqrt(share) * e for e in noise_floor(problem, pure_error(problem, after.white))]
-        for share in _left_by_fits(problem, after)
-    ]
-    gaps = _gaps(problem, [before.white, after.white, floors[0]], [*predicted, floors[1]])
+    floor = noise_floor(problem, pure_error(problem, after.white))
+    gaps = _gaps(problem, [before.white, after.white, floor], [*predicted, floor])
     found = effects_of(problem, after, choice, threshold)
     # so that noise alone gives one for each number that was measured
-    unit = sum(float(e @ e) for e in floors[1]) / _count(problem)
+    unit = sum(float(e @ e) for e in floor) / _count(problem)
     losses: list[tuple[float, float, float]] = []
     if len(set(speeds)) > 1:
         other = [held_out(problem, f, speeds).white for f in (before, after)]
@@ -117,15 +114,6 @@ def _under_present_noise(problem: Problem, fit: Fit) -> Fit:
 def _count(problem: Problem) -> int:
     """Return how many numbers were measured."""
     return sum(int(w.known.sum()) for own in problem.whiteners for w in own)
-
-
-def _left_by_fits(problem: Problem, fit: Fit) -> tuple[float, float]:
-    """Return the share of the noise's energy that all fitted numbers leave, and that a trial's own leave."""
-    count = _count(problem)
-    own = sum(float(np.trace(b.solve(b.local.T @ b.local))) for b in fit.blocks)
-    precision = problem.bounds(fit.point)[0]
-    shared = precision.size - float(precision @ np.diag(covariance(problem, fit)))
-    return 1 - (own + shared) / count, 1 - own / count
 
 
 def _gaps(problem: Problem, train: Sequence[Sequence[Array]], held: Sequence[Sequence[Array]]) -> list[Gap]:

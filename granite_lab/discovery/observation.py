@@ -57,12 +57,14 @@ class Stream:
         value: (N,) in the unit of the channel.
         weights: (7,) how the channel is composed of the simulated `SIGNALS`.
         is_angle: read at the edges instead of averaged over the bins.
+        window: over which the sensor itself averages around each stamp [s].
     """
 
     t: Array
     value: Array
     weights: Array
     is_angle: bool
+    window: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +121,17 @@ class Observation:
             shift: by how much the command starts later than `t_start` [s].
         """
         stream = self.streams[channel]
-        signal = stream.weights @ response
-        return _bin(stream, np.interp(stream.t - self.t_start - shift, t, signal), self.edges)
+        signal, at = stream.weights @ response, stream.t - self.t_start - shift
+        if stream.window:
+            # accelerations jump: what the sensor shows of a corner depends on where its window lies
+            integral = np.concatenate([[0.0], np.cumsum((signal[1:] + signal[:-1]) / 2 * np.diff(t))])
+            half = stream.window / 2
+            values = (np.interp(at + half, t, integral) - np.interp(at - half, t, integral)) / stream.window
+            outside = (at - half < t[0]) | (at + half > t[-1])
+            values[outside] = np.interp(at[outside], t, signal)
+        else:
+            values = np.interp(at, t, signal)
+        return _bin(stream, values, self.edges)
 
 
 def observe(
@@ -184,7 +195,9 @@ def _streams(trial: Trial, robot: Robot) -> dict[str, Stream]:
                 ("pitch_rate", rate[:, 1], np.asarray(known[1][:, 1])),
             )
         ):
-            found |= _stream(name, trial.imu.t, values, fine, k, is_angle=False)
+            interval = float(np.median(np.diff(trial.imu.t)))
+            for own, stream in _stream(name, trial.imu.t, values, fine, k, is_angle=False).items():
+                found[own] = replace(stream, window=interval)  # an IMU integrates from sample to sample
     offset = trial.info.clock_offset or 0.0
     if trial.wheels is not None:
         found |= _axles("wheel", trial.wheels.t + offset, trial.wheels.angle, 3)

@@ -9,10 +9,11 @@ from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from granite_lab import __version__
 from granite_lab.errors import EstimateError, UsageError
-from granite_lab.hidden.body import DT, body_from_states
+from granite_lab.hidden.body import DT, Body, body_from_states
 from granite_lab.hidden.catalogue import LIBRARY, influence, model_of
 from granite_lab.hidden.command import Trapezoid
 from granite_lab.hidden.parts import exponential_k92
@@ -57,11 +58,12 @@ class Plan:
     repetition: int
     seed: tuple[int, ...]
     noise: float
+    label: str = "hidden"
 
     @property
     def name(self) -> str:
         """Name of the trial, which tells nothing."""
-        return f"hidden_v{self.variant.velocity:g}_r{self.repetition}"
+        return f"{self.label}_v{self.variant.velocity:g}_r{self.repetition}"
 
 
 def make_set(
@@ -72,7 +74,9 @@ def make_set(
     repetitions: int = 3,
     variants: tuple[Variant, ...] = (),
     jobs: int = 1,
+    label: str = "hidden",
     done: Callable[[str], None] = lambda _: None,
+    keep: Callable[[str, pd.DataFrame], None] = lambda *_: None,
 ) -> tuple[list[Trial], dict[str, Any]]:
     """Make all trials of a set, with the answer.
 
@@ -82,7 +86,9 @@ def make_set(
         repetitions: of each variant.
         variants: those of Table 2 when empty.
         jobs: processes.
+        label: with which the trials' names begin.
         done: called with the name of each finished trial.
+        keep: called with the name and the true motion of each trial, see `true_motion`.
 
     Raises:
         UsageError: unknown effect or size, or a robot without chassis, drive or IMU.
@@ -97,13 +103,17 @@ def make_set(
     for attempt in range(8 if wish.sand_off else 1):
         ground, off = sand(wish, soil, attempt)
         plans, scatter = _plans(wish, names, sizes, robot, ground, asked, repetitions)
-        trials = []
-        for trial in _run(plans, jobs):
-            if trial is None:
+        plans = [replace(plan, label=label) for plan in plans]
+        trials, true = [], []
+        for made in _run(plans, jobs):
+            if made is None:
                 break
-            trials.append(trial)
-            done(trial.name)
+            trials.append(made[0])
+            true.append(made[1])
+            done(made[0].name)
         if len(trials) == len(plans):
+            for trial, motion in zip(trials, true, strict=True):
+                keep(trial.name, motion)
             return trials, _answer(wish, names, sizes, off, plans, scatter)
     raise EstimateError(
         "the robot digs itself in under the hidden effect", "choose a smaller --strength or another --seed"
@@ -134,7 +144,7 @@ def _plans(
     return plans, scatter
 
 
-def _run(plans: list[Plan], jobs: int) -> Iterator[Trial | None]:
+def _run(plans: list[Plan], jobs: int) -> Iterator[tuple[Trial, pd.DataFrame] | None]:
     if jobs <= 1:
         yield from map(make_trial, plans)
         return
@@ -142,8 +152,8 @@ def _run(plans: list[Plan], jobs: int) -> Iterator[Trial | None]:
         yield from pool.map(make_trial, plans)
 
 
-def make_trial(plan: Plan) -> Trial | None:
-    """Simulate and log one trial; None if the robot digs itself in."""
+def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
+    """Simulate and log one trial, with its true motion; None if the robot digs itself in."""
     rng = np.random.default_rng([*plan.seed, 1])
     command = Trapezoid(plan.variant.velocity, plan.variant.acceleration, plan.variant.distance)
     truth = model_of(plan.names, plan.robot, plan.soil, command, exponential_k92(plan.a_theta), plan.sizes)
@@ -166,13 +176,40 @@ def make_trial(plan: Plan) -> Trial | None:
         a_max=plan.variant.acceleration, distance=plan.variant.distance, repetition=plan.repetition,
         virtual=True, extra={"made_by": f"granite-lab {__version__} hide"},
     )  # fmt: skip
-    return Trial(
+    trial = Trial(
         name=plan.name,
         info=info,
         imu=ImuStream(imu.t.round(6), imu.specific_force.round(7), imu.angular_rate.round(8)),
         wheels=WheelStream(wheels.t.round(6), wheels.angle.round(8), step=wheels.step),
         currents=None if currents is None else CurrentStream(currents.t.round(6), currents.current.round(5)),
     )
+    return trial, true_motion(plan, command, body)
+
+
+def true_motion(plan: Plan, command: Trapezoid, body: Body) -> pd.DataFrame:
+    """Return what really happened: columns with units in their names, and single numbers as attributes.
+
+    The slip ratio (2) is that of the second half of the constant desired velocity.
+    """
+    front, rear = body.v_wheel[:, 0], body.v_wheel[:, 2]
+    start = body.start + command.ramp + np.array([0.5, 1.0]) * command.hold
+    rolled = np.cumsum((front + rear) / 2) * DT
+    gained = np.diff(np.interp(start, body.t, body.x)), np.diff(np.interp(start, body.t, rolled))
+    frame = pd.DataFrame(  # at 200 Hz, as the IMU
+        {
+            "t_s": body.t, "x_m": body.x, "v_mps": body.v, "pitch_rad": body.pitch,
+            "v_wheel_f_mps": front, "v_wheel_r_mps": rear,
+        }
+    ).iloc[:: round(0.005 / DT)]  # fmt: skip
+    frame.attrs = {
+        "slip_ratio": float(1 - gained[0][0] / gained[1][0]),
+        "t_start_s": body.start,
+        "k92_law": "exponential",
+        "k92_value": plan.a_theta,
+        "frictional_modulus_Pa_mn": plan.soil.frictional_modulus,
+        "cohesion_Pa": plan.soil.cohesion,
+    }
+    return frame
 
 
 def louder(robot: Robot, factor: float) -> Robot:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from granite_lab.files import writing
+from granite_lab.files import write_text, writing
 from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.trial import Array, Trial
 
@@ -107,3 +107,17 @@ def _table(trial: Trial) -> pd.DataFrame:
         whole[np.searchsorted(stamps, t[seen])] = values[seen]
         table[name] = whole
     return pd.DataFrame(table, index=stamps)
+
+
+def write_truth(path: Path, motion: pd.DataFrame) -> None:
+    """Keep the true motion of a virtual trial aside: CSV, with the attributes as comment lines.
+
+    Raises:
+        LabError: the file cannot be written.
+    """
+    marks = {True: "true", False: "false"}
+    header = "".join(
+        f"# {key} = " + (marks[value] if isinstance(value, bool) else json.dumps(value)) + "\n"
+        for key, value in {"virtual": True, **motion.attrs}.items()
+    )
+    write_text(path, header + motion.to_csv(index=False, float_format="%.7g"))

@@ -1,0 +1,143 @@
+"""Measurement and simulation go through the same bins."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from granite_lab.discovery.observation import SIGNALS, Observation, bin_width, observe
+from granite_lab.discovery.setup import start_of, variant_of_trial
+from granite_lab.errors import EstimateError, InputError
+from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
+from granite_lab.parameters import GRAVITY, Robot, load_robot, load_variants
+
+VARIANT = load_variants()[3]
+START = 2.013
+GRID = -1.0 + 0.0025 * np.arange(3400)
+
+
+def signal(name: str, t: Array) -> Array:
+    """A smooth signal of each sensor with corners no bin can follow exactly; at rest before the start."""
+    t = np.fmax(t, 0.0)
+    k = SIGNALS.index(name)
+    if name.startswith("enc"):
+        return 7 * (t - 0.1 * (1 - np.exp(-t / 0.1))) + 0.01 * k * np.sin(6 * t)
+    return np.sin((5 + k) * t) * np.exp(-t) + (GRAVITY if name == "imu_az_mps2" else 0.0)
+
+
+def averaged(name: str, t: Array) -> Array:
+    """What an IMU shows that integrates over its 5 ms."""
+    return np.mean([signal(name, t + shift) for shift in 0.005 * (np.arange(50) - 24.5) / 50], axis=0)
+
+
+def trial(rng: np.random.Generator, *, jitter: float = 3e-4, end: float = 9.0) -> Trial:
+    def stamps(rate: float) -> Array:
+        t = np.arange(0.0, end, 1 / rate)
+        return t + np.clip(jitter * rng.normal(size=t.size), -0.3 / rate, 0.3 / rate)
+
+    t_imu, t_enc, t_cur = stamps(200), stamps(100), stamps(100)
+    force, rate = np.zeros((t_imu.size, 3)), np.zeros((t_imu.size, 3))
+    force[:, 0], force[:, 2] = (averaged(n, t_imu - START) for n in ("imu_ax_mps2", "imu_az_mps2"))
+    rate[:, 1] = averaged("imu_gy_radps", t_imu - START)
+    angle = np.stack([signal(f"enc_{a}_rad", t_enc - START) for a in "ffrr"], axis=1)
+    current = np.stack([signal(f"cur_{a}_A", t_cur - START) for a in "ffrr"], axis=1)
+    return Trial(
+        name="bins",
+        info=TrialInfo(v_desired=0.7),
+        imu=ImuStream(t_imu, force, rate),
+        wheels=WheelStream(t_enc, angle + 0.4),
+        currents=CurrentStream(t_cur, current),
+    )
+
+
+def response() -> Array:
+    return np.stack([signal(name, GRID) for name in SIGNALS])
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot()
+
+
+def left_over(o: Observation, channel: str, of: Array) -> Array:
+    """Measured minus predicted; angles up to the constant from which they are counted, a nuisance."""
+    left = o.values[channel] - o.binned(channel, GRID, of, 0.0)
+    return left - np.nanmean(left) if o.streams[channel].is_angle else left
+
+
+def test_a_perfect_model_leaves_nothing_in_the_bins(robot: Robot) -> None:
+    o = observe(trial(np.random.default_rng(1)), robot, VARIANT, START)
+    for channel in o.streams:
+        left = left_over(o, channel, response())
+        assert np.nanmax(np.abs(left)) < 1e-4, channel  # interpolation of the grid of 2.5 ms
+
+
+def test_bins_do_not_depend_on_where_the_samples_fall(robot: Robot) -> None:
+    trials = [trial(np.random.default_rng(seed), jitter=1e-3) for seed in (1, 2)]
+    wrong = response() * 1.01  # an imperfect model must leave the same residual whatever the stamps
+    for channel in observe(trials[0], robot, VARIANT, START).streams:
+        left = []
+        for one in trials:
+            o = observe(one, robot, VARIANT, START)
+            left.append(left_over(o, channel, wrong))
+        scale = np.nanmax(np.abs(left[0]))
+        assert np.nanmax(np.abs(left[0] - left[1])) < 0.05 * scale, channel
+
+
+def test_a_late_start_shifts_the_simulation(robot: Robot) -> None:
+    o = observe(trial(np.random.default_rng(1)), robot, VARIANT, START - 0.012)
+    shifted = o.values["wheel"] - o.binned("wheel", GRID, response(), 0.012)
+    # the angle counts from the first estimate of the start, where the wheel still stood
+    assert np.nanmax(np.abs(shifted)) < 1e-4
+    assert np.nanmax(np.abs(o.values["wheel"] - o.binned("wheel", GRID, response(), 0.0))) > 0.05
+
+
+def test_a_gap_is_left_out_and_no_more(robot: Robot) -> None:
+    whole = trial(np.random.default_rng(1))
+    assert whole.imu is not None
+    keep = (whole.imu.t < 4.0) | (whole.imu.t > 4.3)
+    imu = ImuStream(whole.imu.t[keep], whole.imu.specific_force[keep], whole.imu.angular_rate[keep])
+    o = observe(dataclasses.replace(whole, imu=imu), robot, VARIANT, START)
+    lost = ~np.isfinite(o.values["accel_x"])
+    middle = (o.edges[1:] + o.edges[:-1]) / 2
+    assert lost[(middle > 4.02) & (middle < 4.28)].all()
+    assert not lost[(middle < 3.97) | (middle > 4.33)].any()
+    assert np.isfinite(o.values["wheel"]).all()
+
+
+def test_channels_that_were_not_logged_are_absent(robot: Robot) -> None:
+    whole = trial(np.random.default_rng(1))
+    o = observe(dataclasses.replace(whole, currents=None), robot, VARIANT, START)
+    assert set(o.streams) == {"accel_x", "accel_z", "pitch_rate", "wheel", "wheel_split"}
+    assert whole.wheels is not None
+    angle = whole.wheels.angle.copy()
+    angle[:, 2:] = np.nan  # no encoders on the rear axle
+    o = observe(dataclasses.replace(whole, wheels=WheelStream(whole.wheels.t, angle)), robot, VARIANT, START)
+    assert "wheel_split" not in o.streams
+    assert np.nanmax(np.abs(left_over(o, "wheel", response()))) < 1e-4
+
+
+def test_slow_sensors_widen_the_bins(robot: Robot) -> None:
+    whole = trial(np.random.default_rng(1))
+    assert whole.wheels is not None
+    slow = WheelStream(whole.wheels.t[::5], whole.wheels.angle[::5])
+    assert bin_width(whole, robot) == pytest.approx(0.02)
+    assert bin_width(dataclasses.replace(whole, wheels=slow), robot) == pytest.approx(0.06)
+
+
+def test_the_start_is_found_from_the_wheels(robot: Robot) -> None:
+    one = trial(np.random.default_rng(1))
+    assert start_of(one, None, VARIANT, robot.wheels.radius) == pytest.approx(START, abs=0.06)
+
+
+def test_a_log_that_says_nothing_of_the_command_is_refused(robot: Robot) -> None:
+    one = dataclasses.replace(trial(np.random.default_rng(1)), info=TrialInfo())
+    with pytest.raises(InputError, match="of the command are not known"):
+        variant_of_trial(one, None)
+
+
+def test_a_log_that_ends_before_the_command_is_refused(robot: Robot) -> None:
+    with pytest.raises(EstimateError, match=r"cover .* % of the time of the command"):
+        observe(trial(np.random.default_rng(1), end=2.2), robot, VARIANT, START)

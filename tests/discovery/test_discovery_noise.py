@@ -1,0 +1,90 @@
+"""Noise learnt from repetitions is whitened to independent numbers of unit variance, whatever is missing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from granite_lab.discovery.lackfit import window_scores, windows
+from granite_lab.discovery.noise import learn
+
+N, WIDTH = 400, 0.02
+
+
+def speed() -> np.ndarray:
+    v = np.zeros(N)
+    v[25:300] = np.minimum(1, np.arange(275) / 20)
+    v[280:300] = np.linspace(1, 0, 20)
+    return v
+
+
+def slope() -> np.ndarray:
+    s = np.zeros(N)
+    s[25:30] = 1.0
+    return s
+
+
+def draw(rng: np.random.Generator) -> np.ndarray:
+    """White noise of the sensor, a vibration that grows with speed, and jitter at a steep place."""
+    vibration = lfilter([1.0], [1.0, 0.9, 0.6], rng.normal(size=N + 100))[100:]
+    return 0.3 * rng.normal(size=N) + speed() * vibration + 0.8 * slope() * rng.normal(size=N)
+
+
+@pytest.fixture(scope="module")
+def missing() -> np.ndarray:
+    """What the model lacks, the same in every repetition and far above the noise."""
+    return 30 * speed() * np.sin(np.arange(N) / 15)
+
+
+@pytest.mark.parametrize("repetitions", [3, 6])
+def test_fresh_noise_comes_out_white(missing: np.ndarray, repetitions: int) -> None:
+    rng = np.random.default_rng(repetitions)
+    shown = []
+    for _ in range(20):
+        rows = [missing + draw(rng) for _ in range(repetitions)]
+        whitener = learn(rows, speed(), slope(), 1e-3, WIDTH)[0]
+        shown.append(whitener(draw(rng)))
+    table = np.stack(shown)
+    for part in (slice(0, 25), slice(30, 50), slice(50, 280), slice(305, N)):
+        assert np.sqrt(np.mean(table[:, part] ** 2)) == pytest.approx(1.0, abs=0.15)
+    for lag in (1, 2, 5):
+        assert abs(np.mean(table[:, lag:] * table[:, :-lag])) < 0.06
+    # the slow part, where effects live: the spectrum must not be thinner than noise there
+    slow = np.array([np.sum(row[50:280]) / np.sqrt(230) for row in table])
+    assert 0.6 < np.std(slow) < 1.5
+
+
+def test_one_run_alone_does_not_take_a_slow_effect_for_noise(missing: np.ndarray) -> None:
+    rng = np.random.default_rng(0)
+    noise = draw(rng)
+    whitener = learn([missing / 5 + noise], speed(), slope(), 1e-3, WIDTH)[0]
+    signal = whitener(missing / 5)
+    assert np.sqrt(np.mean(whitener(noise)[50:280] ** 2)) == pytest.approx(1.0, abs=0.3)
+    assert np.sum(signal**2) > 1000
+
+
+def test_missing_bins_stay_out(missing: np.ndarray) -> None:
+    rng = np.random.default_rng(1)
+    rows = [missing + draw(rng) for _ in range(3)]
+    rows[1][100:120] = np.nan
+    whiteners = learn(rows, speed(), slope(), 1e-3, WIDTH)
+    assert (whiteners[1](rows[1])[100:120] == 0).all()
+    assert np.isfinite(whiteners[1](rows[1])).all()
+    assert np.array_equal(whiteners[0](rows[0]), whiteners[2](rows[0]))
+
+
+def test_window_scores_are_standard_normal_under_the_null() -> None:
+    scores = window_scores(np.random.default_rng(2).normal(size=(N, 200)), WIDTH)
+    finite = scores[np.isfinite(scores)]
+    assert np.mean(finite) == pytest.approx(0.0, abs=0.03)
+    assert np.std(finite) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_bump_scores_highest_where_it_is() -> None:
+    z = np.random.default_rng(3).normal(size=N)
+    z[200:224] += 2.5
+    scores = window_scores(z, WIDTH)[:, :, 0]
+    a, b = windows(N)[int(np.argmax(scores.max(axis=1)))]
+    assert scores.max() > 6
+    assert min(b, 224) - max(a, 200) > 0.5 * 24
