@@ -136,9 +136,7 @@ class AThetaFit:
         """Return the points that went in, one row a trial, units in the column names."""
         import pandas as pd  # noqa: PLC0415
 
-        rows = [
-            (trial, v, k92.value, k92.std, slip.value, slip.std) for trial, v, k92, slip in self.points
-        ]
+        rows = [(trial, v, k92.value, k92.std, slip.value, slip.std) for trial, v, k92, slip in self.points]
         return pd.DataFrame(
             rows, columns=["trial", "variant_mps", "k92", "k92_std", "slip_ratio", "slip_ratio_std"]
         )
