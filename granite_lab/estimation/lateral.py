@@ -23,6 +23,9 @@ VX, VY, BX, BY, SLIP = range(5)
 STEP = 0.02
 """Spacing of the grid [s]; turning is slower."""
 
+MOST = 60_000
+"""A grid of more points than this is made sparser: 60 ms in an hour, which a robot's turns still outlast."""
+
 ASIDE = 0.15
 """Mean sideways velocity over one second, as a share of the forward velocity (std)."""
 
@@ -80,7 +83,8 @@ def find(
     force[0] = force[0] + imu.gravity * np.sin(np.cumsum(pitch_rate * step))
     force[1] = force[1] - imu.gravity * np.sin(np.cumsum(roll_rate * step))
     # means over the grid's steps, from integrals
-    grid = np.arange(t[0], t[-1] + STEP, max(STEP, float(np.median(np.diff(t)))))
+    spacing = max(STEP, float(np.median(np.diff(t))), float(t[-1] - t[0]) / MOST)
+    grid = np.arange(t[0], t[-1] + STEP, spacing)
     gained = [np.diff(np.interp(grid, t, np.cumsum(f * step)), prepend=0.0) for f in force]
     turned = np.diff(np.interp(grid, t, np.cumsum(yaw * step)), prepend=0.0)
     velocity, std = _smooth(
