@@ -237,6 +237,8 @@ def main() -> None:
     cells = dict.fromkeys(main_cells, trials) | dict.fromkeys(shifted, max(5, trials // 4))
     found = summaries(cells, options.processes, minutes=options.minutes, kept=options.scores)
     words = [f"--trials {trials}"] if not options.quick else ["--quick"]
+    if np.isfinite(options.minutes):
+        words.append(f"--minutes {options.minutes:g}")
     command = " ".join(["python -m benchmarks.estimation", *words])
     text = report({c: found[c] for c in main_cells}, {c: found[c] for c in shifted}, command)
     print(text)
