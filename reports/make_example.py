@@ -1,0 +1,42 @@
+"""Write `reports/example`: the report of data/samples, small enough to be kept in version control.
+
+The page and the numbers are what `granite-lab study data/samples` writes. Of the figures only one PNG each is
+kept, with fewer colours, for the Markdown; there are no recordings.
+
+    python reports/make_example.py
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from PIL import Image
+
+ROOT = Path(__file__).parent.parent
+EXAMPLE = ROOT / "reports" / "example"
+COLOURS = 48
+
+
+def study() -> None:
+    """Analyse the samples; what is remembered from before is used."""
+    command = "from granite_lab.cli import main; main()"
+    arguments = ["study", "data/samples", "--out", "reports/example", "--no-recordings"]
+    subprocess.run([sys.executable, "-c", command, *arguments], cwd=ROOT, check=True)
+
+
+def slim() -> None:
+    """Keep each figure once, as a PNG of few colours, and let the Markdown show it."""
+    for png in sorted((EXAMPLE / "figures").glob("*.png")):
+        with Image.open(png) as picture:
+            few = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        few.save(png, optimize=True)
+        png.with_suffix(".svg").unlink(missing_ok=True)
+    page = EXAMPLE / "report.md"
+    page.write_text(page.read_text(encoding="utf-8").replace(".svg)", ".png)"), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    study()
+    slim()
