@@ -44,7 +44,8 @@ time of all processes.
 {rows}
 
 The analysis of a trial costs the same however many there are: {verdict}. A worker holds one trial at a
-time. The command itself keeps all trials and figures for the report, about 8 MB a trial; 1,200 would need some 10 GB.
+time. The command itself keeps all trials and figures for the report, about 8 MB a trial; 1,200 would
+need some 10 GB.
 """
 
 ALLOWED = 0.2
