@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
+from numpy.typing import NDArray
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 if TYPE_CHECKING:
-    from benchmarks.real_logs_data import Array, Comparison
+    from benchmarks.real_logs_data import Comparison
     from granite_lab.api.logs import Ingested
 
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#555555"
@@ -34,7 +35,7 @@ def draw(
     _boreal(folder / "borealtc.png", snow)
 
 
-def _velocity(axes: Any, item: Ingested, keep: slice | Array = slice(None)) -> None:
+def _velocity(axes: Any, item: Ingested, keep: slice | NDArray[np.bool_] = slice(None)) -> None:
     motion = item.motion
     known = np.isfinite(motion.v_wheel)
     wheels = np.where(known, motion.v_wheel, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
