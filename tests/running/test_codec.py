@@ -63,7 +63,9 @@ class Stranger:
     x: int = 1
 
 
-@pytest.mark.parametrize("value", [Stranger(), object(), np.array([{}]), {1, 2}], ids=["stranger", "object", "objects", "set"])
+@pytest.mark.parametrize(
+    "value", [Stranger(), object(), np.array([{}]), {1, 2}], ids=["stranger", "object", "objects", "set"]
+)
 def test_what_is_no_record_of_the_package_is_refused(value: object) -> None:
     with pytest.raises(TypeError):
         encode(value)
