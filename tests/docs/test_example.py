@@ -1,0 +1,66 @@
+"""The example report: small, whole, of the samples that are there, no kinder than the sealed answer."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import pytest
+
+from granite_lab.files import sha256
+from granite_lab.hidden.scoring import MEANING, score
+from granite_lab.hidden.sealed import open_answer
+from tests.docs.pages import ROOT, text_of
+
+EXAMPLE = ROOT / "reports" / "example"
+SAMPLES = ROOT / "data" / "samples"
+
+
+@pytest.fixture(scope="module")
+def report() -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((EXAMPLE / "report.json").read_text(encoding="utf-8"))
+    return document
+
+
+def test_it_is_small_and_has_no_recordings() -> None:
+    files = [path for path in EXAMPLE.rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < 6e6
+    assert not [path for path in files if path.suffix == ".rrd"]
+
+
+def test_its_page_loads_nothing_from_elsewhere() -> None:
+    page = (EXAMPLE / "index.html").read_text(encoding="utf-8")
+    assert not re.findall(r"""(?:src|xlink:href)=["'](?!data:|#)[^"']+""", page)
+    assert "@import" not in page
+    assert "<script" not in page
+
+
+def test_its_markdown_shows_every_figure_and_no_other_lies_there() -> None:
+    text = (EXAMPLE / "report.md").read_text(encoding="utf-8").replace("\\", "")
+    shown = set(re.findall(r"\]\(figures/([^)]+)\)", text))
+    assert shown == {path.name for path in (EXAMPLE / "figures").iterdir()}
+
+
+def test_it_is_of_the_samples_that_are_there(report: dict[str, Any]) -> None:
+    text = json.dumps(report["provenance"])
+    for log in sorted(SAMPLES.glob("*.csv")):
+        assert sha256(log) in text, f"{log.name} has changed: run reports/make_example.py"
+
+
+def test_its_first_page_says_slip_a_theta_what_is_missing_and_how_much_closes(report: dict[str, Any]) -> None:
+    page = (EXAMPLE / "report.md").read_text(encoding="utf-8").split("\n## ")[0]
+    said = " ".join(page.replace("\\", "").split())  # no-break spaces, too
+    for speed in ("0.2", "0.3", "0.5", "0.7"):
+        assert re.search(rf"[\d.]+ % at {speed} m/s \(95 %: ", said)
+    assert re.search(r"a_θ = [\d.]+ ± [\d.]+ s/m .*4\.919 s/m lies (inside|outside)", said)
+    if report["discovery"]["verdict"] == "named":
+        assert re.search(r"What is missing from the model\?.*\d+ % of it closes", said)
+
+
+def test_the_readme_beside_it_tells_how_the_finding_was_judged(report: dict[str, Any]) -> None:
+    judged = score(open_answer(SAMPLES), report["discovery"])
+    said = " ".join(text_of("reports/README.md").split())
+    assert MEANING[judged.outcome] in said
+    for effect in (*judged.hidden, *judged.named):
+        assert f"`{effect}`" in said
