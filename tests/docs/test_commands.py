@@ -23,12 +23,13 @@ INLINE = [
     for page in PAGES
     for words in re.findall(r"(?<!`)`granite-lab ([^`]+)`", re.sub(r"(?s)```.*?```", "", text_of(page)))
 ]
+ROOT_COMMAND: Any = typer.main.get_command(app)
 LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)(?:#[^)]*)?\)")
 
 
 def _command(words: list[str]) -> tuple[Any, list[str]]:
     """Return the command that words name, and its arguments."""
-    command: Any = typer.main.get_command(app)
+    command: Any = ROOT_COMMAND
     rest = list(words)
     while rest and rest[0] in getattr(command, "commands", {}):
         command = command.commands[rest.pop(0)]
