@@ -67,11 +67,33 @@ def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[s
             }
             for d in finding.detectable
         ],
+        "self_check": _self_check(finding),
         "notes": list(finding.notes),
         "sentence": finding.sentence,
         "seed": finding.seed,
         "virtual": finding.virtual,
         "model": str(model) if model is not None else None,
+    }
+
+
+def _self_check(finding: Finding) -> dict[str, Any] | None:
+    """Return what would be named if one candidate at a time were in the trials."""
+    check = finding.self_check
+    if check is None:
+        return None
+    return {
+        "times_detectable": check.factor,
+        "draws": check.draws,
+        "candidates": [
+            {
+                "id": id_,
+                "named": _number(check.kept[k]),
+                "named_alone": _number(check.alone[k]),
+                "missed": _number(check.missed[k]),
+                "taken_for": {other: _number(x) for other, x in check.taken_for(id_)},
+            }
+            for k, id_ in enumerate(check.ids)
+        ],
     }
 
 

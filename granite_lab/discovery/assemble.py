@@ -8,6 +8,7 @@ import numpy as np
 
 from granite_lab.discovery.baseline import by_command, noise_floor, pure_error
 from granite_lab.discovery.bench import PER_TRIAL, SAND
+from granite_lab.discovery.confusion import Confusion
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import (
     Candidate,
@@ -45,6 +46,7 @@ def assemble(
     threshold: float,
     seed: int,
     virtual: bool,
+    self_check: Confusion | None = None,
 ) -> Finding:
     """Gather everything under the noise as it was learnt last."""
     world, after = problem.bench.world, judgement.fit
@@ -100,6 +102,7 @@ def assemble(
         seed=seed,
         virtual=virtual,
         runs=problem.bench.runs,
+        self_check=self_check,
     )
 
 

@@ -10,6 +10,7 @@ from granite_lab.discovery.assemble import assemble
 from granite_lab.discovery.baseline import baseline, from_weak_sand, pure_error
 from granite_lab.discovery.bench import Bench, Respond, World
 from granite_lab.discovery.chance import null_maximum
+from granite_lab.discovery.confusion import confusion
 from granite_lab.discovery.detect import detectability
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import Finding
@@ -92,6 +93,8 @@ def discover(
                 base = other
                 signs = signatures(problem, base, candidates)
         detectable = detectability(base, signs, candidates, threshold)
+        tell("checking what these trials could show")
+        check = confusion(problem, base, signs, candidates, threshold, detectable=detectable[0], seed=seed)
         choice = search(problem, base, signs, candidates, threshold, tell)
         tell("looking at what is left")
         judgement = judge(problem, choice.base, choice, threshold, rng, FALSE_ALARMS)
@@ -103,5 +106,6 @@ def discover(
             detectable=detectable,
             threshold=threshold,
             seed=seed,
+            self_check=check,
             virtual=all(t.info.virtual for t in trials),
         )

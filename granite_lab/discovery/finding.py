@@ -14,6 +14,8 @@ from granite_lab.parameters import Robot, Soil
 if TYPE_CHECKING:
     import pandas as pd
 
+    from granite_lab.discovery.confusion import Confusion
+
 Verdict = Literal["none", "named", "unknown"]
 Status = Literal["evaluated", "at a bound", "not converged", "screened only"]
 
@@ -168,6 +170,7 @@ class Finding:
         seed: of the bootstrap.
         virtual: all trials were written by a simulator.
         runs: simulations that were needed.
+        self_check: what would come out of these very trials if one candidate were in them.
     """
 
     verdict: Verdict
@@ -197,6 +200,7 @@ class Finding:
     seed: int
     virtual: bool
     runs: int
+    self_check: Confusion | None = None
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row a candidate: its evidence beside what chance alone reaches, and its fate."""

@@ -224,4 +224,5 @@ def _could_show(finding: Finding, known: Mapping[str, Effect]) -> list[Block]:
         Words(text),
         *found,
         *_folded("Smallest sizes, with units", tables.detectable_table(finding, known)),
+        *_folded("What would be named, and what it would be taken for", tables.self_check_table(finding)),
     ]

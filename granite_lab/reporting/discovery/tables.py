@@ -163,6 +163,37 @@ def detectable_table(finding: Finding, known: Mapping[str, Effect]) -> Table | N
     )  # fmt: skip
 
 
+def self_check_table(finding: Finding) -> Table | None:
+    """List what would be named if one candidate at a time were in the trials."""
+    check = finding.self_check
+    if check is None:
+        return None
+    rows = []
+    for k, id_ in enumerate(check.ids):
+        if not math.isfinite(check.missed[k]):
+            continue
+        wrong = ", ".join(f"{plain(other)} ({100 * share:.0f} %)" for other, share in check.taken_for(id_))
+        rows.append(
+            (
+                words(plain(id_)), fixed(100 * check.kept[k], 0), fixed(100 * check.alone[k], 0),
+                fixed(100 * check.missed[k], 0), words(wrong or "none"), data_cell(finding.virtual),
+            )
+        )  # fmt: skip
+    if not rows:
+        return None
+    return Table(
+        "found_self_check", "What these trials would say of each candidate",
+        f"Each candidate in turn at {check.factor:g} times the smallest size that is seen, {check.draws} "
+        "times with other noise: how often it is named, alone or with what cannot be told from it, how "
+        "often alone, and how often nothing is named.",
+        columns(
+            "candidate", ("named [%]", ("named",)), ("named alone [%]", ("named_alone",)),
+            ("nothing named [%]", ("missed",)), "something else comes first", "data",
+        ),
+        tuple(rows),
+    )  # fmt: skip
+
+
 def law_table(finding: Finding) -> Table | None:
     """List the terms of the empirical law."""
     law = law_of(finding)
