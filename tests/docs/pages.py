@@ -32,8 +32,8 @@ class Block:
     def commands(self) -> Iterator[list[str]]:
         """Yield the arguments of each `granite-lab` line."""
         for line in self.code.replace("\\\n", " ").splitlines():
-            words = shlex.split(line, comments=True)
-            if words and words[0] == "granite-lab":
+            if line.startswith("granite-lab "):
+                words = shlex.split(line, comments=True)
                 yield words[1 : words.index(">")] if ">" in words else words[1:]
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from tests.corpus.cli import Done, lab
-from tests.docs.pages import ROOT, blocks, save_files
+from tests.docs.pages import ROOT, blocks, save_files, text_of
 
 SAMPLE = ROOT / "data" / "samples" / "virtual_v0.3_r1.csv"
 
@@ -87,6 +89,27 @@ def test_a_logger_by_the_page_gives_the_same_slip(folder: Path) -> None:
     assert "variant 0.3 m/s" in " ".join(seen.out.split())
     assert "run" in ingested.out
     assert measured("run.csv", "--map", "my_logger.toml") == pytest.approx(measured(SAMPLE), abs=0.1)
+
+
+def test_the_tutorial_goes_from_a_foreign_log_to_slip_and_k92(folder: Path) -> None:
+    assert save_files("docs/tutorial.md", folder) == ["make_logs.py"]
+    save_files("docs/how-to-logger.md", folder)
+    done = subprocess.run(
+        [sys.executable, "make_logs.py"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    # what follows takes minutes; tests/cli/test_study.py and tests/discovery have it
+    long = ("study", "view", "discover", "reveal", "compare", "simulate", "plan-next")
+    unknown, _, seen, ingested, fit = follow("docs/tutorial.md", without=long)
+    assert "the layout is not known" in unknown.out
+    assert 'name = "clock [ms]"\nto = ["t"]\nunit = "ms"' in (folder / "draft.toml").read_text("utf-8")
+    assert "2.50 m at the wheels" in seen.out
+    text = text_of("docs/tutorial.md")
+    (stated,) = re.findall(r"it slipped by ([\d.]+) ± [\d.]+ %", text)
+    found = re.search(r"run07.* (\d+\.\d+) ± \d\.\d+ ", ingested.out)
+    assert found
+    assert float(found[1]) == pytest.approx(float(stated), abs=0.2)
+    assert "virtual" in fit.out  # what the small files beside the logs say is read
 
 
 def test_an_effect_by_the_page_is_listed_and_slows_the_robot(folder: Path) -> None:
