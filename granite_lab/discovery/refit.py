@@ -9,6 +9,7 @@ import numpy as np
 
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.arrow import Block
+from granite_lab.discovery.baseline import noise_floor, pure_error
 from granite_lab.discovery.point import Fit, Point, Slopes
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.slopes import slopes_at
@@ -16,7 +17,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array
 
 NOISE = 1.02
-"""chi2 per bin that counts as noise when further starts are weighed."""
+"""chi2 over that of the noise that counts as noise when further starts and candidates are weighed."""
 
 AT_BOUND = 1e-3
 """Share of a parameter's range within which it counts as being at its bound."""
@@ -76,8 +77,16 @@ def refit(
 
 def enough(problem: Problem, fit: Fit) -> bool:
     """Tell whether a fit leaves hardly more than noise, so that another start cannot find much."""
-    count = sum(int(w.known.sum()) for own in problem.whiteners for w in own)
-    return fit.chi2 < NOISE * count
+    return misfit(problem, fit) < (NOISE - 1) * _noise(problem, fit)
+
+
+def misfit(problem: Problem, fit: Fit) -> float:
+    """Return by how much the whitened residuals of a fit exceed noise, as a sum of squares."""
+    return max(0.0, sum(float(w @ w) for w in fit.white) - _noise(problem, fit))
+
+
+def _noise(problem: Problem, fit: Fit) -> float:
+    return sum(float(e @ e) for e in noise_floor(problem, pure_error(problem, fit.white)))
 
 
 def reduced(block: Block, white: Array, own: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.baseline import learn_noise
 from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
-from granite_lab.discovery.refit import at_bound, enough, held_out, refit, with_effect
+from granite_lab.discovery.refit import at_bound, enough, held_out, misfit, refit, with_effect
 from granite_lab.discovery.rivals import freedom, rivals, without
 from granite_lab.discovery.screen import Score, evidence, scores
 from granite_lab.discovery.signature import Signatures, signatures
@@ -21,12 +21,16 @@ from granite_lab.model.effect import Effect
 PROMISING = 6
 """Most candidates that are fitted in full."""
 
+WORTH = 0.1
+"""Share of the best candidate's screened evidence below which another is not fitted in full."""
+
 STRONG = 1000.0
 """Drop of chi2 from which a fit also starts afresh: the nuisances may have run after the effect."""
 
 
-SECOND = 0.01
-"""A further effect must bring at least this share of what the first brought."""
+SHARE = 0.4
+"""A further effect must explain at least this share of what is left: a formula that differs from nature's
+leaves something, too, of which some other candidate explains a part."""
 
 MOST = 3
 
@@ -89,7 +93,7 @@ def search(
         threshold: evidence that chance exceeds once in a hundred sets.
         tick: told what is being done.
     """
-    fit, rounds, first = base, [], 0.0  # type: Fit, list[tuple[Trial, ...]], float
+    fit, rounds = base, []  # type: Fit, list[tuple[Trial, ...]]
     twins: dict[str, tuple[str, ...]] = {}
     refused: set[str] = set()
     while True:
@@ -107,9 +111,9 @@ def search(
                 signs = signatures(problem, fit, left, small=True)
                 twins, _ = rivals(problem, fit, signs, left)
         ranking = [s for s in scores(problem, fit, signs, left) if s.effect not in refused]
-        least = max(threshold, SECOND * first)
+        least = max(threshold, SHARE * misfit(problem, fit)) if chosen else threshold
         tick("fitting the promising effects")
-        tried = _try_all(problem, fit, _promising(ranking, least)) if len(chosen) < MOST else ()
+        tried = _try_all(problem, fit, _promising(ranking, threshold)) if len(chosen) < MOST else ()
         names = {t.effect for t in tried}
         rest = [
             Trial(s.effect, s, None, s.evidence, (), "screened only")
@@ -132,7 +136,6 @@ def search(
             ):
                 refused.add(winner.effect)
                 continue
-        first = first or fit.chi2 - winner.fit.chi2
         fit = settle(problem, winner.fit)
 
 
@@ -145,7 +148,9 @@ def settle(problem: Problem, fit: Fit) -> Fit:
         return adjust(problem, fit.point)
 
 
-def _promising(ranking: Sequence[Score], least: float) -> list[Score]:
+def _promising(ranking: Sequence[Score], threshold: float) -> list[Score]:
+    """Return what is worth a full fit; the screen is linear and may see too little of a strong effect."""
+    least = max(threshold, WORTH * ranking[0].evidence) if ranking else threshold
     return [s for s in ranking if s.evidence > least][:PROMISING]
 
 
