@@ -24,6 +24,10 @@ CLOSED = 0.9
 """A named effect whose fit leaves more than noise stays named if it closes this share of the misfit: its
 formula may differ from nature's."""
 
+HALF, PLAIN = 0.5, 0.05
+"""What is named must close this share of the misfit where more than `PLAIN` of the noise's energy is left:
+repetitions that differ from one another raise the threshold of the map, and it no longer tells."""
+
 TERM = 0.03
 """Share of the misfit that a term of the empirical law must explain."""
 
@@ -75,7 +79,8 @@ def judge(
     noise = sum(float(e @ e) for e in noise_floor(problem, error))
     first, last = misfit(problem, base, noise), misfit(problem, choice.fit, noise)
     closed = 1 - last / first if choice.effects and first > 0 else float("nan")
-    if after <= threshold:
+    poor = bool(choice.effects) and closed < HALF and last > PLAIN * noise
+    if after <= threshold and not poor:
         return Judgement("named" if choice.effects else "none", choice.fit, threshold, before, after, closed)
     if choice.effects and closed >= CLOSED:
         return Judgement("named", choice.fit, threshold, before, after, closed)
