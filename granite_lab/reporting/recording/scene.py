@@ -15,7 +15,7 @@ from granite_lab.reporting.recording import shapes
 from granite_lab.reporting.recording.signals import MOST_ROWS, SIMULATED, command_start
 from granite_lab.reporting.recording.stream import Writer, thinned
 
-STEP = 0.025
+STEP = 0.03
 """Spacing of the poses [s]; forces and torques have twice that."""
 FORCE_SCALE = 0.0022
 """Length of a force arrow [m/N]."""
