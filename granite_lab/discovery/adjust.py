@@ -66,7 +66,7 @@ def fit(
     prior, low, high = problem.bounds(point)
     centre = problem.centres(point)
     damping, converged, fresh = 0.0, False, True
-    count = sum(int(w.known.sum()) for own in problem.whiteners for w in own)
+    count = problem.count
     for _ in range(rounds):
         # far from noise the last digits do not matter
         tolerance = max(TOLERANCE, RELATIVE * (chi2 - count))

@@ -60,7 +60,7 @@ def assemble(
     gaps = _gaps(problem, [before.white, after.white, floor], [*predicted, floor])
     found = effects_of(problem, after, choice, threshold)
     # so that noise alone gives one for each number that was measured
-    unit = sum(float(e @ e) for e in floor) / _count(problem)
+    unit = sum(float(e @ e) for e in floor) / problem.count
     losses: list[tuple[float, float, float]] = []
     if len(set(speeds)) > 1:
         other = [held_out(problem, f, speeds).white for f in (before, after)]
@@ -112,11 +112,6 @@ def _under_present_noise(problem: Problem, fit: Fit) -> Fit:
     return Fit(
         fit.point, fit.residuals, problem.chi2(white, fit.point), blocks, fit.slopes, fit.converged, white
     )
-
-
-def _count(problem: Problem) -> int:
-    """Return how many numbers were measured."""
-    return sum(int(w.known.sum()) for own in problem.whiteners for w in own)
 
 
 def _gaps(problem: Problem, train: Sequence[Sequence[Array]], held: Sequence[Sequence[Array]]) -> list[Gap]:

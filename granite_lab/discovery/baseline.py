@@ -167,3 +167,8 @@ def noise_floor(problem: Problem, error: Sequence[Array]) -> list[Array]:
                 n = problem.trials[i].observation.bins
                 result[i][k * n : (k + 1) * n] *= np.sqrt(1 + 2 * LEARNT / max(seen, LEARNT) / len(having))
     return result
+
+
+def noise_energy(problem: Problem, white_residuals: Sequence[Array]) -> float:
+    """Return the sum of squares that noise alone is expected to leave of whitened residuals."""
+    return sum(float(e @ e) for e in noise_floor(problem, pure_error(problem, white_residuals)))

@@ -95,6 +95,11 @@ class Problem:
             for t, r, x in zip(self.trials, responses, point.trials, strict=True)
         )
 
+    @property
+    def count(self) -> int:
+        """How many numbers were measured, over all trials."""
+        return sum(int(w.known.sum()) for own in self.whiteners for w in own)
+
     def chi2(self, white: Sequence[Array], point: Point) -> float:
         """Return the sum of squares of whitened residuals and priors."""
         priors = float(np.sum((point.sand / UNKNOWN_SAND) ** 2)) + sum(

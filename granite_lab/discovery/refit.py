@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.arrow import Block
-from granite_lab.discovery.baseline import noise_floor, pure_error
+from granite_lab.discovery.baseline import noise_energy
 from granite_lab.discovery.point import Fit, Point, Slopes
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.slopes import slopes_at
@@ -77,16 +77,13 @@ def refit(
 
 def enough(problem: Problem, fit: Fit) -> bool:
     """Tell whether a fit leaves hardly more than noise, so that another start cannot find much."""
-    return misfit(problem, fit) < (NOISE - 1) * _noise(problem, fit)
+    noise = noise_energy(problem, fit.white)
+    return misfit(fit.white, noise) < (NOISE - 1) * noise
 
 
-def misfit(problem: Problem, fit: Fit) -> float:
-    """Return by how much the whitened residuals of a fit exceed noise, as a sum of squares."""
-    return max(0.0, sum(float(w @ w) for w in fit.white) - _noise(problem, fit))
-
-
-def _noise(problem: Problem, fit: Fit) -> float:
-    return sum(float(e @ e) for e in noise_floor(problem, pure_error(problem, fit.white)))
+def misfit(white: Sequence[Array], noise: float) -> float:
+    """Return by how much whitened residuals exceed the noise, as a sum of squares."""
+    return max(0.0, sum(float(w @ w) for w in white) - noise)
 
 
 def reduced(block: Block, white: Array, own: Array) -> tuple[Array, Array]:

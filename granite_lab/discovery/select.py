@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.discovery.adjust import fit as adjust
-from granite_lab.discovery.baseline import learn_noise
+from granite_lab.discovery.baseline import learn_noise, noise_energy
 from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.refit import at_bound, enough, held_out, misfit, refit, with_effect
@@ -111,7 +111,8 @@ def search(
                 signs = signatures(problem, fit, left, small=True)
                 twins, _ = rivals(problem, fit, signs, left)
         ranking = [s for s in scores(problem, fit, signs, left) if s.effect not in refused]
-        least = max(threshold, SHARE * misfit(problem, fit)) if chosen else threshold
+        remains = misfit(fit.white, noise_energy(problem, fit.white)) if chosen else 0.0
+        least = max(threshold, SHARE * remains)
         tick("fitting the promising effects")
         tried = _try_all(problem, fit, _promising(ranking, threshold)) if len(chosen) < MOST else ()
         names = {t.effect for t in tried}

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.discovery.baseline import noise_floor, pure_error
+from granite_lab.discovery.baseline import noise_energy, pure_error
 from granite_lab.discovery.empirical import EmpiricalLaw, amounts, sparse
 from granite_lab.discovery.finding import Verdict
 from granite_lab.discovery.lackfit import largest_score, null_threshold
 from granite_lab.discovery.point import Fit
 from granite_lab.discovery.problem import Problem
-from granite_lab.discovery.refit import refit, with_effect
+from granite_lab.discovery.refit import misfit, refit, with_effect
 from granite_lab.discovery.select import Choice, settle
 from granite_lab.discovery.signature import signatures
 
@@ -54,11 +54,6 @@ class Judgement:
     law: float = 0.0
 
 
-def misfit(problem: Problem, fit: Fit, noise: float) -> float:
-    """Return by how much whitened residuals exceed noise, as a sum of squares."""
-    return max(0.0, sum(float(w @ w) for w in problem.white(fit.residuals)) - noise)
-
-
 def judge(
     problem: Problem, base: Fit, choice: Choice, evidence: float, rng: np.random.Generator, level: float
 ) -> Judgement:
@@ -76,8 +71,8 @@ def judge(
     threshold = max(LEAST, null_threshold(problem, error, rng, level=level) + MARGIN)
     before = largest_score(problem, problem.white(base.residuals))
     after = largest_score(problem, choice.fit.white)
-    noise = sum(float(e @ e) for e in noise_floor(problem, error))
-    first, last = misfit(problem, base, noise), misfit(problem, choice.fit, noise)
+    noise = noise_energy(problem, choice.fit.white)
+    first, last = (misfit(problem.white(f.residuals), noise) for f in (base, choice.fit))
     closed = 1 - last / first if choice.effects and first > 0 else float("nan")
     poor = bool(choice.effects) and closed < HALF and last > PLAIN * noise
     if after <= threshold and not poor:

@@ -46,6 +46,7 @@ class Plan:
         variant, repetition: which trial it is.
         seed: key of its random numbers.
         noise: factor on the noise of the sensors.
+        label: with which its name begins.
     """
 
     names: tuple[str, ...]
@@ -58,7 +59,7 @@ class Plan:
     repetition: int
     seed: tuple[int, ...]
     noise: float
-    label: str = "hidden"
+    label: str
 
     @property
     def name(self) -> str:
@@ -102,8 +103,7 @@ def make_set(
     # Sand drawn off its file may be too weak for the slope, drag or speed at hand; it is drawn again then.
     for attempt in range(8 if wish.sand_off else 1):
         ground, off = sand(wish, soil, attempt)
-        plans, scatter = _plans(wish, names, sizes, robot, ground, asked, repetitions)
-        plans = [replace(plan, label=label) for plan in plans]
+        plans, scatter = _plans(wish, names, sizes, robot, ground, asked, repetitions, label)
         trials, true = [], []
         for made in _run(plans, jobs):
             if made is None:
@@ -128,6 +128,7 @@ def _plans(
     soil: Soil,
     variants: tuple[Variant, ...],
     repetitions: int,
+    label: str,
 ) -> tuple[list[Plan], list[dict[str, float]]]:
     plans, scatter = [], []
     # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
@@ -138,7 +139,9 @@ def _plans(
             there, a_theta, factors = raked(soil, load_paper().a_theta, rng)
             own = {name: influence(name).of_trial(sizes[name], rng) for name in names}
             plans.append(
-                Plan(names, own, robot, there, soil.name, a_theta, variant, repetition, seed, wish.noise)
+                Plan(
+                    names, own, robot, there, soil.name, a_theta, variant, repetition, seed, wish.noise, label
+                )
             )
             scatter.append(factors)
     return plans, scatter
