@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
@@ -97,14 +98,19 @@ class Drawing:
         title: what it shows.
         sentence: what to see in it.
         alt: for those who cannot see it.
-        figure: the figure.
+        drawn: the figure, or what draws it: of many figures only one need be in memory at a time.
     """
 
     id: str
     title: str
     sentence: str
     alt: str
-    figure: Figure
+    drawn: Figure | Callable[[], Figure]
+
+    @property
+    def figure(self) -> Figure:
+        """The figure; drawn at each look unless it was drawn before."""
+        return self.drawn if isinstance(self.drawn, Figure) else self.drawn()
 
 
 def stacked(

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.estimation.motion import Motion
@@ -104,6 +106,15 @@ def describe_misfit(found: dict[tuple[str, str], Gap]) -> str:
 
 def health_drawing(motion: Motion, index: int) -> Drawing:
     """Draw how the filter fared in one trial: innovations with bounds, biases with 2σ, rests shaded."""
+    data = canvas.data_tag(motion.virtual)
+    return Drawing(
+        f"health_{index:02d}", f"Health of the estimate: {motion.trial}{data}", describe_health(motion),
+        f"Body velocity with rests, innovations with bounds, accelerometer and gyroscope bias of trial "
+        f"{motion.trial}{data}.", partial(_health, motion),
+    )  # fmt: skip
+
+
+def _health(motion: Motion) -> Figure:
     h = motion.health
     with_gyro = len(h.gyro_bias) == len(motion.t) and bool(np.isfinite(h.gyro_bias).any())
     figure, axes = canvas.stacked([1.0, 1.2, 0.95, 0.95], [1, 2, 1, 1])
@@ -144,12 +155,7 @@ def health_drawing(motion: Motion, index: int) -> Drawing:
         axes[-1].ticklabel_format(axis="x", useOffset=False)
         canvas.align_labels(axes)
         canvas.mark_virtual(figure, motion.virtual)
-    data = canvas.data_tag(motion.virtual)
-    return Drawing(
-        f"health_{index:02d}", f"Health of the estimate: {motion.trial}{data}", describe_health(motion),
-        f"Body velocity with rests, innovations with bounds, accelerometer and gyroscope bias of trial "
-        f"{motion.trial}{data}.", figure,
-    )  # fmt: skip
+    return figure
 
 
 def _innovations(axis: Axes, motion: Motion) -> None:

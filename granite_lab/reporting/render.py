@@ -21,13 +21,18 @@ _MARKDOWN = {c: f"\\{c}" for c in "\\`*_[]|~#$"} | {"&": "&amp;", "<": "&lt;", "
 
 
 def to_html(report: Report, svgs: dict[str, str]) -> str:
-    """Return the report as one HTML page that needs nothing else.
+    """Return the report as one HTML page; what is not in `svgs` it takes from the files beside it.
 
     Args:
         report: the report.
-        svgs: SVG text of each figure by its id.
+        svgs: SVG text of figures by their ids; with that of all of them the page needs nothing else.
     """
-    inlined = {d.id: Markup(inline_svg(svgs[d.id], d.id, str(escape(d.alt)))) for d in report.drawings}
+    inlined = {
+        d.id: Markup(inline_svg(svgs[d.id], d.id, str(escape(d.alt))))
+        if d.id in svgs
+        else Markup('<img src="figures/{}.svg" alt="{}" loading="lazy">').format(d.id, d.alt)
+        for d in report.drawings
+    }
     return _environment(html=True).get_template("report.html").render(report=report, svg=inlined)
 
 

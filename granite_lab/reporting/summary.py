@@ -10,6 +10,7 @@ import numpy as np
 
 from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.estimate import Estimate
+from granite_lab.logs.trial import Array
 from granite_lab.parameters import Paper, Published
 from granite_lab.reporting.content import StudyResult, TrialResult
 
@@ -210,9 +211,11 @@ def gaps(comparisons: Sequence[Comparison], *, wheels_as_one: bool = False) -> d
     pooled: dict[tuple[str, str], list[Misfit]] = {}
     sizes: dict[str, float] = {}
     for comparison in comparisons:
+        simulated = comparison.simulated
+        own = {name: _size(simulated, name) for name in dict.fromkeys(m.channel for m in comparison.misfits)}
         for m in comparison.misfits:
             channel = "wheels" if wheels_as_one and m.channel.startswith("wheel_") else m.channel
-            sizes[channel] = max(sizes.get(channel, 0.0), _size(comparison, m.channel))
+            sizes[channel] = max(sizes.get(channel, 0.0), own[m.channel])
             if m.samples and math.isfinite(m.rms):
                 pooled.setdefault((channel, m.phase), []).append(m)
     return {
@@ -221,8 +224,8 @@ def gaps(comparisons: Sequence[Comparison], *, wheels_as_one: bool = False) -> d
     }
 
 
-def _size(comparison: Comparison, channel: str) -> float:
-    values = np.abs(comparison.simulated.get(channel, np.empty(0)))
+def _size(simulated: dict[str, Array], channel: str) -> float:
+    values = np.abs(simulated.get(channel, np.empty(0)))
     values = values[np.isfinite(values)]
     return float(np.percentile(values, 99.5)) if values.size else 0.0
 

@@ -25,6 +25,9 @@ from granite_lab.reporting.render import to_html, to_markdown
 from granite_lab.reporting.summary import gaps
 from granite_lab.reporting.table import Table
 
+INLINE = 120
+"""So many figures stand in the page itself; further ones it loads from their files when one looks at them."""
+
 
 def write_report(result: StudyResult, folder: Path, discovery: Discovery | None = None) -> Path:
     """Write ``index.html``, ``report.md``, ``report.json``, ``figures/`` and ``tables/``.
@@ -110,12 +113,16 @@ def _write(path: Path, text: str) -> None:
 
 
 def _write_figures(drawings: Sequence[Drawing], folder: Path) -> dict[str, str]:
+    """Write each figure as SVG and PNG; return the SVG of the first ones, by id."""
     folder.mkdir()
-    svgs = {}
+    svgs: dict[str, str] = {}
     for drawing in drawings:
-        svgs[drawing.id] = to_svg(drawing.figure)
-        _write(folder / f"{drawing.id}.svg", svgs[drawing.id])
-        (folder / f"{drawing.id}.png").write_bytes(to_png(drawing.figure))
+        figure = drawing.figure
+        svg = to_svg(figure)
+        if len(svgs) < INLINE:
+            svgs[drawing.id] = svg
+        _write(folder / f"{drawing.id}.svg", svg)
+        (folder / f"{drawing.id}.png").write_bytes(to_png(figure))
     return svgs
 
 

@@ -7,6 +7,7 @@ import importlib
 import io
 import json
 import math
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,8 @@ def _flat(value: Any, arrays: list[Any]) -> Any:  # noqa: PLR0911, one line a ty
 
 
 def _built(tree: Any, arrays: list[Any], effects: Mapping[str, Effect]) -> Any:  # noqa: PLR0911
+    if isinstance(tree, str):
+        return sys.intern(tree)  # a phase stands at each sample: one text for all
     if not isinstance(tree, dict):
         return tree
     kind, held = next(iter(tree.items()))

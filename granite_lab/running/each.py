@@ -17,6 +17,7 @@ from granite_lab.running.execution import Execution
 from granite_lab.running.fingerprint import trial_key
 from granite_lab.running.local import run_here
 from granite_lab.running.options import Options
+from granite_lab.running.shelf import Shelf
 
 T = TypeVar("T")
 
@@ -33,7 +34,7 @@ def each_trial(
     """Apply `work` to each trial and keep the order of the trials.
 
     Results come out of the same bytes whether they were just made, in whichever process, or
-    remembered.
+    remembered. Their larger arrays wait on the disk, so that memory does not grow with the trials.
 
     Args:
         work: a module-level function of path and options that returns records.
@@ -49,12 +50,13 @@ def each_trial(
     how = execution or Execution(jobs)
     results: dict[Path, T | LabError] = {}
     keys: dict[Path, str] = {}
+    shelf = Shelf(how.cache.folder if how.cache is not None else None)
     if how.cache is not None:
         for path in dict.fromkeys(paths):
             keys[path] = trial_key(work.__qualname__, path, options)
             found = how.cache.get(keys[path])
             if found is not None:
-                results[path] = found
+                results[path] = shelf.lay(found)
                 done(path)
     left = [path for path in dict.fromkeys(paths) if path not in results]
     for index, outcome in _outcomes(partial(_guarded, work, options), left, how):
@@ -65,7 +67,7 @@ def each_trial(
             # An input that was changed meanwhile is no longer what the key says.
             if how.cache is not None and trial_key(work.__qualname__, path, options) == keys[path]:
                 how.cache.put(keys[path], outcome)
-            results[path] = decode(outcome)[1]
+            results[path] = shelf.lay(decode(outcome)[1])
         done(path)
     return [results[path] for path in paths]
 
