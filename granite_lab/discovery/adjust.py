@@ -3,23 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from granite_lab.discovery.arrow import Block, step
 from granite_lab.discovery.bench import SAND
+from granite_lab.discovery.follow import Responses, followed, simulated
 from granite_lab.discovery.point import Fit, Point, Slopes
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.slopes import blocks_at, slopes_at
 from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array
 
-TOLERANCE, RELATIVE = 0.3, 0.003
-"""Drop of chi2 at which an iteration ends, absolute and as a share of the misfit."""
 
-GIVE_UP = 0.1
+@dataclass(frozen=True)
+class Tolerance:
+    """Drop of chi2 at which an iteration ends.
+
+    Attributes:
+        absolute: the least drop that counts.
+        relative: the same as a share of the misfit; far from noise the last digits do not matter.
+    """
+
+    absolute: float
+    relative: float
+
+
+ROUGH, SEARCH, FINAL = Tolerance(5.0, 0.02), Tolerance(1.0, 0.01), Tolerance(0.1, 0.001)
+"""For fits under noise that is not yet learnt, for comparing candidates, and for stating numbers."""
+
+GIVE_UP = 0.2
 """A step that covers less than this share of the way to the goal ends a fit."""
+
+STUCK = 1.0
+"""Damping at which a fit ends that is still at more than twice its goal."""
 
 TRUSTED, GOOD = 0.6, 0.85
 """Shares of the promised drop above which the derivatives are kept, and the damping falls."""
@@ -32,15 +50,17 @@ def fit(
     start: Point,
     *,
     slopes: Slopes | None = None,
-    rounds: int = 8,
+    rounds: int = 12,
     renew: int = 2,
     goal: float = np.inf,
     fine: bool = True,
+    tolerance: Tolerance = SEARCH,
 ) -> Fit:
     """Iterate to convergence, by Levenberg and Marquardt.
 
-    The derivatives cost as much as three steps, so they are kept while steps bring what they promise; the
-    residuals come from simulations of every trial. Sand has corners, where the smaller of two laws limits
+    The derivatives cost much more than a step, so they are kept while steps bring what they promise. On
+    the way one simulation per command carries its trials along; a fit begins and ends with simulations of
+    every trial. Sand has corners, where the smaller of two laws limits
     the shear stress, and beyond a corner old derivatives mislead.
 
     Args:
@@ -51,54 +71,65 @@ def fit(
         renew: how often the derivatives may be computed anew.
         fine: near the solution; new derivatives are taken over small steps.
         goal: chi2 that makes the fit interesting; one that no longer approaches it is given up.
+        tolerance: when to end.
 
     Raises:
-        EstimateError: the simulation fails at the start.
+        EstimateError: the simulation fails at the start or at the end.
     """
     point = start
     slopes = slopes or slopes_at(problem, point, fine=fine)
-    residuals = problem.residuals(point)
-    if residuals is None:
-        raise EstimateError("the simulation does not converge at the start of a fit", "check the files")
+    responses, white, chi2 = _exactly(problem, point)
     blocks = blocks_at(problem, point, slopes)
-    white = problem.white(residuals)
-    chi2 = problem.chi2(white, point)
     prior, low, high = problem.bounds(point)
     centre = problem.centres(point)
     damping, converged, fresh = 0.0, False, True
     count = problem.count
     for _ in range(rounds):
-        # far from noise the last digits do not matter
-        tolerance = max(TOLERANCE, RELATIVE * (chi2 - count))
+        least = max(tolerance.absolute, tolerance.relative * (chi2 - count))
         shared = np.concatenate([point.sand, point.common])
         move = step(blocks, list(white), list(point.trials), shared, (prior, centre), (low, high), damping)
         aim = _moved(problem, point, move.shared, move.local, low, high)
         promised = chi2 - problem.chi2(_promised(blocks, white, point, aim), aim)
-        if promised < tolerance and damping < 1:
-            converged = fresh or renew <= 0
+        if promised < least and damping < 1:
+            converged = responses.exact and (fresh or renew <= 0)
             if converged:
                 break
-            slopes, fresh, renew = slopes_at(problem, point, fine=fine), True, renew - 1
-            blocks = blocks_at(problem, point, slopes)
+            responses, white, chi2 = _exactly(problem, point)
+            if not fresh and renew > 0:
+                slopes, fresh, renew = slopes_at(problem, point, fine=fine), True, renew - 1
+                blocks = blocks_at(problem, point, slopes)
             continue
-        new = problem.residuals(aim)
-        new_white = problem.white(new) if new is not None else None
+        new = followed(problem, responses, point, aim, slopes)
+        new_white = problem.white(problem.residuals(aim, new.trials)) if new is not None else None
         drop = chi2 - problem.chi2(new_white, aim) if new_white is not None else -np.inf
         kept = drop / promised if promised > 0 else -1.0
         if new is not None and new_white is not None and drop > 0:
-            point, residuals, white, chi2, fresh = aim, new, new_white, chi2 - drop, False
+            point, responses, white, chi2, fresh = aim, new, new_white, chi2 - drop, False
             damping = damping / 10 if kept > GOOD else damping
             damping = 0.0 if damping < UNDAMPED else damping
             if drop < GIVE_UP * (chi2 - goal):
                 break
         elif fresh or renew <= 0:
             damping = max(10 * damping, 0.1)
-            if damping > MOST_DAMPED:
+            if damping > (STUCK if chi2 > 2 * goal else MOST_DAMPED):
                 break
         if kept < TRUSTED and not fresh and renew > 0:
+            responses, white, chi2 = _exactly(problem, point)
             slopes, fresh, renew = slopes_at(problem, point, fine=fine), True, renew - 1
             blocks = blocks_at(problem, point, slopes)
+    if not responses.exact:
+        responses, white, chi2 = _exactly(problem, point)
+    residuals = problem.residuals(point, responses.trials)
     return Fit(point, residuals, chi2, blocks, slopes, converged, white)
+
+
+def _exactly(problem: Problem, point: Point) -> tuple[Responses, tuple[Array, ...], float]:
+    """Simulate every trial; return the responses, the whitened residuals and chi2."""
+    responses = simulated(problem, point)
+    if responses is None:
+        raise EstimateError("a simulation of the fit does not converge", "check robot and soil files")
+    white = problem.white(problem.residuals(point, responses.trials))
+    return responses, white, problem.chi2(white, point)
 
 
 def _promised(blocks: list[Block], white: Sequence[Array], point: Point, aim: Point) -> list[Array]:

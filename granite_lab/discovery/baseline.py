@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from granite_lab.discovery.adjust import ROUGH, SEARCH
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.bench import SAND
 from granite_lab.discovery.noise import FAST, LEARNT, learn, white
@@ -28,7 +29,11 @@ FLOOR = {
 """Std below which no agreement is believed, however quiet the sensor: a wheel angle of 1e-4 rad is
 10 µm on the circumference. It enters as white noise beside what the sensor shows."""
 
-ROUNDS = 2
+ROUNDS = (ROUGH, SEARCH)
+"""Fits with the noise learnt anew before each."""
+
+FAR = 5.0
+"""chi2 per number from which on a fit is far from noise."""
 
 STILL = 1e-3
 """Share of the full speed below which a wheel counts as standing."""
@@ -91,7 +96,8 @@ def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> 
 def from_weak_sand(problem: Problem, fit: Fit) -> Fit:
     """Try the second start under the noise as it stands; return the better fit."""
     sand = np.array([WEAK_SAND.get(name, 0.0) for name in SAND])
-    other = adjust(problem, replace(problem.neutral(), sand=sand), rounds=10, renew=2, fine=False)
+    goal = fit.chi2 if fit.chi2 > FAR * problem.count else np.inf
+    other = adjust(problem, replace(problem.neutral(), sand=sand), renew=2, goal=goal, fine=False)
     return other if other.chi2 < fit.chi2 else fit
 
 
@@ -112,11 +118,13 @@ def baseline(problem: Problem, tick: Callable[[], None] = lambda: None) -> Fit:
         EstimateError: the simulation fails.
     """
     begin(problem)
-    fit = adjust(problem, problem.neutral(), rounds=8, renew=2, fine=False)
-    for _ in range(ROUNDS):
+    fit = adjust(problem, problem.neutral(), rounds=12, renew=2, fine=False, tolerance=ROUGH)
+    for tolerance in ROUNDS:
         tick()
         learn_noise(problem, fit.residuals)
-        fit = adjust(problem, fit.point, slopes=fit.slopes, rounds=10, renew=4)
+        # corners of the sand matter where the fit is good; far from noise an effect will move it anyway
+        renew = 4 if fit.chi2 < FAR * problem.count else 2
+        fit = adjust(problem, fit.point, slopes=fit.slopes, rounds=14, renew=renew, tolerance=tolerance)
     return fit
 
 

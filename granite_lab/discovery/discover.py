@@ -14,13 +14,15 @@ from granite_lab.discovery.confusion import confusion
 from granite_lab.discovery.detect import detectability
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import Finding
+from granite_lab.discovery.lackfit import largest_score
 from granite_lab.discovery.plan_conditions import under_conditions
 from granite_lab.discovery.problem import Problem
+from granite_lab.discovery.refit import enough
 from granite_lab.discovery.screen import scores
 from granite_lab.discovery.select import search
 from granite_lab.discovery.setup import trial_models
 from granite_lab.discovery.signature import signatures
-from granite_lab.discovery.unknown import judge
+from granite_lab.discovery.unknown import LEAST, judge
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
@@ -81,12 +83,13 @@ def discover(
         tell("fitting the model without effects")
         base = baseline(problem)
         tell("screening every candidate")
-        signs = signatures(problem, base, candidates)
+        signs = signatures(problem, base, candidates, small=enough(problem, base))
         rng = np.random.default_rng(seed)
         error = pure_error(problem, base.white)
         chance = null_maximum(problem, base, signs, error, rng)
         threshold = max(ALLOWANCE, float(np.quantile(chance, 1 - FALSE_ALARMS)))
-        if scores(problem, base, signs, candidates)[0].evidence > threshold:
+        promising = scores(problem, base, signs, candidates)[0].evidence > threshold
+        if promising or largest_score(problem, base.white) > LEAST:
             tell("trying weaker sand")
             other = from_weak_sand(problem, base)
             if other is not base:

@@ -10,6 +10,7 @@ from granite_lab.discovery.bench import PER_TRIAL, SAND, Bench, Setting, Task, V
 from granite_lab.discovery.noise import Whitener
 from granite_lab.discovery.nuisance import UNKNOWN_SAND, TrialModel
 from granite_lab.discovery.point import Point
+from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect, EffectParameter
 
@@ -74,6 +75,17 @@ class Problem:
             variant, as_values(sand), self.setting(point.effects, point.common, self.extra(point, variant))
         )
 
+    def centres_at(self, point: Point) -> list[Array]:
+        """Return per command its (7, M) response at the mean sand of its trials.
+
+        Raises:
+            EstimateError: a simulation fails.
+        """
+        found = [r for r in self.bench.run([self.centre(point, v) for v in self.variants]) if r is not None]
+        if len(found) < len(self.variants):
+            raise EstimateError("a simulation near the fit does not converge", "check robot and soil files")
+        return found
+
     def extra(self, point: Point, variant: int) -> Array:
         """Return the mean over the trials of a command of the effects' numbers per trial."""
         own = [x[t.size :] for t, x in zip(self.trials, point.trials, strict=True) if t.variant == variant]
@@ -84,12 +96,8 @@ class Problem:
         parts = np.split(columns, len(self.whiteners[trial]))
         return np.concatenate([w(part) for w, part in zip(self.whiteners[trial], parts, strict=True)])
 
-    def residuals(self, point: Point) -> tuple[Array, ...] | None:
-        """Return per trial (C, n) measured minus predicted; None where a simulation fails."""
-        found = self.bench.run([self.task(point, i) for i in range(len(self.trials))])
-        responses = [r for r in found if r is not None]
-        if len(responses) < len(found):
-            return None
+    def residuals(self, point: Point, responses: Sequence[Array]) -> tuple[Array, ...]:
+        """Return per trial (C, n) measured minus predicted."""
         return tuple(
             t.measured - t.predict(r, x[: t.size])
             for t, r, x in zip(self.trials, responses, point.trials, strict=True)

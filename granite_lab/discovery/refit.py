@@ -19,6 +19,9 @@ from granite_lab.logs.trial import Array
 NOISE = 1.02
 """chi2 over that of the noise that counts as noise when further starts and candidates are weighed."""
 
+SETTLED = 0.95
+"""Share of the misfit that a fit explains when no other start is tried."""
+
 AT_BOUND = 1e-3
 """Share of a parameter's range within which it counts as being at its bound."""
 
@@ -51,7 +54,12 @@ def with_effect(problem: Problem, point: Point, id_: str, values: Sequence[float
 
 
 def refit(
-    problem: Problem, starts: Sequence[Point], *, near: Slopes | None = None, goal: float = np.inf
+    problem: Problem,
+    starts: Sequence[Point],
+    *,
+    near: Slopes | None = None,
+    goal: float = np.inf,
+    before: Fit | None = None,
 ) -> Fit | None:
     """Fit from several starts and keep the best; None where every start fails.
 
@@ -60,6 +68,7 @@ def refit(
         starts: points with the effects switched on.
         near: derivatives by the sand that are good enough to begin with.
         goal: chi2 that a fit must approach to be worth finishing.
+        before: the fit without the effect; a start that explains nearly all that it left ends the search.
     """
     best: Fit | None = None
     for start in starts:
@@ -70,9 +79,15 @@ def refit(
             continue
         if best is None or fit.chi2 < best.chi2:
             best = fit
-        if enough(problem, best):
+        if enough(problem, best) or (before is not None and _nearly_all(problem, before, best)):
             break
     return best
+
+
+def _nearly_all(problem: Problem, before: Fit, after: Fit) -> bool:
+    """Tell whether a converged fit explains nearly all that another one left."""
+    noise = noise_energy(problem, after.white)
+    return after.converged and misfit(after.white, noise) < (1 - SETTLED) * misfit(before.white, noise)
 
 
 def enough(problem: Problem, fit: Fit) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from granite_lab.discovery.arrow import Block, project
 from granite_lab.discovery.bench import SAND
+from granite_lab.discovery.follow import simulated
 from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.refit import at_bound, refit, with_effect
@@ -106,10 +107,11 @@ def unlike(
     changes = problem.bench.run([problem.centre(without, v) for v in problem.variants])
     if any(c is None for c in changes):
         return 0.0, {}
+    here = problem.centres_at(fit.point)
     columns = []
     for i, (trial, x) in enumerate(zip(problem.trials, fit.point.trials, strict=True)):
         j = problem.variants.index(trial.variant)
-        own = trial.effect_columns(fit.slopes.response[j] - changes[j], x)  # type: ignore[operator]
+        own = trial.effect_columns(here[j] - changes[j], x)  # type: ignore[operator]
         columns.append(np.column_stack([problem.whiten(i, own), signs.columns[i]]))
     G = project(blocks, columns, problem.bounds(fit.point)[0][kept]).gram
     remains = {}
@@ -148,16 +150,23 @@ def _in_place(problem: Problem, fit: Fit, id_: str, other: str) -> Fit | None:
             p = problem.effect(other).parameters[k]
             values[k] = float(np.clip(p.neutral + share * (p.prior_high - p.neutral), p.low, p.high))
         begin.append(with_effect(problem, point, other, values))
-    responses = [problem.residuals(b) for b in begin]
+    found = [simulated(problem, b) for b in begin]
     sizes = [
-        problem.chi2(problem.white(r), b) if r is not None else np.inf
-        for r, b in zip(responses, begin, strict=True)
+        problem.chi2(problem.white(problem.residuals(b, r.trials)), b) if r is not None else np.inf
+        for r, b in zip(found, begin, strict=True)
     ]
     return refit(problem, [begin[int(np.argmin(sizes))]], goal=fit.chi2)
 
 
-def without(problem: Problem, fit: Fit, id_: str) -> Fit | None:
-    """Fit the model without one effect of a fit, beginning at the sand of that fit."""
+def without(problem: Problem, fit: Fit, id_: str, goal: float = np.inf) -> Fit | None:
+    """Fit the model without one effect of a fit, beginning at the sand of that fit.
+
+    Args:
+        problem: the trials.
+        fit: with the effect.
+        id_: the effect.
+        goal: chi2 that the fit must approach to be worth finishing.
+    """
     kept = [e for e in fit.point.effects if e != id_]
     point = replace(
         problem.neutral(),
@@ -166,4 +175,4 @@ def without(problem: Problem, fit: Fit, id_: str) -> Fit | None:
     )
     for e in kept:
         point = with_effect(problem, point, e, values_in(problem, fit, e))
-    return refit(problem, [point])
+    return refit(problem, [point], goal=goal)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from granite_lab.discovery.adjust import FINAL
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.baseline import learn_noise, noise_energy
 from granite_lab.discovery.point import Fit, Point
@@ -127,7 +128,7 @@ def search(
         if winner is None or winner.fit is None:
             return Choice(base if not chosen else fit, chosen, twins, tuple(rounds), base)
         # the fit with the effect may have found better sand: that alone is no evidence
-        plain = without(problem, winner.fit, winner.effect)
+        plain = without(problem, winner.fit, winner.effect, goal=fit.chi2)
         if plain is not None and plain.chi2 < fit.chi2:
             fit = plain
             base = base if chosen else plain
@@ -144,9 +145,9 @@ def settle(problem: Problem, fit: Fit) -> Fit:
     """Learn the noise anew from what the effects leave, and converge under it."""
     learn_noise(problem, fit.residuals)
     try:
-        return adjust(problem, fit.point, slopes=fit.slopes, renew=1, rounds=6)
+        return adjust(problem, fit.point, slopes=fit.slopes, tolerance=FINAL)
     except EstimateError:
-        return adjust(problem, fit.point)
+        return adjust(problem, fit.point, tolerance=FINAL)
 
 
 def _promising(ranking: Sequence[Score], threshold: float) -> list[Score]:
@@ -185,7 +186,7 @@ def _try_all(problem: Problem, fit: Fit, promising: Sequence[Score]) -> tuple[Tr
 
 def _try(problem: Problem, fit: Fit, score: Score, goal: float) -> Trial:
     where = starts(problem, fit, score.effect, score.values, score.drop)
-    found = refit(problem, where, near=fit.slopes, goal=goal)
+    found = refit(problem, where, near=fit.slopes, goal=goal, before=fit)
     if found is None:
         return Trial(score.effect, score, None, 0.0, (), "not converged")
     bounds = at_bound(problem, found)

@@ -119,13 +119,14 @@ def signatures(
     for v in problem.variants:
         base = problem.centre(fit.point, v)
         tasks += [Task(v, base.sand, (*base.setting, (p.effect, p.values))) for p in probes]
+    here = problem.centres_at(fit.point)
     found = problem.bench.run(tasks, keep=False)
     changes = [found[j * len(probes) : (j + 1) * len(probes)] for j in range(len(problem.variants))]
     sound = [k for k in range(len(probes)) if all(of[k] is not None for of in changes)]
     columns: list[Array] = []
     for i, (trial, x) in enumerate(zip(problem.trials, fit.point.trials, strict=True)):
         j = problem.variants.index(trial.variant)
-        raw = [trial.effect_columns(changes[j][k] - fit.slopes.response[j], x) for k in sound]  # type: ignore[operator]
+        raw = [trial.effect_columns(changes[j][k] - here[j], x) for k in sound]  # type: ignore[operator]
         columns.append(
             problem.whiten(i, np.stack(raw, axis=1)) if raw else np.zeros((trial.measured.size, 0))
         )

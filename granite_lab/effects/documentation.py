@@ -84,6 +84,7 @@ expression and returns it rewritten:
 | `wheel` | the motion of a wheel as the soil meets it |
 | `soil` | the soil under a wheel |
 | `contact_angles` | the ends of the contact arc |
+| `pressure` | the pressure at one place of the contact arc |
 | `wheel_forces` | forces and moment of the ground on a wheel |
 | `drive_torque`, `rim_load` | the torques on a rim |
 | `shaft` | the motion of a motor's shaft, which back-EMF, controller and encoder follow |

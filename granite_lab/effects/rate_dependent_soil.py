@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 
 from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Effect, EffectParameter, Own
-from granite_lab.parameters import Soil
 
 REFERENCE = 0.1
 """Speed of penetration at which `stiffening` is stated [m/s]."""
@@ -18,11 +17,11 @@ ROUND = 0.05
 
 
 class RateDependentSoil(Effect):
-    """The pressure of (8) rises with the speed at which the wheel's face drives into the soil."""
+    """The pressure of (9) rises with the speed at which that part of the wheel drives into the soil."""
 
     id = "rate_dependent_soil"
     title = "pressure that rises with the speed of penetration"
-    equation = "(8) with k (1 + stiffening · (v_p / 0.1 m/s)^exponent), v_p = |v| sin(ϑ1) / 2"
+    equation = "(9) with σ (1 + stiffening · (v_p / 0.1 m/s)^exponent), v_p = max(0, v sin ϑ)"
     source = (
         "Grahn, Prediction of sinkage and rolling resistance for off-the-road vehicles considering "
         "penetration velocity, Journal of Terramechanics 28, 1991, 339-347; Irani, Bauer, Warkentin, "
@@ -41,15 +40,9 @@ class RateDependentSoil(Effect):
                         0.2, 2.0, 1.0, 0.3, 1.5, shape=True),
     )  # fmt: skip
 
-    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
-        """Multiply both moduli; v_p is the mean over the face of the wheel, from 0 at its bottom."""
-        depth = ca.fmax(state.sinkage, 1e-9) / state.radius
-        v_p = ca.fabs(state.velocity) * ca.sqrt(ca.fmax(depth * (2 - depth), 1e-9)) / 2
+    def pressure(self, pressure: Any, angle: Any, state: WheelState, own: Own) -> Any:
+        """Harden where the arc moves into the soil: ahead of the lowest point."""
+        v_p = ca.fmax(state.velocity * ca.sin(angle), 0)
         m = own.p["exponent"]
         rise = ((v_p / REFERENCE) ** 2 + ROUND**2) ** (m / 2) - ROUND**m
-        factor = 1 + own.p["stiffening"] * rise
-        return replace(
-            soil,
-            cohesive_modulus=soil.cohesive_modulus * factor,
-            frictional_modulus=soil.frictional_modulus * factor,
-        )
+        return pressure * (1 + own.p["stiffening"] * rise)

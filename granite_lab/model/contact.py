@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,7 +112,13 @@ def contact_angles(state: WheelState, k92: Any) -> ContactAngles:
     return ContactAngles(front, k92 * front)
 
 
-def wheel_forces(state: WheelState, angles: ContactAngles, soil: Soil, damping: Any) -> WheelForces:
+def wheel_forces(
+    state: WheelState,
+    angles: ContactAngles,
+    soil: Soil,
+    damping: Any,
+    pressure: Callable[[Any, Any], Any] = lambda σ, _: σ,
+) -> WheelForces:
     """Integrate the stresses over the contact arc, (6)-(17).
 
     The part of the shear displacement (6) that does not depend on slip fades to zero at
@@ -123,6 +130,7 @@ def wheel_forces(state: WheelState, angles: ContactAngles, soil: Soil, damping: 
         angles: ends of the arc [-ϑ_2, ϑ_1].
         soil: pressure-sinkage and shear parameters, Table 1.
         damping: c_t [N s/m].
+        pressure: rewrites the pressure σ [Pa] at an angle ϑ [rad]; by default (9) as it is.
     """
     r, b = state.arc_radius, state.width
     ϑ1, ϑ2 = angles.front, angles.rear
@@ -140,7 +148,7 @@ def wheel_forces(state: WheelState, angles: ContactAngles, soil: Soil, damping: 
         rolled = sin_ϑ1 - sin_ϑ
         j = r * (moving * (ϑ1 - ϑ) - (moving - λ) * rolled)  # (6)
         z = ca.fmax(state.sinkage - r * (1 - cos_ϑ), 1e-12)  # (7)
-        σ = k * z**soil.exponent  # (8), (9)
+        σ = pressure(k * z**soil.exponent, ϑ)  # (8), (9)
         τ_max = ca.fmin(soil.tyre_friction * σ, soil.cohesion + tan_φ * σ)  # (10)
         τ = ca.sign(j) * τ_max * (1 - ca.exp(-ca.fabs(j) / soil.shear_modulus))  # (11)
         W += (σ * cos_ϑ + τ * sin_ϑ) * dA  # (12)

@@ -132,6 +132,10 @@ class Effect:
         """Rewrite the ends of the contact arc."""
         return angles
 
+    def pressure(self, pressure: Any, angle: Any, state: WheelState, own: Own) -> Any:
+        """Rewrite the pressure [Pa] at one place of the contact arc, `angle` ϑ [rad] ahead of the lowest."""
+        return pressure
+
     def wheel_forces(
         self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
     ) -> WheelForces:

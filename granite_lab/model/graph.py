@@ -190,7 +190,13 @@ def _axle(
     angles = contact_angles(wheel, k92)
     for e, own in hooks:
         angles = e.contact_angles(angles, wheel, own)
-    forces = wheel_forces(wheel, angles, soil, p.chassis.contact_damping)
+
+    def pressure(σ: Any, ϑ: Any) -> Any:
+        for e, own in hooks:
+            σ = e.pressure(σ, ϑ, wheel, own)
+        return σ
+
+    forces = wheel_forces(wheel, angles, soil, p.chassis.contact_damping, pressure)
     for e, own in hooks:
         forces = e.wheel_forces(forces, wheel, angles, soil, own)
     current = state[f"current_{name}"]
