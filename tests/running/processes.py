@@ -61,6 +61,11 @@ def results(report: Path) -> dict[str, bytes]:
     return {str(path.relative_to(report)): path.read_bytes() for path in files}
 
 
+def everything(report: Path) -> dict[str, bytes]:
+    """Return all files of a report, byte by byte."""
+    return {str(p.relative_to(report)): p.read_bytes() for p in sorted(report.rglob("*")) if p.is_file()}
+
+
 def unfinished(folder: Path) -> list[str]:
     """Return what interrupted writing leaves behind."""
     return [str(p) for p in folder.rglob(".*") if p.name not in (".", "..")]

@@ -1,4 +1,4 @@
-"""A study that is killed or interrupted, at any point, ends as if nothing had happened."""
+"""A study or a search that is killed or interrupted, at any point, ends as if nothing had happened."""
 
 from __future__ import annotations
 
@@ -8,63 +8,94 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from tests.running.processes import SOAK, begin, gone, members, results, trials, unfinished
+from tests.running.processes import SOAK, begin, everything, gone, members, trials, unfinished
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc"),
 ]
 
-KILLS = 30 if SOAK else 3
+
+@dataclass(frozen=True)
+class Job:
+    """A command that is killed again and again."""
+
+    args: tuple[str, ...]
+    logs: tuple[str, ...]
+    kills: int
+
+
+TWO = ("virtual_v0.2_r1", "virtual_v0.7_r2")
 SEARCH = "--discover" if SOAK else "--no-discover"
 STUDY = ("study", "logs", "--out", "report", "--jobs", "2", "--no-recordings", SEARCH)
+JOBS = {
+    "study": Job(STUDY, TWO, 30 if SOAK else 3),
+    "discover": Job(("discover", "logs", "--out", "report", "--jobs", "2"), TWO[1:], 30 if SOAK else 1),
+}
 
 
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], float]:
-    """What a study gives that nobody disturbs, and how long it takes [s]."""
-    folder = tmp_path_factory.mktemp("undisturbed")
-    trials(folder, "virtual_v0.2_r1", "virtual_v0.7_r2")
+def entries(cache: Path) -> dict[str, int]:
+    """Return what is remembered, and in which file: one that was made again is another."""
+    return {path.name: path.stat().st_ino for path in cache.glob("*/*.npz")}
+
+
+def doing(folder: Path, trials: int, *, searches: bool) -> str:
+    """Say what a run was doing when it was killed, by what it left."""
+    done = len(entries(folder / "cache"))
+    if done < trials:
+        return "analysing trials"
+    return "searching" if searches and done == trials else "writing"
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_killed_at_random_points_it_resumes_and_ends_with_the_same_bytes(name: str, tmp_path: Path) -> None:
+    job = JOBS[name]
+    analysed = len(job.logs) if name == "study" else 0
+    folder = tmp_path / "undisturbed"
+    trials(folder, *job.logs)
     start = time.monotonic()
-    run = begin(folder, *STUDY, cache=folder / "cache")
+    run = begin(folder, *job.args, cache=folder / "cache")
     _, errors = run.communicate()
+    wall = time.monotonic() - start
     assert run.returncode == 0, errors
-    return results(folder / "report"), time.monotonic() - start
+    expected, remembered = everything(folder / "report"), set(entries(folder / "cache"))
 
-
-def test_killed_at_random_points_it_resumes_and_ends_with_the_same_bytes(
-    undisturbed: tuple[dict[str, bytes], float], tmp_path: Path
-) -> None:
-    expected, wall = undisturbed
     rng = random.Random(6)
-    kills, completed, round_ = 0, 0, 0
-    folder = tmp_path / "0"
-    trials(folder, "virtual_v0.2_r1", "virtual_v0.7_r2")
-    while True:
-        run = begin(folder, *STUDY, cache=folder / "cache")
-        try:
-            _, errors = run.communicate(timeout=rng.uniform(0.2, 0.9) * wall if kills < KILLS else None)
-        except subprocess.TimeoutExpired:
-            run.kill()
-            kills += 1
-            assert gone(run.pid), "processes stay behind"
-            run.communicate()
-            continue
+    killed: Counter[str] = Counter()
+    round_ = 0
+    while killed.total() < job.kills:
+        folder = tmp_path / str(round_)
+        trials(folder, *job.logs)
+        known: dict[str, int] = {}
+        while True:
+            run = begin(folder, *job.args, cache=folder / "cache")
+            try:
+                wait = rng.uniform(0.05, 0.95) * wall if killed.total() < job.kills else None
+                _, errors = run.communicate(timeout=wait)
+            except subprocess.TimeoutExpired:
+                run.kill()
+                assert gone(run.pid), "processes stay behind"
+                run.communicate()
+                killed[doing(folder, analysed, searches="--no-discover" not in job.args)] += 1
+                assert known.items() <= entries(folder / "cache").items(), "what was finished is done again"
+                known = entries(folder / "cache")
+                continue
+            break
         assert run.returncode == 0, errors
-        completed += 1
-        assert results(folder / "report") == expected
+        assert everything(folder / "report") == expected
+        assert known.items() <= entries(folder / "cache").items(), "what was finished is done again"
+        assert set(entries(folder / "cache")) == remembered
         assert unfinished(folder / "report") == []
         assert [p.name for p in folder.iterdir() if p.name.startswith(".")] == []
-        if kills >= KILLS:
-            break
         round_ += 1
-        folder = tmp_path / str(round_)
-        trials(folder, "virtual_v0.2_r1", "virtual_v0.7_r2")
-    assert completed >= 1
+    print(f"{name}: killed {killed.total()} times: " + ", ".join(f"{n} {w}" for w, n in killed.items()))
+    assert not SOAK or killed["searching"] >= 5
 
 
 def test_ctrl_c_ends_it_at_once_with_130_one_line_and_no_process_left(tmp_path: Path) -> None:
