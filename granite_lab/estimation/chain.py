@@ -14,6 +14,7 @@ from granite_lab.estimation.clock import slow_offset
 from granite_lab.estimation.faults import Faults, despike, find_faults
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.motion_noise import with_motion_noise
 from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.passes import Problem, find_offset, solve
@@ -105,6 +106,8 @@ def estimate(
         problem = refer(problem, offset, slip_std)
         warnings.append(_reliance(problem))
     else:
+        if rolling is not None and imu.has_pitch_rate and imu.gravity:
+            problem = dataclasses.replace(problem, noise=with_motion_noise(problem, offset.value))
         problem = dataclasses.replace(problem, slip=identify_scatter(problem, offset.value))
     solution = solve(problem, offset, distance=distance_measured)
     health = assess(solution, imu.t, still, faults)

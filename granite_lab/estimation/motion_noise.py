@@ -1,0 +1,160 @@
+"""White noise of specific force that is there only in motion, told from vibration by its spectrum.
+
+An IMU may be noisier in motion than at rest. The integral of white noise wanders without bound, that
+of vibration does not, so neither may be taken for the other. Where the wheels turn steadily, specific
+force without gravity and lever holds
+
+* motion of the body, up to some 1.5 Hz;
+* vibration, the derivative of a bounded velocity: below its resonance the density falls as f^2;
+* white noise, as dense there as anywhere.
+
+Between the body's motion and the resonance the spectrum is taken for white noise and the resonance's
+tail. How likely they make the periodogram is Whittle's formula [1]; of the white noise the posterior's
+mean is taken, because the std of the estimate goes by its variance.
+
+[1] P. Whittle, Estimation and information in stationary time series, Ark. Mat. 2 (1953).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.signal.windows import blackmanharris
+
+from granite_lab.estimation.integration import integrate
+from granite_lab.estimation.nodes import pace_of
+from granite_lab.estimation.noise import Noise, vibration
+from granite_lab.estimation.passes import Problem, first_velocity
+from granite_lab.estimation.rest import inside
+from granite_lab.estimation.rolling import runs
+from granite_lab.logs.trial import Array
+
+MOTION = 1.5
+"""The body itself moves at up to this frequency [Hz]."""
+
+HIGH, BELOW = 10.0, 0.45
+"""Up to this frequency [Hz], and this share of the resonance's, vibration is the tail of the resonance."""
+
+LUG = 0.15
+"""Lugs strike the ground within this share of their frequency."""
+
+LOBE = 4.0
+"""Half the width of the window's main lobe, in reciprocals of its length."""
+
+TOLD = 0.5
+"""What an ordinate under this window tells, against an independent one."""
+
+SHORTEST = 2.0
+"""Steady motion shorter than this [s] has no ordinates to speak of."""
+
+ADDED = np.geomspace(0.3, 3e4, 61)
+"""Densities that motion may add, in shares of the one at rest."""
+
+TAIL = (0.3, 1.4)
+"""Median, and std of the logarithm, of the tail in shares of what one resonance of the same rms and width
+would have: several narrow ones look like a broad one."""
+
+NONE = 0.8
+"""Probability, before the trial is seen, that motion adds nothing."""
+
+
+def with_motion_noise(problem: Problem, offset: float) -> Noise:
+    """Return the noise of a problem with the white noise in motion, and with what vibration is left.
+
+    Args:
+        problem: a trial with wheels; its noise holds none in motion yet.
+        offset: of the encoders' clock [s].
+    """
+    noise, imu = problem.noise, problem.imu
+    frequency, density = spectrum(problem, offset)
+    period = float(np.median(np.diff(imu.t)))
+    peak = predicted_peak(noise, period, np.concatenate([[0.0], ADDED]))
+    ratio = (frequency / noise.vibration_frequency) ** 2
+    added = added_share(density / (2.0 * noise.accel**2), peak, ratio / (1.0 - ratio) ** 2)
+    if added < ADDED[0]:
+        return noise
+    moving = ~inside(imu.t, problem.rests)
+    white = noise.accel * float(np.sqrt(1.0 + added))
+    rms, frequent, damping = vibration(imu, moving, white, problem.robot.imu.vibration_frequency)
+    return dataclasses.replace(
+        noise, accel_motion=noise.accel * float(np.sqrt(added)), vibration=rms,
+        vibration_frequency=frequent, vibration_damping=damping,
+    )  # fmt: skip
+
+
+def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
+    """Periodogram of the body's acceleration, by the IMU, over all steady motion.
+
+    Returns:
+        (F,) frequencies [Hz] of every steady stretch in turn, (F,) one-sided density [m^2/s^3]; the lugs'
+        own frequency is left out.
+    """
+    imu, rolling = problem.imu, problem.rolling
+    assert rolling is not None
+    nominal = integrate(
+        imu, problem.robot, problem.rests, problem.faults, velocity=first_velocity(problem, offset)
+    )
+    dt = float(np.median(np.diff(nominal.t)))
+    high = min(HIGH, BELOW * problem.noise.vibration_frequency)
+    pace = pace_of(rolling, offset, nominal.t)
+    on = pace.steady & ~nominal.rest
+    on &= np.diff(nominal.t, prepend=nominal.t[0] - dt) < 3.0 * dt
+    frequencies, densities = [np.empty(0)], [np.empty(0)]
+    for a, b in zip(*runs(on), strict=True):
+        if (b - a) * dt < SHORTEST or 0.5 / dt < 2.0 * high:
+            continue
+        acceleration = np.diff(nominal.v[a:b]) / dt
+        window = blackmanharris(acceleration.size)
+        transform = np.fft.rfft(window * (acceleration - np.mean(acceleration)))
+        frequency = np.fft.rfftfreq(acceleration.size, dt)
+        use = (frequency > MOTION + LOBE / ((b - a) * dt)) & (frequency < high)
+        turning = problem.robot.wheels.lugs / (2.0 * np.pi * problem.robot.wheels.radius)
+        lug = turning * abs(float(np.mean(pace.speed[a:b])))
+        use &= np.abs(frequency - lug) > LUG * lug
+        frequencies.append(frequency[use])
+        densities.append(2.0 * dt * np.abs(transform[use]) ** 2 / float(window @ window))
+    return np.concatenate(frequencies), np.concatenate(densities)
+
+
+def predicted_peak(noise: Noise, period: float, added: Array) -> Array:
+    """Density of the vibration, in shares of the white one at rest, if it is one resonance.
+
+    An oscillation of rms sigma about f0 with damping ratio zeta, whose velocity follows a white force,
+    has the density 4 zeta sigma^2 / (pi f0) (f/f0)^2 / (1 - (f/f0)^2)^2 well below f0.
+
+    Args:
+        noise: with the rms of all that is faster than 5 Hz.
+        period: between samples [s].
+        added: (W,) white density that motion may add, whose share in the rms is taken out.
+
+    Returns:
+        (W,) the factor before the two fractions in f.
+    """
+    whole = noise.vibration**2
+    power = np.maximum(whole - added * noise.accel**2 / period, 0.1 * whole)
+    peak = 4.0 * noise.vibration_damping * power / (np.pi * noise.vibration_frequency)
+    return np.asarray(peak / (2.0 * noise.accel**2))
+
+
+def added_share(density: Array, peak: Array, shape: Array) -> float:
+    """Return the mean of the white density that motion adds, in shares of that at rest.
+
+    Args:
+        density: (F,) periodogram in shares of the density at rest.
+        peak: (W + 1,) expected height of the vibration, for none and each of `ADDED`.
+        shape: (F,) the vibration's density over its height.
+    """
+    if density.size < 8:
+        return 0.0
+    white = np.concatenate([[0.0], ADDED])
+    doubt = np.linspace(-3.0, 3.0, 25)
+    log_posterior = np.empty(white.size)
+    for i, (added, expected) in enumerate(zip(white, peak, strict=True)):
+        height = expected * TAIL[0] * np.exp(TAIL[1] * doubt)
+        level = 1.0 + added + height[:, None] * shape
+        log_likelihood = -TOLD * np.sum(np.log(level) + density / level, axis=1)
+        log_posterior[i] = np.logaddexp.reduce(log_likelihood - 0.5 * doubt**2)
+    log_posterior += np.log(np.concatenate([[NONE], np.full(ADDED.size, (1.0 - NONE) / ADDED.size)]))
+    weight = np.exp(log_posterior - np.max(log_posterior))
+    return float(weight @ white / weight.sum())

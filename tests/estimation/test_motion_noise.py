@@ -1,0 +1,77 @@
+"""White noise that is there only in motion is found, and the frame's vibration is not taken for it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from granite_lab.estimation import estimate, motion_noise
+from granite_lab.estimation.motion import Motion
+from granite_lab.parameters import load_robot
+from tests.truth import TruthTrial, generate
+
+FREQUENCY = np.arange(2.0, 10.0, 0.05)
+SEEDS = (11, 12, 13)
+
+
+def louder(truth: TruthTrial, grade: str, times: float, seed: int) -> Motion:
+    """Estimate a trial whose accelerometer has `times` its white noise while the robot moves."""
+    robot, imu = load_robot("granite", grade), truth.trial.imu
+    assert robot.imu_grade is not None
+    assert imu is not None
+    moving = (imu.t > truth.start) & (imu.t < truth.stop + 0.2)
+    one = robot.imu_grade.accel_noise * np.sqrt(0.5 * robot.imu_grade.rate * (times**2 - 1.0))
+    noise = one * moving[:, None] * np.random.default_rng(seed).standard_normal(imu.specific_force.shape)
+    stream = dataclasses.replace(imu, specific_force=imu.specific_force + noise)
+    return estimate(dataclasses.replace(truth.trial, imu=stream), robot)
+
+
+def nees(motion: Motion, truth: TruthTrial) -> float:
+    moving = (motion.t > truth.start) & (motion.t < truth.stop + 0.5)
+    return float(np.mean(((motion.v - truth.at(motion.t, "v")) / motion.v_std)[moving] ** 2))
+
+
+@pytest.mark.parametrize("grade", ["industrial", "consumer"])
+def test_the_uncertainty_grows_with_noise_that_is_ten_times_as_loud_in_motion(grade: str) -> None:
+    """Without it NEES is 58 to 113. Three trials' mean of a NEES of 1 lies within 0.1 and 3."""
+    found, quiet, loud = [], [], []
+    for seed in SEEDS:
+        truth = generate(seed, velocity=0.3, duration=30.0, grade=grade)
+        motion = louder(truth, grade, 10.0, seed)
+        noise = motion.noise
+        assert 6.0 < noise["accel_noise_in_motion_mps2_sqrts"] / noise["accel_noise_mps2_sqrts"] < 15.0
+        found.append(nees(motion, truth))
+        loud.append(np.max(motion.v_std))
+        quiet.append(np.max(louder(truth, grade, 1.0, seed).v_std))
+    assert 0.1 < np.mean(found) < 3.0
+    assert np.mean(loud) > 1.5 * np.mean(quiet)
+
+
+@pytest.mark.parametrize(("grade", "velocity"), [("industrial", 0.3), ("industrial", 0.5), ("consumer", 0.7)])
+def test_vibration_alone_is_not_taken_for_white_noise(grade: str, velocity: float) -> None:
+    truth = generate(21, velocity=velocity, duration=30.0, grade=grade)
+    motion = estimate(truth.trial, load_robot("granite", grade))
+    assert motion.noise["vibration_mps2"] > 0.05
+    assert motion.noise["accel_noise_in_motion_mps2_sqrts"] == 0.0
+
+
+@pytest.mark.parametrize("level", [10.0, 100.0, 1000.0])
+def test_a_flat_spectrum_beside_a_tail_gives_back_its_level(level: float) -> None:
+    """Ordinates of noise are exponential about its density; 160 of them know it to some 20 %."""
+    shape = (FREQUENCY / 25.0) ** 2
+    for seed in range(5):
+        true = 1.0 + level + 20.0 * shape
+        density = true * np.random.default_rng(seed).exponential(size=FREQUENCY.size)
+        added = motion_noise.added_share(density, np.full(motion_noise.ADDED.size + 1, 60.0), shape)
+        assert 0.5 * level < added < 1.6 * level
+
+
+def test_a_tail_alone_and_too_few_ordinates_give_nothing() -> None:
+    shape = (FREQUENCY / 25.0) ** 2
+    peak = np.full(motion_noise.ADDED.size + 1, 300.0)
+    for seed in range(5):
+        density = (1.0 + 100.0 * shape) * np.random.default_rng(seed).exponential(size=FREQUENCY.size)
+        assert motion_noise.added_share(density, peak, shape) < 0.3
+    assert motion_noise.added_share(np.full(5, 1e4), peak, shape[:5]) == 0.0
