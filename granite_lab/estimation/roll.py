@@ -9,6 +9,18 @@ from granite_lab.estimation.rolling import runs
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 
+UNKNOWN = float(np.radians(1.0))
+"""Std of the ground's roll where nothing is known of it [rad]."""
+
+ACROSS = 1.5
+"""Ground lies across by this many times what its roll varies along the path."""
+
+LEAST = float(np.radians(0.5))
+"""Std of the roll of ground that does not vary at all [rad]."""
+
+EVIDENT = 2.5
+"""A mean roll this many std from what ground and bias explain is the ground's."""
+
 
 def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, float]:
     """(N,) roll of the sensor about x against the vertical [rad], and the std of its constant error.
@@ -25,11 +37,11 @@ def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, flo
     """
     grade = robot.imu_grade
     assert grade is not None
-    prior = float(np.radians(np.hypot(1.0, 0.0 if imu.levelled else robot.imu.tilt)))
+    tilted = float(np.radians(0.0 if imu.levelled else robot.imu.tilt))
     doubt = grade.accel_bias / GRAVITY
     known = rest & np.isfinite(imu.left)
     if not imu.gravity or not known.any():
-        return np.zeros(imu.t.size), prior
+        return np.zeros(imu.t.size), float(np.hypot(tilted, UNKNOWN))
     rate = np.nan_to_num(imu.roll_rate)
     turned = cumulate(imu.t, rate - float(np.mean(rate[rest])), rest)
     places, seen = [], []
@@ -40,9 +52,14 @@ def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, flo
             seen.append((float(level), float(level - np.mean(turned[a:b]))))
     levels, drifts = np.array(seen).T
     drift = np.interp(imu.t, np.ravel(places), np.repeat(drifts, 2))
+    level, angle = float(np.mean(levels)), turned + drift
+    varied = float(np.std(angle[~rest])) if (~rest).any() else UNKNOWN
+    prior = float(np.hypot(tilted, np.clip(ACROSS * varied, LEAST, UNKNOWN)))
+    if abs(level) > EVIDENT * np.hypot(prior, doubt):
+        prior = abs(level)
     weight = prior**2 / (prior**2 + doubt**2)
-    common = (1.0 - weight) * float(np.mean(levels))
-    return turned + drift - common, float(np.sqrt(weight) * doubt)
+    common = (1.0 - weight) * level
+    return angle - common, float(np.sqrt(weight) * doubt)
 
 
 def cumulate(t: Array, rate: Array, rest: np.ndarray) -> Array:
