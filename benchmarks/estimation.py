@@ -37,14 +37,15 @@ DISTANCE_LIMIT = {("industrial", 8.0): 0.6, ("consumer", 8.0): 2.0, ("consumer",
 NEES_LIMITS = (0.74, 1.30)
 COVER_LIMITS = (0.92, 0.98)
 SLIP_LIMIT = 0.5
-"""Largest mean error of λ_R, with its sign and without [points]."""
+"""Largest mean error of λ_R [points]; the mean absolute error has none, see the page."""
 
 OFFSET_LIMIT = 5.0
 """Largest RMS error of the clock offset [ms]."""
 
 MAIN_HEAD = (
     "| IMU | duration [s] | v [m/s] | RMSE of v [mm/s] | worst 5 % | distance [%] | λ_R: mean error [points] "
-    "| λ_R: mean absolute | NEES | 2σ of v [%] | 2σ of distance [%] | 2σ of λ_R [%] | refused |"
+    "| λ_R: mean absolute | λ_R: stated std | NEES | 2σ of v [%] | 2σ of distance [%] | 2σ of λ_R [%] "
+    "| refused |"
 )
 OFFSET_HEAD = (
     "| IMU | injected [ms] | RMS error [ms] | mean error [ms] | 2σ cover | observable | RMSE of v [mm/s] |"
@@ -145,7 +146,7 @@ def main_row(cell: Cell, s: Summary) -> str:
         f"| {flagged(f'{v:.2f}', v <= V_LIMIT.get(key, 1e9))} | {1e3 * s.v_worst:.2f} "
         f"| {flagged(f'{distance:.2f}', distance <= DISTANCE_LIMIT.get(key, 1e9))} "
         f"| {flagged(f'{bias:+.2f}', not biased)} ± {100 * s.slip_error:.2f} "
-        f"| {flagged(f'{size:.2f}', size <= SLIP_LIMIT)} "
+        f"| {size:.2f} | {100 * s.slip_stated:.2f} "
         f"| {flagged(f'{s.nees:.2f}', not excludes(around(s.nees, s.nees_error), NEES_LIMITS))} "
         f"± {s.nees_error:.2f} "
         f"| {covered(s.v_cover, around(s.v_cover, s.v_cover_error, 0.0, 1.0))} "
@@ -191,9 +192,15 @@ def report(main: dict[Cell, Summary], offsets: dict[Cell, Summary], command: str
         "2 % (consumer, 8 s), 18 mm/s and 5 % (consumer, 30 s); mean error of λ_R 0.5 points; NEES 0.74 to",
         "1.30 and 2σ coverage 92 to 98 % everywhere. So many trials know a coverage to some points only: in",
         "brackets its 95 % interval (by Wilson; for v by the scatter of the trials, whose samples hang",
-        "together); ± is a standard error. Bold: outside the aim; coverage, NEES and the signed error of",
-        "λ_R where no value of their interval is inside. The error of λ_R with its sign shows bias; without,",
-        "what one trial is worth.",
+        "together); ± is a standard error. Bold: outside the aim; coverage, NEES and the mean error of",
+        "λ_R where no value of their interval is inside.",
+        "",
+        "The aim for λ_R is one for the mean error, with its sign, which shows bias. The mean absolute error",
+        "is what one trial is worth: 0.8 std for an estimate whose std is true, and no less. That std is what",
+        "the sensors leave. Over the 30 s between two standstills, at both of which pitch and velocity are",
+        "known, the white noise of the consumer gyro alone (0.12 mrad/√s) puts the velocity of the middle off",
+        "by g · 0.12 mrad/√s · √(T³/192) = 14 mm/s: 2 points of λ_R at 0.7 m/s, 7 at 0.2 m/s. Only that slip",
+        "ratios change slowly brings it down to about one point.",
         "",
         MAIN_HEAD,
         rule(MAIN_HEAD),

@@ -105,6 +105,7 @@ class Summary:
             scatter of the trials, for the samples of one trial hang together.
         distance_rmse, distance_cover: relative.
         slip_rmse, slip_mean, slip_size, slip_cover: of λ_R: rms, mean and mean absolute error.
+        slip_stated: root mean square of the std that the estimates of λ_R state.
         offset_rmse, offset_mean [s], offset_cover, observable: of the clock offset.
         white: mean correlation of successive innovations for each of KINDS.
     """
@@ -129,6 +130,7 @@ class Summary:
     v_cover_error: float = np.nan
     slip_size: float = np.nan
     slip_error: float = np.nan
+    slip_stated: float = np.nan
 
 
 def summarise(scores: list[Score]) -> Summary:
@@ -175,4 +177,5 @@ def summarise(scores: list[Score]) -> Summary:
         v_cover_error=error_of_mean("v_within"),
         slip_size=float(np.mean(np.abs(column("slip")))),
         slip_error=error_of_mean("slip"),
+        slip_stated=rms(column("slip_std")),
     )
