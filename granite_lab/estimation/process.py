@@ -61,7 +61,7 @@ class SlipModel:
     walk: float = 0.005
     ramp: float = 0.25
     scatter: float = 0.06
-    time: float = 3.0
+    time: float = 2.5
     bounded: bool = False
     limit: float = 0.5
     limit_time: float = 300.0
