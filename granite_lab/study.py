@@ -8,6 +8,7 @@ from pathlib import Path
 
 from granite_lab import __version__
 from granite_lab.comparison import compare
+from granite_lab.effects import library, load_effects
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError
 from granite_lab.estimation import estimate
@@ -24,7 +25,7 @@ from granite_lab.reporting.content import Failure, Source, StudyResult, TrialRes
 from granite_lab.running import Execution, Options, each_trial
 from granite_lab.running.fingerprint import code, fingerprint
 from granite_lab.running.options import NOTHING_SAID
-from granite_lab.running.search import save_found, search
+from granite_lab.running.search import all_say, save_found, search
 
 __all__ = [
     "Options",
@@ -35,6 +36,7 @@ __all__ = [
     "over_trials",
     "record",
     "study",
+    "to_search",
     "write",
 ]
 
@@ -80,6 +82,34 @@ def ground(trial: Trial, options: Options) -> tuple[Soil, tuple[Active, ...]]:
     model = load_model(options.model, options.effects) if options.model else None
     soil = options.soil or (model.soil if model else None) or trial.info.soil or "dry_sand"
     return load_soil(soil), model.effects if model else ()
+
+
+def to_search(
+    paths: Sequence[Path], options: Options, execution: Execution
+) -> list[tuple[Trial, Motion | None] | LabError]:
+    """Read the trials of a search; estimate them where a log does not say what was commanded.
+
+    Args:
+        paths: the logs.
+        options: for all of them.
+        execution: where estimates are made and remembered.
+
+    Returns:
+        trials, with their estimates if any is needed, and errors, in the order of `paths`.
+    """
+    read = each_trial(_read, paths, options, jobs=1)
+    if all_say([trial for trial in read if isinstance(trial, Trial)]):
+        return [trial if isinstance(trial, LabError) else (trial, None) for trial in read]
+    return list(each_trial(_driven, paths, options, execution=execution))
+
+
+def _read(path: Path, options: Options) -> Trial:
+    return read_trial(path, map=options.column_map, robot=options.robot, topics=dict(options.topics))
+
+
+def _driven(path: Path, options: Options) -> tuple[Trial, Motion | None]:
+    trial, _, motion = ingest(path, options)
+    return trial, motion
 
 
 def study(
@@ -200,8 +230,11 @@ def write(result: StudyResult, options: Options, folder: Path) -> Path:
 
     if result.finding is None:
         return write_report(result, folder)
-    save_found(result.finding, options, [r.trial for r in result.trials], folder / "model.toml")
-    return write_report(result, folder, section(result.finding, "model.toml"))
+    trials = [r.trial for r in result.trials]
+    motions = [r.comparison.motion for r in result.trials]
+    save_found(result.finding, options, trials, folder / "model.toml", motions)
+    known = library() | (load_effects(options.effects) if options.effects else {})
+    return write_report(result, folder, section(result.finding, "model.toml", effects=known))
 
 
 def record(result: StudyResult, folder: Path, *, done: Callable[[str], None] = lambda _: None) -> list[Path]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granite_lab.api.found import finding_in, newest_in
 from granite_lab.errors import UsageError
 from granite_lab.files import sha256, write_bytes
 from granite_lab.hidden.making import make_set
@@ -135,14 +136,18 @@ def reveal(folder: str | Path, finding: str | Path | None = None) -> Revealed:
 
     Args:
         folder: written by `hide`.
-        finding: JSON of a discovery, to be judged.
+        finding: JSON of a discovery or of a study, or the folder in which it stands, to be judged.
 
     Raises:
         InputError: a file cannot be used.
     """
     answer = open_answer(Path(folder))
-    judged = score(answer, read_finding(Path(finding))) if finding else None
+    judged = score(answer, _finding(Path(finding))) if finding else None
     return Revealed(answer, judged, tuple(_changed(Path(folder), answer)))
+
+
+def _finding(place: Path) -> Mapping[str, Any]:
+    return finding_in(newest_in(place) if place.is_dir() else place, read_finding)
 
 
 def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from granite_lab.api.found import finding_in, newest_in
 from granite_lab.discovery.plan import Plan
 from granite_lab.discovery.plan import plan_next as rank
 from granite_lab.discovery.plan_design import Design
@@ -57,7 +58,7 @@ def plan_next(
     """Propose the next trial: the one that best separates what the trials so far left open.
 
     Args:
-        folder: written by ``granite-lab discover … --out DIR``.
+        folder: written by ``granite-lab discover … --out DIR`` or ``granite-lab study … --out DIR``.
         room: longest way the sand allows [m]; the longest so far by default.
         max_speed: fastest command [m/s].
         effects: your own effect file (.py). It is run: use only code you trust.
@@ -71,17 +72,17 @@ def plan_next(
         InputError: the folder holds no finding.
         EstimateError: the trials at hand cannot be simulated.
     """
-    path = Path(folder) / "finding.json"
-    for needed in (path, Path(folder) / NAME):
-        if not needed.exists():
-            raise InputError(
-                f"{folder}: holds no finding ('{needed.name}' is missing)",
-                f"run 'granite-lab discover TRIALS… --out {folder}' first",
-            )
+    path = newest_in(Path(folder))
+    found = finding_in(path, load_document)
+    if not (Path(folder) / NAME).exists():
+        raise InputError(
+            f"{folder}: holds no finding ('{NAME}' is missing)",
+            f"run 'granite-lab discover TRIALS… --out {folder}' first",
+        )
     known = library() | (load_effects(Path(effects)) if effects else {})
-    asked = question(load_document(path), known, str(path))
+    asked = question(found, known, str(path))
     design = load_design(Path(folder) / NAME)
-    found = rank(
+    plan = rank(
         design, asked, room=room, max_speed=max_speed, jobs=jobs or os.cpu_count() or 1, progress=progress
     )
-    return Planned(found, design)
+    return Planned(plan, design)

@@ -10,7 +10,7 @@ from granite_lab.api.records import all_good
 from granite_lab.api.trials import options_of
 from granite_lab.discovery import Finding
 from granite_lab.effects import library, load_effects
-from granite_lab.logs import read_trial
+from granite_lab.estimation.motion import Motion
 from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters.catalogue import in_force
@@ -19,13 +19,9 @@ from granite_lab.running import Execution
 from granite_lab.running.fingerprint import code
 from granite_lab.running.folder import claimed
 from granite_lab.running.search import names_of, save_found, search
-from granite_lab.study import Options, each_trial
+from granite_lab.study import Options, to_search
 
 Logs = str | Path | Sequence[str | Path]
-
-
-def _read(path: Path, options: Options) -> Trial:
-    return read_trial(path, map=options.column_map, robot=options.robot, topics=dict(options.topics))
 
 
 def discover(
@@ -65,18 +61,25 @@ def discover(
     """
     options = options_of(robot=robot, soil=soil, column_map=column_map, topics=topics, effects=effects)
     files = trial_files(logs)
-    trials = all_good(each_trial(_read, files, options, jobs=1))
-    finding = search(trials, options, seed=seed, execution=Execution(jobs), progress=progress)
+    execution = Execution(jobs)
+    trials, motions = split(all_good(to_search(files, options, execution)))
+    finding = search(trials, options, motions=motions, seed=seed, execution=execution, progress=progress)
     if out is not None:
         from granite_lab.reporting import write_discovery  # noqa: PLC0415, heavy
 
         folder = Path(out)
         known = library() | (load_effects(Path(effects)) if effects else {})
         with claimed(folder):
-            save_found(finding, options, trials, folder / "model.toml")
+            save_found(finding, options, trials, folder / "model.toml", motions)
             source = source_of(files, trials, options, seed)
             write_discovery(finding, folder, source, model=folder / "model.toml", effects=known)
     return finding
+
+
+def split(read: Sequence[tuple[Trial, Motion | None]]) -> tuple[list[Trial], list[Motion] | None]:
+    """Return trials, and their estimates where all have one."""
+    motions = [motion for _, motion in read if motion is not None]
+    return [trial for trial, _ in read], motions if len(motions) == len(read) else None
 
 
 def source_of(files: Sequence[Path], trials: Sequence[Trial], options: Options, seed: int) -> Source:

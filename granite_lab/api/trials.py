@@ -13,8 +13,7 @@ from granite_lab.fitting import published_fit
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.logs.named import trial_files
 from granite_lab.reporting.content import StudyResult, TrialResult
-from granite_lab.running.search import save_found
-from granite_lab.study import Options, analyse, each_trial
+from granite_lab.study import Options, analyse, each_trial, write
 from granite_lab.study import record as record_all
 from granite_lab.study import study as run
 
@@ -205,9 +204,7 @@ def study(
     if folder is not None:
         if recordings:
             record(result, folder / "recordings")
-        if result.finding is not None:
-            save_found(result.finding, options, [r.trial for r in result.trials], folder / "model.toml")
-        report(result, folder)
+        write(result, options, folder)
     return result
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -33,20 +33,10 @@ from granite_lab.commands.running import (
     tidy,
 )
 
-if TYPE_CHECKING:
-    from granite_lab.logs.trial import Trial
-    from granite_lab.study import Options
-
 
 def register(app: typer.Typer) -> None:
     """Add the command to the app."""
     app.command("discover")(discover)
-
-
-def _read(path: Path, options: Options) -> Trial:
-    from granite_lab.logs import read_trial
-
-    return read_trial(path, map=options.column_map, robot=options.robot, topics=dict(options.topics))
 
 
 def discover(
@@ -68,14 +58,14 @@ def discover(
     as_json: JsonOption = False,
 ) -> None:
     """Find the physical effect that the model lacks; write the case for it and the model with it."""
-    from granite_lab.api.search import source_of
+    from granite_lab.api.search import source_of, split
     from granite_lab.discovery import finding_as_json
     from granite_lab.effects import library, load_effects
     from granite_lab.reporting import write_discovery
     from granite_lab.reporting.findings import show_finding
     from granite_lab.running.folder import claimed
     from granite_lab.running.search import save_found, search
-    from granite_lab.study import Options, each_trial
+    from granite_lab.study import Options, to_search
 
     options = Options(
         robot=robot, soil=soil, column_map=column_map, effects=effects,
@@ -84,7 +74,7 @@ def discover(
     execution = execution_of(jobs, scheduler, cache)
     files = trial_files(trials)
     known = library() | (load_effects(effects) if effects is not None else {})
-    read: list[Trial] = good(files, each_trial(_read, files, options, jobs=1), strict)
+    read, motions = split(good(files, to_search(files, options, execution), strict))
     for trial in read:
         warn([f"{trial.name}: {line}" for line in trial.warnings])
     model = out / "model.toml"
@@ -93,6 +83,7 @@ def discover(
         finding = search(
             read,
             options,
+            motions=motions,
             seed=seed,
             execution=execution,
             progress=lambda text, runs: display.update(
@@ -100,7 +91,7 @@ def discover(
             ),
         )
         display.update(task, description="writing the report")
-        save_found(finding, options, read, model)
+        save_found(finding, options, read, model, motions)
         page = write_discovery(
             finding, out, source_of(files, read, options, seed), model=model, effects=known
         )

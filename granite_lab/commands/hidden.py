@@ -108,7 +108,12 @@ def _sizes(given: list[str]) -> dict[str, float]:
 
 def reveal(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder written by `hide`.")],
-    finding: Annotated[Path | None, typer.Option(help="JSON of a discovery, to be judged.")] = None,
+    finding: Annotated[
+        Path | None,
+        typer.Option(
+            help="A discovery to be judged: its JSON, or a folder written by `discover` or `study`."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Open the sealed answer of a hidden set, and judge a discovery by it."""

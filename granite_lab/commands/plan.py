@@ -31,7 +31,7 @@ def register(app: typer.Typer) -> None:
 
 
 def plan(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder written by `discover --out DIR`.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder written by `discover` or `study`.")],
     room: Annotated[
         float | None,
         typer.Option(min=0.1, help="Longest way the sand allows [m].", show_default="the longest so far"),

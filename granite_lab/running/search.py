@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -58,7 +58,7 @@ def search(
     robot, soil = names_of(trials, options)
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     trials = [trials[i] for i in order]
-    known = [motions[i] for i in order] if motions is not None and not _all_say(trials) else None
+    known = [motions[i] for i in order] if motions is not None and not all_say(trials) else None
     candidates = library() | (load_effects(options.effects) if options.effects else {})
     effects = candidates | {EmpiricalLaw.id: EmpiricalLaw()}
     cache, key = execution.cache, ""
@@ -105,7 +105,8 @@ def names_of(trials: Sequence[Trial], options: Options) -> tuple[str, str]:
     return robots.pop(), soils.pop()
 
 
-def _all_say(trials: Sequence[Trial]) -> bool:
+def all_say(trials: Sequence[Trial]) -> bool:
+    """Whether each log says itself what was commanded."""
     try:
         for trial in trials:
             variant_of_trial(trial, None)
@@ -114,8 +115,21 @@ def _all_say(trials: Sequence[Trial]) -> bool:
     return True
 
 
-def save_found(finding: Finding, options: Options, trials: Sequence[Trial], path: Path) -> None:
+def save_found(
+    finding: Finding,
+    options: Options,
+    trials: Sequence[Trial],
+    path: Path,
+    motions: Sequence[Motion] | None = None,
+) -> None:
     """Write the baseline with the physical effects that were named, and beside it what a plan needs.
+
+    Args:
+        finding: the record.
+        options: of the search.
+        trials: that were searched.
+        path: of the model file.
+        motions: their estimates, which know what was commanded where a log does not say it.
 
     Raises:
         LabError: the file cannot be written.
@@ -140,7 +154,15 @@ def save_found(finding: Finding, options: Options, trials: Sequence[Trial], path
     robot, soil = names_of(trials, options)
     law = Estimate(load_paper().a_theta)
     save_model(ModelFile(robot, soil, "exponential", law, tuple(fitted), provenance), path)
+    if motions is not None and not all_say(trials):
+        trials = [_saying(trial, motion.variant) for trial, motion in zip(trials, motions, strict=True)]
     save_design(finding, trials, path.with_name(NAME))
+
+
+def _saying(trial: Trial, variant: Variant) -> Trial:
+    """Return a trial whose metadata say what was commanded."""
+    v, a, d = variant.velocity, variant.acceleration, variant.distance
+    return replace(trial, info=replace(trial.info, v_desired=v, a_max=a, distance=d))
 
 
 @dataclass(frozen=True)
