@@ -1,14 +1,18 @@
 """Cost per trial of a study of 12, 120 and 1,200 trials, in processor time and memory.
 
-    python -m benchmarks.many_trials [--counts 12,120] [--jobs 2] [--out docs/bench-many.md]
+    python -m benchmarks.many_trials [--counts 12,120] [--remembered 1200] [--jobs 2] [--out PAGE]
 
 The trials are the twelve of data/samples, copied under further names: each copy is read, estimated,
 fitted and compared anew. Processor time counts all processes; each count runs in processes of its own.
+Of a count given as `--remembered` only the first twelve are analysed; the results of the others are put into
+the cache under their names, so that memory and the cost of the report can be had without half an hour of
+analysis.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import platform
 import resource
@@ -16,36 +20,46 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+
 from granite_lab.reporting import write_report
 from granite_lab.running import Cache, Execution
-from granite_lab.study import study
+from granite_lab.running.codec import TEXT, encode
+from granite_lab.running.fingerprint import trial_key
+from granite_lab.study import Options, analyse, study
+
+FIRST = "_000"
+"""End of the name of the first copy of a sample."""
 
 SAMPLES = Path(__file__).parent.parent / "data" / "samples"
 
 PAGE = """# Many trials
 
-Written by `make bench-many` (`python -m benchmarks.many_trials --counts {counts} --out docs/bench-many.md`);
-`make soak` takes 1,200 trials, too. {machine}, Python {python}, {jobs} processes. Times are processor
-time of all processes.
+Written by `python -m benchmarks.many_trials --counts {counts}{option} --out docs/bench-many.md`;
+`make bench-many` takes 12 and 120 trials, `make soak` 1,200, too. {machine}, Python {python},
+{jobs} processes; times are processor time of all processes.
 
 * **analysis**: from the log to the comparison with the model, nothing remembered, per trial; the start
-  of the processes, measured with {jobs} trials and given as **start**, is taken off;
+  of the processes, measured with {jobs} trials and given as **start**, is taken off; – where all results
+  were remembered to begin with;
 * **report**: a_θ over all trials, figures, tables and page, per trial; figures per speed are as many
   for few trials as for many;
 * **again**: the analysis of a second run, in which all results are remembered, per trial;
-* **worker**, **main**: largest memory of a worker process and of the command itself.
+* **worker**, **main**: largest memory of a worker process, and of the command itself up to the end of
+  the report.
 
 | trials | start [s] | analysis [s] | against {first} | report [s] | again [s] | worker [MB] | main [MB] |
 |---|---|---|---|---|---|---|---|
 {rows}
 
 The analysis of a trial costs the same however many there are: {verdict}. A worker holds one trial at a
-time. The command itself keeps all trials and figures for the report, about 8 MB a trial; 1,200 would
-need some 10 GB.
+time. The command itself keeps the numbers of each trial; its time series (2.5 MB) wait in a temporary
+file, and one figure is drawn at a time: {growth:.2f} MB more memory for each further trial.
 """
 
 ALLOWED = 0.2
@@ -54,11 +68,11 @@ ALLOWED = 0.2
 
 @dataclass(frozen=True)
 class Cost:
-    """What a study of so many trials took: processor time [s], memory [MB]."""
+    """What a study of so many trials took: processor time [s], memory [MB]; None where none was analysed."""
 
     trials: int
-    start: float
-    analysis: float
+    start: float | None
+    analysis: float | None
     report: float
     again: float
     worker: float
@@ -76,13 +90,32 @@ def megabytes(who: int) -> float:
     return resource.getrusage(who).ru_maxrss / 1024
 
 
-def measure(folder: Path, jobs: int) -> Cost:
+def remember(logs: Sequence[Path], cache: Cache, jobs: int) -> None:
+    """Analyse one log of each sample, and remember the results of its copies, which differ in their names."""
+    firsts = [log for log in logs if log.stem.endswith(FIRST)]
+    study(firsts, "firsts", execution=Execution(jobs, cache=cache))
+    for first in firsts:
+        data = encode(((), cache.get(trial_key(analyse.__qualname__, first, Options()))))
+        with np.load(io.BytesIO(data)) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        text = arrays[TEXT].tobytes()
+        for log in (log for log in logs if log.stem[: -len(FIRST)] == first.stem[: -len(FIRST)]):
+            named = text.replace(first.stem.encode(), log.stem.encode())
+            out = io.BytesIO()
+            np.savez(out, allow_pickle=False, **(arrays | {TEXT: np.frombuffer(named, dtype=np.uint8)}))
+            cache.put(trial_key(analyse.__qualname__, log, Options()), out.getvalue())
+
+
+def measure(folder: Path, jobs: int, *, remembered: bool) -> Cost:
     """Run the study of a folder in this process and its workers."""
     logs = sorted((folder / "logs").glob("*.csv"))
     few = Execution(jobs, cache=Cache(folder / "few"))
     all_ = Execution(jobs, cache=Cache(folder / "cache"))
     marks = [processor()]
-    study(logs[:jobs], "few", execution=few)
+    if remembered:
+        remember(logs, Cache(folder / "cache"), jobs)
+    else:
+        study(logs[:jobs], "few", execution=few)
     marks.append(processor())
     result = study(logs, "many", execution=all_)
     marks.append(processor())
@@ -94,13 +127,14 @@ def measure(folder: Path, jobs: int) -> Cost:
     last = processor() - before
     assert len(again.trials) == len(result.trials) == len(logs)
     first, whole, report = (b - a for a, b in pairwise(marks))
-    each = (whole - first) / (len(logs) - jobs)
-    start = first - jobs * each
     n = len(logs)
-    return Cost(n, start, each, report / n, last / n, worker, main)
+    if remembered:
+        return Cost(n, None, None, report / n, last / n, worker, main)
+    each = (whole - first) / (n - jobs)
+    return Cost(n, first - jobs * each, each, report / n, last / n, worker, main)
 
 
-def cost_of(count: int, jobs: int) -> Cost:
+def cost_of(count: int, jobs: int, *, remembered: bool = False) -> Cost:
     """Measure in a process of its own, so that memory and start-up belong to this count alone."""
     with tempfile.TemporaryDirectory(prefix="granite-lab-many-") as temporary:
         folder = Path(temporary)
@@ -110,7 +144,8 @@ def cost_of(count: int, jobs: int) -> Cost:
             sample = samples[i % len(samples)]
             shutil.copy(sample, folder / "logs" / f"{sample.stem}_{i // len(samples):03d}.csv")
         done = subprocess.run(
-            [sys.executable, "-m", "benchmarks.many_trials", "--folder", str(folder), "--jobs", str(jobs)],
+            [sys.executable, "-m", "benchmarks.many_trials", "--folder", str(folder), "--jobs", str(jobs),
+             *(["--remembered", str(count)] if remembered else [])],
             stdout=subprocess.PIPE, text=True, check=True,
         )  # fmt: skip
     return Cost(**json.loads(done.stdout))
@@ -118,10 +153,11 @@ def cost_of(count: int, jobs: int) -> Cost:
 
 def row(cost: Cost, first: Cost) -> str:
     """Return one row of the table."""
-    return (
-        f"| {cost.trials} | {cost.start:.1f} | {cost.analysis:.2f} | {cost.analysis / first.analysis:.2f} | "
-        f"{cost.report:.2f} | {cost.again:.3f} | {cost.worker:.0f} | {cost.main:.0f} |"
-    )
+    analysis = "– | – | –"
+    if cost.analysis is not None and first.analysis is not None:
+        analysis = f"{cost.start:.1f} | {cost.analysis:.2f} | {cost.analysis / first.analysis:.2f}"
+    memory = f"{cost.worker:.0f} | {cost.main:.0f}"
+    return f"| {cost.trials} | {analysis} | {cost.report:.2f} | {cost.again:.3f} | {memory} |"
 
 
 def main() -> None:
@@ -129,26 +165,32 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--counts", default="12,120", help="numbers of trials")
+    parser.add_argument("--remembered", type=int, help="a further number, whose results are remembered")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--out", type=Path, help="page to write")
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.folder:
-        print(json.dumps(asdict(measure(given.folder, given.jobs))))
+        print(json.dumps(asdict(measure(given.folder, given.jobs, remembered=bool(given.remembered)))))
         return
     costs = []
     for count in map(int, given.counts.split(",")):
         costs.append(cost_of(count, given.jobs))
         print(row(costs[-1], costs[0]), flush=True)
-    apart = [abs(c.analysis / costs[0].analysis - 1) for c in costs]
+    apart = [abs(c.analysis / costs[0].analysis - 1) for c in costs if c.analysis and costs[0].analysis]
+    if given.remembered:
+        costs.append(cost_of(given.remembered, given.jobs, remembered=True))
+        print(row(costs[-1], costs[0]), flush=True)
     constant = max(apart) <= ALLOWED
     page = PAGE.format(
         counts=given.counts,
+        option=f" --remembered {given.remembered}" if given.remembered else "",
         machine=platform.machine(),
         python=platform.python_version(),
         jobs=given.jobs,
         first=costs[0].trials,
         rows="\n".join(row(c, costs[0]) for c in costs),
+        growth=(costs[-1].main - costs[0].main) / max(1, costs[-1].trials - costs[0].trials),
         verdict=f"the largest difference is {100 * max(apart):.0f} %"
         + ("" if constant else f", more than the {100 * ALLOWED:.0f} % that are allowed"),
     )
