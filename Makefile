@@ -44,7 +44,7 @@ types: $(DEV)
 	$(BIN)/mypy
 
 soak: $(DEV)
-	GRANITE_SOAK=1 $(BIN)/python -m pytest -n 2
+	GRANITE_SOAK=1 $(BIN)/python -m pytest -n 2 -rP
 	$(BIN)/python -m benchmarks.many_trials --counts 12,120,1200 --out docs/bench-many.md
 
 bench: bench-simulator bench-estimation bench-many
