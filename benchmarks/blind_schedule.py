@@ -36,6 +36,9 @@ FIRST_SEED = 10_000
 SENSIBLE = 3.0
 """An effect is at most this many times as large as its library entry expects: a robot, not a wreck."""
 
+LEAST = {"gear_backlash": 0.4}
+"""Least size that is hidden: teeth with less play [deg] are too stiff to be computed in minutes."""
+
 
 @dataclass(frozen=True)
 class Task:
@@ -104,7 +107,8 @@ def _task(letter: str, i: int, seed: int) -> Task:
 def wish_of(task: Task, detectable: Detectable) -> tuple[Wish, dict[str, float]]:
     """Return what is to be hidden, and by effect the strength that came of it.
 
-    The strength is lower than asked where the size would leave the bounds of sense.
+    The strength is lower than asked where the size would leave the bounds of sense, and higher where
+    less could not be computed.
     """
     wish = Wish(task.effect, task.seed, noise=task.noise, sand_off=task.sand_off)
     if task.kind == "outside":
@@ -149,6 +153,7 @@ def sizes_of(
         sizes[size.name] = value
         if value:
             factor = min(factor, limit(name, size, value) / abs(value))
+            factor = max(factor, LEAST.get(name, 0.0) / abs(value))
     return {key: factor * value for key, value in sizes.items()}, factor * strength
 
 

@@ -8,17 +8,18 @@ import casadi as ca
 import numpy as np
 
 from granite_lab.model.body import BodyLoad, BodyState
+from granite_lab.model.command import V_FLOOR, smoothstep
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY
 
 
 class GroundSlope(Effect):
-    """The frame O is laid into the slope; gravity turns instead."""
+    """The frame O is laid into the slope; gravity turns instead. At rest the robot does not roll."""
 
     id = "ground_slope"
     title = "ground that rises or falls"
-    equation = "g_x = −g sin(slope), g_z = −g cos(slope) in (20), (21)"
+    equation = "g_x = −g sin(slope), g_z = −g cos(slope) in (20), (21); at rest m g sin(slope) is held"
     source = (
         "(20), (21); sand in a container, raked and levelled by hand, is level to some tenths of a "
         "degree up to 1°"
@@ -36,6 +37,14 @@ class GroundSlope(Effect):
     def body_load(
         self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own
     ) -> BodyLoad:
-        """Turn gravity."""
+        """Turn gravity; as the wheels come to rest, sand and gears take over what pulls downhill."""
         slope = own.p["slope"] * np.pi / 180
-        return replace(load, gravity_x=-GRAVITY * ca.sin(slope), gravity_z=-GRAVITY * ca.cos(slope))
+        moving = sum(smoothstep(axle.state.speed / V_FLOOR) for axle in axles) / 2
+        held = (1 - moving) * p.chassis.total_mass * GRAVITY * ca.sin(slope)
+        return replace(
+            load,
+            x=load.x + held,
+            moment=load.moment - held * p.chassis.com_z,
+            gravity_x=-GRAVITY * ca.sin(slope),
+            gravity_z=-GRAVITY * ca.cos(slope),
+        )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
+
 from granite_lab.model.command import smoothstep
 from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Effect, EffectParameter, Own
@@ -18,7 +20,10 @@ class MultiPass(Effect):
 
     id = "multi_pass"
     title = "rear wheels in the compacted rut"
-    equation = "rear wheels, x > L: k_c, k_φ times (1 + pressure), K divided by (1 + shear)"
+    equation = (
+        "rear wheels, x > L: k_c, k_φ times 1 + pressure · g, K divided by 1 + shear · g, "
+        "g = 1 + slip_growth · |λ|"
+    )
     source = (
         "Holm, Multi-pass behaviour of pneumatic tires, Journal of Terramechanics 6(3), 1969, 47-71; Wong, "
         "Terramechanics and Off-Road Vehicle Engineering, 2nd ed., Elsevier 2010 (repetitive loading); "
@@ -36,6 +41,8 @@ class MultiPass(Effect):
                         -0.5, 5.0, 0.0, 0.05, 1.0),
         EffectParameter("shear", "", "relative rise of the shear stiffness 1/K in the rut",
                         -0.5, 5.0, 0.0, 0.05, 1.0),
+        EffectParameter("slip_growth", "", "relative growth of both per slip of the pass",
+                        0.0, 20.0, 1.0, 0.0, 6.0, shape=True),
     )  # fmt: skip
 
     def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
@@ -43,6 +50,8 @@ class MultiPass(Effect):
         if state.front:
             return soil
         inside = smoothstep((state.travel - own.model.chassis.wheel_base) / ENTRY + 0.5)
+        # the slip at which the front wheels passed here is about that of the rear wheels now
+        inside *= 1 + own.p["slip_growth"] * ca.fabs(state.slip)
         factor = 1 + own.p["pressure"] * inside
         return replace(
             soil,

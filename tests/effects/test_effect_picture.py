@@ -36,7 +36,8 @@ def test_a_slope_is_seen_at_rest_but_a_tilted_or_biased_sensor_looks_the_same(sl
         before = seen.t < -0.05
         assert seen.raw["accel_x"][before] == pytest.approx(GRAVITY * np.sin(np.radians(1.0)), rel=0.02)
         assert np.abs(seen.left["accel_x"][before]).max() < 0.1 * seen.raw["accel_x"][before].min()
-    assert slope.share < 0.1
+    # what a sensor cannot imitate is the pull that sets in as the wheels begin to turn
+    assert 0.02 < slope.share < 0.25
 
 
 def test_a_wound_up_tyre_shows_in_jerks_that_nothing_else_makes() -> None:

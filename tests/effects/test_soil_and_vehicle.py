@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 
 from granite_lab.effects import get
 from granite_lab.effects.bulldozing import UNIT_WEIGHT
 from granite_lab.model.contact import ContactAngles, WheelState, contact_angles, wheel_forces
-from granite_lab.model.effect import Own
+from granite_lab.model.effect import Axle, Own
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import GRAVITY, variant_of
 from tests.effects.runs import CHASSIS, ROBOT, SOIL, at, mean, run
@@ -150,7 +153,9 @@ def test_passive_effects_never_add_power(effect_id: str) -> None:
     effect, rng = get(effect_id), np.random.default_rng(1)
     for _ in range(300):
         v, rate = rng.uniform(-0.8, 0.8), rng.uniform(-8, 8)
-        own = Own({p.name: rng.uniform(p.prior_low, p.prior_high) for p in effect.parameters}, {}, 0.0, MODEL)
+        sliding = {name: float(np.sign(rate)) for name in effect.states}
+        values = {p.name: rng.uniform(p.prior_low, p.prior_high) for p in effect.parameters}
+        own = Own(values, sliding, 0.0, MODEL)
         state = WheelState(
             front=True, travel=1.0, angle=1.0, rate=rate, tread_rate=rate, velocity=v,
             sinkage=rng.uniform(0.005, 0.03), sinkage_rate=0.0, radius=ROBOT.wheels.radius,
@@ -166,3 +171,21 @@ def test_passive_effects_never_add_power(effect_id: str) -> None:
             assert float(changed.thrust) * v + float(changed.moment) * rate <= 0
         else:
             assert added <= 1e-9
+
+
+def test_dry_friction_gives_back_no_work_however_the_wheel_turns_and_holds_it_at_rest() -> None:
+    effect, rng = get("drivetrain_friction"), np.random.default_rng(2)
+    values = {"coulomb": 1.0, "viscous": 0.0, "creep": 0.005}
+    knots = rng.uniform(-0.3, 0.3, 20)
+    knots[-3:] = 0.0  # and stands in the end
+    t = np.linspace(0, 19, 40_001)
+    rate, held, work = np.interp(t, np.arange(20), knots), 0.0, 0.0
+    for ω in rate:
+        state = SimpleNamespace(front=True, rate=ω)
+        own = Own(values, {"held_f": held, "held_r": 0.0}, 0.0, MODEL)
+        work -= float(effect.drive_torque(0.0, cast("WheelState", state), own)) * ω * (t[1] - t[0])
+        assert work > -1e-6
+        axle = cast("Axle", SimpleNamespace(state=state))
+        held += float(effect.rates((axle, axle), MODEL, own)["held_f"]) * (t[1] - t[0])
+    assert work > 0.5 * float(np.abs(rate).mean()) * t[-1]
+    assert abs(held) > 0.9
