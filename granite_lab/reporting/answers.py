@@ -82,8 +82,16 @@ def slip_answer(speeds: Sequence[Speed]) -> Answer:
     )  # fmt: skip
 
 
-def law_answer(fit: AThetaFit | None) -> Answer:
-    """Say whether a_θ agrees with the paper's."""
+_STANDS_IN = " It is fitted with the paper's model, so that k_92 may stand in for what was found missing."
+
+
+def law_answer(fit: AThetaFit | None, *, lacking: bool = False) -> Answer:
+    """Say whether a_θ agrees with the paper's.
+
+    Args:
+        fit: of a_θ over the trials.
+        lacking: the model was found to lack something, which k_92 may then have to stand in for.
+    """
     question = "Does a_θ agree with the paper?"
     if fit is None or not math.isfinite(fit.a_theta.value):
         return Answer(
@@ -105,7 +113,7 @@ def law_answer(fit: AThetaFit | None) -> Answer:
     return Answer(
         "a_theta", question,
         f"{value}; the paper's {fit.published:g} s/m lies outside, the fit is {significant(abs(off), 2)} "
-        f"% {way} it.",
+        f"% {way} it.{_STANDS_IN if lacking else ''}",
         "differs", "fair",
     )  # fmt: skip
 

@@ -33,6 +33,7 @@ def assemble(result: StudyResult, discovery: Discovery | None = None) -> Report:
     found = gaps([r.comparison for r in result.trials])
     brief = gaps([r.comparison for r in result.trials], wheels_as_one=True)
     missing = discovery.answer if discovery else answers.missing_answer(brief, result.unsearched)
+    lacking = discovery is not None and discovery.data.get("verdict") != "none"
     sections = [
         _slip(result, speeds, paper),
         _law(result, speeds, paper),
@@ -49,7 +50,8 @@ def assemble(result: StudyResult, discovery: Discovery | None = None) -> Report:
         lead=answers.lead(result, speeds),
         virtual=answers.virtual_note(result),
         answers=(
-            answers.slip_answer(speeds), answers.law_answer(result.a_theta), answers.model_answer(brief),
+            answers.slip_answer(speeds), answers.law_answer(result.a_theta, lacking=lacking),
+            answers.model_answer(brief),
             missing,
         ),
         first_page=_first_page(result, speeds, paper, brief),

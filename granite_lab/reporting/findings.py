@@ -8,10 +8,11 @@ from rich.console import Console
 from rich.text import Text
 
 from granite_lab.discovery.finding import Finding
+from granite_lab.reporting.discovery.amounts import amount
 from granite_lab.reporting.discovery.answers import missing_answer
-from granite_lab.reporting.discovery.names import STATUS, channel_name, plain
+from granite_lab.reporting.discovery.names import STATUS, channel_name, in_plain_words, plain
 from granite_lab.reporting.grid import TONES, grid, row_of, say
-from granite_lab.reporting.rounding import plus_minus, significant, tidy_unit
+from granite_lab.reporting.rounding import evidence, places, significant
 
 MOST = 6
 """Rows of a table on the terminal."""
@@ -41,7 +42,7 @@ def show_finding(finding: Finding, console: Console) -> None:
         console.print()
         _candidates(finding, console)
     for note in finding.notes:
-        say(console, f"note: {note}", "yellow")
+        say(console, f"note: {in_plain_words(note, finding)}", "yellow")
 
 
 def _effects(finding: Finding, console: Console) -> None:
@@ -52,7 +53,7 @@ def _effects(finding: Finding, console: Console) -> None:
                 *row_of(
                     plain(effect.id) if i == 0 else "",
                     p.name.replace("_", " "),
-                    plus_minus(p.estimate, tidy_unit(p.unit)),
+                    amount(effect, p),
                     (", ".join(map(plain, effect.twins)) or "–") if i == 0 else "",
                 )
             )
@@ -87,8 +88,8 @@ def _where(finding: Finding, console: Console) -> None:
     for d in sorted(finding.where, key=lambda d: -d.strength)[:MOST]:
         table.add_row(
             *row_of(
-                channel_name(d.channel), d.phase, f"{d.variant:g}", f"{d.start:.2f}".replace("-", "−"),
-                f"{d.end:.2f}".replace("-", "−"), significant(d.frequency, 2), significant(d.strength, 2),
+                channel_name(d.channel), d.phase, f"{d.variant:g}", places(d.start, 2),
+                places(d.end, 2), significant(d.frequency, 2), significant(d.strength, 2),
             )
         )  # fmt: skip
     console.print(table)
@@ -100,9 +101,9 @@ def _candidates(finding: Finding, console: Console) -> None:
     named = {e.id for e in finding.effects}
     table = grid("candidate", "evidence", "how far it was tried", words=(0, 2))
     for c in finding.rounds[0][:MOST]:
-        evidence = "–" if c.status == "not converged" else _number(c.evidence)
+        drop = "–" if c.status == "not converged" else evidence(c.evidence)
         name = Text(plain(c.id), TONES["good"] if c.id in named else "")
-        table.add_row(*row_of(name, evidence, STATUS.get(c.status, c.status)))
+        table.add_row(*row_of(name, drop, STATUS.get(c.status, c.status)))
     console.print(table)
     more = len(finding.rounds[0]) - MOST
     rest = f"{more} more are weaker. " if more > 0 else ""

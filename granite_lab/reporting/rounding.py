@@ -26,7 +26,8 @@ def decimals_for(std: float) -> int:
     return -exponent + (1 if leading < 355 else 0)
 
 
-def _fixed(value: float, decimals: int) -> str:
+def places(value: float, decimals: int) -> str:
+    """Return a number with so many decimals and a true minus sign; there is no "−0.00"."""
     rounded = round(value, decimals) + 0.0  # no "-0"
     return f"{rounded:.{max(decimals, 0)}f}".replace("-", "−")
 
@@ -42,11 +43,22 @@ def significant(value: float, digits: int = 3) -> str:
         decimals = digits - 1 - exponent
         if round(abs(value), decimals) >= 10.0 ** (exponent + 1):
             decimals -= 1  # 9.996 with three digits is 10.0
-        return _fixed(value, decimals)
+        return places(value, decimals)
     mantissa = round(value / 10.0**exponent, digits - 1)
     if abs(mantissa) >= 10:
         mantissa, exponent = mantissa / 10, exponent + 1
-    return f"{_fixed(mantissa, digits - 1)}·10{str(exponent).translate(_SUPERSCRIPT)}"
+    return f"{places(mantissa, digits - 1)}·10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def evidence(value: float) -> str:
+    """Return a drop of χ²: long numbers in groups of three digits, nothing below one half."""
+    if not math.isfinite(value):
+        return significant(value)
+    if abs(value) < 10:
+        return significant(value, 2) if value >= 0.5 else "0"
+    whole = float(f"{value:.3g}")
+    text = f"{whole:,.0f}" if abs(whole) >= 10_000 else f"{whole:.0f}"
+    return text.replace(",", _SPACE).replace("-", "−")
 
 
 def with_unit(text: str, unit: str) -> str:
@@ -78,7 +90,7 @@ def plus_minus(estimate: Estimate, unit: str = "", scale: float = 1.0) -> str:
         shown = Estimate(value / 10.0**exponent, std / 10.0**exponent)
         power = f"·10{str(exponent).translate(_SUPERSCRIPT)}"
         return with_unit(f"({plus_minus(shown)}){power}", unit)
-    return with_unit(f"{_fixed(value, decimals)} ± {_fixed(std, decimals)}", unit)
+    return with_unit(f"{places(value, decimals)} ± {places(std, decimals)}", unit)
 
 
 def interval(low: float, high: float, unit: str = "", scale: float = 1.0) -> str:
@@ -89,7 +101,7 @@ def interval(low: float, high: float, unit: str = "", scale: float = 1.0) -> str
     if high <= low:
         return with_unit(significant(low), unit)
     decimals = decimals_for((high - low) / 4)
-    return with_unit(f"{_fixed(low, decimals)} to {_fixed(high, decimals)}", unit)
+    return with_unit(f"{places(low, decimals)} to {places(high, decimals)}", unit)
 
 
 def rounded_like(value: float, std: float, unit: str = "", scale: float = 1.0) -> str:
@@ -97,7 +109,7 @@ def rounded_like(value: float, std: float, unit: str = "", scale: float = 1.0) -
     std = abs(std * scale)
     if not math.isfinite(value) or not math.isfinite(std) or std == 0:
         return with_unit(significant(value * scale), unit)
-    return with_unit(_fixed(value * scale, decimals_for(std)), unit)
+    return with_unit(places(value * scale, decimals_for(std)), unit)
 
 
 SHOWN_AS: dict[str, tuple[str, float]] = {

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from granite_lab.estimate import Estimate
-from granite_lab.reporting.rounding import NONE, plus_minus, significant, with_unit
+from granite_lab.reporting.rounding import NONE, places, plus_minus, significant, with_unit
 
 Raw = float | int | bool | str | None
 
@@ -102,8 +102,7 @@ def number(value: float, digits: int = 3, unit: str = "", scale: float = 1.0) ->
 
 def fixed(value: float, decimals: int, scale: float = 1.0) -> Cell:
     """Return a cell with so many decimals."""
-    text = f"{value * scale:.{decimals}f}".replace("-", "−") if math.isfinite(value) else NONE
-    return Cell(text, (value,))
+    return Cell(places(value * scale, decimals) if math.isfinite(value) else NONE, (value,))
 
 
 def count(value: int) -> Cell:

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 from granite_lab.discovery.finding import Finding
 from granite_lab.model.effect import Effect
-from granite_lab.reporting.discovery.names import channel_name, describe, either, listed, plain
+from granite_lab.reporting.discovery.names import describe, either, listed, plain, spoken
 from granite_lab.reporting.discovery.sizes import picked, shares
 from granite_lab.reporting.document import Answer
-from granite_lab.reporting.rounding import significant
+from granite_lab.reporting.rounding import evidence, places, significant
 from granite_lab.reporting.summary import IN_PHASE
 
 QUESTION = "What is missing from the model?"
@@ -91,11 +91,11 @@ def gap_answer(finding: Finding) -> Answer:
     question = "How much of the gap does it close?"
     if finding.verdict == "none" or not finding.effects:
         return Answer("gap", "How far is the model from the trials?", _gap(finding))
-    before, after, _ = (significant(v) for v in finding.gap.train)
+    before, after, _ = (times(v) for v in finding.gap.train)
     text = f"{_gap(finding)} On the trials of the fit it falls from {before} to {after}."
     share = closed(finding.gap.held_out)
     good = math.isfinite(share) and share >= 0.9
-    return Answer("gap", question, text, _share(share), "good" if good else "fair")
+    return Answer("gap", question, text, share_in_words(share), "good" if good else "fair")
 
 
 def where_answer(finding: Finding) -> Answer:
@@ -107,9 +107,10 @@ def where_answer(finding: Finding) -> Answer:
     ranked = sorted(finding.where, key=lambda d: -d.strength)
     seen: dict[tuple[str, str], str] = {}
     for d in ranked:
-        at = f"{d.variant:g} m/s from {d.start:.2f} s to {d.end:.2f} s, {significant(d.strength, 2)} times"
+        start, end = places(d.start, 2), places(d.end, 2)
+        at = f"{d.variant:g} m/s from {start} s to {end} s, {significant(d.strength, 2)} times"
         seen.setdefault(
-            (d.channel, d.phase), f"the {channel_name(d.channel)} {IN_PHASE[d.phase]} (at {at} the noise)"
+            (d.channel, d.phase), f"the {spoken(d.channel)} {IN_PHASE[d.phase]} (at {at} the noise)"
         )
     n = len(finding.where)
     count = "One interval is" if n == 1 else f"{n} intervals are"
@@ -124,7 +125,13 @@ def closed(gap: tuple[float, float, float]) -> float:
     return (before - after) / (before - floor) if before > floor else math.nan
 
 
-def _share(share: float) -> str:
+def times(gap: float) -> str:
+    """Return a gap in multiples of the noise, with two decimals where it is small."""
+    return places(gap, 2) if abs(gap) < 10 else significant(gap)
+
+
+def share_in_words(share: float) -> str:
+    """Say how much of a gap closes; empty where there was none."""
     if not math.isfinite(share):
         return ""
     return "all of it" if share >= 0.995 else f"{significant(100 * share, 2)} % of it"
@@ -140,7 +147,7 @@ def _evidence(finding: Finding) -> str:
     least = min((brought.get(e.id, e.evidence) for e in finding.effects), default=math.nan)
     each = "The evidence for it is" if len(finding.effects) == 1 else "The evidence for each is at least"
     return (
-        f"{each} {significant(least)}; chance alone reaches {significant(finding.threshold, 2)} in one set "
+        f"{each} {evidence(least)}; chance alone reaches {significant(finding.threshold, 2)} in one set "
         "of trials in a hundred."
     )
 
@@ -154,7 +161,7 @@ def _best(finding: Finding) -> list[str]:
         return []
     text = (
         f"The best of {len(found)} candidates, {plain(best.id)}, has an evidence of "
-        f"{significant(best.evidence, 2)}; chance alone reaches {significant(finding.threshold, 2)} in one "
+        f"{evidence(best.evidence)}; chance alone reaches {significant(finding.threshold, 2)} in one "
         "set of trials in a hundred."
     )
     return [text]
@@ -163,14 +170,14 @@ def _best(finding: Finding) -> list[str]:
 def _gap(finding: Finding) -> str:
     known = finding.gap.held_out if finding.trial_losses else finding.gap.train
     which = "On trials that were left out of the fit" if finding.trial_losses else "On the trial of the fit"
-    before, after, floor = (significant(v) for v in known)
+    before, after, floor = (times(v) for v in known)
     share = closed(known)
     if finding.verdict == "none" or not finding.effects or not math.isfinite(share):
         alone = "" if abs(known[2] - 1) < SMALL else f", where noise alone gives {floor}"
         return f"{which} sensors and model differ by {before} times the noise{alone}."
     return (
         f"{which} the gap between sensors and model falls from {before} to {after} times the noise: "
-        f"{_share(share)} closes."
+        f"{share_in_words(share)} closes."
     )
 
 

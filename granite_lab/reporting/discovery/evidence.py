@@ -10,11 +10,21 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import plot_gap, plot_sizes, plot_where, plot_which, tables
-from granite_lab.reporting.discovery.answers import missing_answer
-from granite_lab.reporting.discovery.names import either, listed, plain
+from granite_lab.reporting.discovery.answers import closed, missing_answer, share_in_words
+from granite_lab.reporting.discovery.names import (
+    either,
+    in_plain_words,
+    listed,
+    plain,
+    what_found,
+    with_found,
+)
+from granite_lab.reporting.discovery.next_steps import next_steps
+from granite_lab.reporting.discovery.plot_closer import closer_drawings
 from granite_lab.reporting.discovery.plot_history import history_drawings
-from granite_lab.reporting.discovery.plot_law import law_drawing
+from granite_lab.reporting.discovery.plot_law import law_drawing, law_formulas
 from granite_lab.reporting.discovery.plot_left import left_drawing
+from granite_lab.reporting.discovery.sizes import untried
 from granite_lab.reporting.document import (
     Block,
     Discovery,
@@ -32,6 +42,11 @@ HOW = (
     "each trial, the start of the command and the sensors' offsets and gains are fitted along, so that "
     "they cannot pass for a missing effect. All differences are given as multiples of the noise, which the "
     "standstill and the repetitions show."
+)
+
+SYMBOLS = (
+    "As formulas, while the wheels turn; v is the speed of the robot, s the slip ratio of the wheel, x the "
+    "way and t the time since the start, θ the angle of the wheel, and z its sinkage:"
 )
 
 
@@ -72,7 +87,7 @@ def steps(
         ("held-out", "Does it hold on trials that were left out?", _held_out(finding)),
         ("twins", "What cannot be told apart?", _twins(finding)),
         ("sizes", "How large is it?", _sizes(finding, model)),
-        ("law", "What does the missing quantity look like?", _law(finding)),
+        ("law", "What does the missing quantity look like?", _law(finding, model)),
         ("gap", "How much of the gap closes?" if finding.effects else "How large is the gap?", _gap(finding)),
         (
             "histories",
@@ -81,7 +96,8 @@ def steps(
         ),
         ("left", "What is left, and is it noise?", _left(finding)),
         ("could-show", "What could these trials show?", _could_show(finding, known)),
-        ("limits", "What could not be told", [Listing(finding.notes)] if finding.notes else []),
+        ("limits", "What could not be told", _limits(finding)),
+        ("next", "What next?", [Listing(next_steps(finding, model))]),
     ]
     full = [(id_, title, blocks) for id_, title, blocks in parts if blocks]
     return tuple(
@@ -181,15 +197,25 @@ def _sizes(finding: Finding, model: Path | str | None) -> list[Block]:
     return [*_gallery(plot_sizes.sizes_drawing(finding)), table, *([Words(saved)] if saved else [])]
 
 
-def _law(finding: Finding) -> list[Block]:
+def _law(finding: Finding, model: Path | str | None) -> list[Block]:
     table = tables.law_table(finding)
     if table is None:
         return []
+    share = share_in_words(closed(finding.gap.held_out if finding.trial_losses else finding.gap.train))
+    closes = f" It closes {share.removesuffix(' of it')} of the gap" if share else ""
+    if closes:
+        closes += " on trials that were left out." if finding.trial_losses else " on the trial of the fit."
     text = (
         "No candidate explains the trials, so the missing force, moment and torque were fitted as a sum of "
-        "simple terms. It says what to look for, not why it is there."
+        "simple terms: an empirical law. It is not physics. It says what to look for, not why it is there, "
+        f"and holds for trials like these only.{closes}"
     )
-    return [Words(text), *_gallery(law_drawing(finding)), table]
+    saved = f"{model} holds the paper's model alone: a law is not put into it." if model else ""
+    return [
+        Words(text), *_gallery(law_drawing(finding)),
+        Words(SYMBOLS),
+        Listing(law_formulas(finding)), table, *([Words(saved)] if saved else []),
+    ]  # fmt: skip
 
 
 def _gap(finding: Finding) -> list[Block]:
@@ -201,8 +227,24 @@ def _gap(finding: Finding) -> list[Block]:
 
 def _histories(finding: Finding) -> list[Block]:
     text = "What the sensors read, and what the model says they should have read: without an effect"
-    text += ", and with what was found." if finding.effects else "."
-    return [Words(text), *_gallery(*history_drawings(finding))]
+    if not finding.effects:
+        return [Words(f"{text}."), *_gallery(*history_drawings(finding))]
+    closer = closer_drawings(finding)
+    text += f" (before), and {with_found(finding)} (after)."
+    if closer:
+        text += (
+            f" First the moments in which {what_found(finding)} makes the most difference, then whole runs."
+        )
+    return [Words(text), *_gallery(*closer), *_gallery(*history_drawings(finding))]
+
+
+def _limits(finding: Finding) -> list[Block]:
+    notes = [in_plain_words(note, finding) for note in finding.notes]
+    notes += [
+        f"{plain(i)[0].upper()}{plain(i)[1:]} was not tried: the model with it could not be simulated here."
+        for i in untried(finding)
+    ]
+    return [Listing(tuple(notes))] if notes else []
 
 
 def _left(finding: Finding) -> list[Block]:

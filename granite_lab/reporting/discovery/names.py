@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from granite_lab.discovery.finding import Finding, FoundEffect
-from granite_lab.reporting.rounding import plus_minus, tidy_unit
+from granite_lab.reporting.discovery.amounts import in_words
 
 CHANNELS = {
     "accel_x": "forward acceleration",
@@ -18,6 +19,13 @@ CHANNELS = {
 }
 """Channels of a finding, in the order of the report."""
 
+SPOKEN = {
+    "wheel": "mean wheel angle",
+    "wheel_split": "front − rear wheel angle",
+    "current_f": "front motor current",
+    "current_r": "rear motor current",
+}
+"""Channels whose name in the figures has a comma, inside a sentence."""
 
 STATUS = {
     "evaluated": "fitted in full",
@@ -33,17 +41,30 @@ def channel_name(channel: str) -> str:
     return CHANNELS.get(channel, channel)
 
 
+def spoken(channel: str) -> str:
+    """Return a channel as it stands inside a sentence."""
+    return SPOKEN.get(channel, channel_name(channel))
+
+
 def describe(effect: FoundEffect) -> str:
     """Name an effect with its sizes and with what cannot be told from it."""
-    sizes = ", ".join(
-        f"{p.name.replace('_', ' ')} {plus_minus(p.estimate, tidy_unit(p.unit))}" for p in effect.parameters
-    )
+    title, sizes = in_words(effect)
     twins = (
         f"; these trials cannot tell it from {either([plain(t) for t in effect.twins])}"
         if effect.twins
         else ""
     )
-    return f"{effect.title} ({sizes}{twins})"
+    return f"{title} ({sizes}{twins})"
+
+
+def with_found(finding: Finding) -> str:
+    """Say what the model has more than the paper's, as a legend does."""
+    return "with the empirical law" if finding.verdict == "unknown" else "with what was found"
+
+
+def what_found(finding: Finding) -> str:
+    """Say what was found, inside a sentence."""
+    return "the empirical law" if finding.verdict == "unknown" else "what was found"
 
 
 def effects_in_words(finding: Finding) -> str:
@@ -65,9 +86,26 @@ def either(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} or {parts[-1]}"
 
 
+NAMES = {
+    "accel_scale_error": "accelerometer scale error",
+    "com_offset": "centre-of-mass offset",
+    "imu_tilt": "IMU tilt",
+    "tyre_windup": "tyre wind-up",
+}
+"""Effects whose id alone does not read as words."""
+
+
 def plain(effect_id: str) -> str:
     """Return an effect's id as words."""
-    return effect_id.replace("_", " ")
+    return NAMES.get(effect_id, effect_id.replace("_", " "))
+
+
+def in_plain_words(note: str, finding: Finding) -> str:
+    """Return a note of the search with the effects in it as words."""
+    ids = {c.id for found in finding.rounds for c in found} | {d.effect for d in finding.detectable}
+    for id_ in sorted((i for i in ids if "_" in i), key=len, reverse=True):
+        note = re.sub(rf"\b{re.escape(id_)}\b", plain(id_), note)
+    return note[:1].upper() + note[1:]
 
 
 def short(name: str, most: int = 25) -> str:

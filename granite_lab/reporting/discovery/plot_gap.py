@@ -13,10 +13,9 @@ from granite_lab.discovery.finding import Finding, Gap
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
-from granite_lab.reporting.discovery.answers import closed
-from granite_lab.reporting.discovery.names import channel_name, short
+from granite_lab.reporting.discovery.answers import closed, share_in_words, times
+from granite_lab.reporting.discovery.names import channel_name, short, with_found
 from granite_lab.reporting.discovery.residue import channels_of
-from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import IN_PHASE, PHASES
 
 UNIT = "gap: rms over noise [–]"
@@ -73,7 +72,7 @@ def _dumbbells(
             axis.plot(floor, y, "|", color=canvas.INK, markersize=8, label="noise floor")
             axis.plot(before, y, "o", color=rows.BEFORE, markersize=4.5, label="model without effects")
             if finding.effects:
-                axis.plot(after, y, "D", color=rows.AFTER, markersize=4, label="with what was found")
+                axis.plot(after, y, "D", color=rows.AFTER, markersize=4, label=with_found(finding))
             rows.log_axis(axis, low, high)
             axis.set_xlabel(UNIT if len(titles) == 1 else f"{title}\n{UNIT}")
             for at in rules:
@@ -87,12 +86,16 @@ def _dumbbells(
 
 def _describe_gap(finding: Finding) -> str:
     before, after, floor = finding.gap.held_out
-    text = f"On trials left out, the model without effects is off by {significant(before)} times the noise"
+    text = f"On trials left out, the model without effects is off by {times(before)} times the noise"
     if finding.effects:
         share = closed(finding.gap.held_out)
-        part = f" ({significant(100 * share, 2)} % of the gap closes)" if math.isfinite(share) else ""
-        text += f", with what was found by {significant(after)}{part}"
-    return f"{text}; noise alone, from what repetitions do not share, gives {significant(floor)}."
+        part = (
+            f" ({share_in_words(share).replace('of it', 'of the gap')} closes)"
+            if math.isfinite(share)
+            else ""
+        )
+        text += f", {with_found(finding)} by {times(after)}{part}"
+    return f"{text}; noise alone, from what repetitions do not share, gives {times(floor)}."
 
 
 def held_out_drawing(finding: Finding) -> Drawing | None:
@@ -139,9 +142,10 @@ def _describe_held_out(finding: Finding, lines: Sequence[Row]) -> str:
     if not finding.effects:
         return "Each line was predicted by a fit to the others; without an effect there is one dot a line."
     better = sum(after < before for _, before, after in finding.trial_losses)
-    text = f"With what was found, {better} of {each} trials are predicted better by a fit to the others"
+    text = f"{with_found(finding).capitalize()}, {better} of {each} trials are predicted better by a fit to "
+    text += "the others"
     if finding.losses:
         of = sum(after < before for _, before, after in finding.losses)
         text += f", and {of} of {len(finding.losses)} speeds by a fit to the other speeds"
     worst = max(lines, key=lambda line: line.values[0][1])
-    return f"{text}; the furthest off is {worst.name} ({significant(worst.values[0][1])} times the noise)."
+    return f"{text}; the furthest off: {worst.name} ({times(worst.values[0][1])} times the noise)."

@@ -11,7 +11,7 @@ from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
-from granite_lab.reporting.discovery.names import channel_name, listed
+from granite_lab.reporting.discovery.names import channel_name, spoken, with_found
 from granite_lab.reporting.discovery.residue import Mean, channels_of, means
 from granite_lab.reporting.rounding import significant, tidy_unit
 
@@ -95,13 +95,11 @@ def _describe(finding: Finding, shown: dict[str, Mean]) -> str:
     if not finding.effects:
         return f"{what}, the channels with the largest gap."
     factor = {c: _rms(m.before - m.measured) / _rms(m.after - m.measured) for c, m in shown.items()}
-    better = [channel_name(c) for c, f in factor.items() if f > 1]
+    better = {c: f for c, f in factor.items() if f > 1}
     if not better:
         return f"{what}, the channels with the largest gap: none of them comes closer."
-    return (
-        f"{what}: with what was found, the model comes up to {significant(max(factor.values()), 2)} times "
-        f"closer in {listed(better)}."
-    )
+    closer = ", ".join(f"{spoken(c)} {significant(f, 2)} times" for c, f in better.items())
+    return f"{what}. {with_found(finding).capitalize()}, the model is closer: {closer}."
 
 
 def _rms(values: Array) -> float:

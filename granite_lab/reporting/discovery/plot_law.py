@@ -17,7 +17,7 @@ from granite_lab.model.run import Run
 from granite_lab.parameters import Variant, load_variants
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
-from granite_lab.reporting.rounding import significant
+from granite_lab.reporting.rounding import significant, with_unit
 
 NAMES = {
     "force": "force along the robot",
@@ -27,8 +27,8 @@ NAMES = {
 }
 BY = {
     "motion": "constant while moving",
-    "velocity": "with the velocity of the wheel",
-    "velocity_squared": "with its square",
+    "velocity": "with the speed of the robot",
+    "velocity_squared": "with the square of that speed",
     "slip": "with slip",
     "sinking": "with the rate of sinking",
     "start": "over the first 0.2 m",
@@ -36,6 +36,18 @@ BY = {
     "cos_angle": "with the cosine of the wheel's angle",
     "sin_angle": "with the sine of the wheel's angle",
     "time": "with time",
+}
+FORMULAS = {
+    "motion": "",
+    "velocity": "v / (0.5 m/s)",
+    "velocity_squared": "(v / (0.5 m/s))²",
+    "slip": "s / 0.2",
+    "sinking": "(dz/dt) / (20 mm/s)",
+    "start": "exp(−x / 0.2 m)",
+    "distance": "x / (1 m)",
+    "cos_angle": "cos θ",
+    "sin_angle": "sin θ",
+    "time": "t / (5 s)",
 }
 COLOURS = (canvas.MEASURED_LIGHT, canvas.SIMULATED_LIGHT, canvas.FITTED, canvas.PAPER, canvas.MEASURED)
 
@@ -49,6 +61,23 @@ def split(name: str) -> tuple[str, str]:
     """Return target and term of a parameter of the law, as in "torque_f_slip"."""
     target = next(t for t in TARGETS if name.startswith(f"{t}_"))
     return target, name.removeprefix(f"{target}_")
+
+
+def law_formulas(finding: Finding) -> tuple[str, ...]:
+    """Return the law as one formula per quantity, with its numbers."""
+    law = law_of(finding)
+    if law is None:
+        return ()
+    sums: dict[str, str] = {}
+    for p in law.parameters:
+        if p.estimate.value == 0:
+            continue
+        target, term = split(p.name)
+        number = with_unit(significant(abs(p.estimate.value), 3), p.unit)
+        sign = "−" if p.estimate.value < 0 else "+"
+        part = f"{number} · {FORMULAS.get(term, term)}" if FORMULAS.get(term, term) else number
+        sums[target] = f"{sums[target]} {sign} {part}" if target in sums else f"{sign.strip('+')}{part}"
+    return tuple(f"{NAMES[target]} = {text}" for target, text in sums.items())
 
 
 def law_drawing(finding: Finding) -> Drawing | None:

@@ -10,6 +10,7 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
+from granite_lab.reporting.discovery.names import with_found
 from granite_lab.reporting.discovery.residue import spectra
 from granite_lab.reporting.rounding import significant
 
@@ -28,7 +29,7 @@ def left_drawing(finding: Finding) -> Drawing:
         axis.axhline(1, color=canvas.INK, linewidth=0.7)
         axis.plot(centre, before[known], "o-", color=rows.BEFORE, markersize=3, label="model without effects")
         if finding.effects:
-            axis.plot(centre, after[known], "D-", color=rows.AFTER, markersize=3, label="with what was found")
+            axis.plot(centre, after[known], "D-", color=rows.AFTER, markersize=3, label=with_found(finding))
         rows.log_axis(axis, 0.1, 0.5 / width)
         axis.set_yscale("log")
         values = np.concatenate([before[known], after[known], [0.3, 3.0]])
@@ -45,25 +46,30 @@ def left_drawing(finding: Finding) -> Drawing:
     return Drawing(
         "found_left",
         f"What is left, over frequency{canvas.data_tag(finding.virtual)}",
-        describe_left(finding),
+        describe_left(
+            finding, below=bool(np.mean((after if finding.effects else before)[known] < low) > 0.2)
+        ),
         "Power of the mean difference between trials and model over its noise, by frequency, without and "
         "with what was found.",
         figure,
     )
 
 
-def describe_left(finding: Finding) -> str:
-    """Say whether what is left is noise, by the largest score of the map."""
+def describe_left(finding: Finding, *, below: bool = False) -> str:
+    """Say whether what is left is noise, by the largest score of the map.
+
+    Args:
+        finding: the record.
+        below: some of the spectrum lies below what noise would leave.
+    """
     threshold = significant(finding.map_threshold, 2)
     score = finding.map_after if finding.effects else finding.map_before
-    shown = significant(score, 3)
-    which = "with what was found" if finding.effects else "of the model without effects"
-    if score <= finding.map_threshold:
-        return (
-            f"What is left is noise: its largest score {which} is {shown}, and chance alone reaches "
-            f"{threshold} in one set of 100."
-        )
-    return (
-        f"What is left is more than noise: its largest score {which} is {shown}, and chance alone reaches "
-        f"{threshold} in one set of 100."
+    which = with_found(finding) if finding.effects else "without any effect"
+    noise = "noise" if score <= finding.map_threshold else "more than noise"
+    text = (
+        f"What is left is {noise}: {which}, the stretch that is furthest off scores {significant(score, 3)}; "
+        f"chance alone reaches {threshold} in one set of 100."
     )
+    if below and noise == "noise":
+        text += " Points below the grey band are less than noise would leave, no sign of anything missing."
+    return text

@@ -13,9 +13,10 @@ from granite_lab.model.effect import Effect, EffectParameter
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
+from granite_lab.reporting.discovery.amounts import amount, value
 from granite_lab.reporting.discovery.names import listed, plain
-from granite_lab.reporting.discovery.sizes import LIKELY, reach, shares
-from granite_lab.reporting.rounding import plus_minus, significant, tidy_unit, with_unit
+from granite_lab.reporting.discovery.sizes import LIKELY, reach, shares, unseen, untried
+from granite_lab.reporting.rounding import significant, with_unit
 
 
 def sizes_drawing(finding: Finding) -> Drawing | None:
@@ -35,8 +36,14 @@ def sizes_drawing(finding: Finding) -> Drawing | None:
     with canvas.styled():
         for i, (e, p, own) in enumerate(lines):
             _line(axis, i, p, own, seen.get((e.id, p.name), math.nan))
+            half = LIKELY * p.estimate.std * abs(100 / reach(own))
+            at = (p.estimate.value - (0.0 if own.shape else own.neutral)) * 100 / reach(own)
+            axis.annotate(
+                value(e, p), (at + (half if math.isfinite(half) else 0), i), (6, 0),
+                textcoords="offset points", va="center", fontsize=7.5,
+            )  # fmt: skip
         axis.axvline(0, color=canvas.INK, linewidth=0.7)
-        axis.margins(x=0.06)
+        axis.margins(x=0.12)
         axis.xaxis.set_major_locator(MaxNLocator(5))
         axis.set_xlabel("share of the largest value expected [%]")
         rows.legend_on_top(figure, axis, 4)
@@ -86,7 +93,7 @@ def _once(axis: Axes, label: str) -> str | None:
 
 def _describe(effect: FoundEffect, parameters: list[FoundParameter]) -> str:
     first = parameters[0]
-    text = plus_minus(first.estimate, tidy_unit(first.unit))
+    text = amount(effect, first)
     return (
         f"Green is what was found with its 95 % interval ({plain(effect.id)}: "
         f"{first.name.replace('_', ' ')} {text}), grey the range that the literature leads to expect, "
@@ -115,7 +122,7 @@ def detectable_drawing(finding: Finding, known: Mapping[str, Effect]) -> Drawing
             colour = rows.AFTER if id_ in named else canvas.MEASURED
             a, b = smallest[id_]
             if not math.isfinite(a):
-                axis.text(high, k, "cannot be seen ", ha="right", va="center", fontsize=7)
+                axis.text(low, k, f"  {unseen(finding, id_)}", ha="left", va="center", fontsize=7)
                 continue
             if math.isfinite(b) and b > a:
                 axis.plot([a, b], [k, k], color=colour, linewidth=1.2)
@@ -133,7 +140,7 @@ def detectable_drawing(finding: Finding, known: Mapping[str, Effect]) -> Drawing
     return Drawing(
         "found_detectable",
         f"What these trials could show of each candidate{canvas.data_tag(finding.virtual)}",
-        _describe_detectable(ranked, smallest, hidden),
+        _describe_detectable(ranked, smallest, hidden, untried(finding)),
         "Smallest size of each candidate effect that these trials show, over the largest that the literature "
         "leads to expect.",
         figure,
@@ -141,7 +148,7 @@ def detectable_drawing(finding: Finding, known: Mapping[str, Effect]) -> Drawing
 
 
 def _describe_detectable(
-    ranked: list[str], smallest: dict[str, tuple[float, float]], hidden: list[str]
+    ranked: list[str], smallest: dict[str, tuple[float, float]], hidden: list[str], left_out: list[str]
 ) -> str:
     seen = [i for i in ranked if i not in hidden]
     text = "Further left is seen more easily; right of the dashed line even the largest expected is not."
@@ -151,7 +158,9 @@ def _describe_detectable(
             f"({with_unit(significant(smallest[seen[0]][0], 2), '%')}) to {plain(seen[-1])} "
             f"({with_unit(significant(smallest[seen[-1]][0], 2), '%')})."
         )
-    beyond = [plain(i) for i in (*[i for i in seen if smallest[i][0] > 100], *hidden)]
+    beyond = [plain(i) for i in (*[i for i in seen if smallest[i][0] > 100], *hidden) if i not in left_out]
     if beyond:
         text += f" These trials cannot show {listed(beyond)}."
+    if left_out:
+        text += f" Of {listed([plain(i) for i in left_out])} nothing is known: the simulation failed."
     return text

@@ -12,9 +12,9 @@ from granite_lab.discovery.lackfit import BANDS
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
-from granite_lab.reporting.discovery.names import channel_name
+from granite_lab.reporting.discovery.names import channel_name, spoken, with_found
 from granite_lab.reporting.discovery.residue import Strength, channels_of, strengths
-from granite_lab.reporting.rounding import significant
+from granite_lab.reporting.rounding import places, significant
 from granite_lab.reporting.summary import IN_PHASE, PHASES
 
 LOW, HIGH = 1.0, 50.0
@@ -63,7 +63,7 @@ def map_drawing(finding: Finding, *, after: bool = False) -> Drawing:
         _bare(axis)
         _scale(figure, image, "rms of the mean difference over its noise [–]")
         canvas.mark_virtual(figure, finding.virtual)
-    which = "with what was found" if after else "without any effect"
+    which = with_found(finding) if after else "without any effect"
     return Drawing(
         f"found_map_{'after' if after else 'before'}",
         f"Disagreement by channel, phase and frequency, model {which}{canvas.data_tag(finding.virtual)}",
@@ -109,7 +109,7 @@ def _describe_map(
     low, high = BANDS[band]
     return (
         f"Lighter is further beyond the noise; dots mark what chance does not explain. Strongest: "
-        f"{channel_name(channel)} {IN_PHASE[phase]}, {low:g}–{high:g} Hz "
+        f"{spoken(channel)} {IN_PHASE[phase]}, {low:g}–{high:g} Hz "
         f"({significant(_rms(found[channel, phase, band], after=after), 2)} times its noise)."
     )
 
@@ -139,6 +139,7 @@ def intervals_drawing(finding: Finding) -> Drawing | None:
                         channels.index(d.channel), d.end - d.start, left=d.start, height=0.8,
                         color=colour, linewidth=0,
                     )  # fmt: skip
+            axis.set_facecolor(COLOURS(0.0))  # as on the map: dark is noise
             axis.set_ylim(len(channels) - 0.5, -0.5)
             axis.set_yticks(range(len(channels)), [channel_name(c) for c in channels], fontsize=6.5)
             axis.tick_params(axis="y", length=0)
@@ -163,9 +164,10 @@ def intervals_drawing(finding: Finding) -> Drawing | None:
 def _describe_intervals(finding: Finding) -> str:
     strongest = max(finding.where, key=lambda d: d.strength)
     n = len(finding.where)
-    count = "One interval" if n == 1 else f"{n} intervals"
+    count = "one interval" if n == 1 else f"{n} intervals"
     return (
-        f"{count} beyond chance; the strongest is the {channel_name(strongest.channel)} at "
-        f"{strongest.variant:g} m/s from {strongest.start:.2f} s to {strongest.end:.2f} s "
+        f"Dark is noise, lighter is further beyond it: {count} beyond chance; the strongest is the "
+        f"{spoken(strongest.channel)} at "
+        f"{strongest.variant:g} m/s from {places(strongest.start, 2)} s to {places(strongest.end, 2)} s "
         f"({significant(strongest.strength, 2)} times the noise)."
     )

@@ -11,7 +11,7 @@ from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.names import STATUS, listed, plain
 from granite_lab.reporting.discovery.sizes import picked
-from granite_lab.reporting.rounding import significant
+from granite_lab.reporting.rounding import evidence, significant
 
 MARKERS = {"evaluated": "o", "screened only": ".", "at a bound": "x", "not converged": "+"}
 MOST = 12
@@ -71,18 +71,31 @@ def _describe(finding: Finding, found: tuple[Candidate, ...], chosen: str | None
     if chosen is None:
         if best.evidence <= finding.threshold:
             text = f"no candidate reaches the {chance} that chance alone reaches in one set of 100"
-            return _sentence(f"{given}{text} (best: {plain(best.id)}, {significant(best.evidence, 2)}).")
+            return _sentence(f"{given}{text} (best: {plain(best.id)}, {evidence(best.evidence)}).")
         return _sentence(
-            f"{given}{plain(best.id)} comes closest with {significant(best.evidence, 3)} (chance: {chance}), "
+            f"{given}{plain(best.id)} comes closest with {evidence(best.evidence)} (chance: {chance}), "
             "but it does not count: it explains too little, or it does not hold on trials left out."
         )
     own = next((c for c in found if c.id == chosen), best)
     rest = sorted((c for c in found if c.id != chosen), key=lambda c: -c.evidence)
-    second = f"; next comes {plain(rest[0].id)} with {significant(rest[0].evidence, 3)}" if rest else ""
+    second = f"; next comes {plain(rest[0].id)} with {evidence(rest[0].evidence)}" if rest else ""
     return _sentence(
-        f"{given}{plain(chosen)} brings {significant(own.evidence, 3)}, where chance alone reaches {chance} "
-        f"in one set of 100{second}."
+        f"{given}{plain(chosen)} brings {evidence(own.evidence)}, where chance alone reaches {chance} "
+        f"in one set of 100{second}.{_others(finding, rest, k)}"
     )
+
+
+def _others(finding: Finding, rest: list[Candidate], k: int) -> str:
+    """Say what became of others beyond the line: the next round tells whether they add anything."""
+    beyond = sum(c.evidence > finding.threshold for c in rest)
+    if beyond == 0 or k + 1 >= len(finding.rounds):
+        return ""
+    still = sum(c.evidence > finding.threshold for c in finding.rounds[k + 1])
+    first = (
+        "The other one beyond the line explains" if beyond == 1 else f"{beyond} more beyond the line explain"
+    )
+    then = "none adds" if still == 0 else "one adds" if still == 1 else f"{still} add"
+    return f" {first} part of the same; once it is in the model, {then} more than chance."
 
 
 def _sentence(text: str) -> str:

@@ -49,6 +49,18 @@ def multiple(finding: Finding, effect: FoundEffect, parameter: FoundParameter) -
     return away / smallest if math.isfinite(smallest) and smallest > 0 else math.nan
 
 
+def untried(finding: Finding) -> list[str]:
+    """Return the candidates that the search could not simulate, so that it says nothing of them."""
+    tried = {c.id for found in finding.rounds for c in found}
+    named = {e.id for e in finding.effects}
+    return [i for i in dict.fromkeys(d.effect for d in finding.detectable) if i not in tried | named]
+
+
+def unseen(finding: Finding, effect_id: str) -> str:
+    """Say why a candidate has no smallest size."""
+    return "could not be tried" if effect_id in untried(finding) else "cannot be seen"
+
+
 def picked(finding: Finding, number: int) -> str | None:
     """Return the candidate that a round of the search put into the model: the next no longer tries it."""
     if number + 1 >= len(finding.rounds):

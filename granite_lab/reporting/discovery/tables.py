@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from granite_lab.discovery.finding import Finding
+from granite_lab.discovery.finding import Candidate, Finding
 from granite_lab.model.effect import Effect
+from granite_lab.reporting.discovery.amounts import amount, meaning, scale_of
 from granite_lab.reporting.discovery.names import STATUS, channel_name, plain
 from granite_lab.reporting.discovery.plot_law import BY, NAMES, law_of, split
-from granite_lab.reporting.discovery.sizes import LIKELY, multiple
-from granite_lab.reporting.rounding import NONE, interval, plus_minus, significant, tidy_unit
+from granite_lab.reporting.discovery.sizes import LIKELY, multiple, unseen
+from granite_lab.reporting.rounding import NONE, evidence, interval, plus_minus, significant, tidy_unit
 from granite_lab.reporting.study_tables import data_cell
 from granite_lab.reporting.summary import IN_PHASE
 from granite_lab.reporting.table import Cell, Table, columns, fixed, number, words
@@ -22,19 +23,21 @@ MOST = 25
 def effects_table(finding: Finding) -> Table | None:
     """List what was named, each number with its interval and its multiple of the smallest size seen."""
     rows = []
+    known = {a.effect.id: a.effect for a in finding.active}
     for e in finding.effects:
         if e.empirical:
             continue
         for p in e.parameters:
-            unit, half = tidy_unit(p.unit), LIKELY * p.estimate.std
-            value = p.estimate.value
+            half, value = LIKELY * p.estimate.std, p.estimate.value
+            unit, scale = scale_of(e.id, p.name, p.unit, value)
             times = multiple(finding, e, p)
             rows.append(
                 (
                     words(plain(e.id)),
                     words(p.name.replace("_", " ")),
-                    Cell(plus_minus(p.estimate, unit), (value, p.estimate.std, p.unit)),
-                    Cell(interval(value - half, value + half), (value - half, value + half)),
+                    words(meaning(e.id, p.name, known) or NONE),
+                    Cell(amount(e, p), (value, p.estimate.std, p.unit)),
+                    Cell(interval(value - half, value + half, unit, scale), (value - half, value + half)),
                     Cell(significant(times, 2), (times,)) if math.isfinite(times) else Cell(NONE, (None,)),
                     words(", ".join(map(plain, e.twins)) or "none"),
                     data_cell(finding.virtual),
@@ -47,7 +50,7 @@ def effects_table(finding: Finding) -> Table | None:
         "Value ± standard deviation, fitted together with the sand and the sensors' errors; the multiple "
         "is the size over the smallest that these trials show.",
         columns(
-            "effect", "number", ("value", ("value", "std", "unit")), ("95 %", ("low", "high")),
+            "effect", "number", "what it is", ("value", ("value", "std", "unit")), ("95 %", ("low", "high")),
             ("multiple [–]", ("multiple",)), "cannot be told from", "data",
         ),
         tuple(rows),
@@ -64,7 +67,9 @@ def intervals_table(finding: Finding) -> Table | None:
     rows = tuple(
         (
             words(channel_name(d.channel)), words(d.phase), Cell(f"{d.variant:g}", (d.variant,)),
-            fixed(d.start, 2), fixed(d.end, 2), number(d.frequency, 2), number(d.strength, 2),
+            fixed(d.start, 2), fixed(d.end, 2),
+            number(d.frequency, 2) if d.frequency > 0 else Cell("constant", (d.frequency,)),
+            number(d.strength, 2),
             data_cell(finding.virtual),
         )
         for d in strongest
@@ -88,9 +93,7 @@ def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table | N
     by_round = [{c.id: c for c in found} for found in finding.rounds]
     rows = []
     for c in finding.rounds[0]:
-        cells = [
-            number(found[c.id].evidence, 3) if c.id in found else Cell(NONE, (None,)) for found in by_round
-        ]
+        cells = [_evidence(found[c.id]) if c.id in found else Cell(NONE, (None,)) for found in by_round]
         title = known[c.id].title if c.id in known else ""
         rows.append(
             (
@@ -103,10 +106,17 @@ def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table | N
     return Table(
         "found_candidates", "Every candidate, its meaning and its evidence",
         f"Chance alone reaches {significant(finding.threshold, 2)} in one set of trials in a hundred. A "
-        "dash: already in the model.",
+        "dash: already in the model, or a fit that did not converge.",
         columns("candidate", "what it is", *titles, "how far it was tried", "data"),
         tuple(rows),
     )  # fmt: skip
+
+
+def _evidence(candidate: Candidate) -> Cell:
+    """Return the evidence; a fit that did not converge has none."""
+    if candidate.status == "not converged":
+        return Cell(NONE, (candidate.evidence,))
+    return Cell(evidence(candidate.evidence), (candidate.evidence,))
 
 
 def gaps_table(finding: Finding) -> Table:
@@ -138,16 +148,18 @@ def detectable_table(finding: Finding, known: Mapping[str, Effect]) -> Table | N
     for d in finding.detectable:
         own = {p.name: p for p in known[d.effect].parameters} if d.effect in known else {}
         p = own.get(d.parameter)
-        expected = interval(p.prior_low, p.prior_high) if p else NONE
+        largest = max(abs(p.prior_low), abs(p.prior_high)) if p else d.size
+        unit, scale = scale_of(d.effect, d.parameter, d.unit, largest)
+        expected = f"{_short(p.prior_low * scale)} to {_short(p.prior_high * scale)}" if p else NONE
         alike = [plain(i) for i in d.confused_with]
         text = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
         seen = math.isfinite(d.size)
         rows.append(
             (
                 words(plain(d.effect)), words(d.parameter.replace("_", " ")),
-                number(d.size, 2) if seen else Cell("cannot be seen", (None,)),
+                number(d.size, 2, scale=scale) if seen else Cell(unseen(finding, d.effect), (None,)),
                 Cell(expected, (p.prior_low, p.prior_high) if p else (None, None)),
-                words(tidy_unit(d.unit) or "–"), words(text or "none"), data_cell(finding.virtual),
+                Cell(unit or "–", (d.unit or "–",)), words(text or "none"), data_cell(finding.virtual),
             )
         )  # fmt: skip
     if not rows:
@@ -161,6 +173,10 @@ def detectable_table(finding: Finding, known: Mapping[str, Effect]) -> Table | N
         ),
         tuple(rows),
     )  # fmt: skip
+
+
+def _short(value: float) -> str:
+    return f"{value:.4g}".replace("-", "−")
 
 
 def self_check_table(finding: Finding) -> Table | None:
