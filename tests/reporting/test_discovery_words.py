@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 
 import numpy as np
@@ -78,7 +79,7 @@ def test_the_table_keeps_sign_and_si_unit_and_says_which_way_it_goes() -> None:
 
 
 def test_the_closer_look_is_where_the_effect_is() -> None:
-    # The bump of the pitch rate is 12 times the noise of one trial of 3 mrad/s; half as high on the mean.
+    # The bump of the pitch rate is 12 times the noise of one trial, which is 3 mrad/s.
     finding = made_up_finding()
     first = closer_drawings(finding)[0]
     low, high = first.figure.axes[0].get_xlim()
@@ -89,8 +90,29 @@ def test_the_closer_look_is_where_the_effect_is() -> None:
     assert "pitch rate: simulated − measured" in named
     assert not any("acceleration" in name for name in named)  # nothing is missing there
     before, after = (float(v) for v in re.findall(r"([\d.]+)\u00a0mrad/s", first.sentence))
-    assert before == pytest.approx(3 * STRENGTH, rel=0.15)
-    assert after < 7
+    # rms of a Gaussian of 0.2 s over 1.2 s; afterwards the noise of three trials is left
+    assert before == pytest.approx(3 * STRENGTH * math.sqrt(0.2 * math.sqrt(math.pi / 2) / 1.2), rel=0.05)
+    assert after == pytest.approx(3 / math.sqrt(3), rel=0.2)
+
+
+def test_two_closer_looks_are_at_two_events() -> None:
+    finding = made_up_finding()
+    again = []
+    for r in finding.residuals:
+        if r.channel == "accel_x":  # something smaller while the wheels begin to turn
+            early = 6 * np.exp(-(((r.t - 0.1) / 0.05) ** 2))
+            changed = dataclasses.replace(
+                r, measured=r.measured + 0.05 * early, after=r.after + 0.05 * early,
+                white_before=r.white_before + early,
+            )  # fmt: skip
+            again.append(changed)
+        else:
+            again.append(r)
+    first, second = closer_drawings(dataclasses.replace(finding, residuals=tuple(again)))
+    assert first.title != second.title
+    assert {t.title.split(", ")[1].split(" (")[0] for t in (first, second)} == {
+        "at the start", "in steady motion",
+    }  # fmt: skip
 
 
 def test_nothing_is_looked_at_closer_where_nothing_was_found() -> None:

@@ -17,7 +17,6 @@ from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.names import CHANNELS, spoken, what_found
 from granite_lab.reporting.discovery.residue import Mean, means
 from granite_lab.reporting.rounding import significant, tidy_unit, with_unit
-from granite_lab.reporting.summary import IN_PHASE
 
 LONG = 1.2
 """Length of the moment that is shown [s]."""
@@ -31,6 +30,8 @@ LOOKS, PANELS = 2, 2
 LEAST = 0.05
 """A second moment, and a second channel, is shown where it explains this share of what the first does."""
 
+WHEN = {"start": "at the start", "end": "at the end", "steady": "in steady motion", "rest": "at rest"}
+
 SCALE = {"rad/s": (1e3, "mrad/s"), "rad": (1e3, "mrad")}
 
 
@@ -41,20 +42,20 @@ class Look:
     Attributes:
         velocity: desired velocity of the command [m/s].
         window: bins of the moment.
-        phase: commanded phase in which most of the difference is made.
+        event: what happens in it: "start", "end", or the commanded phase between and after them.
         gain: whitened squares that what was found explains.
         means: channels with the largest gain first.
     """
 
     velocity: float
     window: slice
-    phase: str
+    event: str
     gain: float
     means: tuple[Mean, ...]
 
 
 def looks(finding: Finding) -> list[Look]:
-    """Return the moments in which what was found explains most, each in another phase of the motion."""
+    """Return the moments in which what was found explains most, each at another event of the motion."""
     groups: dict[tuple[float, tuple[str, ...]], list[Mean]] = {}
     for mean in means(finding):
         groups.setdefault((mean.velocity, mean.phase), []).append(mean)
@@ -62,13 +63,13 @@ def looks(finding: Finding) -> list[Look]:
     best: list[Look] = []
     for look in sorted(found, key=lambda look: -look.gain):
         enough = look.gain > (LEAST * best[0].gain if best else 0)
-        if enough and all(look.phase != b.phase for b in best):
+        if enough and all(look.event != b.event for b in best):
             best.append(look)
     return best[:LOOKS]
 
 
 def _moments(own: Sequence[Mean]) -> list[Look]:
-    """Return the best moment of one command in each phase."""
+    """Return the best moment of one command at each event."""
     first = own[0]
     n = min(round(LONG / first.width), first.t.size)
     gains = np.array([m.z_before**2 - m.z_after**2 for m in own])
@@ -76,18 +77,25 @@ def _moments(own: Sequence[Mean]) -> list[Look]:
     phases = np.array(first.phase)
     found = {}
     for start in np.argsort(-over):
-        window = slice(int(start), int(start) + n)
-        inside = gains[:, window]
-        total = {p: float(inside[:, phases[window] == p].sum()) for p in set(phases[window])}
-        phase = max(sorted(total), key=lambda p: total[p])
-        if phase not in found:
-            by_channel = inside.sum(axis=1)
+        early = max(0, int(start) - round(LEAD / first.width))
+        window = slice(early, early + n)
+        event = _event(phases[window])
+        if event not in found:
+            by_channel = gains[:, int(start) : int(start) + n].sum(axis=1)
             order = np.argsort(-by_channel, kind="stable")[:PANELS]
             shown = tuple(own[k] for k in order if by_channel[k] >= LEAST * by_channel[order[0]])
-            early = max(0, window.start - round(LEAD / first.width))
-            window = slice(early, early + n)
-            found[phase] = Look(first.velocity, window, phase, float(over[start]), shown)
+            found[event] = Look(first.velocity, window, event, float(over[start]), shown)
     return list(found.values())
+
+
+def _event(phases: Array) -> str:
+    """Name what happens in a moment by the (n,) commanded phases in it."""
+    if "accelerate" in phases:
+        return "start"
+    if "brake" in phases:
+        return "end"
+    values, counts = np.unique(phases, return_counts=True)
+    return str(values[np.argmax(counts)])
 
 
 def closer_drawings(finding: Finding) -> list[Drawing]:
@@ -116,7 +124,7 @@ def _drawing(finding: Finding, look: Look, number: int) -> Drawing:
         canvas.align_labels(axes)
         canvas.mark_virtual(figure, finding.virtual)
     data = canvas.data_tag(finding.virtual)
-    when = _when(look)
+    when = WHEN.get(look.event, look.event)
     return Drawing(
         f"found_closer_{number}",
         f"A closer look: {look.velocity:g} m/s, {when}{data}",
@@ -125,13 +133,6 @@ def _drawing(finding: Finding, look: Look, number: int) -> Drawing:
         f"found, and what the simulations are off by{data}.",
         figure,
     )
-
-
-def _when(look: Look) -> str:
-    """Say when a moment is; rest is either the start or the end of the motion."""
-    if look.phase != "rest":
-        return IN_PHASE.get(look.phase, look.phase)
-    return "at the start" if look.means[0].t[look.window][0] < 0 else "coming to rest"
 
 
 def _with_most(axes: Sequence[Axes]) -> Axes:
@@ -191,16 +192,15 @@ def _describe(look: Look, found: str) -> str:
     parts = []
     for mean in look.means:
         scale, unit = _unit(mean)
-        inside = look.window
         before, after = (
-            with_unit(significant(scale * _largest((v - mean.measured)[inside]), 2), unit)
+            with_unit(significant(scale * _rms((v - mean.measured)[look.window]), 2), unit)
             for v in (mean.before, mean.after)
         )
-        parts.append(f"{spoken(mean.channel)} by up to {before} before and {after} after")
-    what = "one trial" if n == 1 else f"the mean of {n} trials"
-    return f"Here {found} explains most. The model misses {what} in {', in '.join(parts)}."
+        parts.append(f"{spoken(mean.channel)} by {before} before and {after} after")
+    what = "the trial" if n == 1 else f"the mean of {n} trials"
+    return f"Here {found} explains most. The model is off {what}, rms, in {', in '.join(parts)}."
 
 
-def _largest(values: Array) -> float:
-    known = np.abs(values[np.isfinite(values)])
-    return float(known.max()) if known.size else float("nan")
+def _rms(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

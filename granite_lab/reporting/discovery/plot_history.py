@@ -18,6 +18,9 @@ from granite_lab.reporting.rounding import significant, tidy_unit
 SHOWN = 3
 """Channels that are drawn: those in which the gap is largest."""
 
+CLOSER = 1.1
+"""A channel in which the model comes closer by this factor is worth a word."""
+
 SCALE = {"pitch_rate": (1e3, "mrad/s"), "wheel": (1e3, "mrad"), "wheel_split": (1e3, "mrad")}
 """Channel to the factor and unit in which it is drawn, where not in its own."""
 
@@ -95,7 +98,7 @@ def _describe(finding: Finding, shown: dict[str, Mean]) -> str:
     if not finding.effects:
         return f"{what}, the channels with the largest gap."
     factor = {c: _rms(m.before - m.measured) / _rms(m.after - m.measured) for c, m in shown.items()}
-    better = {c: f for c, f in factor.items() if f > 1}
+    better = {c: f for c, f in factor.items() if f >= CLOSER}
     if not better:
         return f"{what}, the channels with the largest gap: none of them comes closer."
     closer = ", ".join(f"{spoken(c)} {significant(f, 2)} times" for c, f in better.items())
