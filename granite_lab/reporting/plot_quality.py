@@ -16,7 +16,7 @@ from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.rounding import shown_as, significant, tidy_unit
-from granite_lab.reporting.summary import CHANNELS, NOISE, PHASES, Gap, worst_of
+from granite_lab.reporting.summary import CHANNELS, IN_PHASE, NOISE, PHASES, Gap, worst_of
 
 KINDS = (canvas.MEASURED, canvas.SIMULATED, canvas.FITTED, canvas.PAPER, canvas.SIMULATED_LIGHT)
 MARKERS = ("o", "s", "^", "D", "v")
@@ -99,7 +99,8 @@ def describe_misfit(found: dict[tuple[str, str], Gap]) -> str:
         return "No channel is further from the simulation than its noise explains."
     size, share = significant(worst.normalised, 2), significant(100 * worst.relative, 2)
     return (
-        f"Lighter is further beyond the noise; the largest gap is the {worst.name} in phase “{worst.phase}” "
+        f"Lighter is further beyond the noise; the largest gap is the {worst.name} "
+        f"{IN_PHASE.get(worst.phase, worst.phase)} "
         f"({size} times its noise, {share} % of its largest value)."
     )
 

@@ -116,10 +116,10 @@ SHOWN_AS: dict[str, tuple[str, float]] = {
     "m/s": ("mm/s", 1e3),
     "rad": ("deg", 180 / math.pi),
     "rad/s": ("deg/s", 180 / math.pi),
-    "-": ("%", 100.0),
-    "": ("%", 100.0),
+    "-": ("points", 100.0),
+    "": ("points", 100.0),
 }
-"""Unit and factor in which a small difference of a channel is printed (dimensionless: slip ratios)."""
+"""Unit and factor in which a small difference of a channel is printed (slip ratios: percentage points)."""
 
 
 def shown_as(unit: str) -> tuple[str, float]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from granite_lab.estimate import Estimate
-from granite_lab.fitting.fit import AThetaFit, FitStatus
+from granite_lab.fitting.fit import AThetaFit, FitStatus, Law
 from granite_lab.parameters import Paper
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.rounding import NONE, plus_minus, significant
@@ -128,23 +128,33 @@ def trial_table(result: StudyResult) -> Table:
                 Cell(speed, (m.variant.velocity, m.variant_source)),
                 Cell(NONE if repetition is None else str(repetition), (repetition,)),
                 estimate(m.distance), estimate(m.slip_ratio, 100), _fitted(fit.k92, fit.status),
-                _fitted(fit.k92_trajectory, fit.status_trajectory), estimate(m.clock_offset, 1e3),
+                _fitted(fit.k92_trajectory, fit.status_trajectory), _late(m.clock_offset),
                 words("good" if m.health.good else "doubtful", "good" if m.health.good else "bad"),
                 count(len(set(r.trial.warnings) | set(m.warnings))),
             )
         )  # fmt: skip
     return Table(
-        "trials", "Trials", "Value ± standard deviation of a single trial.",
+        "trials", "Trials",
+        "Value ± standard deviation of a single trial. Wheel stamps late: by how much those of encoders and "
+        "currents come after the IMU's, negative where they are early; the CSV holds what is to be added to "
+        "them.",
         columns(
             "trial", "data", ("speed [m/s]", ("speed_mps", "speed_is")), ("rep.", ("repetition",)),
             ("distance [m]", ("distance_m", "distance_std_m")), ("λ_R [%]", ("slip_ratio", "slip_ratio_std")),
             ("k_92, steady slip", ("k92", "k92_std", "k92_status")),
             ("k_92, trajectory", ("k92_trajectory", "k92_trajectory_std", "k92_trajectory_status")),
-            ("clock offset [ms]", ("clock_offset_s", "clock_offset_std_s")), ("filter", ("filter",), False),
+            ("wheel stamps late [ms]", ("clock_offset_s", "clock_offset_std_s")),
+            ("filter", ("filter",), False),
             ("warnings", ("warnings",)),
         ),
         tuple(rows),
     )  # fmt: skip
+
+
+def _late(offset: Estimate) -> Cell:
+    """Return by how much stamps are late, the sense of a search for a missing effect."""
+    late = Estimate(-offset.value + 0.0, offset.std)
+    return Cell(plus_minus(late, scale=1e3), (offset.value, offset.std))
 
 
 def _fitted(value: Estimate, status: FitStatus) -> Cell:
@@ -158,11 +168,13 @@ def law_table(fit: AThetaFit) -> Table:
     rows = []
     for law in fit.laws:
         values = [
-            f"{name} = {plus_minus(value, law.units.get(name, ''))}" for name, value in law.parameters.items()
+            f"{name.replace('a_theta', 'a_θ')} = {plus_minus(value, law.units.get(name, ''))}"
+            for name, value in law.parameters.items()
         ]
         rows.append(
             (
-                words(law.formula), Cell("; ".join(values), ("; ".join(values),)), count(law.n_parameters),
+                Cell(_formula(law), (law.formula,)), Cell("; ".join(values), ("; ".join(values),)),
+                count(law.n_parameters),
                 number(law.rms, 2), fixed(law.aicc, 1), fixed(law.aicc - fit.laws[0].aicc, 1),
                 number(law.weight, 2),
             )
@@ -178,18 +190,23 @@ def law_table(fit: AThetaFit) -> Table:
     )  # fmt: skip
 
 
+def _formula(law: Law) -> str:
+    return law.formula.replace("-", "−")
+
+
 def describe_laws(fit: AThetaFit) -> str:
     """Say which law the data prefer, and how clearly."""
     if not fit.laws:
         return "No law could be compared."
     best = fit.laws[0]
     if len(fit.laws) == 1:
-        return f"Only {best.formula} could be fitted."
+        return f"Only {_formula(best)} could be fitted."
     lead = fit.laws[1].aicc - best.aicc
     if not math.isfinite(lead):
         return "Too few values of k_92 for an information criterion of every law; compare the residuals."
     clear = "clearly" if lead > 10 else "slightly" if lead > 2 else "hardly"
     return (
-        f"Best by the corrected Akaike criterion: {best.formula} (weight {significant(best.weight, 2)}), "
-        f"{clear} ahead of {fit.laws[1].formula} (ΔAICc {significant(lead, 2)}; above 10 is decisive)."
+        f"Best by the corrected Akaike criterion: {_formula(best)} (weight {significant(best.weight, 2)}), "
+        f"{clear} ahead of {_formula(fit.laws[1])} (ΔAICc {significant(lead, 2)}; above 10 is decisive). "
+        "Here each law has a scatter of its own, in k_92, so that a_θ may differ a little from that above."
     )

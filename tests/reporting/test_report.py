@@ -18,8 +18,11 @@ from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_comparison, write_report
+from granite_lab.reporting.answers import describe_gap
 from granite_lab.reporting.content import Failure, StudyResult
 from granite_lab.reporting.document import Answer, Discovery, Section, Words
+from granite_lab.reporting.rounding import shown_as
+from granite_lab.reporting.study_tables import trial_table
 from granite_lab.reporting.summary import Gap, by_speed, gaps, mean_over, worst_of
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
@@ -363,3 +366,17 @@ def test_the_speeds_of_four_wheels_are_pooled_by_their_squares(study: StudyResul
     wheels = [each[f"wheel_{w}", "all"].rms for w in ("fl", "fr", "rl", "rr")]
     assert pooled["wheels", "all"].rms == pytest.approx(math.sqrt(np.mean(np.square(wheels))))
     assert not any(channel.startswith("wheel_") for channel, _ in pooled)
+
+
+def test_stamps_that_come_late_are_said_to_be_late() -> None:
+    # `clock_offset` is to be added to the wheels' stamps: 12.3 ms to add means that they are early.
+    table = trial_table(made_up_study(speeds=(0.5,), repetitions=1))
+    at = next(k for k, c in enumerate(table.columns) if c.title == "wheel stamps late [ms]")
+    assert table.rows[0][at].text == "−12.3 ± 1.1"
+    assert table.rows[0][at].raw == (0.0123, 0.0011)
+
+
+def test_a_difference_of_slip_ratios_is_in_points() -> None:
+    assert shown_as("-") == ("points", 100.0)
+    gap = Gap("slip_f", "-", "accelerate", 0.15, 0.0, 0.3, 28.0, 0.5, 3)
+    assert "(15\u00a0points rms; 30 % of its largest value" in describe_gap(gap)
