@@ -126,6 +126,10 @@ def test_the_law_stands_as_formulas_is_no_physics_and_says_how_much_it_closes() 
         "moment on the body, nose down = 1.20 N m · v / (0.5 m/s)",
         "torque against each rear wheel = 0.0500 N m · s / 0.2",
     ]
+    assert (
+        "a force along the robot, a moment on the body and a torque against each rear wheel: a description"
+        in missing_answer(finding).text
+    )
     step = next(s for s in steps(finding, "model.toml") if s.id == "found-law")
     text = " ".join(block.text for block in step.blocks if isinstance(block, Words))
     assert "It is not physics." in text

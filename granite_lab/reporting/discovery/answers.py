@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from granite_lab.discovery.finding import Finding
 from granite_lab.model.effect import Effect
-from granite_lab.reporting.discovery.names import describe, either, listed, plain, spoken
+from granite_lab.reporting.discovery.names import describe, either, listed, plain, quantities, spoken
 from granite_lab.reporting.discovery.sizes import picked, shares
 from granite_lab.reporting.document import Answer
 from granite_lab.reporting.rounding import evidence, places, significant
@@ -43,7 +43,9 @@ def missing_answer(finding: Finding) -> Answer:
         each = "explains" if len(tried) == 1 else "together explain"
         parts.append(f"What came closest, {listed(tried)}, {each} too little to be named.")
     parts.append(
-        "An empirical law stands in for it." if finding.effects else "No empirical law explains it either."
+        f"An empirical law stands in for it, {quantities(finding.effects[0])}: a description, no physics."
+        if finding.effects
+        else "No empirical law explains it either."
     )
     return Answer("missing", QUESTION, " ".join([*parts, _gap(finding)]), "not known", "bad")
 
@@ -64,6 +66,7 @@ def sure_answer(finding: Finding, known: Mapping[str, Effect]) -> Answer:
     if finding.effects and finding.trial_losses:
         better = sum(after < before for _, before, after in finding.trial_losses)
         text = f"{better} of {len(finding.trial_losses)} trials that a fit had not seen are predicted better"
+        text += " with the empirical law" if finding.verdict == "unknown" else ""
         if finding.losses:
             of = sum(after < before for _, before, after in finding.losses)
             text += f", and so are {of} of {len(finding.losses)} speeds that it had not seen"

@@ -27,6 +27,14 @@ SPOKEN = {
 }
 """Channels whose name in the figures has a comma, inside a sentence."""
 
+LAW = {
+    "force": "force along the robot",
+    "moment": "moment on the body, nose down",
+    "torque_f": "torque against each front wheel",
+    "torque_r": "torque against each rear wheel",
+}
+"""Quantities of an empirical law."""
+
 STATUS = {
     "evaluated": "fitted in full",
     "screened only": "first look only",
@@ -55,6 +63,12 @@ def describe(effect: FoundEffect) -> str:
         else ""
     )
     return f"{title} ({sizes}{twins})"
+
+
+def quantities(effect: FoundEffect) -> str:
+    """List the quantities that an empirical law adds, inside a sentence."""
+    used = [name for key, name in LAW.items() if any(p.name.startswith(f"{key}_") for p in effect.parameters)]
+    return listed([f"a {name.split(',')[0]}" for name in used]) if used else "nothing"
 
 
 def with_found(finding: Finding) -> str:

@@ -17,14 +17,9 @@ from granite_lab.model.run import Run
 from granite_lab.parameters import Variant, load_variants
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
+from granite_lab.reporting.discovery.names import LAW as NAMES
 from granite_lab.reporting.rounding import significant, with_unit
 
-NAMES = {
-    "force": "force along the robot",
-    "moment": "moment on the body, nose down",
-    "torque_f": "torque against each front wheel",
-    "torque_r": "torque against each rear wheel",
-}
 BY = {
     "motion": "constant while moving",
     "velocity": "with the speed of the robot",

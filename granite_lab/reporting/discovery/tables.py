@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from granite_lab.discovery.finding import Candidate, Finding
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.discovery.amounts import amount, meaning, scale_of
-from granite_lab.reporting.discovery.names import STATUS, channel_name, plain
-from granite_lab.reporting.discovery.plot_law import BY, NAMES, law_of, split
+from granite_lab.reporting.discovery.names import LAW, STATUS, channel_name, plain
+from granite_lab.reporting.discovery.plot_law import BY, law_of, split
 from granite_lab.reporting.discovery.sizes import LIKELY, multiple, unseen
 from granite_lab.reporting.rounding import NONE, evidence, interval, plus_minus, significant, tidy_unit
 from granite_lab.reporting.study_tables import data_cell
@@ -222,7 +222,7 @@ def law_table(finding: Finding) -> Table | None:
         target, term = split(p.name)
         rows.append(
             (
-                words(NAMES[target]), words(BY.get(term, plain(term))),
+                words(LAW[target]), words(BY.get(term, plain(term))),
                 Cell(plus_minus(p.estimate), (p.estimate.value, p.estimate.std)), words(tidy_unit(p.unit)),
                 data_cell(finding.virtual),
             )
