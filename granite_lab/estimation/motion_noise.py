@@ -4,13 +4,14 @@ An IMU may be noisier in motion than at rest. The integral of white noise wander
 of vibration does not, so neither may be taken for the other. Where the wheels turn steadily, specific
 force without gravity and lever holds
 
-* motion of the body, up to some 1.5 Hz;
+* motion of the body, up to 1.5 Hz, on some ground to 3 Hz;
 * vibration, the derivative of a bounded velocity: below its resonance the density falls as f^2;
 * white noise, as dense there as anywhere.
 
 Between the body's motion and the resonance the spectrum is taken for white noise and the resonance's
-tail. How likely they make the periodogram is Whittle's formula [1]; of the white noise the posterior's
-mean is taken, because the std of the estimate goes by its variance.
+tail; anywhere above it may hold more than white noise, but not less, so that what shakes the body for good
+at some Hz is not taken for noise. How likely that makes the periodogram is Whittle's formula [1]; of the
+white noise the posterior's mean is taken, because the std of the estimate goes by its variance.
 
 [1] P. Whittle, Estimation and information in stationary time series, Ark. Mat. 2 (1953).
 """
@@ -30,14 +31,20 @@ from granite_lab.estimation.rest import inside
 from granite_lab.estimation.rolling import runs
 from granite_lab.logs.trial import Array
 
-MOTION = 1.5
-"""The body itself moves at up to this frequency [Hz]."""
+MOTION, RESTLESS = 1.5, 3.0
+"""The body itself moves at up to this frequency [Hz]: usually, and on restless ground."""
 
 HIGH, BELOW = 10.0, 0.45
 """Up to this frequency [Hz], and this share of the resonance's, vibration is the tail of the resonance."""
 
+BAND = 5.0
+"""Width of the bands above, none of which may be quieter than the white noise [Hz]."""
+
 LUG = 0.15
 """Lugs strike the ground within this share of their frequency."""
+
+FASTEST = 0.35
+"""Up to this share of the sampling rate nothing is filtered or folded much."""
 
 LOBE = 4.0
 """Half the width of the window's main lobe, in reciprocals of its length."""
@@ -68,10 +75,17 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
     """
     noise, imu = problem.noise, problem.imu
     frequency, density = spectrum(problem, offset)
+    density = density / (2.0 * noise.accel**2)
     period = float(np.median(np.diff(imu.t)))
     peak = predicted_peak(noise, period, np.concatenate([[0.0], ADDED]))
-    ratio = (frequency / noise.vibration_frequency) ** 2
-    added = added_share(density / (2.0 * noise.accel**2), peak, ratio / (1.0 - ratio) ** 2)
+    low = frequency < min(HIGH, BELOW * noise.vibration_frequency)
+    ratio = (frequency[low] / noise.vibration_frequency) ** 2
+    shape, floor = ratio / (1.0 - ratio) ** 2, band_means(frequency[~low], density[~low])
+    quick = frequency[low] > RESTLESS  # what is white is as loud with the slower ordinates as without
+    added = min(
+        added_share(density[low], peak, shape, floor),
+        added_share(density[low][quick], peak, shape[quick], floor),
+    )
     if added < ADDED[0]:
         return noise
     moving = ~inside(imu.t, problem.rests)
@@ -96,24 +110,25 @@ def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
         imu, problem.robot, problem.rests, problem.faults, velocity=first_velocity(problem, offset)
     )
     dt = float(np.median(np.diff(nominal.t)))
-    high = min(HIGH, BELOW * problem.noise.vibration_frequency)
     pace = pace_of(rolling, offset, nominal.t)
     on = pace.steady & ~nominal.rest
     on &= np.diff(nominal.t, prepend=nominal.t[0] - dt) < 3.0 * dt
     frequencies, densities = [np.empty(0)], [np.empty(0)]
     for a, b in zip(*runs(on), strict=True):
-        if (b - a) * dt < SHORTEST or 0.5 / dt < 2.0 * high:
+        if (b - a) * dt < SHORTEST or 0.5 / dt < 2.0 * HIGH:
             continue
         acceleration = np.diff(nominal.v[a:b]) / dt
         window = blackmanharris(acceleration.size)
         transform = np.fft.rfft(window * (acceleration - np.mean(acceleration)))
         frequency = np.fft.rfftfreq(acceleration.size, dt)
-        use = (frequency > MOTION + LOBE / ((b - a) * dt)) & (frequency < high)
+        use = (frequency > MOTION + LOBE / ((b - a) * dt)) & (frequency < FASTEST / dt)
         turning = problem.robot.wheels.lugs / (2.0 * np.pi * problem.robot.wheels.radius)
         lug = turning * abs(float(np.mean(pace.speed[a:b])))
         use &= np.abs(frequency - lug) > LUG * lug
         frequencies.append(frequency[use])
-        densities.append(2.0 * dt * np.abs(transform[use]) ** 2 / float(window @ window))
+        # the trapezoidal rule of the integration averaged neighbouring samples
+        gain = np.cos(np.pi * frequency[use] * dt) ** 2
+        densities.append(2.0 * dt * np.abs(transform[use]) ** 2 / (gain * float(window @ window)))
     return np.concatenate(frequencies), np.concatenate(densities)
 
 
@@ -137,13 +152,22 @@ def predicted_peak(noise: Noise, period: float, added: Array) -> Array:
     return np.asarray(peak / (2.0 * noise.accel**2))
 
 
-def added_share(density: Array, peak: Array, shape: Array) -> float:
+def band_means(frequency: Array, density: Array) -> Array:
+    """(B, 2) mean of the density in each band of width `BAND`, and its number of ordinates."""
+    place = (frequency / BAND).astype(int)
+    count = np.bincount(place)
+    total = np.bincount(place, density)
+    return np.stack([total[count > 0] / count[count > 0], count[count > 0]], axis=1)
+
+
+def added_share(density: Array, peak: Array, shape: Array, floor: Array) -> float:
     """Return the mean of the white density that motion adds, in shares of that at rest.
 
     Args:
         density: (F,) periodogram in shares of the density at rest.
         peak: (W + 1,) expected height of the vibration, for none and each of `ADDED`.
         shape: (F,) the vibration's density over its height.
+        floor: (B, 2) mean and number of the ordinates in bands that may hold anything besides white noise.
     """
     if density.size < 8:
         return 0.0
@@ -154,7 +178,11 @@ def added_share(density: Array, peak: Array, shape: Array) -> float:
         height = expected * TAIL[0] * np.exp(TAIL[1] * doubt)
         level = 1.0 + added + height[:, None] * shape
         log_likelihood = -TOLD * np.sum(np.log(level) + density / level, axis=1)
-        log_posterior[i] = np.logaddexp.reduce(log_likelihood - 0.5 * doubt**2)
+        # a band as loud as its mean, but not quieter than the white noise
+        mean, count = floor.T
+        least = np.maximum(mean, 1.0 + added)
+        above = -TOLD * float(np.sum(count * (np.log(least) + mean / least)))
+        log_posterior[i] = np.logaddexp.reduce(log_likelihood - 0.5 * doubt**2) + above
     log_posterior += np.log(np.concatenate([[NONE], np.full(ADDED.size, (1.0 - NONE) / ADDED.size)]))
     weight = np.exp(log_posterior - np.max(log_posterior))
     return float(weight @ white / weight.sum())
