@@ -128,7 +128,7 @@ def _drawing(finding: Finding, look: Look, number: int) -> Drawing:
     return Drawing(
         f"found_closer_{number}",
         f"A closer look: {look.velocity:g} m/s, {when}{data}",
-        _describe(look, what_found(finding)),
+        _describe(look, f"{what_found(finding)} explains {'most' if number == 1 else 'much, too'}"),
         f"Sensor readings at {look.velocity:g} m/s, {when}, measured and simulated without and with what was "
         f"found, and what the simulations are off by{data}.",
         figure,
@@ -198,7 +198,7 @@ def _describe(look: Look, found: str) -> str:
         )
         parts.append(f"{spoken(mean.channel)} by {before} before and {after} after")
     what = "the trial" if n == 1 else f"the mean of {n} trials"
-    return f"Here {found} explains most. The model is off {what}, rms, in {', in '.join(parts)}."
+    return f"Here {found}. The model is off {what}, rms, in {', in '.join(parts)}."
 
 
 def _rms(values: Array) -> float:
