@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import casadi as ca
-
 from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
@@ -14,29 +12,22 @@ from granite_lab.model.symbols import ModelParameters
 SETTLING = 5e-3
 """Time in which the deflection follows the load [s], the damping of the tyre over its stiffness."""
 
-SHALLOW = 1e-3
-"""Depth below which the flattened arc keeps its curvature [m]: an unloaded tyre is round."""
-
 
 class RadialTyreCompliance(Effect):
-    r"""The arc of a deflected tyre is that of a larger circle through the same ends.
+    """A tyre in series with the soil: its underside is pressed level by δ = κ W, and its flanks stay round.
 
-    With the deflection δ = κ W at the bottom, a depth z_0 of the soil below it and the ends of the
-    contact where the undeflected circle meets the surface, the substitute circle has the radius
-
-    .. math:: r^* = r + \delta (2 (r - z_0) - \delta) / (2 z_0),
-
-    and the tyre rolls as a wheel of radius r − δ/3.
+    The level part presses as deep as the soil sinks and, being level, neither resists the motion nor
+    lifts by shear. The tyre rolls as a wheel of radius r − δ/3.
     """
 
     id = "radial_tyre_compliance"
     title = "tyre that deflects under its load"
-    equation = "δ = W / k_r, rolling radius r − δ/3, arc of radius r + δ (2 (r − z0) − δ) / (2 z0)"
+    equation = "δ = W / k_r, rolling radius r − δ/3, underside level where (7) would exceed z0"
     source = (
-        "substitute circle: Bekker, Introduction to Terrain-Vehicle Systems, University of Michigan Press "
-        "1969; Harnisch et al., A new tyre-soil interaction model for vehicle simulation on deformable "
-        "ground, Vehicle System Dynamics 43, 2005, 384-394; rolling radius: Gillespie, Fundamentals of "
-        "Vehicle Dynamics, SAE 1992, and R sin ϑ/ϑ expanded; the paper lists k_r = 40 kN/m, 2.5e-5 m/N"
+        "flat underside: Karafiath and Nowatzki, Soil Mechanics for Off-Road Vehicle Engineering, Trans Tech "
+        "1978; Wong, Terramechanics and Off-Road Vehicle Engineering, 2nd ed., Elsevier 2010 (elastic "
+        "operating mode); rolling radius: Gillespie, Fundamentals of Vehicle Dynamics, SAE 1992, and "
+        "R sin ϑ/ϑ expanded; the paper lists k_r = 40 kN/m, 2.5e-5 m/N"
     )
     signature = (
         "a softer, flatter contact, at standstill, too: axles sit lower than the soil alone would have "
@@ -50,11 +41,14 @@ class RadialTyreCompliance(Effect):
     states = ("load_f", "load_r")
 
     def wheel(self, state: WheelState, own: Own) -> WheelState:
-        """Share the way of the axle between tyre and soil, and flatten the arc."""
+        """Share the way of the axle between tyre and soil."""
         δ = own.p["compliance"] * own.x["load_f" if state.front else "load_r"]
-        r, z0 = state.radius, state.sinkage - δ
-        widening = δ * (2 * (r - z0) - δ) / (2 * ca.fmax(z0, SHALLOW))
-        return replace(state, sinkage=z0, radius=r - δ / 3, flattening=state.flattening + widening + δ / 3)
+        return replace(
+            state,
+            sinkage=state.sinkage - δ,
+            radius=state.radius - δ / 3,
+            deflection=state.deflection + δ,
+        )
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Let the deflecting load follow the vertical load of the soil."""

@@ -32,8 +32,8 @@ class WheelState:
         radius, width: r, b [m].
         v_desired: desired velocity of the robot at the moment [m/s].
         k92: the ratio k_92 of the moment by (5), which a hook may find already overruled.
-        flattening: by how much the radius of the arc in the soil exceeds `radius` [m], zero in
-            the paper's model of a rigid wheel.
+        deflection: by how much the tyre's underside is pressed in [m]; zero for the paper's rigid
+            wheel. A deflected tyre rolls as a wheel of a radius smaller by a third of it.
     """
 
     front: bool
@@ -48,12 +48,12 @@ class WheelState:
     width: Any
     v_desired: Any
     k92: Any = 1.0
-    flattening: Any = 0.0
+    deflection: Any = 0.0
 
     @property
     def arc_radius(self) -> Any:
-        """Radius of the contact arc [m]; r for a rigid wheel."""
-        return self.radius + self.flattening
+        """Radius of the undeflected tread [m]; r for a rigid wheel."""
+        return self.radius + self.deflection / 3
 
     @property
     def circumferential_velocity(self) -> Any:
@@ -107,7 +107,7 @@ class WheelForces:
 
 def contact_angles(state: WheelState, k92: Any) -> ContactAngles:
     """Return ϑ_1 from the sinkage and ϑ_2 = k_92 ϑ_1 (4)."""
-    z0 = ca.fmax(state.sinkage, _TINY)
+    z0 = ca.fmax(state.sinkage + state.deflection, _TINY)
     front = ca.acos(ca.fmax(1 - z0 / state.arc_radius, -0.99))
     return ContactAngles(front, k92 * front)
 
@@ -138,24 +138,37 @@ def wheel_forces(
     moving = smoothstep(state.speed / V_FLOOR)
     k = soil.cohesive_modulus / b + soil.frictional_modulus  # (8)
     tan_φ = ca.tan(soil.friction_angle * np.pi / 180)
-    middle, half = (ϑ1 - ϑ2) / 2, (ϑ1 + ϑ2) / 2
     sin_ϑ1 = ca.sin(ϑ1)
-    W = R = F = S = 0.0
-    for node, weight in zip(NODES, WEIGHTS, strict=True):
-        ϑ = middle + half * node
-        dA = weight * (b * r * half)
-        sin_ϑ, cos_ϑ = ca.sin(ϑ), ca.cos(ϑ)
-        rolled = sin_ϑ1 - sin_ϑ
+
+    def stresses(ϑ: Any, z: Any, slope: Any) -> Any:
+        """Return W, R, F and M/r per area at ϑ, where the outline has a depth and the sine of a slope."""
+        cos_ϑ = ca.cos(ϑ)
+        rolled = sin_ϑ1 - ca.sin(ϑ)
         j = r * (moving * (ϑ1 - ϑ) - (moving - λ) * rolled)  # (6)
-        z = ca.fmax(state.sinkage - r * (1 - cos_ϑ), 1e-12)  # (7)
-        σ = pressure(k * z**soil.exponent, ϑ)  # (8), (9)
+        σ = pressure(k * ca.fmax(z, 1e-12) ** soil.exponent, ϑ)  # (8), (9)
         τ_max = ca.fmin(soil.tyre_friction * σ, soil.cohesion + tan_φ * σ)  # (10)
         τ = ca.sign(j) * τ_max * (1 - ca.exp(-ca.fabs(j) / soil.shear_modulus))  # (11)
-        W += (σ * cos_ϑ + τ * sin_ϑ) * dA  # (12)
-        R -= σ * sin_ϑ * dA  # (13)
-        F += τ * cos_ϑ * dA  # (14)
-        S += τ * dA
+        return ca.vertcat(σ * cos_ϑ + τ * slope, -σ * slope, τ * cos_ϑ, τ)  # (12)-(15)
+
+    def on_circle(ϑ: Any) -> Any:
+        return stresses(ϑ, state.sinkage + state.deflection - r * (1 - ca.cos(ϑ)), ca.sin(ϑ))  # (7)
+
+    total = _over(on_circle, -ϑ2, ϑ1, b * r)
+    if not (isinstance(state.deflection, float) and state.deflection == 0):
+        # 1e-14 m keep the derivative of the arccosine finite where nothing is pressed in
+        δ = ca.fmax(state.deflection, 0)
+        edge = ca.acos(1 - (δ + 1e-14) / r) - ca.acos(1 - 1e-14 / r)
+        rear, front = ca.fmax(-edge, -ϑ2), ca.fmin(edge, ϑ1)
+        total += _over(lambda ϑ: stresses(ϑ, state.sinkage, 0) - on_circle(ϑ), rear, front, b * r)
+    W, R, F, S = (total[k] for k in range(4))
     M = -state.radius * S  # (15)
     touching = ca.if_else(state.sinkage > 0, 1, 0)
     normal = touching * ca.fmax(0, W + damping * state.sinkage_rate)  # (17)
     return WheelForces(touching * W, touching * R, touching * F, touching * M, normal)
+
+
+def _over(f: Callable[[Any], Any], low: Any, high: Any, scale: Any) -> Any:
+    """Return scale times the integral of f from low to high by Gauss and Legendre."""
+    middle, half = (low + high) / 2, (high - low) / 2
+    rule = zip(NODES, WEIGHTS, strict=True)
+    return sum(f(middle + half * node) * (weight * (scale * half)) for node, weight in rule)
