@@ -33,6 +33,9 @@ SHARE = 0.4
 """A further effect must explain at least this share of what is left: a formula that differs from nature's
 leaves something, too, of which some other candidate explains a part."""
 
+CLOSE = 0.5
+"""Share of the best evidence at which the screen may be wrong about the order: such a candidate is fitted."""
+
 MOST = 3
 
 
@@ -138,7 +141,18 @@ def search(
             ):
                 refused.add(winner.effect)
                 continue
-        fit = settle(problem, winner.fit)
+        fit = _without_idle(problem, settle(problem, winner.fit), threshold)
+
+
+def _without_idle(problem: Problem, fit: Fit, threshold: float) -> Fit:
+    """Drop effects that no longer explain anything beside the one that came last."""
+    for id_ in fit.point.effects[:-1]:
+        plain = without(problem, fit, id_)
+        if plain is not None and (
+            evidence(plain.chi2 - fit.chi2, freedom(problem, problem.effect(id_))) < threshold
+        ):
+            return _without_idle(problem, settle(problem, plain), threshold)
+    return fit
 
 
 def settle(problem: Problem, fit: Fit) -> Fit:
@@ -178,7 +192,8 @@ def _try_all(problem: Problem, fit: Fit, promising: Sequence[Score]) -> tuple[Tr
     tried: list[Trial] = []
     for score in promising:
         fits = [t.fit for t in tried if t.fit is not None and t.status == "evaluated"]
-        if any(enough(problem, f) for f in fits):
+        best = max((t.evidence for t in tried if t.status == "evaluated"), default=0.0)
+        if score.evidence < CLOSE * best and any(enough(problem, f) for f in fits):
             break
         tried.append(_try(problem, fit, score, min((f.chi2 for f in fits), default=np.inf)))
     return tuple(sorted(tried, key=lambda t: -t.evidence))
