@@ -75,7 +75,7 @@ class Twins:
     proposed: tuple[Variant, Conditions]
 
 
-SLOPE = Twins("ground_slope", {"slope": 0.7}, "imu_tilt", SLOW, (SLOW, TURNED))
+SLOPE = Twins("ground_slope", {"slope": 0.18}, "imu_tilt", SLOW, (SLOW, TURNED))
 LAG = Twins(
     "contact_angle_lag", {"time": 0.006}, "contact_angle_actual_speed", GENTLE, (SHARP, PLAIN)
 )  # fmt: skip
@@ -144,16 +144,20 @@ def asked(twins: Twins) -> Question:
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    return plan_next(nominal(ROBOT, SOIL, [SLOW]), asked(SLOPE), room=0.9, max_speed=0.2)
+    steeper = replace(SLOPE, values={"slope": 0.7})
+    return plan_next(nominal(ROBOT, SOIL, [SLOW]), asked(steeper), room=0.9, max_speed=0.2)
 
 
-def test_the_other_direction_is_proposed_for_a_slope_that_a_tilted_sensor_imitates(plan: Plan) -> None:
-    assert plan.now.chance < 0.5
+def test_a_slower_trial_parts_a_slope_from_a_tilted_sensor_and_turning_round_does_not(plan: Plan) -> None:
+    """Turned round, only the sensor's sign at rest tells; that is forgiven as a mounting of its own."""
+    assert plan.now.chance < 0.6
     best = plan.proposals[0]
-    assert best.option.conditions == TURNED
-    assert best.after.chance > 0.99
+    assert best.option.variant.velocity < SLOW.velocity
+    assert best.after.chance > 0.85
     repeated = next(p for p in plan.proposals if p.option.repeats)
-    assert best.after.evidence > 20 * repeated.after.evidence
+    assert best.after.evidence > 2 * repeated.after.evidence
+    turned = next(p for p in plan.proposals if p.option.conditions == TURNED)
+    assert turned.after.evidence == pytest.approx(repeated.after.evidence, rel=0.1)
     assert all(p.after.evidence >= plan.now.evidence - 1e-6 for p in plan.proposals)
     assert any("backwards" in line for line in plan.left_out)
 
@@ -195,7 +199,7 @@ def test_conditions_do_what_they_say() -> None:
     there, back = steady(PLAIN, slope), steady(TURNED, slope)
     assert there[0] > 0.2 > -0.2 > back[0]
     assert np.allclose(steady(TURNED), steady(PLAIN))
-    spun = steady(Conditions(wheels_up=True), ("drivetrain_friction", (1.0, 0.0)))
+    spun = steady(Conditions(wheels_up=True), ("drivetrain_friction", (1.0, 0.0, 0.005)))
     drive = ROBOT.drive
     assert drive is not None
     torque = drive.torque_constant * drive.gear_ratio * drive.gear_efficiency
@@ -316,7 +320,10 @@ def folder(tmp_path: Path) -> Path:
 
 def test_the_table_fits_80_columns_and_says_why(plan: Plan) -> None:
     text = io.StringIO()
-    show_plan(plan, nominal(ROBOT, SOIL, [SLOW]), 8, Console(file=text, width=80))
+    round_first = replace(
+        plan, proposals=tuple(sorted(plan.proposals, key=lambda p: p.option.conditions != TURNED))
+    )
+    show_plan(round_first, nominal(ROBOT, SOIL, [SLOW]), 8, Console(file=text, width=80))
     lines = text.getvalue().splitlines()
     assert max(len(line) for line in lines) <= 80
     words = " ".join(text.getvalue().split())
