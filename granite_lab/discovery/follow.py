@@ -31,8 +31,8 @@ def simulated(problem: Problem, point: Point) -> Responses | None:
     """Simulate every trial; None where one has no solution."""
     tasks = [problem.task(point, i) for i in range(len(problem.trials))]
     tasks += [problem.centre(point, v) for v in problem.variants]
-    found = [r for r in problem.bench.run(tasks) if r is not None]
-    if len(found) < len(tasks):
+    found = problem.responses(tasks)
+    if found is None:
         return None
     count = len(problem.trials)
     return Responses(tuple(found[:count]), tuple(found[count:]), exact=True)
@@ -50,9 +50,8 @@ def followed(problem: Problem, before: Responses, old: Point, new: Point, slopes
         old, new: from where and to where.
         slopes: derivatives somewhere near.
     """
-    found = problem.bench.run([problem.centre(new, v) for v in problem.variants])
-    centres = [r for r in found if r is not None]
-    if len(centres) < len(found):
+    centres = problem.responses([problem.centre(new, v) for v in problem.variants])
+    if centres is None:
         return None
     apart = [b - a for a, b in zip(_apart(problem, old), _apart(problem, new), strict=True)]
     trials = []

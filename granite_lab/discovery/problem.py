@@ -75,14 +75,19 @@ class Problem:
             variant, as_values(sand), self.setting(point.effects, point.common, self.extra(point, variant))
         )
 
+    def responses(self, tasks: Sequence[Task]) -> list[Array] | None:
+        """Return the (7, M) response of each simulation; None where one has no solution."""
+        found = [r for r in self.bench.run(tasks) if r is not None]
+        return found if len(found) == len(tasks) else None
+
     def centres_at(self, point: Point) -> list[Array]:
         """Return per command its (7, M) response at the mean sand of its trials.
 
         Raises:
             EstimateError: a simulation fails.
         """
-        found = [r for r in self.bench.run([self.centre(point, v) for v in self.variants]) if r is not None]
-        if len(found) < len(self.variants):
+        found = self.responses([self.centre(point, v) for v in self.variants])
+        if found is None:
             raise EstimateError("a simulation near the fit does not converge", "check robot and soil files")
         return found
 

@@ -104,14 +104,14 @@ def unlike(
     kept = [k for k in range(len(SAND) + len(shared)) if k < len(SAND) or owner[k - len(SAND)] != id_]
     blocks = [Block(b.local, b.shared[:, kept], b.precision) for b in fit.blocks]
     without = replace(fit.point, common=_neutral(problem, fit.point, id_))
-    changes = problem.bench.run([problem.centre(without, v) for v in problem.variants])
-    if any(c is None for c in changes):
+    changes = problem.responses([problem.centre(without, v) for v in problem.variants])
+    if changes is None:
         return 0.0, {}
     here = problem.centres_at(fit.point)
     columns = []
     for i, (trial, x) in enumerate(zip(problem.trials, fit.point.trials, strict=True)):
         j = problem.variants.index(trial.variant)
-        own = trial.effect_columns(here[j] - changes[j], x)  # type: ignore[operator]
+        own = trial.effect_columns(here[j] - changes[j], x)
         columns.append(np.column_stack([problem.whiten(i, own), signs.columns[i]]))
     G = project(blocks, columns, problem.bounds(fit.point)[0][kept]).gram
     remains = {}

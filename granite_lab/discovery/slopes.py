@@ -63,16 +63,15 @@ def slopes_at(
                 )
             )
             steps.append(h)
-    found = problem.bench.run(tasks)
-    if any(r is None for r in found):
+    found = problem.responses(tasks)
+    if found is None:
         raise EstimateError("a simulation near the fit does not converge", "check robot and soil files")
     count = len(found) // len(problem.variants)
     result = Slopes([], [], [], [])
     for j, _ in enumerate(problem.variants):
         base, *others = found[j * count : (j + 1) * count]
-        assert base is not None
         apart = steps[j * count + 1 : (j + 1) * count]
-        derived = [(other - base) / s for other, s in zip(others, apart, strict=True) if other is not None]
+        derived = [(other - base) / s for other, s in zip(others, apart, strict=True)]
         of_sand = 0 if sand_from is not None else len(SAND)
         result.response.append(base)
         result.sand.append(sand_from.sand[j] if sand_from is not None else np.stack(derived[:of_sand]))
