@@ -6,6 +6,7 @@ import dataclasses
 import os
 import tempfile
 import threading
+import weakref
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -89,15 +90,12 @@ class _File:
     """Bytes that are appended and read; any thread, and a forked process, may read."""
 
     def __init__(self, folder: Path | None) -> None:
-        self._descriptor = -1
         self._lock = threading.Lock()
         self._end = 0
         with _nameless(folder) as file:
-            self._descriptor = os.dup(file.fileno())  # closed when the last record is gone
-
-    def __del__(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
+            self._descriptor = os.dup(file.fileno())
+        # when the last record is gone; not __del__, which may come after the modules are gone
+        weakref.finalize(self, os.close, self._descriptor)
 
     def append(self, data: bytes) -> int:
         """Return the place at which the bytes stand."""

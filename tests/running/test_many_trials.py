@@ -7,6 +7,8 @@ import dataclasses
 import errno
 import os
 import pickle
+import subprocess
+import sys
 import tracemalloc
 from pathlib import Path
 
@@ -19,6 +21,7 @@ from granite_lab.running import Cache, Execution, Options, each_trial
 from granite_lab.running.codec import encode
 from granite_lab.running.shelf import Shelf
 from tests.reporting.made_up import made_up_study
+from tests.running.processes import ROOT
 
 SAMPLES = 20_000
 
@@ -81,6 +84,33 @@ def test_nothing_is_left_in_the_folder_and_another_process_reads_too(tmp_path: P
         os._exit(int(float(laid.imu.specific_force[0, 0])))
     if reader is not None:
         assert os.waitstatus_to_exitcode(os.waitpid(reader, 0)[1]) == 2
+
+
+def open_files() -> int:
+    """Return how many files this process holds open."""
+    return sum(1 for _ in Path("/dev/fd").iterdir())
+
+
+@pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="counts open files in /dev/fd")
+def test_the_file_is_closed_with_the_last_record(tmp_path: Path) -> None:
+    before = open_files()
+    first, second = (Shelf(tmp_path).lay(long_trial("xx")) for _ in range(2))
+    assert open_files() == before + 2
+    del first
+    assert open_files() == before + 1
+    assert second.imu is not None
+    del second
+    assert open_files() == before
+
+
+def test_a_record_that_lives_up_to_the_end_of_the_process_says_nothing() -> None:
+    kept = (
+        "import os; import numpy as np; from granite_lab.logs.trial import ImuStream;"
+        "from granite_lab.running.shelf import Shelf; a = np.zeros((1000, 3));"
+        "os.kept = Shelf().lay(ImuStream(a[:, 0], a, a, False)); print(os.kept.specific_force[0, 0])"
+    )
+    done = subprocess.run([sys.executable, "-c", kept], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("0.0\n", "")
 
 
 def test_a_full_disk_leaves_the_records_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
