@@ -36,8 +36,8 @@ FIRST_SEED = 10_000
 SENSIBLE = 3.0
 """An effect is at most this many times as large as its library entry expects: a robot, not a wreck."""
 
-LEAST = {"gear_backlash": 0.4}
-"""Least size that is hidden: teeth with less play [deg] are too stiff to be computed in minutes."""
+LEAST = {"gear_backlash": 0.05}
+"""Least size that is hidden: teeth with less play [deg] are too stiff to be computed in reasonable time."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import dct
 
 from granite_lab.discovery.baseline import by_command, channels_of
@@ -121,17 +122,18 @@ def window_scores(z: Array, width: float) -> Array:
         width: of a bin [s].
     """
     z = z if z.ndim == 2 else z[:, None]
-    rows = []
-    for a, b in windows(z.shape[0]):
-        power = np.asarray(dct(z[a:b], norm="ortho", axis=0)) ** 2
-        f = np.arange(b - a) / (2 * (b - a) * width)
-        row = np.full((len(BANDS), z.shape[1]), -np.inf)
+    rows = [np.zeros((0, len(BANDS), z.shape[1]))]
+    for length in (length for length in LENGTHS if length <= z.shape[0]):
+        cut = sliding_window_view(z, length, axis=0)[:: length // 2]
+        power = np.asarray(dct(cut, norm="ortho", axis=-1)) ** 2
+        f = np.arange(length) / (2 * length * width)
+        scores = np.full((len(cut), len(BANDS), z.shape[1]), -np.inf)
         for k, (low, high) in enumerate(BANDS):
             inside = (f >= low) & (f < high)
             if inside.any():
-                row[k] = _normal(power[inside].sum(axis=0), int(inside.sum()))
-        rows.append(row)
-    return np.stack(rows)
+                scores[:, k] = _normal(power[..., inside].sum(axis=-1), int(inside.sum()))
+        rows.append(scores)
+    return np.concatenate(rows)
 
 
 def _normal(energy: Array, freedom: int) -> Array:

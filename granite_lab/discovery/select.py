@@ -119,13 +119,7 @@ def search(
         least = max(threshold, SHARE * remains)
         tick("fitting the promising effects")
         tried = _try_all(problem, fit, _promising(ranking, threshold)) if len(chosen) < MOST else ()
-        names = {t.effect for t in tried}
-        rest = [
-            Trial(s.effect, s, None, s.evidence, (), "screened only")
-            for s in ranking
-            if s.effect not in names
-        ]
-        rounds.append((*tried, *rest))
+        rounds.append((*tried, *_untried(ranking, tried), *_lost(left, ranking, refused)))
         good = [t for t in tried if t.status == "evaluated" and t.evidence > least]
         winner = next((t for t in good if t.fit is not None and _generalises(problem, fit, t.fit)), None)
         if winner is None or winner.fit is None:
@@ -144,10 +138,28 @@ def search(
         fit = _without_idle(problem, settle(problem, winner.fit), threshold)
 
 
+def _untried(ranking: Sequence[Score], tried: Sequence[Trial]) -> list[Trial]:
+    """Return the candidates that the screen held back."""
+    names = {t.effect for t in tried}
+    return [
+        Trial(s.effect, s, None, s.evidence, (), "screened only") for s in ranking if s.effect not in names
+    ]
+
+
+def _lost(candidates: Mapping[str, Effect], ranking: Sequence[Score], refused: set[str]) -> list[Trial]:
+    """Return the candidates of which no size could be simulated around this fit."""
+    known = refused | {s.effect for s in ranking}
+    return [
+        Trial(id_, Score(id_, 0.0, 1, tuple(p.neutral for p in e.parameters)), None, 0.0, (), "not converged")
+        for id_, e in candidates.items()
+        if id_ not in known
+    ]
+
+
 def _without_idle(problem: Problem, fit: Fit, threshold: float) -> Fit:
     """Drop effects that no longer explain anything beside the one that came last."""
     for id_ in fit.point.effects[:-1]:
-        plain = without(problem, fit, id_)
+        plain = without(problem, fit, id_, goal=fit.chi2)
         if plain is not None and (
             evidence(plain.chi2 - fit.chi2, freedom(problem, problem.effect(id_))) < threshold
         ):

@@ -72,11 +72,11 @@ def notes(
             f"The best candidates ({', '.join(choice.effects)}) close only {100 * judgement.closed:.0f} % of "
             "the misfit and are not named."
         )
-    for round_ in choice.rounds[:1]:
-        for t in round_:
-            if t.status in ("at a bound", "not converged"):
-                bounds = f" ({', '.join(t.bounds)})" if t.bounds else ""
-                found.append(f"{t.effect} was not evaluated: {t.status}{bounds}.")
+    for t in choice.rounds[0] if choice.rounds else ():
+        if t.status == "at a bound":
+            found.append(f"{t.effect} was not evaluated: its fit ended at a bound ({', '.join(t.bounds)}).")
+        elif t.status == "not converged":
+            found.append(f"{t.effect} was not evaluated: with it the simulation or the fit fails here.")
     for e in effects:
         for p in e.parameters:
             if p.per_trial and np.isfinite(p.estimate.value):

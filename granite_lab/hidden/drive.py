@@ -59,7 +59,7 @@ class GearBacklash(Influence):
         Angles of many turns could not be subtracted closely enough for a play of a hundredth of a degree.
         """
         super().setup()
-        self.method = "BDF"  # LSODA is late to see how stiff the teeth are
+        self.method = "Radau"  # LSODA is late to see how stiff the teeth are, BDF fails at some blows
         self.half_play = max(0.5 * float(np.radians(self.sizes[GearBacklash.id]["play"])), 1e-7)
         # little play: teeth that give by a like share of it, else their twist would outdo the play
         small = max(1.0, 0.007 / self.half_play)
@@ -99,7 +99,7 @@ class SupplySag(Influence):
     id = "supply_sag"
     title = "supply voltage that drops with the current"
     account = "source with resistance, bus capacitor of 20 ms, bridges that pass the same duty on"
-    declared = (Size("resistance", "ohm", "of the supply and its leads", 0.05, 0.2, 0, 2),)
+    declared = (Size("resistance", "ohm", "of the supply and its leads", 0.05, 0.2, 0, 2, kind="equivalent"),)
 
     def setup(self) -> None:
         """Claim the voltage of the bus."""
