@@ -13,7 +13,7 @@ from granite_lab.parameters import Paper
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.points import bar, frame, markers, point, spread
+from granite_lab.reporting.points import bar, dress, frame, markers, point, spread
 from granite_lab.reporting.rounding import interval, plus_minus, significant
 from granite_lab.reporting.summary import Speed
 
@@ -49,7 +49,7 @@ def k92_over_velocity(result: StudyResult, speeds: Sequence[Speed], paper: Paper
                     1.96 * k92.std,
                     canvas.MEASURED,
                     "v" if hit else "o",
-                    3.5,
+                    len(speed.results),
                     "a trial, 95 %" if first and not hit else None,
                 )
                 first = first and hit
@@ -101,14 +101,14 @@ def k92_over_slip(result: StudyResult, speeds: Sequence[Speed], paper: Paper) ->
             label="paper's line",
         )
         first = True
-        for trial in (t for s in speeds for t in s.results):
+        for trial, trials in ((t, len(s.results)) for s in speeds for t in s.results):
             fit = trial.comparison.fit
             if math.isfinite(fit.k92.value) and math.isfinite(fit.slip_measured.value):
                 axis.errorbar(
                     100 * fit.slip_measured.value, fit.k92.value, xerr=196 * bar(fit.slip_measured.std),
                     yerr=1.96 * bar(fit.k92.std),
-                    color=canvas.MEASURED, marker="o", markersize=3.5, linewidth=0.9, linestyle="none",
-                    label="a trial, 95 %" if first else None,
+                    color=canvas.MEASURED, marker="o", linestyle="none",
+                    label="a trial, 95 %" if first else None, **dress(trials),
                 )  # fmt: skip
                 first = False
         markers(

@@ -28,7 +28,7 @@ def slip_drawing(speeds: Sequence[Speed], paper: Paper, virtual: bool) -> Drawin
                     196 * slip.std,
                     canvas.MEASURED_LIGHT,
                     "o",
-                    3.5,
+                    len(x),
                     "a trial" if i + j == 0 else None,
                 )
             if math.isfinite(speed.slip.value):

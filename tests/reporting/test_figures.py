@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import re
 from pathlib import Path
@@ -13,10 +14,13 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
+from granite_lab.parameters import load_paper
 from granite_lab.reporting.assemble import assemble
 from granite_lab.reporting.canvas import RC, Drawing, envelope, to_svg
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.plot_motion import comparison_drawing
+from granite_lab.reporting.points import spread
+from granite_lab.reporting.summary import by_speed
 from granite_lab.reporting.traces import block_means
 from tests.reporting.made_up import made_up_study
 
@@ -115,6 +119,16 @@ def test_every_figure_says_what_to_see(drawings: list[Drawing]) -> None:
         assert d.alt
         assert d.sentence.endswith((".", ")"))
         assert "nan" not in d.sentence.lower()
+
+
+@pytest.mark.parametrize("trials", [1, 3, 300])
+def test_all_trials_of_a_speed_stand_close_to_it(trials: int) -> None:
+    """The speeds of the paper are 0.1 m/s apart: trials of one must not stand at another."""
+    (speed,) = by_speed(made_up_study(speeds=(0.2,), repetitions=1), load_paper())
+    x = spread(dataclasses.replace(speed, results=speed.results * trials))
+    assert len(set(x)) == trials
+    assert np.mean(x) == pytest.approx(0.2)
+    assert max(x) - 0.2 < 0.03
 
 
 def test_thinning_keeps_peaks_and_gaps() -> None:
