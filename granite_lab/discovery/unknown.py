@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.refit import misfit, refit, with_effect
 from granite_lab.discovery.select import Choice, settle
 from granite_lab.discovery.signature import signatures
+from granite_lab.discovery.unrepeated import Unrepeated, unrepeated
 
 MARGIN = 0.5
 LEAST = 6.0
@@ -43,6 +44,7 @@ class Judgement:
         score_before, score_after: largest score without effects and with the named ones.
         closed: share of the misfit that the named effects close; NaN without any.
         law: drop of chi2 by the empirical law.
+        unrepeated: what repetitions do not share and several sensors see, with the named effects.
     """
 
     verdict: Verdict
@@ -52,6 +54,7 @@ class Judgement:
     score_after: float
     closed: float
     law: float = 0.0
+    unrepeated: Unrepeated = field(default_factory=Unrepeated)
 
 
 def judge(
@@ -75,13 +78,15 @@ def judge(
     first, last = (misfit(problem.white(f.residuals), noise) for f in (base, choice.fit))
     closed = 1 - last / first if choice.effects and first > 0 else float("nan")
     poor = bool(choice.effects) and closed < HALF and last > PLAIN * noise
-    if after <= threshold and not poor:
-        return Judgement("named" if choice.effects else "none", choice.fit, threshold, before, after, closed)
-    if choice.effects and closed >= CLOSED:
-        return Judgement("named", choice.fit, threshold, before, after, closed)
-    law = empirical_law(problem, base, max(evidence, TERM * first))
+    apart = unrepeated(problem, error)
+    calm = after <= threshold and not poor
+    if not apart.plain and (calm or (choice.effects and closed >= CLOSED)):
+        verdict: Verdict = "named" if choice.effects else "none"
+        return Judgement(verdict, choice.fit, threshold, before, after, closed)
+    # where all that repeats is explained there is nothing to learn a law from
+    law = None if calm and not choice.effects else empirical_law(problem, base, max(evidence, TERM * first))
     fit = law if law is not None else base
-    return Judgement("unknown", fit, threshold, before, after, closed, base.chi2 - fit.chi2)
+    return Judgement("unknown", fit, threshold, before, after, closed, base.chi2 - fit.chi2, apart)
 
 
 def empirical_law(problem: Problem, base: Fit, least: float) -> Fit | None:

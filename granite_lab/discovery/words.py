@@ -10,6 +10,7 @@ from granite_lab.discovery.finding import FoundEffect, Gap
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.select import Choice
 from granite_lab.discovery.unknown import Judgement
+from granite_lab.discovery.unrepeated import CHANCE
 
 
 def sentence(judgement: Judgement, effects: Sequence[FoundEffect], gap: Gap) -> str:
@@ -27,6 +28,10 @@ def sentence(judgement: Judgement, effects: Sequence[FoundEffect], gap: Gap) -> 
         return (
             "Something is missing that no candidate explains; an empirical law stands in for it "
             f"({terms}). {shrinks}"
+        )
+    if judgement.unrepeated.plain:
+        return (
+            "Something acts on the robot that is not the same in each trial; the model does not know of it."
         )
     return "Something is missing that neither a candidate nor an empirical law explains."
 
@@ -69,8 +74,16 @@ def notes(
         )
     if judgement.verdict == "unknown" and choice.effects:
         found.append(
-            f"The best candidates ({', '.join(choice.effects)}) close only {100 * judgement.closed:.0f} % of "
+            f"The best candidates ({', '.join(choice.effects)}) close {100 * judgement.closed:.0f} % of "
             "the misfit and are not named."
+        )
+    apart = judgement.unrepeated
+    if apart.plain:
+        found.append(
+            "Something acts on the robot that is not the same each time, such as a gust, a strap, or a part "
+            "whose phase differs from trial to trial: in what the repetitions of a command do not share, "
+            f"{apart.first} and {apart.second} go together between {apart.low:g} and {apart.high:g} Hz "
+            f"({apart.score:.0f} standard deviations, by chance at most {CHANCE:g})."
         )
     for t in choice.rounds[0] if choice.rounds else ():
         if t.status == "at a bound":

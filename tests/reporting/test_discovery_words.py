@@ -174,8 +174,11 @@ def test_others_beyond_the_line_are_explained() -> None:
 
 def test_names_to_type_do_not_stand_in_sentences() -> None:
     finding = made_up_finding()
-    note = "multi_pass was not evaluated: not converged."
-    assert in_plain_words(note, finding) == "Multi pass was not evaluated: not converged."
+    note = "multi_pass was not evaluated: with it the simulation or the fit fails here."
+    assert in_plain_words(note, finding).startswith("Multi pass was not evaluated: with it")
+    assert in_plain_words("pitch_rate and current_f go together", finding) == (
+        "Pitch rate and front motor current go together"
+    )
     assert in_plain_words("The best candidates (com_offset) close 34 %.", finding) == (
         "The best candidates (centre-of-mass offset) close 34 %."
     )

@@ -115,10 +115,13 @@ def plain(effect_id: str) -> str:
 
 
 def in_plain_words(note: str, finding: Finding) -> str:
-    """Return a note of the search with the effects in it as words."""
+    """Return a note of the search with the effects and channels in it as words."""
     ids = {c.id for found in finding.rounds for c in found} | {d.effect for d in finding.detectable}
     for id_ in sorted((i for i in ids if "_" in i), key=len, reverse=True):
         note = re.sub(rf"\b{re.escape(id_)}\b", plain(id_), note)
+    for channel in CHANNELS:
+        if "_" in channel:
+            note = re.sub(rf"\b{channel}\b", spoken(channel), note)
     return note[:1].upper() + note[1:]
 
 
