@@ -251,8 +251,14 @@ def inline_svg(svg: str, drawing_id: str, label: str) -> str:
     body = _STYLE_COLOUR.sub(lambda m: f"var(--{THEMED[m[0]]}, {m[0]})" if m[0] in THEMED else m[0], body)
     head, rest = body.split(">", 1)
     box = re.search(r'viewBox="[^"]*"', head)
-    size = re.search(r'width="([\d.]+)pt" height="([\d.]+)pt"', head)
     assert box is not None
-    assert size is not None
-    head = f'<svg {box[0]} width="{size[1]}" height="{size[2]}" role="img" aria-label="{label}"'
+    width, height = svg_size(head)
+    head = f'<svg {box[0]} width="{width}" height="{height}" role="img" aria-label="{label}"'
     return f"{head}>{rest}"
+
+
+def svg_size(svg: str) -> tuple[str, str]:
+    """Return width and height of a figure [pt], as text, from its `to_svg`."""
+    size = re.search(r'width="([\d.]+)pt" height="([\d.]+)pt"', svg)
+    assert size is not None
+    return size[1], size[2]

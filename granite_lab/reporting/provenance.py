@@ -8,15 +8,25 @@ from granite_lab.reporting.json_report import shown_path
 from granite_lab.reporting.rounding import tidy_unit
 from granite_lab.reporting.table import Cell, Table, columns, words
 
+LONGEST = 1000
+"""So many characters of a command are shown: where logs were named one by one, it may have no end."""
+
 
 def provenance_section(source: Source) -> Section:
     """Return the section that says how to make a report again."""
-    blocks: list[Block] = [Words(f"Made by granite-lab {source.version}: {source.command}")]
+    blocks: list[Block] = [Words(f"Made by granite-lab {source.version}: {_shortened(source.command)}")]
     if source.parameters:
         blocks.append(Fold("Parameters in force", (parameter_table(source),)))
     if source.inputs:
         blocks.append(Fold("Files that were read", (input_table(source),)))
     return Section("provenance", "Parameters and provenance", tuple(blocks))
+
+
+def _shortened(command: str) -> str:
+    """Return a command of bearable length: its start, and its end with the options."""
+    if len(command) <= LONGEST:
+        return command
+    return f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
 
 
 def parameter_table(source: Source) -> Table:

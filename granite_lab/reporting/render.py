@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from granite_lab.reporting.canvas import inline_svg
+from granite_lab.reporting.canvas import Drawing, inline_svg, svg_size
 from granite_lab.reporting.document import Fold, Gallery, Heading, Listing, Report, Words
 from granite_lab.reporting.table import Table
 
@@ -20,20 +21,25 @@ _UNIT = re.compile(r"(?<=\d) (?=[%°]|(?:m/s|mm/s|s/m|N m|ms)\b)")
 _MARKDOWN = {c: f"\\{c}" for c in "\\`*_[]|~#$"} | {"&": "&amp;", "<": "&lt;", ">": "&gt;"}
 
 
-def to_html(report: Report, svgs: dict[str, str]) -> str:
-    """Return the report as one HTML page; what is not in `svgs` it takes from the files beside it.
+def to_html(report: Report, pictures: Mapping[str, Markup]) -> str:
+    """Return the report as one HTML page.
 
     Args:
         report: the report.
-        svgs: SVG text of figures by their ids; with that of all of them the page needs nothing else.
+        pictures: what `picture` made of each figure, by its id.
     """
-    inlined = {
-        d.id: Markup(inline_svg(svgs[d.id], d.id, str(escape(d.alt))))
-        if d.id in svgs
-        else Markup('<img src="figures/{}.svg" alt="{}" loading="lazy">').format(d.id, d.alt)
-        for d in report.drawings
-    }
-    return _environment(html=True).get_template("report.html").render(report=report, svg=inlined)
+    return _environment(html=True).get_template("report.html").render(report=report, svg=pictures)
+
+
+def picture(drawing: Drawing, svg: str, *, inline: bool) -> Markup:
+    """Return the element that shows a figure: all of it, or a place that is filled when one looks at it."""
+    if inline:
+        return Markup(inline_svg(svg, drawing.id, str(escape(drawing.alt))))
+    # Its shape is said, so that nothing moves on the page when the figure comes.
+    width, height = (round(4 * float(size)) for size in svg_size(svg))
+    return Markup('<img src="figures/{}.svg" alt="{}" width="{}" height="{}" loading="lazy">').format(
+        drawing.id, drawing.alt, width, height
+    )
 
 
 def to_markdown(report: Report) -> str:

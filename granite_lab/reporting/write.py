@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from markupsafe import Markup
+
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
@@ -21,7 +23,7 @@ from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.plot_motion import comparison_drawing
 from granite_lab.reporting.plot_quality import misfit_drawing
 from granite_lab.reporting.quality_tables import channel_table, misfit_table
-from granite_lab.reporting.render import to_html, to_markdown
+from granite_lab.reporting.render import picture, to_html, to_markdown
 from granite_lab.reporting.summary import gaps
 from granite_lab.reporting.table import Table
 
@@ -48,11 +50,11 @@ def write_report(result: StudyResult, folder: Path, discovery: Discovery | None 
     """
     report = assemble(result, discovery)
     with _replacing(folder) as new:
-        svgs = _write_figures(report.drawings, new / "figures")
+        pictures = _write_figures(report.drawings, new / "figures")
         _write_tables(report.tables, new / "tables")
         _write(new / "report.json", to_json(result, report, discovery))
         _write(new / "report.md", to_markdown(report))
-        _write(new / "index.html", to_html(report, svgs))
+        _write(new / "index.html", to_html(report, pictures))
     return folder / "index.html"
 
 
@@ -82,11 +84,11 @@ def write_discovery(
     beside = Path(model).name if model is not None else None
     report = assemble_discovery(finding, folder.resolve().name, source, model=beside, effects=effects)
     with _replacing(folder) as new:
-        svgs = _write_figures(report.drawings, new / "figures")
+        pictures = _write_figures(report.drawings, new / "figures")
         _write_tables(report.tables, new / "tables")
         _write(new / "finding.json", dumps(finding_as_json(finding, model)))
         _write(new / "report.md", to_markdown(report))
-        _write(new / "index.html", to_html(report, svgs))
+        _write(new / "index.html", to_html(report, pictures))
     return folder / "index.html"
 
 
@@ -112,18 +114,17 @@ def _write(path: Path, text: str) -> None:
     path.write_bytes(text.encode("utf-8", errors="replace"))
 
 
-def _write_figures(drawings: Sequence[Drawing], folder: Path) -> dict[str, str]:
-    """Write each figure as SVG and PNG; return the SVG of the first ones, by id."""
+def _write_figures(drawings: Sequence[Drawing], folder: Path) -> dict[str, Markup]:
+    """Write each figure as SVG and PNG; return the elements of a page that show them, by id."""
     folder.mkdir()
-    svgs: dict[str, str] = {}
+    pictures: dict[str, Markup] = {}
     for drawing in drawings:
         figure = drawing.figure
         svg = to_svg(figure)
-        if len(svgs) < INLINE:
-            svgs[drawing.id] = svg
+        pictures[drawing.id] = picture(drawing, svg, inline=len(pictures) < INLINE)
         _write(folder / f"{drawing.id}.svg", svg)
         (folder / f"{drawing.id}.png").write_bytes(to_png(figure))
-    return svgs
+    return pictures
 
 
 def _write_tables(tables: Sequence[Table], folder: Path) -> None:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from granite_lab.reporting import write, write_report
+from granite_lab.reporting.content import StudyResult
 from tests.reporting.chromium import Page, browser, chromium
 
 ARTEFACTS = Path(__file__).parent.parent / "artefacts"
@@ -64,6 +66,14 @@ STACKED_LETTERS = """(() => {
   return found;
 })()"""
 
+JUMP = """(async () => {
+  const images = [...document.querySelectorAll('figure img')], image = images[images.length - 2];
+  location.hash = image.closest('figure').id;
+  while (!image.complete || !image.naturalWidth) await new Promise(done => setTimeout(done, 50));
+  await new Promise(done => setTimeout(done, 300));
+  return [images.length > 5, Math.round(Math.abs(image.getBoundingClientRect().top))];
+})()"""
+
 COLOURS = """(() => {
   const of = (e, p) => getComputedStyle(e)[p];
   return [of(document.body, 'backgroundColor'), of(document.body, 'color'),
@@ -100,6 +110,14 @@ def test_text_in_figures_is_whole_in_the_browsers_own_fonts(
     folder: Path = request.getfixturevalue(which)
     page.open((folder / "index.html").as_uri(), 1280, 900)
     assert page.evaluate(CUT_IN_FIGURES) == []
+
+
+def test_a_jump_to_a_figure_in_a_file_ends_at_that_figure(
+    page: Page, study: StudyResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(write, "INLINE", 1)
+    page.open(write_report(study, tmp_path / "many").as_uri(), 1280, 900)
+    assert page.evaluate(JUMP) == [True, 0]
 
 
 def luminance(colour: str) -> float:

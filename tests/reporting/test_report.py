@@ -19,8 +19,11 @@ from granite_lab.estimate import Estimate
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_comparison, write_report
 from granite_lab.reporting.answers import describe_gap
+from granite_lab.reporting.assemble import assemble
 from granite_lab.reporting.content import Failure, StudyResult
 from granite_lab.reporting.document import Answer, Discovery, Section, Words
+from granite_lab.reporting.json_report import to_json
+from granite_lab.reporting.render import to_markdown
 from granite_lab.reporting.rounding import shown_as
 from granite_lab.reporting.study_tables import trial_table
 from granite_lab.reporting.summary import Gap, by_speed, gaps, mean_over, worst_of
@@ -380,3 +383,14 @@ def test_a_difference_of_slip_ratios_is_in_points() -> None:
     assert shown_as("-") == ("points", 100.0)
     gap = Gap("slip_f", "-", "accelerate", 0.15, 0.0, 0.3, 28.0, 0.5, 3)
     assert "(15\u00a0points rms; 30 % of its largest value" in describe_gap(gap)
+
+
+def test_a_command_that_names_a_thousand_logs_is_shortened_on_the_page_alone(study: StudyResult) -> None:
+    command = "granite-lab study " + " ".join(f"trial_{k}.csv" for k in range(1000)) + " --soil wet_sand"
+    result = dataclasses.replace(study, source=dataclasses.replace(study.source, command=command))
+    report = assemble(result)
+    page = to_markdown(report)
+    assert "trial\\_1.csv" in page
+    assert "trial\\_500.csv" not in page
+    assert "--soil wet\\_sand (shortened)" in page
+    assert json.loads(to_json(result, report))["provenance"]["command"] == command

@@ -7,6 +7,7 @@ import dataclasses
 import errno
 import os
 import pickle
+import re
 import subprocess
 import sys
 import tracemalloc
@@ -132,8 +133,12 @@ def test_a_page_of_many_trials_shows_the_figures_of_further_ones_from_their_file
     page = write_report(result, tmp_path / "few").read_text(encoding="utf-8")
     figures = {p.stem for p in (tmp_path / "few" / "figures").glob("*.svg")}
     assert figures == {p.stem for p in (tmp_path / "whole" / "figures").glob("*.svg")}
-    assert page.count("<img ") == len(figures) - 2
+    images = re.findall(r'<img src="([^"]*)" .*width="(\d+)" height="(\d+)"', page)
+    assert page.count("<img ") == len(images) == len(figures) - 2
     for name in figures:
         assert f'<figure id="{name}">' in page
-    for part in page.split('<img src="')[1:]:
-        assert (tmp_path / "few" / part.partition('"')[0]).is_file()
+    for path, width, height in images:
+        svg = (tmp_path / "few" / path).read_text(encoding="utf-8")
+        shape = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
+        assert shape is not None
+        assert int(width) / int(height) == pytest.approx(float(shape[1]) / float(shape[2]), rel=1e-2)
