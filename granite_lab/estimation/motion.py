@@ -75,8 +75,8 @@ class Motion:
         distance_wheels: distance without slip, as the wheels measured it [m].
         steady: start and end of the steady part [s].
         t_start: instant at which the command began [s], with its std.
-        clock_offset: how far the encoders' stamps lie behind the IMU's [s], to be added to them;
-            NaN std: unobservable.
+        clock_offset: how far the encoders' clock lies behind the IMU's [s]: their stamps are early by it,
+            and it is to be added to them; NaN std: unobservable.
         variant: recognised or given motion of Table 2, or as measured where it is none of it.
         variant_source: "given", "recognised" or "measured".
         noise: noise identified from this trial, by name, with the unit in the name.
@@ -111,6 +111,11 @@ class Motion:
     noise: dict[str, float]
     health: Health
     warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def stamps_late(self) -> Estimate:
+        """By how much the stamps of encoders and currents come after the IMU's [s]; negative: early."""
+        return Estimate(-self.clock_offset.value + 0.0, self.clock_offset.std)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the motion as a table, one row an IMU stamp, units in the column names."""

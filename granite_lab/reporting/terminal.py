@@ -94,7 +94,7 @@ def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]]
         "speed\n[m/s]",
         "distance\n[m]",
         "slip λ_R\n[%]",
-        "clock offset\n[ms]",
+        "wheel stamps\nlate [ms]",
         "filter",
         words=(0, 5),
     )
@@ -103,7 +103,7 @@ def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]]
             *row_of(
                 _name(motion.trial, motion.virtual), significant(motion.variant.velocity),
                 plus_minus(motion.distance),
-                plus_minus(motion.slip_ratio, scale=100), plus_minus(motion.clock_offset, scale=1e3),
+                plus_minus(motion.slip_ratio, scale=100), plus_minus(motion.stamps_late, scale=1e3),
                 Text("good", TONES["good"]) if motion.health.good else Text("doubtful", TONES["bad"]),
             )
         )  # fmt: skip
