@@ -11,7 +11,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent.parent
 SAMPLES = ROOT / "data" / "samples"
-MAIN = "from granite_lab.cli import main; main()"
+# A shell that starts the tests in the background has them, and all that they start, ignore Ctrl-C.
+MAIN = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    "from granite_lab.cli import main; main()"
+)
 
 SOAK = bool(os.environ.get("GRANITE_SOAK"))
 """Whether the long parts run whole, as in `make soak`."""
