@@ -14,6 +14,9 @@ from granite_lab.discovery.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect, EffectParameter
 
+CLOSELY = 12
+"""Sizes at which a strength is probed whose trace moves in time with it."""
+
 
 @dataclass(frozen=True)
 class Probe:
@@ -96,6 +99,8 @@ def sizes(p: EffectParameter, *, small: bool = False) -> tuple[float, ...]:
     least = float(max(abs(low), abs(high) / 30) * np.sign(high))
     if small:
         return (p.neutral + least / 2,)
+    if p.moving:
+        return tuple(p.neutral + np.sign(high) * np.geomspace(abs(least) / 2, abs(high), CLOSELY))
     return (p.neutral + least / 2, p.neutral + float(np.sign(high) * np.sqrt(least * high)), p.neutral + high)
 
 
@@ -137,7 +142,7 @@ def signatures(
     own = {}
     for id_, effect in candidates.items():
         place = [n for n, k in enumerate(sound) if probes[k].effect == id_]
-        if is_own(effect) and place:
+        if is_own(effect) and len(place) == len(strengths(effect)):  # all of them, or it cannot be tried
             scale = np.array([probes[sound[n]].size for n in place])
             own[id_] = [c[:, place] / scale for c in columns]
     return Signatures(tuple(probes[sound[n]] for n in shared), projection, own, common)

@@ -87,6 +87,7 @@ expression and returns it rewritten:
 | `pressure` | the pressure at one place of the contact arc |
 | `wheel_forces` | forces and moment of the ground on a wheel |
 | `drive_torque`, `rim_load` | the torques on a rim |
+| `rim_acceleration` | how fast a rim's turning grows |
 | `shaft` | the motion of a motor's shaft, which back-EMF, controller and encoder follow |
 | `voltages` | the voltages of the motors |
 | `body_load` | forces and moment on the body, and gravity |

@@ -10,29 +10,39 @@ import numpy as np
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own, Shaft
 from granite_lab.model.symbols import ModelParameters
 
-SEATING = 0.15
-"""Torque at the wheel that seats the teeth [N m]; it rounds the corners of the dead zone."""
+SEATING = 10.0
+"""Torque at the wheel [N m] under which the teeth give by `GIVE`."""
 
-CROSSING = 0.01
-"""Time constant with which the motor crosses the play [s], its mechanical one; 5-10 ms for DC motors."""
+GIVE = 0.05
+"""Share of half the play by which loaded teeth give: stiff, and the stiffer the smaller the play."""
+
+ROUND = 0.02
+"""Share of half the play over which the corner of the dead zone is rounded."""
+
+DAMPING = 0.2
+"""Damping ratio of teeth that touch; steel on steel rebounds."""
+
+RIGID = 2e-6
+"""Half a play [rad] at which the teeth count as half rigid, so that without any the model is the paper's."""
 
 
 class GearBacklash(Effect):
-    r"""The motor leads the wheel by half the play when it pulls and trails it by half when it brakes.
+    r"""Motor and wheel are two inertias, between them teeth that push only once the play is taken up.
 
-    A massless gear passes the torque on and gives way by a spring that is soft around zero torque
-    only. Rotor and encoder sit before the play, the wheel behind it:
+    The lead u of the motor over the wheel is counted in half plays h:
 
-    .. math:: \theta_m / n_d = \theta + \delta, \qquad
-        \tau \dot\delta = \tfrac{play}{2} \tanh(T / T_0) - \delta
+    .. math:: J_w \dot\omega = T_t + M_\omega, \qquad
+        J_m (\dot\omega + h \ddot u) = T - T_t, \qquad J_m + J_w = I_\omega
+
+    with the torque of the teeth T_t, which is zero for \|u\| < 1. Rotor and encoder sit before the play.
     """
 
     id = "gear_backlash"
     title = "play in the gears"
-    equation = "θ_m/n_d = θ + δ, 10 ms · dδ/dt + δ = play/2 · tanh(T / 0.15 N m)"
+    equation = "J_w dω/dt = T_t + M_ω, J_m (dω/dt + h d²u/dt²) = T − T_t, T_t = 0 within |u| < 1, h = play/2"
     source = (
         "Nordin and Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002, "
-        "1633-1649 (dead zone between motor and load); makers state 0.15-0.5° for planetary gearheads of low "
+        "1633-1649 (two inertias, dead zone); makers state 0.15-0.5° for planetary gearheads of low "
         "play and about 1° for common ones; key, hub and coupling add as much"
     )
     signature = (
@@ -43,23 +53,65 @@ class GearBacklash(Effect):
     )
     parameters = (
         EffectParameter("play", "deg", "whole play between motor and wheel, at the wheel",
-                        0.0, 20.0, 0.0, 0.2, 3.0),
+                        0.0, 20.0, 0.0, 0.2, 3.0, moving=True),
+        EffectParameter("motor_share", "-", "share of the wheel's inertia that turns with the motor",
+                        0.05, 0.95, 0.4, 0.1, 0.8, shape=True),
     )  # fmt: skip
-    states = ("part_f", "part_r")
+    states = ("lead_f", "lead_rate_f", "lead_r", "lead_rate_r")
 
     def shaft(self, shaft: Shaft, axle: Axle, own: Own) -> Shaft:
         """Let the motor lead the wheel."""
-        half = own.p["play"] * np.pi / 360
-        part = own.x["part_f" if axle.state.front else "part_r"]
-        return Shaft(shaft.angle + half * part, shaft.rate + half * _part_rate(part, axle))
+        half, name = _half(own), _name(axle)
+        return Shaft(
+            shaft.angle + half * own.x[f"lead_{name}"], shaft.rate + half * own.x[f"lead_rate_{name}"]
+        )
+
+    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, own: Own) -> Any:
+        """Let the teeth turn the rim, whose inertia is without the motor's."""
+        rim = (1 - own.p["motor_share"]) * p.chassis.wheel_inertia
+        return acceleration + _loose(own) * ((_teeth(axle, p, own) + axle.rim_load) / rim - acceleration)
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
-        """Return the rate of δ as a part of half the play."""
-        return {
-            f"part_{name}": _part_rate(own.x[f"part_{name}"], axle)
-            for name, axle in zip("fr", axles, strict=True)
-        }
+        """Return the rates of the leads."""
+        found: dict[str, Any] = {}
+        for axle in axles:
+            name = _name(axle)
+            plain = (axle.drive_torque + axle.rim_load) / p.chassis.wheel_inertia
+            motor = own.p["motor_share"] * p.chassis.wheel_inertia
+            ahead = (axle.drive_torque - _teeth(axle, p, own)) / motor
+            ahead -= self.rim_acceleration(plain, axle, p, own)
+            found[f"lead_{name}"] = own.x[f"lead_rate_{name}"]
+            found[f"lead_rate_{name}"] = ahead / _reach(own)
+        return found
 
 
-def _part_rate(part: Any, axle: Axle) -> Any:
-    return (ca.tanh(axle.drive_torque / SEATING) - part) / CROSSING
+def _name(axle: Axle) -> str:
+    return "f" if axle.state.front else "r"
+
+
+def _half(own: Own) -> Any:
+    return own.p["play"] * np.pi / 360
+
+
+def _loose(own: Own) -> Any:
+    """Return 1, or less where there is hardly any play: 0 without any."""
+    return _half(own) ** 2 / (_half(own) ** 2 + RIGID**2)
+
+
+def _reach(own: Own) -> Any:
+    """Return half the play [rad]; where the teeth are rigid a length with which their rates stay finite."""
+    return _half(own) + 50 * RIGID * (1 - _loose(own))
+
+
+def _teeth(axle: Axle, p: ModelParameters, own: Own) -> Any:
+    """Return the torque of the teeth: a spring beyond the dead zone, damped where they touch."""
+    u, rate = own.x[f"lead_{_name(axle)}"], own.x[f"lead_rate_{_name(axle)}"]
+    over, under = ca.sqrt((u - 1) ** 2 + ROUND**2), ca.sqrt((u + 1) ** 2 + ROUND**2)
+    loose = _loose(own)
+    bite = u - loose * (under - over) / 2
+    touch = 1 - loose * ((u + 1) / under - (u - 1) / over) / 2
+    stiffness = SEATING / GIVE
+    inertia = own.p["motor_share"] * p.chassis.wheel_inertia * _reach(own)
+    # rigid teeth do not ring
+    damping = 2 * (1 + loose * (DAMPING - 1)) * ca.sqrt(stiffness * inertia)
+    return stiffness * bite + damping * touch * rate

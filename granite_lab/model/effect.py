@@ -31,6 +31,7 @@ class EffectParameter:
         shape: True where the parameter says how, not how much: once every other parameter is
             neutral the model does not depend on it, and `neutral` is only where a search starts.
         per_trial: True where the value changes from trial to trial, as a phase of the wheels does.
+        moving: True where the trace of another size comes at another time, so that sizes are probed closely.
     """
 
     name: str
@@ -43,6 +44,7 @@ class EffectParameter:
     prior_high: float
     shape: bool = False
     per_trial: bool = False
+    moving: bool = False
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,10 @@ class Effect:
     def rim_load(self, load: Any, state: WheelState, own: Own) -> Any:
         """Rewrite the torque of tyre and ground on a rim [N m], M_ω in the paper's model."""
         return load
+
+    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, own: Own) -> Any:
+        """Rewrite the angular acceleration of a rim [rad/s^2], (23)."""
+        return acceleration
 
     def body_load(
         self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own

@@ -127,7 +127,10 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
     for name, axle, shaft, voltage in zip("fr", axles, shafts, voltages, strict=True):
         rate = axle.state.rate
         rates[f"angle_{name}"] = rate
-        rates[f"rate_{name}"] = (axle.drive_torque + axle.rim_load) / p.chassis.wheel_inertia  # (23)
+        turning = (axle.drive_torque + axle.rim_load) / p.chassis.wheel_inertia  # (23)
+        for e, own in hooks:
+            turning = e.rim_acceleration(turning, axle, p, own)
+        rates[f"rate_{name}"] = turning
         rates[f"current_{name}"] = current_rate(p.drive, voltage, shaft.rate, axle.current)  # (24)
         outputs |= _axle_outputs(name, axle, voltage, rate * p.wheels.radius)
         sensors |= {f"enc_{name}_rad": shaft.angle, f"cur_{name}_A": axle.current}

@@ -42,6 +42,10 @@ def quiet(i: int, channel: str) -> float:
     return 0.0
 
 
+def the_same(i: int, channel: str) -> Any:
+    return 5 * np.sin(2 * np.pi * 3.3 * T)
+
+
 def test_independent_noise_is_no_disturbance() -> None:
     assert max(found(3, quiet, seed=s).score for s in range(100)) < CHANCE
 
@@ -68,14 +72,18 @@ def test_a_wave_whose_phase_differs_from_trial_to_trial_is_found_with_its_band()
 
 
 def test_what_is_the_same_each_time_is_none() -> None:
-    assert not found(3, lambda i, c: 5 * np.sin(2 * np.pi * 3.3 * T), seed=0).plain
+    assert not found(3, the_same, seed=0).plain
 
 
 def test_a_vibration_of_the_imu_alone_is_none() -> None:
     shared = np.random.default_rng(3).normal(size=(12, BINS))
     imu = ("accel_x", "pitch_rate")
-    assert not found(3, lambda i, c: shared[i] if c in imu else 0.0, seed=0).plain
+
+    def vibration(i: int, channel: str) -> Any:
+        return shared[i] if channel in imu else 0.0
+
+    assert not found(3, vibration, seed=0).plain
 
 
 def test_without_repetitions_nothing_can_be_said() -> None:
-    assert found(1, lambda i, c: 5 * np.sin(T), seed=0).score == 0.0
+    assert found(1, the_same, seed=0).score == 0.0
