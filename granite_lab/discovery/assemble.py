@@ -102,6 +102,7 @@ def assemble(
         seed=seed,
         virtual=virtual,
         runs=problem.bench.runs,
+        unrepeated=judgement.unrepeated,
         self_check=self_check,
     )
 

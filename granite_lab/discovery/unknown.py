@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from granite_lab.discovery.baseline import noise_energy, pure_error
 from granite_lab.discovery.empirical import EmpiricalLaw, amounts, sparse
-from granite_lab.discovery.finding import Verdict
+from granite_lab.discovery.finding import Unrepeated, Verdict
 from granite_lab.discovery.lackfit import largest_score, null_threshold
 from granite_lab.discovery.point import Fit
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.refit import misfit, refit, with_effect
 from granite_lab.discovery.select import Choice, settle
 from granite_lab.discovery.signature import signatures
-from granite_lab.discovery.unrepeated import Unrepeated, unrepeated
+from granite_lab.discovery.unrepeated import unrepeated
 
 MARGIN = 0.5
 LEAST = 6.0
@@ -43,8 +43,8 @@ class Judgement:
         threshold: of the map.
         score_before, score_after: largest score without effects and with the named ones.
         closed: share of the misfit that the named effects close; NaN without any.
-        law: drop of chi2 by the empirical law.
         unrepeated: what repetitions do not share and several sensors see, with the named effects.
+        law: drop of chi2 by the empirical law.
     """
 
     verdict: Verdict
@@ -53,8 +53,8 @@ class Judgement:
     score_before: float
     score_after: float
     closed: float
+    unrepeated: Unrepeated
     law: float = 0.0
-    unrepeated: Unrepeated = field(default_factory=Unrepeated)
 
 
 def judge(
@@ -82,11 +82,11 @@ def judge(
     calm = after <= threshold and not poor
     if not apart.plain and (calm or (choice.effects and closed >= CLOSED)):
         verdict: Verdict = "named" if choice.effects else "none"
-        return Judgement(verdict, choice.fit, threshold, before, after, closed)
+        return Judgement(verdict, choice.fit, threshold, before, after, closed, apart)
     # where all that repeats is explained there is nothing to learn a law from
     law = None if calm and not choice.effects else empirical_law(problem, base, max(evidence, TERM * first))
     fit = law if law is not None else base
-    return Judgement("unknown", fit, threshold, before, after, closed, base.chi2 - fit.chi2, apart)
+    return Judgement("unknown", fit, threshold, before, after, closed, apart, base.chi2 - fit.chi2)
 
 
 def empirical_law(problem: Problem, base: Fit, least: float) -> Fit | None:

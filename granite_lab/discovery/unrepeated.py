@@ -9,42 +9,16 @@ under the null the products of their pure errors average out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from scipy.fft import dct
 
 from granite_lab.discovery.baseline import by_command, channels_of
+from granite_lab.discovery.finding import Unrepeated
 from granite_lab.discovery.lackfit import BANDS, rows_of
 from granite_lab.discovery.problem import Problem
 from granite_lab.logs.trial import Array
-
-CHANCE = 4.5
-"""Standard deviations above which it is no chance: among some eighty pairs and bands one set of a thousand
-reaches it, one of a hundred where the noise is learnt 20 % too low."""
-
-
-@dataclass(frozen=True)
-class Unrepeated:
-    """The pair of channels whose pure errors go together most clearly.
-
-    Attributes:
-        score: in standard deviations of what independent noise gives; 0 where nothing was repeated.
-        first, second: channels.
-        low, high: band of frequency [Hz].
-    """
-
-    score: float = 0.0
-    first: str = ""
-    second: str = ""
-    low: float = 0.0
-    high: float = 0.0
-
-    @property
-    def plain(self) -> bool:
-        """It is more than chance."""
-        return self.score > CHANCE
 
 
 def unrepeated(problem: Problem, error: Sequence[Array]) -> Unrepeated:

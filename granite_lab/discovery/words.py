@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granite_lab.discovery.finding import FoundEffect, Gap
+from granite_lab.discovery.finding import CHANCE, FoundEffect, Gap
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.select import Choice
 from granite_lab.discovery.unknown import Judgement
-from granite_lab.discovery.unrepeated import CHANCE
 
 
 def sentence(judgement: Judgement, effects: Sequence[FoundEffect], gap: Gap) -> str:

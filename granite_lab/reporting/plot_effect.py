@@ -112,7 +112,9 @@ def sizes(imprint: Imprint) -> str:
     """Return the parameters with units."""
     active = imprint.active
     return ", ".join(
-        f"{p.name} = {with_unit(significant(value, 2), tidy_unit(p.unit))}".replace("\u00a0°", "°")
+        f"{p.name.replace('_', ' ')} = {with_unit(significant(value, 2), tidy_unit(p.unit))}".replace(
+            "\u00a0°", "°"
+        )
         for p, value in zip(active.effect.parameters, active.values, strict=True)
     )
 

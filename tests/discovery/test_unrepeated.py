@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from granite_lab.discovery.baseline import pure_error
+from granite_lab.discovery.finding import CHANCE, Unrepeated
 from granite_lab.discovery.problem import Problem
-from granite_lab.discovery.unrepeated import CHANCE, Unrepeated, unrepeated
+from granite_lab.discovery.unrepeated import unrepeated
 
 BINS, WIDTH, COMMANDS = 400, 0.02, 4
 T = WIDTH * np.arange(BINS)

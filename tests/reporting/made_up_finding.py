@@ -13,6 +13,7 @@ from granite_lab.discovery.finding import (
     FoundParameter,
     Gap,
     Residual,
+    Unrepeated,
     Verdict,
 )
 from granite_lab.discovery.lackfit import Disagreement
@@ -104,6 +105,7 @@ def made_up_finding(
         seed=0,
         virtual=virtual,
         runs=100,
+        unrepeated=Unrepeated(),
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granite_lab.discovery import Finding
-from granite_lab.discovery.finding import FoundEffect, FoundParameter
+from granite_lab.discovery.finding import FoundEffect, FoundParameter, Gap, Unrepeated
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
@@ -182,6 +182,25 @@ def test_names_to_type_do_not_stand_in_sentences() -> None:
     assert in_plain_words("The best candidates (com_offset) close 34 %.", finding) == (
         "The best candidates (centre-of-mass offset) close 34 %."
     )
+
+
+def test_what_differs_from_trial_to_trial_is_said_with_the_sensors_that_show_it() -> None:
+    seen = Unrepeated(9.3, "pitch_rate", "current_f", 0.0, 2.0)
+    quiet = dataclasses.replace(
+        made_up_finding("unknown"),
+        effects=(),
+        map_after=3.0,
+        gap=Gap("all", "all", (1, 1, 1), (1, 1, 1)),
+        unrepeated=seen,
+    )
+    text = missing_answer(quiet).text
+    assert "not the same in each trial" in text
+    assert "pitch rate and front motor current go together between 0 Hz and 2 Hz (9.3 standard" in text
+    assert "What repeats is explained" in text
+    assert "candidates" not in text
+    besides = missing_answer(dataclasses.replace(made_up_finding("unknown"), unrepeated=seen)).text
+    assert "candidates" in besides
+    assert "It is not the same in each trial" in besides
 
 
 def test_advice_fits_the_verdict() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from granite_lab.discovery.finding import Finding
+from granite_lab.discovery.finding import CHANCE, Finding
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.discovery.names import describe, either, listed, plain, quantities, spoken
 from granite_lab.reporting.discovery.sizes import picked, shares
@@ -36,6 +36,10 @@ def missing_answer(finding: Finding) -> Answer:
             ("one effect", "two effects", "three effects")[min(len(finding.effects), 3) - 1],
             "fair" if left or any(e.twins for e in finding.effects) else "good",
         )  # fmt: skip
+    apart = _apart(finding)
+    if apart and not finding.effects and finding.map_after <= finding.map_threshold:
+        said = ["Something that is not the same in each trial.", apart, "What repeats is explained."]
+        return Answer("missing", QUESTION, " ".join([*said, _gap(finding)]), "not known", "bad")
     n = len(finding.rounds[0]) if finding.rounds else 0
     parts = [f"Something that none of the {n} candidates explains."]
     tried = [plain(i) for i in (picked(finding, k) for k in range(len(finding.rounds))) if i is not None]
@@ -47,6 +51,8 @@ def missing_answer(finding: Finding) -> Answer:
         if finding.effects
         else "No empirical law explains it either."
     )
+    if apart:
+        parts.append(f"It is not the same in each trial. {apart}")
     return Answer("missing", QUESTION, " ".join([*parts, _gap(finding)]), "not known", "bad")
 
 
@@ -152,6 +158,18 @@ def _evidence(finding: Finding) -> str:
     return (
         f"{each} {evidence(least)}; chance alone reaches {significant(finding.threshold, 2)} in one set "
         "of trials in a hundred."
+    )
+
+
+def _apart(finding: Finding) -> str:
+    """Say which sensors see what the repetitions do not share; empty where it is no more than chance."""
+    seen = finding.unrepeated
+    if not seen.plain:
+        return ""
+    return (
+        f"In what the repetitions do not share, {spoken(seen.first)} and {spoken(seen.second)} go together "
+        f"between {seen.low:g} Hz and {seen.high:g} Hz ({significant(seen.score, 2)} standard deviations; "
+        f"chance stays below {CHANCE:g})."
     )
 
 
