@@ -42,17 +42,19 @@ def missing_answer(finding: Finding) -> Answer:
         return Answer("missing", QUESTION, " ".join([*said, _gap(finding)]), "not known", "bad")
     n = len(finding.rounds[0]) if finding.rounds else 0
     parts = [f"Something that none of the {n} candidates explains."]
+    if apart:
+        parts.append(f"It is not the same in each trial. {apart}")
     tried = [plain(i) for i in (picked(finding, k) for k in range(len(finding.rounds))) if i is not None]
     if tried:
-        each = "explains" if len(tried) == 1 else "together explain"
-        parts.append(f"What came closest, {listed(tried)}, {each} too little to be named.")
+        one = len(tried) == 1
+        little = ("explains" if one else "together explain") + " too little to be named"
+        unlike = ("does" if one else "do") + " not explain that, however much of the rest"
+        parts.append(f"What came closest, {listed(tried)}, {unlike if apart else little}.")
     parts.append(
         f"An empirical law stands in for it, {quantities(finding.effects[0])}: a description, no physics."
         if finding.effects
         else "No empirical law explains it either."
     )
-    if apart:
-        parts.append(f"It is not the same in each trial. {apart}")
     return Answer("missing", QUESTION, " ".join([*parts, _gap(finding)]), "not known", "bad")
 
 
