@@ -15,7 +15,7 @@ from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
 from granite_lab.reporting.answers import law_answer
-from granite_lab.reporting.discovery.answers import missing_answer
+from granite_lab.reporting.discovery.answers import missing_answer, sure_answer, where_answer
 from granite_lab.reporting.discovery.evidence import steps
 from granite_lab.reporting.discovery.names import describe, in_plain_words
 from granite_lab.reporting.discovery.next_steps import next_steps
@@ -197,6 +197,8 @@ def test_what_differs_from_trial_to_trial_is_said_with_the_sensors_that_show_it(
     assert "not the same in each trial" in text
     assert "pitch rate and front motor current go together between 0 Hz and 2 Hz (9.3 standard" in text
     assert "What repeats is explained" in text
+    assert where_answer(dataclasses.replace(quiet, where=())).verdict == "elsewhere each time"
+    assert "What is left is more than noise" in sure_answer(quiet, library()).text
     assert "candidates" not in text
     besides = missing_answer(dataclasses.replace(made_up_finding("unknown"), unrepeated=seen)).text
     assert "candidates" in besides

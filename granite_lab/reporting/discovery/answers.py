@@ -89,7 +89,11 @@ def sure_answer(finding: Finding, known: Mapping[str, Effect]) -> Answer:
         )
     if finding.verdict == "named" and not twins:
         parts.append("No other candidate explains these trials as well.")
-    if finding.map_after <= finding.map_threshold:
+    if finding.unrepeated.plain:
+        parts.append(
+            "What is left is more than noise: the sensors agree about it, though it is never the same."
+        )
+    elif finding.map_after <= finding.map_threshold:
         parts.append("What is left is noise.")
     else:
         parts.append("What is left is more than noise.")
@@ -112,6 +116,9 @@ def gap_answer(finding: Finding) -> Answer:
 def where_answer(finding: Finding) -> Answer:
     """Say where the model without effects is off most."""
     question = "Where does it show?" if finding.verdict != "none" else "Is there a place where it is off?"
+    if not finding.where and finding.unrepeated.plain:
+        text = "No interval is off in the same way each time beyond what chance explains."
+        return Answer("where", question, f"{text} {_apart(finding)}", "elsewhere each time", "fair")
     if not finding.where:
         text = "No interval is off beyond what chance explains."
         return Answer("where", question, text, "nowhere", "good")
