@@ -99,7 +99,7 @@ class SupplySag(Influence):
     id = "supply_sag"
     title = "supply voltage that drops with the current"
     account = "source with resistance, bus capacitor of 20 ms, bridges that pass the same duty on"
-    declared = (Size("resistance", "ohm", "of the supply and its leads", 0.05, 0.2, 0, 2, kind="equivalent"),)
+    declared = (Size("resistance", "ohm", "of the supply and its leads", 0.05, 0.2, 0, 2),)
 
     def setup(self) -> None:
         """Claim the voltage of the bus."""
