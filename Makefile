@@ -11,8 +11,8 @@ DEV := .venv/.dev-installed
 help:
 	@echo "make study             analyse data/samples, write reports/samples/index.html"
 	@echo "make test              ruff, mypy and all tests"
-	@echo "make bench             measure speed and accuracy, write docs/bench-*.md"
-	@echo "make soak              the tests whose long parts are only sampled by make test, whole; 1,200 trials"
+	@echo "make bench             measure speed and accuracy, up to 1,200 trials (an hour), write docs/bench-*.md"
+	@echo "make soak              the tests whose long parts are only sampled by make test, whole"
 	@echo "make blind             an hour of hidden sets for discover, adds to docs/blind.md"
 	@echo "make samples           write the virtual sample trials again"
 	@echo "make clean             remove .venv and all caches"
@@ -45,7 +45,6 @@ types: $(DEV)
 
 soak: $(DEV)
 	GRANITE_SOAK=1 $(BIN)/python -m pytest -n 2 -rP
-	$(BIN)/python -m benchmarks.many_trials --counts 12,120,1200 --out docs/bench-many.md
 
 bench: bench-simulator bench-estimation bench-many
 
@@ -56,7 +55,7 @@ bench-estimation: $(DEV)
 	$(BIN)/python -m benchmarks.estimation --out docs/bench-estimation.md
 
 bench-many: $(DEV)
-	$(BIN)/python -m benchmarks.many_trials --counts 12,120 --out docs/bench-many.md
+	$(BIN)/python -m benchmarks.many_trials --counts 12,120,1200 --out docs/bench-many.md
 
 blind: $(DEV)
 	$(BIN)/python -m benchmarks.blind --minutes 60 --jobs 2 --out docs/blind.md

@@ -41,7 +41,7 @@ SAMPLES = Path(__file__).parent.parent / "data" / "samples"
 PAGE = """# Many trials
 
 Written by `python -m benchmarks.many_trials --counts {counts}{option} --out docs/bench-many.md`;
-`make bench-many` takes 12 and 120 trials, `make soak` 1,200, too. {machine}, Python {python},
+`make bench-many`, a part of `make bench`, does so. {machine}, Python {python},
 {jobs} processes; times are processor time of all processes.
 
 * **analysis**: from the log to the comparison with the model, nothing remembered, per trial; the start
