@@ -17,6 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import dct
 
 from granite_lab.discovery.baseline import by_command, channels_of
+from granite_lab.discovery.observation import Mask
 from granite_lab.discovery.problem import Problem
 from granite_lab.estimation.motion import PhaseName
 from granite_lab.logs.trial import Array
@@ -126,14 +127,23 @@ def window_scores(z: Array, width: float) -> Array:
     for length in (length for length in LENGTHS if length <= z.shape[0]):
         cut = sliding_window_view(z, length, axis=0)[:: length // 2]
         power = np.asarray(dct(cut, norm="ortho", axis=-1)) ** 2
-        f = np.arange(length) / (2 * length * width)
         scores = np.full((len(cut), len(BANDS), z.shape[1]), -np.inf)
-        for k, (low, high) in enumerate(BANDS):
-            inside = (f >= low) & (f < high)
+        for k, inside in enumerate(in_bands(length, width)):
             if inside.any():
                 scores[:, k] = _normal(power[..., inside].sum(axis=-1), int(inside.sum()))
         rows.append(scores)
     return np.concatenate(rows)
+
+
+def frequencies(n: int, width: float) -> Array:
+    """Return the (n,) frequencies of a cosine transform over n bins [Hz]."""
+    return np.arange(n) / (2 * n * width)
+
+
+def in_bands(n: int, width: float) -> list[Mask]:
+    """Return per band of `BANDS` which of the n frequencies lie in it."""
+    f = frequencies(n, width)
+    return [(f >= low) & (f < high) for low, high in BANDS]
 
 
 def _normal(energy: Array, freedom: int) -> Array:
@@ -214,7 +224,7 @@ def _runs(hit: Array, phase: tuple[str, ...]) -> list[tuple[int, int]]:
 def _describe(track: Track, a: int, b: int) -> Disagreement:
     z = track.z[a:b]
     power = np.asarray(dct(z, norm="ortho")) ** 2
-    f = np.arange(b - a) / (2 * (b - a) * track.width)
+    f = frequencies(b - a, track.width)
     return Disagreement(
         channel=track.channel,
         phase=cast("PhaseName", track.phase[(a + b) // 2]),

@@ -16,7 +16,7 @@ from scipy.fft import dct
 
 from granite_lab.discovery.baseline import by_command, channels_of
 from granite_lab.discovery.finding import Unrepeated
-from granite_lab.discovery.lackfit import BANDS, rows_of
+from granite_lab.discovery.lackfit import BANDS, in_bands, rows_of
 from granite_lab.discovery.problem import Problem
 from granite_lab.logs.trial import Array
 
@@ -56,8 +56,7 @@ def _products(
     """Return per pair of channels of different sensors, and band, the inner product of a trial's errors."""
     o = problem.trials[i].observation
     spectra = {c: np.asarray(dct(rows_of(problem, i, c, error), norm="ortho")) for c in channels}
-    frequency = np.arange(o.bins) / (2 * o.bins * o.width)
-    inside = [(frequency >= low) & (frequency < high) for low, high in BANDS]
+    inside = in_bands(o.bins, o.width)
     return [
         ((first, second, band), float(a[inside[band]] @ b[inside[band]]), int(inside[band].sum()))
         for (first, a), (second, b) in combinations(spectra.items(), 2)

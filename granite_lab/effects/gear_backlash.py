@@ -76,7 +76,7 @@ class GearBacklash(Effect):
         found: dict[str, Any] = {}
         for axle in axles:
             name = _name(axle)
-            plain = (axle.drive_torque + axle.rim_load) / p.chassis.wheel_inertia
+            plain = axle.rim_acceleration(p.chassis.wheel_inertia)
             motor = own.p["motor_share"] * p.chassis.wheel_inertia
             ahead = (axle.drive_torque - _teeth(axle, p, own)) / motor
             ahead -= self.rim_acceleration(plain, axle, p, own)

@@ -92,6 +92,10 @@ class Axle:
     drive_torque: Any
     rim_load: Any
 
+    def rim_acceleration(self, inertia: Any) -> Any:
+        """Return the angular acceleration of a rim of some inertia [rad/s^2], (23)."""
+        return (self.drive_torque + self.rim_load) / inertia
+
 
 class Effect:
     """A missing effect; a subclass overrides the hooks it needs and leaves the others alone.

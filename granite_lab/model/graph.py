@@ -127,7 +127,7 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
     for name, axle, shaft, voltage in zip("fr", axles, shafts, voltages, strict=True):
         rate = axle.state.rate
         rates[f"angle_{name}"] = rate
-        turning = (axle.drive_torque + axle.rim_load) / p.chassis.wheel_inertia  # (23)
+        turning = axle.rim_acceleration(p.chassis.wheel_inertia)
         for e, own in hooks:
             turning = e.rim_acceleration(turning, axle, p, own)
         rates[f"rate_{name}"] = turning
