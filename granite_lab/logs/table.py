@@ -64,8 +64,9 @@ def load(path: Path, dialect: Dialect, wanted: Sequence[int]) -> tuple[dict[int,
         except OSError as error:
             raise readable(error, path) from None
         except (ValueError, OverflowError, pd.errors.ParserError) as error:
-            find_fault(path, dialect, wanted)
-            raise InputError(f"{path}: not a table of numbers: {error}", "export the log again") from None
+            short = find_fault(path, dialect, wanted)
+            place = at(path, short) if short else str(path)
+            raise InputError(f"{place}: not a table of numbers: {error}", "export the log again") from None
     doubts: list[str] = []
     # Rows of blanks are rows to pandas but hold no delimiter; they also end up in the careful count.
     if dialect.delimiter != " " and counting.delimiters != len(frame) * (dialect.width - 1):

@@ -241,3 +241,12 @@ def test_counts_of_an_encoder_nobody_describes(tmp_path: Path) -> None:
     path.write_text(TEXT.replace("_rad,", "_counts,").replace("enc_rr_rad", "enc_rr_counts"))
     with pytest.raises(InputError, match="counts per wheel revolution are not known"):
         read_trial(path, robot=robot)
+
+
+def test_a_last_row_that_is_cut_off_within_a_broken_number_is_named_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "cut.csv"
+    rows = [f"{k / 100},0.1,0.0,9.81,0.0,0.0,0.0" for k in range(50)]
+    head = "t_s,imu_ax_mps2,imu_ay_mps2,imu_az_mps2,imu_gx_radps,imu_gy_radps,imu_gz_radps"
+    path.write_text("\n".join([head, *rows, "0.5,0.1,-0.07x"]) + "\n")
+    with pytest.raises(InputError, match=r"cut\.csv:52: not a table of numbers"):
+        read_trial(path)
