@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,9 +46,22 @@ def values_in(problem: Problem, fit: Fit, id_: str) -> tuple[float, ...]:
     return dict(problem.setting(point.effects, point.common, own))[id_]
 
 
-def rivals(
-    problem: Problem, fit: Fit, signs: Signatures, left: Mapping[str, Effect]
-) -> tuple[dict[str, tuple[str, ...]], Fit | None]:
+@dataclass(frozen=True, eq=False)
+class Rivals:
+    """What else could explain what the chosen effects of a fit explain.
+
+    Attributes:
+        twins: per chosen effect the candidates that explain the data as well in its place.
+        better: a clearly better fit with one of them, if there is one.
+        shared: per candidate the chi2 that it has in common with the chosen effect that is most like it.
+    """
+
+    twins: Mapping[str, tuple[str, ...]]
+    better: Fit | None
+    shared: Mapping[str, float]
+
+
+def rivals(problem: Problem, fit: Fit, signs: Signatures, left: Mapping[str, Effect]) -> Rivals:
     """Test for each effect of a fit which other candidate could stand in its place.
 
     What the effect contributes is regressed on the signatures of each candidate, all nuisances free;
@@ -59,16 +72,14 @@ def rivals(
         fit: with the chosen effects.
         signs: signatures of the other candidates around it.
         left: those candidates.
-
-    Returns:
-        per chosen effect the candidates that explain the data as well, and a clearly better fit if
-        there is one.
     """
     found: dict[str, tuple[str, ...]] = {}
+    shared: dict[str, float] = {}
     better: Fit | None = None
     for id_ in fit.point.effects:
         twins = []
         size, remains = unlike(problem, fit, id_, signs, left)
+        shared |= {other: max(shared.get(other, 0.0), size - r) for other, r in remains.items()}
         close = sorted((r, other) for other, r in remains.items() if r < max(UNLIKE, UNLIKE_SHARE * size))
         for _, other in close[:MOST_TWINS]:
             rival = _in_place(problem, fit, id_, other)
@@ -85,7 +96,7 @@ def rivals(
             ):
                 better = rival
         found[id_] = tuple(twins)
-    return found, better
+    return Rivals(found, better, shared)
 
 
 def unlike(

@@ -89,6 +89,13 @@ def notes(
             found.append(f"{t.effect} was not evaluated: its fit ended at a bound ({', '.join(t.bounds)}).")
         elif t.status == "not converged":
             found.append(f"{t.effect} was not evaluated: with it the simulation or the fit fails here.")
+    related = [t for t in choice.rounds[-1] if t.status == "related"] if choice.rounds else []
+    if judgement.verdict == "named" and related:
+        found.append(
+            f"{' and '.join(t.effect for t in related)} would explain a little of what is left "
+            f"(chi2 falls by {max(t.evidence for t in related):.0f}), no more than a fault in the formula of "
+            f"{' or '.join(choice.effects)} could, which they resemble: not named."
+        )
     for e in effects:
         for p in e.parameters:
             if p.per_trial and np.isfinite(p.estimate.value):

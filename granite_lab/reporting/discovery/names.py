@@ -40,6 +40,7 @@ STATUS = {
     "screened only": "first look only",
     "at a bound": "ended at a bound",
     "not converged": "did not converge",
+    "related": "may only mend a formula",
 }
 """How far a candidate was tried, as a reader is told."""
 

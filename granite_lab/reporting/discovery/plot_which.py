@@ -13,7 +13,7 @@ from granite_lab.reporting.discovery.names import STATUS, listed, plain
 from granite_lab.reporting.discovery.sizes import picked
 from granite_lab.reporting.rounding import evidence, significant
 
-MARKERS = {"evaluated": "o", "screened only": ".", "at a bound": "x", "not converged": "+"}
+MARKERS = {"evaluated": "o", "screened only": ".", "at a bound": "x", "not converged": "+", "related": "D"}
 MOST = 12
 """Candidates of a later round that are drawn."""
 
@@ -72,6 +72,11 @@ def _describe(finding: Finding, found: tuple[Candidate, ...], chosen: str | None
         if best.evidence <= finding.threshold:
             text = f"no candidate reaches the {chance} that chance alone reaches in one set of 100"
             return _sentence(f"{given}{text} (best: {plain(best.id)}, {evidence(best.evidence)}).")
+        if best.status == "related":
+            return _sentence(
+                f"{given}{plain(best.id)} comes closest with {evidence(best.evidence)} (chance: {chance}), "
+                "but it is like what is in the model already: a fault in that formula could do as much."
+            )
         return _sentence(
             f"{given}{plain(best.id)} comes closest with {evidence(best.evidence)} (chance: {chance}), "
             "but it does not count: it explains too little, or it does not hold on trials left out."
