@@ -10,8 +10,9 @@ import numpy as np
 from granite_lab.discovery.adjust import ROUGH, SEARCH
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.bench import SAND
+from granite_lab.discovery.follow import followed, simulated
 from granite_lab.discovery.noise import FAST, LEARNT, learn, white
-from granite_lab.discovery.point import Fit
+from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
 from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array
@@ -36,15 +37,17 @@ ROUNDS = (ROUGH, SEARCH)
 FAR = 5.0
 """chi2 per number from which on a fit is far from noise."""
 
+MANY, FEW = 4, 2
+"""How often a fit may differentiate anew: near noise, and far from it."""
+
 STILL = 1e-3
 """Share of the full speed below which a wheel counts as standing."""
 
-WEAK_SANDS = (
-    {"friction_angle": -0.25, "tyre_friction": 0.10},
-    {"friction_angle": -0.12, "tyre_friction": 0.08},
-)
-"""Further starts, in sand whose own strength limits the shear stress: the other branch of (10). From near
-its border a first step may lead back; from far away it may not converge."""
+WEAKER = tuple(-0.05 * k for k in range(1, 10))
+"""Logarithm of φ over that of a fit, where the sand's own strength may begin to limit the shear stress."""
+
+GIVES = 1.01
+"""Rise of chi2 that shows that it does."""
 
 
 def begin(problem: Problem) -> None:
@@ -99,19 +102,41 @@ def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> 
 
 
 def from_weak_sand(problem: Problem, fit: Fit) -> Fit:
-    """Try the other starts under the noise as it stands; return the best fit."""
-    best = fit
-    for weak in WEAK_SANDS:
-        sand = np.array([weak.get(name, 0.0) for name in SAND])
-        goal = best.chi2 if best.chi2 > FAR * problem.count else np.inf
-        try:
-            start = replace(problem.neutral(), sand=sand)
-            other = adjust(problem, start, renew=2, goal=goal, fine=False)
-        except EstimateError:  # so weak that the robot digs itself in
-            continue
-        if other.chi2 < best.chi2:
-            best = other
-    return best
+    """Try the other branch of (10) under the noise as it stands; return the better fit.
+
+    Where friction on the tyre is the smaller limit of the shear stress, the strength of the sand has no
+    effect, and no derivative tells of the fit in which it has. So φ is lowered until it begins to have.
+    """
+    start = _where_sand_gives(problem, fit)
+    if start is None:
+        return fit
+    far = fit.chi2 > FAR * problem.count
+    try:
+        other = adjust(problem, start, renew=FEW if far else MANY, goal=fit.chi2 if far else np.inf)
+    except EstimateError:  # so weak that the robot digs itself in
+        return fit
+    return other if other.chi2 < fit.chi2 else fit
+
+
+def _where_sand_gives(problem: Problem, fit: Fit) -> Point | None:
+    """Return the fit's point in sand just so weak that it shows; None where it never does."""
+    here = simulated(problem, fit.point)
+    if here is None:
+        return None
+    points = []
+    for change in WEAKER:
+        sand = fit.point.sand.copy()
+        sand[SAND.index("friction_angle")] += change
+        points.append(replace(fit.point, sand=sand))
+    problem.bench.run([problem.centre(p, v) for p in points for v in problem.variants])  # side by side
+    for point in points:
+        weak = followed(problem, here, fit.point, point, fit.slopes)
+        if weak is None:
+            return None
+        chi2 = problem.chi2(problem.white(problem.residuals(point, weak.trials)), point)
+        if chi2 > GIVES * fit.chi2:
+            return point
+    return None
 
 
 def by_command(problem: Problem) -> list[list[int]]:
@@ -136,7 +161,7 @@ def baseline(problem: Problem, tick: Callable[[], None] = lambda: None) -> Fit:
         tick()
         learn_noise(problem, fit.residuals)
         # corners of the sand matter where the fit is good; far from noise an effect will move it anyway
-        renew = 4 if fit.chi2 < FAR * problem.count else 2
+        renew = MANY if fit.chi2 < FAR * problem.count else FEW
         fit = adjust(problem, fit.point, slopes=fit.slopes, rounds=14, renew=renew, tolerance=tolerance)
     return fit
 

@@ -51,6 +51,11 @@ class Task:
     sand: Values
     setting: Setting = ()
 
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The effects."""
+        return tuple(id_ for id_, _ in self.setting)
+
 
 @dataclass(frozen=True)
 class World:
@@ -139,7 +144,8 @@ class Bench:
             tasks: what to simulate; the same task is simulated once.
             keep: remember the signals for the next call.
         """
-        fresh = list(dict.fromkeys(task for task in tasks if task not in self._known))
+        # the same effects side by side, for a process builds the integrator of each set of effects anew
+        fresh = sorted(dict.fromkeys(t for t in tasks if t not in self._known), key=lambda task: task.ids)
         if self._respond is not None:
             found = self._respond(self.world, fresh)
         elif self._pool is None:
@@ -147,7 +153,7 @@ class Bench:
         else:
             try:
                 with starting():
-                    answers = self._pool.map(_work, fresh, chunksize=max(1, min(8, len(fresh) // 8)))
+                    answers = self._pool.map(_work, fresh, chunksize=max(1, min(16, len(fresh) // 8)))
                 found = list(answers)
             except BrokenProcessPool:
                 raise EstimateError(

@@ -10,6 +10,7 @@ import numpy as np
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.arrow import Block
 from granite_lab.discovery.baseline import noise_energy
+from granite_lab.discovery.bench import SAND
 from granite_lab.discovery.point import Fit, Point, Slopes
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.slopes import slopes_at
@@ -60,6 +61,7 @@ def refit(
     near: Slopes | None = None,
     goal: float = np.inf,
     before: Fit | None = None,
+    expected: float = np.inf,
 ) -> Fit | None:
     """Fit from several starts and keep the best; None where every start fails.
 
@@ -69,6 +71,7 @@ def refit(
         near: derivatives by the sand that are good enough to begin with.
         goal: chi2 that a fit must approach to be worth finishing.
         before: the fit without the effect; a start that explains nearly all that it left ends the search.
+        expected: drop of chi2 against that fit which ends the search, too, once a fit has converged.
     """
     best: Fit | None = None
     for start in starts:
@@ -79,15 +82,38 @@ def refit(
             continue
         if best is None or fit.chi2 < best.chi2:
             best = fit
-        if enough(problem, best) or (before is not None and _nearly_all(problem, before, best)):
+        if enough(problem, best) or (before is not None and _done(problem, before, best, expected)):
             break
     return best
 
 
-def _nearly_all(problem: Problem, before: Fit, after: Fit) -> bool:
-    """Tell whether a converged fit explains nearly all that another one left."""
+def plainly_needed(problem: Problem, fit: Fit, id_: str, least: float) -> bool:
+    """Tell without another fit that a shared strength of an effect is far from neutral.
+
+    Args:
+        problem: the trials.
+        fit: with the effect.
+        id_: of the effect.
+        least: square of the distance from the neutral value in standard deviations that is far.
+    """
+    named = [(e, problem.effect(e).parameters[k]) for e in fit.point.effects for k in problem.places(e)]
+    shared = [(e, p) for e, p in named if not p.per_trial]
+    variance = np.diag(covariance(problem, fit))[len(SAND) :]
+    return any(
+        e == id_ and not p.shape and (x - p.neutral) ** 2 > least * s
+        for (e, p), x, s in zip(shared, fit.point.common, variance, strict=True)
+    )
+
+
+def _done(problem: Problem, before: Fit, after: Fit, expected: float) -> bool:
+    """Tell whether a converged fit explains nearly all that another one left, or what was expected."""
+    return after.converged and (before.chi2 - after.chi2 > expected or nearly_all(problem, before, after))
+
+
+def nearly_all(problem: Problem, before: Fit, after: Fit) -> bool:
+    """Tell whether a fit explains nearly all that another one left."""
     noise = noise_energy(problem, after.white)
-    return after.converged and misfit(after.white, noise) < (1 - SETTLED) * misfit(before.white, noise)
+    return misfit(after.white, noise) < (1 - SETTLED) * misfit(before.white, noise)
 
 
 def enough(problem: Problem, fit: Fit) -> bool:

@@ -12,7 +12,16 @@ from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.baseline import learn_noise, noise_energy
 from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
-from granite_lab.discovery.refit import at_bound, enough, held_out, misfit, refit, with_effect
+from granite_lab.discovery.refit import (
+    at_bound,
+    enough,
+    held_out,
+    misfit,
+    nearly_all,
+    plainly_needed,
+    refit,
+    with_effect,
+)
 from granite_lab.discovery.rivals import freedom, rivals, without
 from granite_lab.discovery.screen import Score, evidence, scores
 from granite_lab.discovery.signature import Signatures, signatures
@@ -40,6 +49,10 @@ formula of that one may be wrong by some tenths in just that. Relatives that onl
 
 CLOSE = 0.5
 """Share of the best evidence at which the screen may be wrong about the order: such a candidate is fitted."""
+
+FAR_FROM_IDLE = 10.0
+"""A strength this many times the threshold from neutral, as its square over its variance, is not idle: only a
+fit tells how much worse the model is without it, but that far the quadratic is not wrong by so much."""
 
 MOST = 3
 
@@ -174,6 +187,8 @@ def _lost(candidates: Mapping[str, Effect], ranking: Sequence[Score], refused: s
 def _without_idle(problem: Problem, fit: Fit, threshold: float) -> Fit:
     """Drop effects that no longer explain anything beside the one that came last."""
     for id_ in fit.point.effects[:-1]:
+        if plainly_needed(problem, fit, id_, FAR_FROM_IDLE * threshold):
+            continue
         plain = without(problem, fit, id_, goal=fit.chi2)
         if plain is not None and (
             evidence(plain.chi2 - fit.chi2, freedom(problem, problem.effect(id_))) < threshold
@@ -220,7 +235,9 @@ def _try_all(problem: Problem, fit: Fit, promising: Sequence[Score]) -> tuple[Tr
     for score in promising:
         fits = [t.fit for t in tried if t.fit is not None and t.status == "evaluated"]
         best = max((t.evidence for t in tried if t.status == "evaluated"), default=0.0)
-        if score.evidence < CLOSE * best and any(enough(problem, f) for f in fits):
+        if score.evidence < CLOSE * best and any(
+            enough(problem, f) or nearly_all(problem, fit, f) for f in fits
+        ):
             break
         tried.append(_try(problem, fit, score, min((f.chi2 for f in fits), default=np.inf)))
     return tuple(sorted(tried, key=lambda t: -t.evidence))
@@ -228,7 +245,7 @@ def _try_all(problem: Problem, fit: Fit, promising: Sequence[Score]) -> tuple[Tr
 
 def _try(problem: Problem, fit: Fit, score: Score, goal: float) -> Trial:
     where = starts(problem, fit, score.effect, score.values, score.drop)
-    found = refit(problem, where, near=fit.slopes, goal=goal, before=fit)
+    found = refit(problem, where, near=fit.slopes, goal=goal, before=fit, expected=score.drop)
     if found is None:
         return Trial(score.effect, score, None, 0.0, (), "not converged")
     bounds = at_bound(problem, found)

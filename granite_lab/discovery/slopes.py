@@ -20,6 +20,9 @@ only small steps tell what each of them does there."""
 _EFFECT_STEP = 0.02
 """Step of a difference by an effect's parameter, as a share of its prior range."""
 
+_MOVING_STEP = 0.03
+"""The same by a parameter whose trace moves in time, as a share of its value."""
+
 
 def slopes_at(
     problem: Problem, point: Point, *, sand_from: Slopes | None = None, fine: bool = False
@@ -53,6 +56,8 @@ def slopes_at(
         for k, p in enumerate([*shared, *private]):
             values = np.concatenate([point.common, extra[v]])
             h = _EFFECT_STEP * (p.prior_high - p.prior_low)
+            if p.moving:  # blows come at other times already with a little more of it
+                h = float(np.clip(_MOVING_STEP * abs(values[k] - p.neutral), 0.1 * h, h))
             h = h if values[k] + h <= p.high else -h
             values[k] += h
             tasks.append(

@@ -110,7 +110,7 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
     q = np.array([0.85 * p.wheels.radius + p.chassis.com_z, 0.0] + extra * [0.0])
     limit = np.array(2 * [0.2 * p.wheels.radius] + extra * [np.inf])
     for _ in range(60):
-        residual, jacobian, place = (np.array(part) for part in f(q, vector))
+        residual, jacobian, place = (part.full() for part in f(q, vector))
         if not np.isfinite(jacobian).all():
             break
         step = np.linalg.lstsq(jacobian, residual[:, 0], rcond=None)[0]
