@@ -92,9 +92,9 @@ def notes(
     related = [t for t in choice.rounds[-1] if t.status == "related"] if choice.rounds else []
     if judgement.verdict == "named" and related:
         found.append(
-            f"{' and '.join(t.effect for t in related)} would explain a little of what is left "
-            f"(chi2 falls by {max(t.evidence for t in related):.0f}), no more than a fault in the formula of "
-            f"{' or '.join(choice.effects)} could, which they resemble: not named."
+            f"{' or '.join(t.effect for t in related)} would explain a little of what is left (evidence "
+            f"{max(t.evidence for t in related):.0f}), but so would a fault in the formula of "
+            f"{' or '.join(choice.effects)}, whose traces are alike: not named."
         )
     for e in effects:
         for p in e.parameters:

@@ -24,4 +24,4 @@ def test_what_a_strong_effect_leaves_by_another_formula_gets_no_name_of_its_own(
     (left,) = [c for c in finding.rounds[1] if c.id == "torque_constant_error"]
     assert left.status == "related"
     assert left.evidence > finding.threshold
-    assert any("torque_constant_error would explain a little" in note for note in finding.notes)
+    assert any("would explain a little of what is left" in note for note in finding.notes)
