@@ -52,17 +52,25 @@ def report(lines: Sequence[Line], *, every: bool = False) -> str:
         "trials (`benchmarks/results/detectable.json`). Intervals are 95 % Wilson intervals.",
         "Bold: aim missed.",
         "",
-        "| figure | measured (95 % interval) | aim |",
-        "|---|---|---|",
+        *_headline(kept, newest(kept)),
+        "",
     ]
-    for name, value, aim, met in headline(kept):
-        words.append(f"| {name} | {f'**{value}**' if met is False else value} | {aim} |")
-    words.append("")
     for section in (_nulls, _outcomes, _effects, _gaps, _outside, _parameters):
         rows = section(kept)
         # a table that ends with its rule has no rows
         words += [] if rows[-2].startswith("|---") else rows
     return "\n".join([*words, *missed(kept), ""])
+
+
+def _headline(lines: Sequence[Line], last: Sequence[Line]) -> list[str]:
+    """Return the table of the figures that have an aim; beside them those of the last code alone."""
+    alone = len(last) < len(lines)
+    title = f" by code {last[-1].get('code')} alone |" if alone else ""
+    rows = [f"| figure | measured (95 % interval) |{title} aim |", "|---|---|---|" + "---|" * alone]
+    for (name, value, aim, met), (_, own, _, _) in zip(headline(lines), headline(last), strict=True):
+        shown = f"**{value}**" if met is False else value
+        rows.append(f"| {name} | {shown} |{f' {own} |' if alone else ''} {aim} |")
+    return rows
 
 
 def _sets(count: int) -> str:
