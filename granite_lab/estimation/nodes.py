@@ -44,9 +44,9 @@ class Nodes:
         lost: (K,) rolled minus travelled distance by the mean slip ratio alone [m].
         mean_slip: (K,) that slip ratio, to which S and G are deviations.
         w: (K,) signed wheel speed [m/s], floor included, that turns slip ratio into slip velocity.
-        F, Q: (K, 12, 12) transition and noise into each node.
+        F, Q: (K, 13, 13) transition and noise into each node.
         updates: (K,) lists of measurements.
-        x0, P0: (12, 1) and (12, 12) initial state and covariance.
+        x0, P0: (13, 1) and (13, 13) initial state and covariance.
         thinned: nodes are sparser than the IMU's samples in motion.
     """
 
@@ -204,12 +204,14 @@ def build(
         mean_slip = np.clip(mean_slip + slip.thrust * push(imu)[index], -0.4, 0.4)
     loss = np.where(moving, mean_slip * (w if slip.memory else speed), 0.0)
     lost = np.cumsum(loss * dt)
+    # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
+    going = speed - (loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
     omega = 2 * np.pi * noise.vibration_frequency
     F = process.transitions(
         dt, coupling, moving, w, slip, None if imu.has_pitch_rate else np.zeros(1, dtype=bool), omega,
-        noise.vibration_damping,
+        noise.vibration_damping, np.diff(going, prepend=going[0]),
     )  # fmt: skip
-    accel = np.full(t.size, np.hypot(noise.accel, noise.accel_motion))
+    accel = np.full(t.size, np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps)))
     if aside is not None:
         accel = np.hypot(accel, aside.noise(nominal.heading_rate)[index])
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
@@ -242,7 +244,7 @@ def build(
     std = np.array([
         1e-6, np.hypot(1e-6, start), v_std, noise.pitch, noise.accel_bias,
         max(noise.gyro_bias, abs(nominal.gyro_bias)), 1e-7 if rest[0] else noise.motion_bias,
-        1e-6 if rest[0] else slip.limit, 1e-6 if rest[0] else slip.scatter, offset_std,
+        1e-6 if rest[0] else slip.limit, 1e-6 if rest[0] else slip.scatter, offset_std, noise.accel_scale,
         1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
     return Nodes(

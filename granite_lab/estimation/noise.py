@@ -30,8 +30,10 @@ class Noise:
     Attributes:
         accel, gyro: white noise [m/s^2 sqrt(s)], [rad/s sqrt(s)].
         accel_motion: white noise that is there only in motion, below the vibration's band.
+        accel_stamps: what the stamps' scatter makes of vibration; where both show, the larger counts.
         accel_bias, gyro_bias: std before the first standstill [m/s^2], [rad/s]; the former with tilt.
         accel_walk, gyro_walk: random walk of the biases [m/s^2/sqrt(s)], [rad/s/sqrt(s)].
+        accel_scale: std of the accelerometer's scale error [-].
         pitch: std of the pitch at the start [rad].
         motion_bias: std of a bias that is there only in motion [m/s^2].
         vibration: rms of the frame's vibration along x in motion [m/s^2] at `vibration_speed` [m/s].
@@ -42,10 +44,12 @@ class Noise:
     accel: float
     gyro: float
     accel_motion: float
+    accel_stamps: float
     accel_bias: float
     gyro_bias: float
     accel_walk: float
     gyro_walk: float
+    accel_scale: float
     pitch: float
     motion_bias: float
     vibration: float
@@ -59,10 +63,12 @@ class Noise:
             "accel_noise_mps2_sqrts": self.accel,
             "gyro_noise_radps_sqrts": self.gyro,
             "accel_noise_in_motion_mps2_sqrts": self.accel_motion,
+            "accel_noise_by_stamps_mps2_sqrts": self.accel_stamps,
             "accel_bias_prior_mps2": self.accel_bias,
             "gyro_bias_prior_radps": self.gyro_bias,
             "accel_bias_walk_mps2_per_sqrts": self.accel_walk,
             "gyro_bias_walk_radps_per_sqrts": self.gyro_walk,
+            "accel_scale_error_prior": self.accel_scale,
             "motion_bias_prior_mps2": self.motion_bias,
             "vibration_mps2": self.vibration,
             "vibration_frequency_hz": self.vibration_frequency,
@@ -107,6 +113,26 @@ def white(t: Array, signal: Array, rests: Sequence[Interval], prior: float) -> f
         if abs(np.log(max(long_var, 1e-30) / fine_var)) > 3.0 * np.sqrt(2.0 / n_long):
             return float(np.sqrt(long_var))
     return float(np.sqrt(fine_var))
+
+
+def stamp_noise(imu: BodyImu, moving: np.ndarray) -> float:
+    """White noise density [m/s^2 sqrt(s)] that the stamps' scatter makes of vibration in motion.
+
+    Integrated by the trapezoidal rule, a stamp that is off by d changes the velocity by d times half the
+    difference of the samples before and after it. The scatter is that of stamps about an even spacing,
+    by their second differences, whose variance is six times that of one stamp.
+
+    Args:
+        imu: samples in robot axes.
+        moving: (N,) True in motion.
+    """
+    period = float(np.median(np.diff(imu.t)))
+    step = imu.forward[2:] - imu.forward[:-2]
+    shaken = step[moving[1:-1] & np.isfinite(step)]
+    if shaken.size < 8:
+        return 0.0
+    uneven = 1.4826 * float(np.median(np.abs(np.diff(imu.t, n=2)))) / np.sqrt(6.0)
+    return float(uneven * 0.5 * np.sqrt(np.mean(shaken**2) / period))
 
 
 def vibration(
@@ -171,10 +197,12 @@ def identify(
         accel=accel,
         gyro=gyro,
         accel_motion=0.0,
+        accel_stamps=stamp_noise(imu, moving),
         accel_bias=float(np.hypot(grade.accel_bias, GRAVITY * tilt)),
         gyro_bias=grade.gyro_bias,
         accel_walk=float(np.hypot(grade.accel_instability * np.sqrt(2.0 / grade.instability_time), attitude)),
         gyro_walk=grade.gyro_instability * float(np.sqrt(2.0 / grade.instability_time)),
+        accel_scale=grade.accel_scale,
         pitch=float(np.radians(2.0)),
         motion_bias=float(np.hypot(2.0 * grade.accel_instability, blind)),
         vibration=rms,

@@ -6,7 +6,8 @@ The states are corrections to the nominal motion of `integration`, so they chang
     v  = v_nominal + V - PD         velocity of R
     pitch = pitch_nominal + TH
 
-    dV/dt  = g cos(pitch) TH - BA - BM         accelerometer bias with mounting tilt; motion-only bias
+    dV/dt  = g cos(pitch) TH - BA - BM - K a   accelerometer bias with mounting tilt; motion-only bias;
+                                               scale error K times the acceleration a
     dTH/dt = -BG
     dD/dt  = (S + G) w                         D: rolled minus travelled distance, w: wheel speed
                                                (what the onset's mean slip ratio makes is taken out)
@@ -24,10 +25,10 @@ import numpy as np
 
 from granite_lab.logs.trial import Array
 
-X, D, V, TH, BA, BG, BM, S, G, TAU, P, PD = range(12)
-SIZE = 12
+X, D, V, TH, BA, BG, BM, S, G, TAU, K, P, PD = range(13)
+SIZE = 13
 
-TINY = np.array([1e-8, 1e-8, 1e-7, 1e-9, 1e-9, 1e-10, 1e-8, 1e-7, 1e-7, 1e-8, 1e-9, 1e-8])
+TINY = np.array([1e-8, 1e-8, 1e-7, 1e-9, 1e-9, 1e-10, 1e-8, 1e-7, 1e-7, 1e-8, 1e-9, 1e-9, 1e-8])
 """Std added per step, so that no predicted covariance is singular, in each state's own unit."""
 
 V_FLOOR = 0.02
@@ -61,7 +62,7 @@ class SlipModel:
     walk: float = 0.005
     ramp: float = 0.25
     scatter: float = 0.06
-    time: float = 2.5
+    time: float = 2.0
     bounded: bool = False
     limit: float = 0.5
     limit_time: float = 300.0
@@ -82,8 +83,9 @@ def transitions(
     gyro: np.ndarray | None,
     omega: float,
     zeta: float,
+    gain: Array,
 ) -> Array:
-    """(K, 12, 12) transition matrices into each node from the one before.
+    """(K, 13, 13) transition matrices into each node from the one before.
 
     Args:
         dt: (K,) steps, dt[0] = 0 [s].
@@ -93,6 +95,7 @@ def transitions(
         slip: model of the slip ratio.
         gyro: None, or False where no pitch gyro carries the pitch.
         omega, zeta: natural frequency [rad/s] and damping of the vibration.
+        gain: (K,) velocity that the accelerometer adds in the step [m/s].
     """
     F = np.zeros((dt.size, SIZE, SIZE))
     F[:] = np.eye(SIZE)
@@ -105,6 +108,7 @@ def transitions(
     F[:, V, BA] = F[:, V, BM] = -on * dt
     F[:, V, BG] = -on * coupling * dt**2 / 2
     F[:, TH, BG] = -on * dt
+    F[:, V, K], F[:, X, K] = -on * gain, -0.5 * on * gain * dt
     F[:, D, S] = F[:, D, G] = on * w * dt
     F[:, BM, BM] = on
     F[:, S, S] = on * (np.exp(-dt / slip.limit_time) if slip.bounded else 1.0)
@@ -135,7 +139,7 @@ def noises(
     accel_walk: float,
     gyro_walk: float,
 ) -> Array:
-    """(K, 12, 12) process noise of the inertial states over each step.
+    """(K, 13, 13) process noise of the inertial states over each step.
 
     Args:
         dt, coupling, moving: as in `transitions`.

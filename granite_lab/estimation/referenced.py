@@ -63,7 +63,7 @@ def refer(problem: Problem, offset: Estimate, slip_std: float | None = None) -> 
     """
     base = FIRM if slip_std is None else dataclasses.replace(FIRM, steady=0.0, limit=slip_std)
     accel, rms = shaking(problem)
-    noise = dataclasses.replace(problem.noise, accel_motion=accel, vibration=rms)
+    noise = dataclasses.replace(problem.noise, accel_motion=accel, accel_stamps=0.0, vibration=rms)
     problem = dataclasses.replace(problem, slip=base, noise=noise)
     figures: Figures = {name: median for name, (median, _) in PRIOR.items()}
     for _ in range(2):
