@@ -16,6 +16,7 @@ from granite_lab.discovery.plan_conditions import PLAIN, Conditions
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, peak_velocity
 from granite_lab.parameters import Robot, Soil, Variant
+from granite_lab.processes import one_thread
 
 LAGS = 60
 """Bins over which the noise is remembered, 1.2 s of a bin of 20 ms; it fades to nothing towards their end."""
@@ -67,6 +68,7 @@ class Design:
     virtual: bool
 
 
+@one_thread()
 def design_of(
     finding: Finding, variants: Mapping[str, Variant], under: Mapping[str, Conditions] | None = None
 ) -> Design:
