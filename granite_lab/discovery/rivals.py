@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,22 +46,9 @@ def values_in(problem: Problem, fit: Fit, id_: str) -> tuple[float, ...]:
     return dict(problem.setting(point.effects, point.common, own))[id_]
 
 
-@dataclass(frozen=True, eq=False)
-class Rivals:
-    """What else could explain what the chosen effects of a fit explain.
-
-    Attributes:
-        twins: per chosen effect the candidates that explain the data as well in its place.
-        better: a clearly better fit with one of them, if there is one.
-        shared: per candidate the chi2 that it has in common with the chosen effect that is most like it.
-    """
-
-    twins: Mapping[str, tuple[str, ...]]
-    better: Fit | None
-    shared: Mapping[str, float]
-
-
-def rivals(problem: Problem, fit: Fit, signs: Signatures, left: Mapping[str, Effect]) -> Rivals:
+def rivals(
+    problem: Problem, fit: Fit, signs: Signatures, left: Mapping[str, Effect], known: Mapping[str, Fit]
+) -> tuple[dict[str, tuple[str, ...]], Fit | None]:
     """Test for each effect of a fit which other candidate could stand in its place.
 
     What the effect contributes is regressed on the signatures of each candidate, all nuisances free;
@@ -72,17 +59,20 @@ def rivals(problem: Problem, fit: Fit, signs: Signatures, left: Mapping[str, Eff
         fit: with the chosen effects.
         signs: signatures of the other candidates around it.
         left: those candidates.
+        known: fits of candidates that were tried before, where a fit in an effect's place may begin.
+
+    Returns:
+        per chosen effect the candidates that explain the data as well, and a clearly better fit if
+        there is one.
     """
     found: dict[str, tuple[str, ...]] = {}
-    shared: dict[str, float] = {}
     better: Fit | None = None
     for id_ in fit.point.effects:
         twins = []
         size, remains = unlike(problem, fit, id_, signs, left)
-        shared |= {other: max(shared.get(other, 0.0), size - r) for other, r in remains.items()}
         close = sorted((r, other) for other, r in remains.items() if r < max(UNLIKE, UNLIKE_SHARE * size))
         for _, other in close[:MOST_TWINS]:
-            rival = _in_place(problem, fit, id_, other)
+            rival = _in_place(problem, fit, id_, other, known.get(other))
             if rival is None:
                 continue
             extra = freedom(problem, left[other]) - freedom(problem, problem.effect(id_))
@@ -96,7 +86,7 @@ def rivals(problem: Problem, fit: Fit, signs: Signatures, left: Mapping[str, Eff
             ):
                 better = rival
         found[id_] = tuple(twins)
-    return Rivals(found, better, shared)
+    return found, better
 
 
 def unlike(
@@ -144,17 +134,14 @@ def _neutral(problem: Problem, point: Point, id_: str) -> Array:
     )
 
 
-def _in_place(problem: Problem, fit: Fit, id_: str, other: str) -> Fit | None:
-    """Fit a candidate in the place of a chosen effect, from two sizes."""
-    kept = [e for e in fit.point.effects if e != id_]
-    point = replace(
-        problem.neutral(),
-        sand=fit.point.sand,
-        trials=tuple(x[: t.size] for t, x in zip(problem.trials, fit.point.trials, strict=True)),
-    )
-    for e in kept:
-        point = with_effect(problem, point, e, values_in(problem, fit, e))
+def _in_place(problem: Problem, fit: Fit, id_: str, other: str, tried: Fit | None) -> Fit | None:
+    """Fit a candidate in the place of a chosen effect, from the best of several sizes."""
+    point = _without(problem, fit, id_, fit)
     begin = []
+    if tried is not None:
+        begin.append(
+            with_effect(problem, _without(problem, fit, id_, tried), other, values_in(problem, tried, other))
+        )
     for share in (0.3, 1.0, -0.3):
         values = [p.neutral for p in problem.effect(other).parameters]
         for k in strengths(problem.effect(other)):
@@ -178,12 +165,17 @@ def without(problem: Problem, fit: Fit, id_: str, goal: float = np.inf) -> Fit |
         id_: the effect.
         goal: chi2 that the fit must approach to be worth finishing.
     """
-    kept = [e for e in fit.point.effects if e != id_]
+    return refit(problem, [_without(problem, fit, id_, fit)], goal=goal)
+
+
+def _without(problem: Problem, fit: Fit, id_: str, nuisances: Fit) -> Point:
+    """Return the effects of a fit but one, at the sand and the trials' numbers of this or another fit."""
     point = replace(
         problem.neutral(),
-        sand=fit.point.sand,
-        trials=tuple(x[: t.size] for t, x in zip(problem.trials, fit.point.trials, strict=True)),
+        sand=nuisances.point.sand,
+        trials=tuple(x[: t.size] for t, x in zip(problem.trials, nuisances.point.trials, strict=True)),
     )
-    for e in kept:
-        point = with_effect(problem, point, e, values_in(problem, fit, e))
-    return refit(problem, [point], goal=goal)
+    for e in fit.point.effects:
+        if e != id_:
+            point = with_effect(problem, point, e, values_in(problem, fit, e))
+    return point

@@ -22,6 +22,7 @@ from granite_lab.discovery.refit import (
     refit,
     with_effect,
 )
+from granite_lab.discovery.related import Relatives
 from granite_lab.discovery.rivals import freedom, rivals, without
 from granite_lab.discovery.screen import Score, evidence, scores
 from granite_lab.discovery.signature import Signatures, signatures
@@ -41,11 +42,6 @@ STRONG = 1000.0
 SHARE = 0.4
 """A further effect must explain at least this share of what is left: a formula that differs from nature's
 leaves something, too, of which some other candidate explains a part."""
-
-RELATED = 0.2
-"""A further effect must explain at least this share of what it has in common with one that was found: the
-formula of that one may be wrong by some tenths in just that. Relatives that only mended a formula brought
-0.02 and 0.09; true further effects, even the weak one of the samples, more than 1."""
 
 CLOSE = 0.5
 """Share of the best evidence at which the screen may be wrong about the order: such a candidate is fitted."""
@@ -118,7 +114,8 @@ def search(
     """
     fit, rounds = base, []  # type: Fit, list[tuple[Trial, ...]]
     twins: Mapping[str, tuple[str, ...]] = {}
-    shared: Mapping[str, float] = {}
+    known: dict[str, Fit] = {}
+    relatives = Relatives()
     refused: set[str] = set()
     while True:
         chosen = fit.point.effects
@@ -127,20 +124,21 @@ def search(
             tick("looking for twins and for a further effect")
             signs = signatures(problem, fit, left, small=bool(chosen))
         if chosen:
-            others = rivals(problem, fit, signs, left)
-            if others.better is not None:
-                fit = settle(problem, others.better)
+            twins, better = rivals(problem, fit, signs, left, known)
+            if better is not None:
+                fit = settle(problem, better)
+                relatives.replace(chosen, fit.point.effects)
                 chosen = fit.point.effects
                 left = {id_: e for id_, e in candidates.items() if id_ not in chosen}
                 signs = signatures(problem, fit, left, small=True)
-                others = rivals(problem, fit, signs, left)
-            twins, shared = others.twins, others.shared
+                twins, _ = rivals(problem, fit, signs, left, known)
         ranking = [s for s in scores(problem, fit, signs, left) if s.effect not in refused]
         remains = misfit(fit.white, noise_energy(problem, fit.white)) if chosen else 0.0
         least = max(threshold, SHARE * remains)
         tick("fitting the promising effects")
         tried = _try_all(problem, fit, _promising(ranking, threshold)) if len(chosen) < MOST else ()
-        tried = tuple(_or_related(t, least, RELATED * shared.get(t.effect, 0.0)) for t in tried)
+        known |= {t.effect: t.fit for t in tried if t.fit is not None}
+        tried = tuple(_or_related(t, least, relatives.least(t.effect, chosen)) for t in tried)
         rounds.append((*tried, *_untried(ranking, tried), *_lost(left, ranking, refused)))
         good = [t for t in tried if t.status == "evaluated" and t.evidence > least]
         winner = next((t for t in good if t.fit is not None and _generalises(problem, fit, t.fit)), None)
@@ -157,6 +155,7 @@ def search(
             ):
                 refused.add(winner.effect)
                 continue
+        relatives.add(winner.effect, winner.evidence, signs, left)
         fit = _without_idle(problem, settle(problem, winner.fit), threshold)
 
 

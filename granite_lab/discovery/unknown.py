@@ -14,7 +14,7 @@ from granite_lab.discovery.point import Fit
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.refit import misfit, refit, with_effect
 from granite_lab.discovery.select import Choice, settle
-from granite_lab.discovery.signature import signatures
+from granite_lab.discovery.signature import is_own, signatures
 from granite_lab.discovery.unrepeated import unrepeated
 
 MARGIN = 0.5
@@ -80,7 +80,9 @@ def judge(
     poor = bool(choice.effects) and closed < HALF and last > PLAIN * noise
     apart = unrepeated(problem, error)
     calm = after <= threshold and not poor
-    if not apart.plain and (calm or (choice.effects and closed >= CLOSED)):
+    # the rest of an effect that differs from trial to trial does so, too, where its formula is not nature's
+    own = closed >= CLOSED and any(is_own(problem.effect(id_)) for id_ in choice.effects)
+    if (own or not apart.plain) and (calm or (choice.effects and closed >= CLOSED)):
         verdict: Verdict = "named" if choice.effects else "none"
         return Judgement(verdict, choice.fit, threshold, before, after, closed, apart)
     # where all that repeats is explained there is nothing to learn a law from
