@@ -37,8 +37,8 @@ ROUNDS = (ROUGH, SEARCH)
 FAR = 5.0
 """chi2 per number from which on a fit is far from noise."""
 
-MANY, FEW = 4, 2
-"""How often a fit may differentiate anew: near noise, and far from it."""
+MANY = 4
+"""How often a fit near noise may differentiate anew."""
 
 STILL = 1e-3
 """Share of the full speed below which a wheel counts as standing."""
@@ -106,13 +106,13 @@ def from_weak_sand(problem: Problem, fit: Fit) -> Fit:
 
     Where friction on the tyre is the smaller limit of the shear stress, the strength of the sand has no
     effect, and no derivative tells of the fit in which it has. So φ is lowered until it begins to have.
+    Far from noise it is no sand that is missing.
     """
-    start = _where_sand_gives(problem, fit)
+    start = _where_sand_gives(problem, fit) if fit.chi2 < FAR * problem.count else None
     if start is None:
         return fit
-    far = fit.chi2 > FAR * problem.count
     try:
-        other = adjust(problem, start, renew=FEW if far else MANY, goal=fit.chi2 if far else np.inf)
+        other = adjust(problem, start, renew=MANY)
     except EstimateError:  # so weak that the robot digs itself in
         return fit
     return other if other.chi2 < fit.chi2 else fit
@@ -161,7 +161,7 @@ def baseline(problem: Problem, tick: Callable[[], None] = lambda: None) -> Fit:
         tick()
         learn_noise(problem, fit.residuals)
         # corners of the sand matter where the fit is good; far from noise an effect will move it anyway
-        renew = MANY if fit.chi2 < FAR * problem.count else FEW
+        renew = MANY if fit.chi2 < FAR * problem.count else 2
         fit = adjust(problem, fit.point, slopes=fit.slopes, rounds=14, renew=renew, tolerance=tolerance)
     return fit
 
