@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.estimation_causes import CAUSES
-from benchmarks.estimation_cell import KINDS, Cell, Score, Summary, score, summarise
+from benchmarks.estimation_cell import KINDS, Cell, Score, Summary, score, summarise, together
 from benchmarks.intervals import Interval, around, excludes, wilson
 
 GRADES = ("industrial", "consumer")
@@ -208,6 +208,8 @@ def report(main: dict[Cell, Summary], offsets: dict[Cell, Summary], command: str
         MAIN_HEAD,
         rule(MAIN_HEAD),
         *(main_row(cell, s) for cell, s in main.items()),
+        "",
+        together(list(main.values())),
         "",
         "## Offset between the clocks",
         "",

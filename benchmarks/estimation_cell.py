@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.intervals import alike, wilson
 from granite_lab.errors import LabError
 from granite_lab.estimation import estimate
 from granite_lab.estimation.motion import Health
@@ -178,4 +179,22 @@ def summarise(scores: list[Score]) -> Summary:
         slip_size=float(np.mean(np.abs(column("slip")))),
         slip_error=error_of_mean("slip"),
         slip_stated=rms(column("slip_std")),
+    )
+
+
+def together(cells: list[Summary]) -> str:
+    """Say what the coverages are over all cells, and whether the cells differ by more than chance."""
+    trials = [s.trials - s.refused for s in cells]
+    told = []
+    for name, shares in (
+        ("distance", [s.distance_cover for s in cells]), ("λ_R", [s.slip_cover for s in cells]),
+    ):  # fmt: skip
+        mean = float(np.average(shares, weights=trials))
+        low, high = wilson(mean, sum(trials))
+        told.append(
+            f"{name}: {100 * mean:.1f} % ({100 * low:.1f}–{100 * high:.1f}), p = {alike(shares, trials):.2f}"
+        )
+    return (
+        f"2σ coverage over all cells, with its 95 % interval: {'; '.join(told)}. p is how likely the cells\n"
+        "would scatter as much if one coverage were behind them all."
     )

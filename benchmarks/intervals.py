@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.stats import chi2_contingency
 
 Interval = tuple[float, float]
 
@@ -28,3 +31,10 @@ def around(mean: float, error: float, low: float = -np.inf, high: float = np.inf
 def excludes(interval: Interval, aim: Interval) -> bool:
     """Whether a range of values that fit the trials has none in common with the aim."""
     return interval[1] < aim[0] or interval[0] > aim[1]
+
+
+def alike(shares: Sequence[float], trials: Sequence[int]) -> float:
+    """Return how likely shares scatter at least as much if one true share is behind them all (χ²)."""
+    hits = np.round(np.multiply(shares, trials))
+    table = np.stack([hits, np.subtract(trials, hits)])
+    return float(chi2_contingency(table).pvalue) if table.sum(axis=1).all() else 1.0
