@@ -23,7 +23,7 @@ from granite_lab.discovery.refit import (
     with_effect,
 )
 from granite_lab.discovery.related import Relatives
-from granite_lab.discovery.rivals import freedom, rivals, without
+from granite_lab.discovery.rivals import freedom, rivals, values_in, without
 from granite_lab.discovery.screen import Score, evidence, scores
 from granite_lab.discovery.signature import Signatures, signatures
 from granite_lab.errors import EstimateError
@@ -144,19 +144,17 @@ def search(
         winner = next((t for t in good if t.fit is not None and _generalises(problem, fit, t.fit)), None)
         if winner is None or winner.fit is None:
             return Choice(base if not chosen else fit, chosen, twins, tuple(rounds), base)
+        best = _afresh(problem, fit, winner)
         # the fit with the effect may have found better sand: that alone is no evidence
-        plain = without(problem, winner.fit, winner.effect, goal=fit.chi2)
+        plain = without(problem, best, winner.effect, goal=fit.chi2)
         if plain is not None and plain.chi2 < fit.chi2:
             fit = plain
             base = base if chosen else plain
-            if (
-                evidence(plain.chi2 - winner.fit.chi2, freedom(problem, problem.effect(winner.effect)))
-                < least
-            ):
+            if evidence(plain.chi2 - best.chi2, freedom(problem, problem.effect(winner.effect))) < least:
                 refused.add(winner.effect)
                 continue
         relatives.add(winner.effect, winner.evidence, signs, left)
-        fit = _without_idle(problem, settle(problem, winner.fit), threshold)
+        fit = _without_idle(problem, settle(problem, best), threshold)
 
 
 def _untried(ranking: Sequence[Score], tried: Sequence[Trial]) -> list[Trial]:
@@ -252,6 +250,16 @@ def _try(problem: Problem, fit: Fit, score: Score, goal: float) -> Trial:
     drop = evidence(fit.chi2 - found.chi2, freedom(problem, effect))
     status = "at a bound" if bounds else "evaluated" if found.converged or drop > 0 else "not converged"
     return Trial(score.effect, score, found, drop, bounds, status)
+
+
+def _afresh(problem: Problem, fit: Fit, winner: Trial) -> Fit:
+    """Return the winner's fit, or a better one from the files' sand where no fit has begun there yet."""
+    assert winner.fit is not None
+    if winner.screened.drop > STRONG:
+        return winner.fit
+    start = starts(problem, fit, winner.effect, values_in(problem, winner.fit, winner.effect), np.inf)[0]
+    other = refit(problem, [start], goal=winner.fit.chi2)
+    return other if other is not None and other.chi2 < winner.fit.chi2 else winner.fit
 
 
 def _generalises(problem: Problem, before: Fit, after: Fit) -> bool:
