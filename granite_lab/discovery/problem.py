@@ -34,8 +34,15 @@ class Problem:
 
     def effect_parameters(self, ids: Sequence[str]) -> tuple[list[EffectParameter], list[EffectParameter]]:
         """Return the shared and the per-trial parameters of effects, in order."""
-        every = [self.effect(id_).parameters[k] for id_ in ids for k in self.places(id_)]
-        return [p for p in every if not p.per_trial], [p for p in every if p.per_trial]
+        every = self._owned(ids)
+        return [p for _, p in every if not p.per_trial], [p for _, p in every if p.per_trial]
+
+    def shared_parameters(self, ids: Sequence[str]) -> list[tuple[str, EffectParameter]]:
+        """Return the shared parameters of effects, each with the id of its effect, in order."""
+        return [(id_, p) for id_, p in self._owned(ids) if not p.per_trial]
+
+    def _owned(self, ids: Sequence[str]) -> list[tuple[str, EffectParameter]]:
+        return [(id_, self.effect(id_).parameters[k]) for id_ in ids for k in self.places(id_)]
 
     def effect(self, id_: str) -> Effect:
         """Return a candidate."""

@@ -96,8 +96,7 @@ def plainly_needed(problem: Problem, fit: Fit, id_: str, least: float) -> bool:
         id_: of the effect.
         least: square of the distance from the neutral value in standard deviations that is far.
     """
-    named = [(e, problem.effect(e).parameters[k]) for e in fit.point.effects for k in problem.places(e)]
-    shared = [(e, p) for e, p in named if not p.per_trial]
+    shared = problem.shared_parameters(fit.point.effects)
     variance = np.diag(covariance(problem, fit))[len(SAND) :]
     return any(
         e == id_ and not p.shape and (x - p.neutral) ** 2 > least * s

@@ -95,14 +95,8 @@ def unlike(
     """Return the chi2 that an effect explains in a fit, and what each candidate would leave of it."""
     if is_own(problem.effect(id_)):
         return 0.0, {}
-    shared, _ = problem.effect_parameters(fit.point.effects)
-    owner = [
-        e
-        for e in fit.point.effects
-        for k in problem.places(e)
-        if not problem.effect(e).parameters[k].per_trial
-    ]
-    kept = [k for k in range(len(SAND) + len(shared)) if k < len(SAND) or owner[k - len(SAND)] != id_]
+    owner = [e for e, _ in problem.shared_parameters(fit.point.effects)]
+    kept = [k for k in range(len(SAND) + len(owner)) if k < len(SAND) or owner[k - len(SAND)] != id_]
     blocks = [Block(b.local, b.shared[:, kept], b.precision) for b in fit.blocks]
     without = replace(fit.point, common=_neutral(problem, fit.point, id_))
     changes = problem.responses([problem.centre(without, v) for v in problem.variants])
@@ -126,9 +120,7 @@ def unlike(
 
 def _neutral(problem: Problem, point: Point, id_: str) -> Array:
     """Return the shared parameters of the effects with the strengths of one of them neutral."""
-    owner = [(e, k) for e in point.effects for k in problem.places(e)]
-    shared = [(e, problem.effect(e).parameters[k]) for e, k in owner]
-    shared = [(e, p) for e, p in shared if not p.per_trial]
+    shared = problem.shared_parameters(point.effects)
     return np.array(
         [p.neutral if e == id_ and not p.shape else v for (e, p), v in zip(shared, point.common, strict=True)]
     )

@@ -211,19 +211,21 @@ def _promising(ranking: Sequence[Score], threshold: float) -> list[Score]:
 
 def starts(problem: Problem, fit: Fit, id_: str, values: Sequence[float], drop: float) -> list[Point]:
     """Return where a fit with one more effect begins: here, and afresh where the effect is strong."""
-    found = [with_effect(problem, fit.point, id_, values)]
-    if drop > STRONG:
-        neutral = problem.neutral()
-        fresh = replace(
-            fit.point,
-            sand=neutral.sand,
-            trials=tuple(
-                np.concatenate([np.zeros(t.size), x[t.size :]])
-                for t, x in zip(problem.trials, fit.point.trials, strict=True)
-            ),
-        )
-        found.insert(0, with_effect(problem, fresh, id_, values))
-    return found
+    here = with_effect(problem, fit.point, id_, values)
+    return [_fresh(problem, fit, id_, values), here] if drop > STRONG else [here]
+
+
+def _fresh(problem: Problem, fit: Fit, id_: str, values: Sequence[float]) -> Point:
+    """Return a point with one more effect in the files' sand."""
+    fresh = replace(
+        fit.point,
+        sand=problem.neutral().sand,
+        trials=tuple(
+            np.concatenate([np.zeros(t.size), x[t.size :]])
+            for t, x in zip(problem.trials, fit.point.trials, strict=True)
+        ),
+    )
+    return with_effect(problem, fresh, id_, values)
 
 
 def _try_all(problem: Problem, fit: Fit, promising: Sequence[Score]) -> tuple[Trial, ...]:
@@ -257,9 +259,10 @@ def _afresh(problem: Problem, fit: Fit, winner: Trial) -> Fit:
     assert winner.fit is not None
     if winner.screened.drop > STRONG:
         return winner.fit
-    start = starts(problem, fit, winner.effect, values_in(problem, winner.fit, winner.effect), np.inf)[0]
+    start = _fresh(problem, fit, winner.effect, values_in(problem, winner.fit, winner.effect))
     other = refit(problem, [start], goal=winner.fit.chi2)
-    return other if other is not None and other.chi2 < winner.fit.chi2 else winner.fit
+    better = other is not None and other.chi2 < winner.fit.chi2 and not at_bound(problem, other)
+    return other if other is not None and better else winner.fit
 
 
 def _generalises(problem: Problem, before: Fit, after: Fit) -> bool:
