@@ -15,6 +15,7 @@ import numpy.typing as npt
 from granite_lab.errors import EstimateError
 from granite_lab.model.columns import ColumnFunction
 from granite_lab.model.command import duration, steady_part
+from granite_lab.model.delays import delayed
 from granite_lab.model.effect import Active, Effect
 from granite_lab.model.graph import STATES, build_graph
 from granite_lab.model.limits import (
@@ -69,7 +70,8 @@ def _rest_function(effects: tuple[Effect, ...]) -> Any:
     rates = ca.substitute(graph.rates, ca.vertcat(graph.x, graph.t), rest)
     residual = ca.vertcat(rates[4:6], rates[paper:])
     place = ca.substitute(graph.outputs["x_m"], ca.vertcat(graph.x, graph.t), rest)
-    return ca.Function("rest", [q, graph.p], [residual, ca.jacobian(residual, q), place])
+    slope = ca.densify(ca.jacobian(residual, q))
+    return ca.Function("rest", [q, graph.p], [ca.densify(residual), slope, ca.densify(place)])
 
 
 @lru_cache(maxsize=256)
@@ -105,15 +107,20 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
     """
     chosen = tuple(e.effect for e in effects)
     vector = _vector(p, effects)
-    f = _rest_function(chosen)
     extra = sum(len(e.states) for e in chosen)
     q = np.array([0.85 * p.wheels.radius + p.chassis.com_z, 0.0] + extra * [0.0])
     limit = np.array(2 * [0.2 * p.wheels.radius] + extra * [np.inf])
+    residual, columns, place = np.empty(q.size), np.empty((q.size, q.size)), np.empty(1)
+    places, evaluate = _rest_function(chosen).buffer()
+    for k, given in enumerate((q, vector)):
+        places.set_arg(k, given.data)
+    for k, found in enumerate((residual, columns, place)):
+        places.set_res(k, found.data)
     for _ in range(60):
-        residual, jacobian, place = (part.full() for part in f(q, vector))
-        if not np.isfinite(jacobian).all():
+        evaluate()
+        if not np.isfinite(columns).all():
             break
-        step = np.linalg.lstsq(jacobian, residual[:, 0], rcond=None)[0]
+        step = np.linalg.lstsq(columns.T, residual, rcond=None)[0]
         q -= np.clip(step, -limit, limit)
         if (np.abs(step) < 1e-12 * np.fmax(1, np.abs(q))).all():
             break
@@ -124,12 +131,12 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
             f"wheel radius {p.wheels.radius * 1000:.0f} mm)",
             "check masses, wheel size and the soil's moduli",
         )
-    start = -float(place[0, 0])  # R begins at x = 0
+    start = -float(place[0])  # R begins at x = 0
     return np.concatenate([[start, q[0], q[1]], np.zeros(len(STATES) - 3), q[2:]])
 
 
-def _vector(p: ModelParameters, effects: Sequence[Active]) -> list[float]:
-    return vector_of(p) + [value for e in effects for value in e.values]
+def _vector(p: ModelParameters, effects: Sequence[Active]) -> Array:
+    return np.array(vector_of(p) + [value for e in effects for value in e.values], dtype=float)
 
 
 def integrate(
@@ -156,41 +163,33 @@ def integrate(
     samples = int(np.ceil((SETTLE + duration(p.variant) + COAST) / accuracy.step)) + 1
     refuse_long(p.variant, samples, accuracy.step)
     start, vector = rest_state(p, effects), _vector(p, effects)
-    try:
-        states = _integrator(chosen, samples, accuracy)(x0=start, p=vector)["xf"].full()
-    except RuntimeError as error:
-        raise not_converged(error) from None
+    history = _history(_integrator(chosen, samples, accuracy), start, vector, samples)
     t: Array = -SETTLE + accuracy.step * np.arange(samples, dtype=np.float64)
-    history = np.column_stack([start, states])
     wanted = names or tuple(build_graph(chosen).outputs)
-    table = _outputs(chosen, wanted)(t[None], history, np.array(vector), samples=samples)
+    table = _outputs(chosen, wanted)(t[None], history, vector, samples=samples)
     if not np.isfinite(table).all():
         raise EstimateError("the simulation left the range of numbers", "check the parameters")
     signals = dict(zip(wanted, table, strict=True))
-    return {"t_s": t} | _delayed(t, signals, chosen, vector)
+    return {"t_s": t} | delayed(t, signals, chosen, vector)
 
 
-@lru_cache(maxsize=64)
-def _lags(effects: tuple[Effect, ...]) -> Any:
-    graph = build_graph(effects)
-    return ca.Function("lags", [graph.p], [ca.vertcat(*graph.delays.values())])
+def _history(run: Any, start: Array, vector: Array, samples: int) -> Array:
+    """Return the (states, samples) history, read from CVODES without a detour over lists of numbers.
 
-
-def _delayed(
-    t: Array, signals: dict[str, Array], effects: tuple[Effect, ...], vector: list[float]
-) -> dict[str, Array]:
-    """Return the signals with those that an effect delays shifted in time; before and after, at rest."""
-    delays = build_graph(effects).delays
-    if not delays:
-        return signals
-    from scipy.interpolate import CubicSpline  # noqa: PLC0415, only late stamps need it
-
-    late = {
-        name: CubicSpline(t, signals[name])(np.clip(t - lag, t[0], t[-1]))
-        for name, lag in zip(delays, _lags(effects)(vector).full()[:, 0], strict=True)
-        if lag != 0 and name in signals
-    }
-    return signals | late
+    Raises:
+        EstimateError: CVODES gave up.
+    """
+    history = np.empty((samples, start.size))
+    history[0] = start
+    places, evaluate = run.buffer()
+    places.set_arg(run.index_in("x0"), start.data)
+    places.set_arg(run.index_in("p"), vector.data)
+    places.set_res(run.index_out("xf"), history[1:].data)
+    try:
+        evaluate()
+    except RuntimeError as error:
+        raise not_converged(error) from None
+    return np.ascontiguousarray(history.T)
 
 
 def steady_slip(
