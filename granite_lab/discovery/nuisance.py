@@ -66,8 +66,7 @@ class TrialModel:
 
     def bins_of(self, response: Array, shift: float) -> dict[str, Array]:
         """Return channel to (n,) bins of a (7, M) response."""
-        t = time_of(response)
-        return {c: self.observation.binned(c, t, response, shift) for c in self.channels}
+        return self.observation.binned(time_of(response), response, shift)
 
     def predict(self, response: Array, x: Array) -> Array:
         """Return the (C, n) bins that the trial should show."""

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from granite_lab.discovery.binning import Binning, Stream, at_edges_or_between
 from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, phase_of
@@ -46,25 +48,6 @@ jitter of the encoders' stamps is common to both axles, so that only these two h
 CHANNELS = tuple(UNITS)
 
 Mask = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class Stream:
-    """One channel as it was sampled.
-
-    Attributes:
-        t: (N,) stamps [s].
-        value: (N,) in the unit of the channel.
-        weights: (7,) how the channel is composed of the simulated `SIGNALS`.
-        is_angle: read at the edges instead of averaged over the bins.
-        window: over which the sensor itself averages around each stamp [s].
-    """
-
-    t: Array
-    value: Array
-    weights: Array
-    is_angle: bool
-    window: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,27 +94,10 @@ class Observation:
         """Commanded phase of each bin."""
         return tuple(phase_of(self.t, self.variant))
 
-    def binned(self, channel: str, t: Array, response: Array, shift: float) -> Array:
-        """Return (n,) what the channel would have shown of simulated signals.
-
-        Args:
-            channel: a channel that was logged.
-            t: (M,) time since the start of the command [s].
-            response: (7, M) the simulated `SIGNALS`.
-            shift: by how much the command starts later than `t_start` [s].
-        """
-        stream = self.streams[channel]
-        signal, at = stream.weights @ response, stream.t - self.t_start - shift
-        if stream.window:
-            # accelerations jump: what the sensor shows of a corner depends on where its window lies
-            integral = np.concatenate([[0.0], np.cumsum((signal[1:] + signal[:-1]) / 2 * np.diff(t))])
-            half = stream.window / 2
-            values = (np.interp(at + half, t, integral) - np.interp(at - half, t, integral)) / stream.window
-            outside = (at - half < t[0]) | (at + half > t[-1])
-            values[outside] = np.interp(at[outside], t, signal)
-        else:
-            values = np.interp(at, t, signal)
-        return _bin(stream, values, self.edges)
+    @cached_property
+    def binned(self) -> Binning:
+        """What takes simulated `SIGNALS` to the bins of each channel that was logged."""
+        return Binning(self.streams, self.edges, self.t_start)
 
 
 def observe(
@@ -236,22 +202,9 @@ def _stream(
     return {name: Stream(t[fine], np.asarray(values[fine]), np.eye(len(SIGNALS))[signal], is_angle)}
 
 
-def _bin(stream: Stream, values: Array, edges: Array) -> Array:
-    """Return (n,) means over the bins, or angles at the later edge of each bin."""
-    if stream.is_angle:
-        return np.interp(edges[1:], stream.t, values)
-    t = stream.t
-    integral = np.concatenate([[0.0], np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(t))])
-    # between the stamps the integral of a straight line is a parabola
-    k = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, t.size - 2)
-    s, gap = edges - t[k], t[k + 1] - t[k]
-    at_edges = integral[k] + s * (values[k] + (values[k + 1] - values[k]) * s / (2 * gap))
-    return np.diff(at_edges) / np.diff(edges)
-
-
 def _masked(stream: Stream, edges: Array) -> Array:
     """Return the binned measurement, NaN where the stamps leave a gap of more than three periods."""
-    values = _bin(stream, stream.value, edges)
+    values: Array = at_edges_or_between(stream, edges) @ stream.value
     gaps = np.diff(stream.t)
     for k in np.flatnonzero(gaps > 3.5 * np.median(gaps)):
         values[(edges[1:] > stream.t[k]) & (edges[:-1] < stream.t[k + 1])] = np.nan

@@ -9,9 +9,10 @@ from scipy.linalg import cholesky, toeplitz
 
 from granite_lab.discovery.baseline import FLOOR
 from granite_lab.discovery.bench import Bench
+from granite_lab.discovery.binning import Stream
 from granite_lab.discovery.noise import Whitener
 from granite_lab.discovery.nuisance import TrialModel
-from granite_lab.discovery.observation import AFTER, BEFORE, CHANNELS, Observation, Stream
+from granite_lab.discovery.observation import AFTER, BEFORE, CHANNELS, Observation
 from granite_lab.discovery.plan_design import Design, Driven, Noise, commanded_share
 from granite_lab.discovery.problem import Problem
 from granite_lab.logs.trial import Array

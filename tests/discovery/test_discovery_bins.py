@@ -6,7 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.interpolate import make_interp_spline
 
+from granite_lab.discovery.binning import means
 from granite_lab.discovery.observation import SIGNALS, Observation, bin_width, observe
 from granite_lab.discovery.setup import start_of, variant_of_trial
 from granite_lab.errors import EstimateError, InputError
@@ -63,7 +67,7 @@ def robot() -> Robot:
 
 def left_over(o: Observation, channel: str, of: Array) -> Array:
     """Measured minus predicted; angles up to the constant from which they are counted, a nuisance."""
-    left = o.values[channel] - o.binned(channel, GRID, of, 0.0)
+    left = o.values[channel] - o.binned(GRID, of, 0.0)[channel]
     return left - np.nanmean(left) if o.streams[channel].is_angle else left
 
 
@@ -88,10 +92,10 @@ def test_bins_do_not_depend_on_where_the_samples_fall(robot: Robot) -> None:
 
 def test_a_late_start_shifts_the_simulation(robot: Robot) -> None:
     o = observe(trial(np.random.default_rng(1)), robot, VARIANT, START - 0.012)
-    shifted = o.values["wheel"] - o.binned("wheel", GRID, response(), 0.012)
+    shifted = o.values["wheel"] - o.binned(GRID, response(), 0.012)["wheel"]
     # the angle counts from the first estimate of the start, where the wheel still stood
     assert np.nanmax(np.abs(shifted)) < 1e-4
-    assert np.nanmax(np.abs(o.values["wheel"] - o.binned("wheel", GRID, response(), 0.0))) > 0.05
+    assert np.nanmax(np.abs(o.values["wheel"] - o.binned(GRID, response(), 0.0)["wheel"])) > 0.05
 
 
 def test_a_gap_is_left_out_and_no_more(robot: Robot) -> None:
@@ -141,3 +145,17 @@ def test_a_log_that_says_nothing_of_the_command_is_refused(robot: Robot) -> None
 def test_a_log_that_ends_before_the_command_is_refused(robot: Robot) -> None:
     with pytest.raises(EstimateError, match=r"cover .* % of the time of the command"):
         observe(trial(np.random.default_rng(1), end=2.2), robot, VARIANT, START)
+
+
+@given(seed=st.integers(0, 10_000), samples=st.integers(2, 60), rows=st.integers(0, 40))
+def test_means_are_the_integrals_of_the_straight_lines(seed: int, samples: int, rows: int) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.uniform(1e-3, 0.1, samples))
+    y = rng.normal(size=samples)
+    start = rng.uniform(t[0], t[-1], rows)
+    end = np.fmin(start + rng.choice([0.0, 0.02, 1.0], rows), t[-1])
+    line = make_interp_spline(t, y, k=1)
+    wanted = [
+        line.integrate(a, b) / (b - a) if b > a else float(line(a)) for a, b in zip(start, end, strict=True)
+    ]
+    assert means(t, start, end) @ y == pytest.approx(wanted, rel=1e-9, abs=1e-8)

@@ -1,0 +1,133 @@
+"""From signals to bins, as sparse matrices: all that happens on the way is linear, so one serves many."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+
+Array = npt.NDArray[np.float64]
+
+KEPT = 4
+"""For how many starts of the command the matrices are remembered: a fit tries one, and one on each side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """One channel as it was sampled.
+
+    Attributes:
+        t: (N,) stamps [s].
+        value: (N,) in the unit of the channel.
+        weights: (7,) how the channel is composed of the simulated signals.
+        is_angle: read at the edges instead of averaged over the bins.
+        window: over which the sensor itself averages around each stamp [s].
+    """
+
+    t: Array
+    value: Array
+    weights: Array
+    is_angle: bool
+    window: float = 0.0
+
+
+def means(t: Array, start: Array, end: Array) -> Any:
+    """Return the (n, N) matrix that takes N samples to means of the straight lines between them.
+
+    Beyond the samples the outermost lines go on.
+
+    Args:
+        t: (N,) stamps, rising.
+        start, end: (n,) between what each mean is taken; where they are equal, the value there.
+    """
+    first = np.clip(np.searchsorted(t, start, side="right") - 1, 0, t.size - 2)
+    last = np.clip(np.searchsorted(t, end, side="left") - 1, first, t.size - 2)
+    lines: npt.NDArray[np.int64] = first[:, None] + np.arange(int((last - first).max(initial=0)) + 1)
+    used = lines <= last[:, None]
+    k = np.where(used, lines, last[:, None])
+    low = np.where(k == first[:, None], start[:, None], t[k])
+    high = np.where(k == last[:, None], end[:, None], t[k + 1])
+    whole = (end - start)[:, None]
+    share = np.divide(high - low, whole, out=np.ones(k.shape), where=whole > 0) * used
+    later = ((low + high) / 2 - t[k]) / (t[k + 1] - t[k])
+    columns = np.stack([k, k + 1], axis=-1)
+    values = np.stack([share * (1 - later), share * later], axis=-1)
+    rows = np.arange(start.size + 1) * columns[0].size if start.size else np.zeros(1, dtype=np.int64)
+    return csr_array((values.ravel(), columns.ravel(), rows), shape=(start.size, t.size))
+
+
+def at_edges_or_between(stream: Stream, edges: Array) -> Any:
+    """Return the (n, N) matrix from samples to n bins: means, or angles at the later edge."""
+    if stream.is_angle:
+        place = np.clip(edges[1:], stream.t[0], stream.t[-1])
+        return means(stream.t, place, place)
+    return means(stream.t, edges[:-1], edges[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Channels that are sampled at the same stamps in the same way."""
+
+    names: tuple[str, ...]
+    weights: Array
+    stamps: Array
+    window: float
+    to_bins: Any
+
+    def to_stamps(self, t: Array, shift: float) -> Any:
+        """Return the matrix from a simulation's grid to what the sensor shows at its stamps."""
+        at = self.stamps - shift
+        half = self.window / 2
+        # accelerations jump: what the sensor shows of a corner depends on where its window lies
+        inside = (at - half >= t[0]) & (at + half <= t[-1])
+        at = np.clip(at, t[0], t[-1])
+        return means(t, np.where(inside, at - half, at), np.where(inside, at + half, at))
+
+
+class Binning:
+    """Takes simulated signals to the bins of one trial.
+
+    Args:
+        streams: channel to its samples.
+        edges: (n+1,) edges of the bins [s, the log's time].
+        t_start: first estimate of the command's start [s, the log's time].
+    """
+
+    def __init__(self, streams: Mapping[str, Stream], edges: Array, t_start: float) -> None:
+        alike: dict[tuple[bytes, bool, float], list[str]] = {}
+        for name, s in streams.items():
+            alike.setdefault((s.t.tobytes(), s.is_angle, s.window), []).append(name)
+        self._groups = [self._group(names, streams, edges, t_start) for names in alike.values()]
+        self._order = tuple(streams)
+        self._known: dict[tuple[float, int], list[Any]] = {}
+
+    @staticmethod
+    def _group(names: list[str], streams: Mapping[str, Stream], edges: Array, t_start: float) -> _Group:
+        s = streams[names[0]]
+        to_bins = at_edges_or_between(s, edges)
+        used = np.unique(to_bins.indices)
+        weights = np.stack([streams[name].weights for name in names])
+        return _Group(tuple(names), weights, s.t[used] - t_start, s.window, to_bins[:, used])
+
+    def __call__(self, t: Array, response: Array, shift: float) -> dict[str, Array]:
+        """Return channel to (n,) bins.
+
+        Args:
+            t: (M,) time since the start of the command [s], the same for each response of that length.
+            response: (7, M) simulated signals.
+            shift: by how much the command starts later than `t_start` [s].
+        """
+        key = (shift, t.size)
+        if key not in self._known:
+            if len(self._known) >= KEPT:
+                del self._known[next(iter(self._known))]
+            self._known[key] = [g.to_stamps(t, shift) for g in self._groups]
+        found: dict[str, Array] = {}
+        for group, to_stamps in zip(self._groups, self._known[key], strict=True):
+            bins = group.to_bins @ (to_stamps @ (group.weights @ response).T)
+            found |= dict(zip(group.names, bins.T, strict=True))
+        return {name: found[name] for name in self._order}
