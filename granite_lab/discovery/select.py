@@ -43,7 +43,7 @@ SHARE = 0.4
 """A further effect must explain at least this share of what is left: a formula that differs from nature's
 leaves something, too, of which some other candidate explains a part."""
 
-CLOSE = 0.5
+CLOSE = 1 / 3
 """Share of the best evidence at which the screen may be wrong about the order: such a candidate is fitted."""
 
 FAR_FROM_IDLE = 10.0

@@ -11,7 +11,7 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 
 from granite_lab.effects import get
 from granite_lab.effects.gear_backlash import GIVE, ROUND, SEATING
-from granite_lab.effects.tyre_windup import TREAD_LAG
+from granite_lab.effects.tyre_windup import TREAD_LAG, TREAD_SHARE
 from granite_lab.model.effect import Own
 from granite_lab.parameters import GRAVITY
 from tests.effects.runs import CHASSIS, DRIVE, ROBOT, at, run
@@ -32,9 +32,10 @@ def test_the_drives_reaction_moves_the_load_rearward_by_torque_over_wheelbase() 
     assert at(changed, -0.5, "force_z_f_N") == pytest.approx(at(plain, -0.5, "force_z_f_N"), abs=1e-6)
 
 
-def test_the_twist_of_the_tyre_is_that_of_a_spring_and_a_damper() -> None:
-    """A torque that rises at once: ψ = κ M (1 - exp(-t/T_r)), the creep of a Kelvin-Voigt body."""
+def test_the_twist_of_the_tyre_is_that_of_a_mass_on_a_spring_and_a_damper() -> None:
+    """A torque that rises at once: the creep of a Kelvin-Voigt body, slowed by the tread's inertia."""
     effect, κ, T_r, M = get("tyre_windup"), 2e-3, 0.02, 6.0
+    p = SimpleNamespace(chassis=CHASSIS)
 
     def rates(_: float, x: np.ndarray) -> list[float]:
         own = Own(
@@ -42,12 +43,16 @@ def test_the_twist_of_the_tyre_is_that_of_a_spring_and_a_damper() -> None:
             dict(zip(effect.states, [*x, 0.0, 0.0], strict=True)), 0.0, None,  # type: ignore[arg-type]
         )  # fmt: skip
         axle = SimpleNamespace(forces=SimpleNamespace(moment=-M))
-        found = effect.rates((axle, axle), None, own)  # type: ignore[arg-type]
+        found = effect.rates((axle, axle), p, own)  # type: ignore[arg-type]
         return [found["torque_f"], found["torque_rate_f"]]
 
     t = np.linspace(0, 0.2, 200)
-    u = solve_ivp(rates, (0, 0.2), [0.0, 0.0], t_eval=t, method="LSODA", rtol=1e-8, atol=1e-8).y[0]
-    np.testing.assert_allclose(κ * u, κ * M * (1 - np.exp(-t / T_r)), atol=κ * M * 2 * TREAD_LAG / T_r)
+    u = solve_ivp(rates, (0, 0.2), [0.0, 0.0], t_eval=t, method="LSODA", rtol=1e-9, atol=1e-9).y[0]
+    inertia = TREAD_SHARE * CHASSIS.wheel_inertia + TREAD_LAG * T_r / κ
+    fast, slow = np.roots([inertia, T_r / κ, 1 / κ])  # of J ψ̈ + c ψ̇ + k ψ = M
+    twist = κ * M * (1 + (slow * np.exp(fast * t) - fast * np.exp(slow * t)) / (fast - slow))
+    np.testing.assert_allclose(κ * u, twist, atol=1e-6 * κ * M)
+    np.testing.assert_allclose(κ * u, κ * M * (1 - np.exp(-t / T_r)), atol=0.02 * κ * M)  # a light tread
 
 
 def test_a_softer_tyre_makes_the_body_later_at_the_start_and_leaves_the_steady_slip() -> None:
