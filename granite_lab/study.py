@@ -219,7 +219,7 @@ def source_of(
     )
 
 
-def write(result: StudyResult, options: Options, folder: Path) -> Path:
+def write(result: StudyResult, options: Options, folder: Path, jobs: int = 1) -> Path:
     """Write the report of a study, and the model with what was found; return its first page.
 
     Raises:
@@ -229,12 +229,12 @@ def write(result: StudyResult, options: Options, folder: Path) -> Path:
     from granite_lab.reporting.discovery import section  # noqa: PLC0415, heavy
 
     if result.finding is None:
-        return write_report(result, folder)
+        return write_report(result, folder, jobs=jobs)
     trials = [r.trial for r in result.trials]
     motions = [r.comparison.motion for r in result.trials]
     save_found(result.finding, options, trials, folder / "model.toml", motions)
     known = library() | (load_effects(options.effects) if options.effects else {})
-    return write_report(result, folder, section(result.finding, "model.toml", effects=known))
+    return write_report(result, folder, section(result.finding, "model.toml", effects=known), jobs=jobs)
 
 
 def record(result: StudyResult, folder: Path, *, done: Callable[[str], None] = lambda _: None) -> list[Path]:

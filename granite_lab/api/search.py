@@ -72,7 +72,7 @@ def discover(
         with claimed(folder):
             save_found(finding, options, trials, folder / "model.toml", motions)
             source = source_of(files, trials, options, seed)
-            write_discovery(finding, folder, source, model=folder / "model.toml", effects=known)
+            write_discovery(finding, folder, source, model=folder / "model.toml", effects=known, jobs=jobs)
     return finding
 
 

@@ -204,7 +204,7 @@ def study(
     if folder is not None:
         if recordings:
             record(result, folder / "recordings")
-        write(result, options, folder)
+        write(result, options, folder, jobs)
     return result
 
 

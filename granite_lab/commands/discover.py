@@ -92,9 +92,8 @@ def discover(
         )
         display.update(task, description="writing the report")
         save_found(finding, options, read, model, motions)
-        page = write_discovery(
-            finding, out, source_of(files, read, options, seed), model=model, effects=known
-        )
+        source = source_of(files, read, options, seed)
+        page = write_discovery(finding, out, source, model=model, effects=known, jobs=execution.jobs)
     tidy(execution)
     if as_json:
         print_json(finding_as_json(finding, model))

@@ -105,7 +105,7 @@ def study(
             task = display.add_task("recordings", total=len(result.trials) + 1)
             record(result, out / "recordings", done=lambda _: display.advance(task))
         task = display.add_task("report", total=1)
-        page = write(result, options, out)
+        page = write(result, options, out, execution.jobs)
         display.advance(task)
     tidy(execution)
     found = result.finding

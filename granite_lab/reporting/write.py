@@ -15,10 +15,11 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.files import readable
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.assemble import assemble
-from granite_lab.reporting.canvas import Drawing, to_png, to_svg
+from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.discovery.report import assemble as assemble_discovery
 from granite_lab.reporting.document import Discovery
+from granite_lab.reporting.figures import rendered
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.plot_motion import comparison_drawing
 from granite_lab.reporting.plot_quality import misfit_drawing
@@ -31,7 +32,9 @@ INLINE = 120
 """So many figures stand in the page itself; further ones it loads from their files when one looks at them."""
 
 
-def write_report(result: StudyResult, folder: Path, discovery: Discovery | None = None) -> Path:
+def write_report(
+    result: StudyResult, folder: Path, discovery: Discovery | None = None, *, jobs: int = 1
+) -> Path:
     """Write ``index.html``, ``report.md``, ``report.json``, ``figures/`` and ``tables/``.
 
     Everything is written beside the folder first and then moved into place; other files in the
@@ -41,6 +44,7 @@ def write_report(result: StudyResult, folder: Path, discovery: Discovery | None 
         result: the study.
         folder: of the report; made if it does not exist.
         discovery: what a search for a missing effect found, if one was run.
+        jobs: processes that draw; 0 means one per core.
 
     Returns:
         path of ``index.html``.
@@ -50,7 +54,7 @@ def write_report(result: StudyResult, folder: Path, discovery: Discovery | None 
     """
     report = assemble(result, discovery)
     with _replacing(folder) as new:
-        pictures = _write_figures(report.drawings, new / "figures")
+        pictures = _write_figures(report.drawings, new / "figures", jobs)
         _write_tables(report.tables, new / "tables")
         _write(new / "report.json", to_json(result, report, discovery))
         _write(new / "report.md", to_markdown(report))
@@ -65,6 +69,7 @@ def write_discovery(
     *,
     model: Path | str | None = None,
     effects: Mapping[str, Effect] | None = None,
+    jobs: int = 1,
 ) -> Path:
     """Write ``index.html``, ``report.md``, ``finding.json``, ``figures/`` and ``tables/`` of a search.
 
@@ -74,6 +79,7 @@ def write_discovery(
         source: where the finding comes from.
         model: path of the model file, as ``finding.json`` shall name it.
         effects: the candidates by id; those of the package by default.
+        jobs: processes that draw; 0 means one per core.
 
     Returns:
         path of ``index.html``.
@@ -84,7 +90,7 @@ def write_discovery(
     beside = Path(model).name if model is not None else None
     report = assemble_discovery(finding, folder.resolve().name, source, model=beside, effects=effects)
     with _replacing(folder) as new:
-        pictures = _write_figures(report.drawings, new / "figures")
+        pictures = _write_figures(report.drawings, new / "figures", jobs)
         _write_tables(report.tables, new / "tables")
         _write(new / "finding.json", dumps(finding_as_json(finding, model)))
         _write(new / "report.md", to_markdown(report))
@@ -114,16 +120,14 @@ def _write(path: Path, text: str) -> None:
     path.write_bytes(text.encode("utf-8", errors="replace"))
 
 
-def _write_figures(drawings: Sequence[Drawing], folder: Path) -> dict[str, Markup]:
+def _write_figures(drawings: Sequence[Drawing], folder: Path, jobs: int = 1) -> dict[str, Markup]:
     """Write each figure as SVG and PNG; return the elements of a page that show them, by id."""
     folder.mkdir()
     pictures: dict[str, Markup] = {}
-    for drawing in drawings:
-        figure = drawing.figure
-        svg = to_svg(figure)
+    for drawing, (svg, png) in zip(drawings, rendered(drawings, jobs), strict=True):
         pictures[drawing.id] = picture(drawing, svg, inline=len(pictures) < INLINE)
         _write(folder / f"{drawing.id}.svg", svg)
-        (folder / f"{drawing.id}.png").write_bytes(to_png(figure))
+        (folder / f"{drawing.id}.png").write_bytes(png)
     return pictures
 
 
