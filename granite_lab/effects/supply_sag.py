@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from typing import Any
 
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Drive
 
 
 class SupplySag(Effect):
-    """The controller sets a duty cycle; the motor gets that part of what the supply still has."""
+    """The controller sets a duty cycle; the motor gets that part of what the supply still has.
+
+    The capacitors of the bus give the current first, so that the voltage follows it a little later.
+    """
 
     id = "supply_sag"
     title = "supply voltage that drops with the current"
-    equation = "u_i' = u_i (1 − R_s I_s / u_max), I_s = Σ (u_i / u_max) i_i"
+    equation = "u_i' = u_i (1 − R_s I_b / u_max), T_s İ_b + I_b = Σ (u_i / u_max) i_i, T_s = R_s C_s"
     source = (
         "Thévenin source behind a pulse-width-modulated bridge: Mohan, Undeland, Robbins, Power "
-        "Electronics, 3rd ed., Wiley 2003, ch. 7; 10-200 mΩ for packs of some 30 V with leads and contacts"
+        "Electronics, 3rd ed., Wiley 2003, ch. 7; 10-200 mΩ for packs of some 30 V with leads and contacts, "
+        "1-100 mF on their bus (assumed)"
     )
     signature = (
         "wheels fall behind the command when the current is high and catch up later; the angle behind "
@@ -25,12 +30,19 @@ class SupplySag(Effect):
     parameters = (
         EffectParameter("resistance", "ohm", "internal resistance of the supply and its leads",
                         0.0, 2.0, 0.0, 0.02, 0.3),
+        EffectParameter("time", "s", "resistance times capacitance of the bus, T_s",
+                        2e-4, 0.2, 0.005, 0.0005, 0.03, shape=True),
     )  # fmt: skip
+    states = ("drawn",)
 
     def voltages(
         self, voltages: tuple[Any, Any], currents: tuple[Any, Any], drive: Drive, own: Own
     ) -> tuple[Any, Any]:
-        """Scale the voltages by what the four motors together draw from the supply."""
-        drawn = sum(2 * u / drive.voltage_max * i for u, i in zip(voltages, currents, strict=True))
-        left = 1 - own.p["resistance"] * drawn / drive.voltage_max
+        """Scale the voltages by what the bus still has."""
+        left = 1 - own.p["resistance"] * own.x["drawn"] / drive.voltage_max
         return voltages[0] * left, voltages[1] * left
+
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+        """Return İ_b from what the four motors together draw."""
+        drawn = sum(2 * axle.voltage / p.drive.voltage_max * axle.current for axle in axles)
+        return {"drawn": (drawn - own.x["drawn"]) / own.p["time"]}

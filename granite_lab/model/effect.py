@@ -82,6 +82,7 @@ class Axle:
         current: of one motor [A].
         drive_torque: T of one wheel [N m].
         rim_load: torque of tyre and ground on one rim [N m].
+        voltage: that the controller asks of one motor [V]; only `Effect.rates` knows it.
     """
 
     position: Any
@@ -91,6 +92,7 @@ class Axle:
     current: Any
     drive_torque: Any
     rim_load: Any
+    voltage: Any = 0.0
 
     def rim_acceleration(self, inertia: Any) -> Any:
         """Return the angular acceleration of a rim of some inertia [rad/s^2], (23)."""

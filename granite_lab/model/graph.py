@@ -122,6 +122,9 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
         control_voltage(p.drive, s_d / p.wheels.radius - shaft.angle, v_d / p.wheels.radius - shaft.rate)
         for shaft in shafts
     )
+    front, rear = axles = tuple(
+        replace(axle, voltage=voltage) for axle, voltage in zip(axles, voltages, strict=True)
+    )
     for e, own in hooks:
         voltages = e.voltages((voltages[0], voltages[1]), (front.current, rear.current), p.drive, own)
     for name, axle, shaft, voltage in zip("fr", axles, shafts, voltages, strict=True):

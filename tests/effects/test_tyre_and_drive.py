@@ -162,6 +162,21 @@ def test_a_sagging_supply_leaves_the_wheels_behind_the_command() -> None:
         assert at(changed, t, f"voltage_{a}_V") == pytest.approx(at(plain, t, f"voltage_{a}_V"), rel=2e-3)
 
 
+def test_the_bus_gives_the_current_after_its_time_constant() -> None:
+    """A constant draw from full charge: 1 - exp(-t/T_s) of it, by the power of ideal bridges."""
+    effect, T_s, t = get("supply_sag"), 0.01, np.linspace(0, 0.05, 50)
+    axles = [SimpleNamespace(voltage=u, current=i) for u, i in ((6.0, 2.0), (5.0, 3.0))]
+    p = SimpleNamespace(drive=DRIVE)
+
+    def rate(_: float, x: np.ndarray) -> float:
+        own = Own({"time": T_s}, {"drawn": x[0]}, 0.0, None)  # type: ignore[arg-type]
+        return float(effect.rates((axles[0], axles[1]), p, own)["drawn"])  # type: ignore[arg-type]
+
+    drawn = solve_ivp(rate, (0, 0.05), [0.0], t_eval=t, rtol=1e-9, atol=1e-12).y[0]
+    power = 2 * (6.0 * 2.0 + 5.0 * 3.0)
+    np.testing.assert_allclose(drawn, power / DRIVE.voltage_max * (1 - np.exp(-t / T_s)), atol=1e-6)
+
+
 def test_a_larger_torque_constant_takes_less_current_for_the_same_torque() -> None:
     plain, changed = run(), run("torque_constant_error", error=0.1)
     t = plain.steady[1]
