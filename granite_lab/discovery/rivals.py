@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.discovery.arrow import Block, project
+from granite_lab.discovery.baseline import noise_energy
 from granite_lab.discovery.bench import SAND
 from granite_lab.discovery.follow import simulated
 from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
-from granite_lab.discovery.refit import at_bound, refit, with_effect
+from granite_lab.discovery.refit import at_bound, misfit, refit, with_effect
 from granite_lab.discovery.signature import Signatures, is_own, strengths
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect
@@ -23,6 +24,10 @@ would beat it by that much with a probability of at most Φ(−3) = 0.13 %."""
 
 MISMATCH = 0.004
 """Share of the drop of chi2 that is not held against a rival: no formula is exact."""
+
+FOREIGN = 0.02
+"""The most of that share: so much is not held against a rival where the best leaves as much beyond the noise,
+for its own formula is then not nature's either."""
 
 UNLIKE, UNLIKE_SHARE = 60.0, 0.15
 """A candidate that would leave more of an effect's chi2 than this, absolute and as a share, is no twin."""
@@ -67,6 +72,7 @@ def rivals(
     """
     found: dict[str, tuple[str, ...]] = {}
     better: Fit | None = None
+    leaves = misfit(fit.white, noise_energy(problem, fit.white))
     for id_ in fit.point.effects:
         twins = []
         size, remains = unlike(problem, fit, id_, signs, left)
@@ -77,7 +83,7 @@ def rivals(
                 continue
             extra = freedom(problem, left[other]) - freedom(problem, problem.effect(id_))
             worse = rival.chi2 - fit.chi2 + extra
-            if worse < TWIN + MISMATCH * size:
+            if worse < tolerated(size, leaves):
                 twins.append(other)
             if (
                 worse < -BETTER
@@ -87,6 +93,16 @@ def rivals(
                 better = rival
         found[id_] = tuple(twins)
     return found, better
+
+
+def tolerated(size: float, leaves: float) -> float:
+    """Return by how much chi2 a rival may be worse than an effect and still stand in its place.
+
+    Args:
+        size: chi2 that the effect explains.
+        leaves: chi2 beyond the noise that the model with it leaves.
+    """
+    return TWIN + min(max(leaves, MISMATCH * size), FOREIGN * size)
 
 
 def unlike(
