@@ -15,7 +15,7 @@ from benchmarks.blind import Results, waiting
 from benchmarks.blind_figures import Share, headline, is_wrong_single, newest, strength_of
 from benchmarks.blind_schedule import Task, schedule, sizes_of, wish_of
 from benchmarks.blind_set import run
-from benchmarks.blind_tables import report
+from benchmarks.blind_tables import RECENT, report
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, TWINS
 from granite_lab.hidden.wish import drawn
 
@@ -221,3 +221,14 @@ def test_the_page_of_no_results_says_so() -> None:
 def test_a_set_in_which_no_robot_could_drive_does_not_count() -> None:
     page = report([line(), line(status="not made", right=None, outcome=None)])
     assert "1 set, code new" in page
+
+
+def test_the_page_shows_the_last_sets_beside_all() -> None:
+    """Early failures stay in the first column and leave the second."""
+    early = [line(outcome="wrong_name", right=False, code="old") for _ in range(3)]
+    late = [line(code="new") for _ in range(RECENT)]
+    page = report([*early, *late], every=True)
+    assert f"| the last {RECENT} sets alone |" in page
+    row = next(r for r in page.splitlines() if r.startswith("| right name or exact set of twins at 5"))
+    assert f"{RECENT}/{RECENT + 3} = 97 %" in row
+    assert f"{RECENT}/{RECENT} = 100 %" in row
