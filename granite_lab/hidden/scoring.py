@@ -17,7 +17,7 @@ Outcome = Literal[
 ]
 
 MEANING: dict[Outcome, str] = {
-    "right": "right",
+    "right": "just what is hidden",
     "twin_set": "the hidden effect is in the set that was called indistinguishable",
     "vague": "the hidden effect is in a set too large to be of use",
     "partial": "some of the hidden effects named, nothing wrong",
