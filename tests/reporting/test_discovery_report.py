@@ -22,7 +22,7 @@ from granite_lab.discovery.finding import Verdict
 from granite_lab.effects import library
 from granite_lab.model import simulate
 from granite_lab.parameters import load_robot, load_soil, variant_of
-from granite_lab.reporting import write, write_discovery, write_report
+from granite_lab.reporting import figures, write, write_discovery, write_report
 from granite_lab.reporting.canvas import RC, Drawing
 from granite_lab.reporting.content import Source
 from granite_lab.reporting.discovery import section
@@ -52,7 +52,7 @@ def findings() -> dict[str, Finding]:
 
 @pytest.fixture
 def no_png(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(write, "to_png", lambda _: b"")
+    monkeypatch.setattr(figures, "to_png", lambda _: b"")
 
 
 def titles(parts: tuple[Section, ...]) -> list[str]:

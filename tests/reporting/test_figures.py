@@ -1,42 +1,152 @@
-"""Figures do not depend on who draws them."""
-
 from __future__ import annotations
 
-import os
-import signal
-import sys
+import dataclasses
+import itertools
+import re
+from pathlib import Path
+from xml.etree import ElementTree
 
+import matplotlib as mpl
+import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
-from granite_lab.errors import LabError
-from granite_lab.reporting.canvas import Drawing
-from granite_lab.reporting.figures import FEW, rendered
+from granite_lab.parameters import load_paper
+from granite_lab.reporting.assemble import assemble
+from granite_lab.reporting.canvas import RC, Drawing, envelope, to_svg
+from granite_lab.reporting.content import StudyResult
+from granite_lab.reporting.plot_motion import comparison_drawing
+from granite_lab.reporting.points import spread
+from granite_lab.reporting.summary import by_speed
+from granite_lab.reporting.traces import block_means
+from tests.reporting.made_up import made_up_study
 
-
-def drawing(k: int) -> Drawing:
-    def drawn() -> Figure:
-        figure = Figure(figsize=(1, 1))
-        figure.add_subplot().plot([0, k])
-        return figure
-
-    return Drawing(f"d{k}", "a line", "It rises.", "a line", drawn)
-
-
-def test_two_processes_draw_the_same_bytes_in_the_same_order() -> None:
-    drawings = [drawing(k) for k in range(2 * FEW)]
-    alone = list(rendered(drawings, 1))
-    assert len({svg for svg, _ in alone}) == len(drawings)
-    assert list(rendered(drawings, 2)) == alone
+SVG = "{http://www.w3.org/2000/svg}"
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere this process draws")
-def test_a_process_that_dies_is_an_error_with_a_hint() -> None:
-    def deadly() -> Figure:
-        os.kill(os.getpid(), signal.SIGKILL)
-        raise AssertionError
+@pytest.fixture(scope="module")
+def drawings() -> list[Drawing]:
+    result: StudyResult = made_up_study(speeds=(0.2, 0.7), repetitions=2)
+    return [*assemble(result).drawings, comparison_drawing(result.trials[0].comparison, 1)]
 
-    drawings = [drawing(k) for k in range(2 * FEW - 1)] + [Drawing("x", "t", "s", "a", deadly)]
-    with pytest.raises(LabError, match="a process that drew figures has died") as caught:
-        list(rendered(drawings, 2))
-    assert "--jobs 1" in caught.value.hint
+
+def texts(figure: Figure) -> list[tuple[str, Bbox]]:
+    """Return every text that is drawn, with its place; ticks outside the axis are not drawn."""
+    canvas = FigureCanvasAgg(figure)
+    figure.set_dpi(100)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    found: list[Text] = list(figure.texts)
+    for axes in figure.axes:
+        found += [axes.title, axes.xaxis.label, axes.yaxis.label, *axes.texts]
+        found += list(axes.get_legend().get_texts()) if axes.get_legend() else []
+        for axis in (axes.xaxis, axes.yaxis):
+            for tick in axis._update_ticks():
+                found += [tick.label1, tick.label2]
+    shown = [t for t in found if t.get_visible() and t.get_text().strip()]
+    return [(t.get_text(), t.get_window_extent(renderer)) for t in shown]
+
+
+def test_no_text_is_cut_or_covered(drawings: list[Drawing]) -> None:
+    for drawing in drawings:
+        with mpl.rc_context(RC):
+            boxes = texts(drawing.figure)
+        assert len(boxes) > 5
+        canvas = drawing.figure.bbox
+        for text, box in boxes:
+            inside = (
+                canvas.x0 <= box.x0 and box.x1 <= canvas.x1 and canvas.y0 <= box.y0 and box.y1 <= canvas.y1
+            )
+            assert inside, (drawing.id, text)
+        for (a, box_a), (b, box_b) in itertools.combinations(boxes, 2):
+            over = Bbox.intersection(box_a, box_b)
+            covered = over is not None and over.width > 1 and over.height > 2
+            assert not covered, (drawing.id, a, b)
+
+
+def test_no_legend_covers_a_panel(drawings: list[Drawing]) -> None:
+    for drawing in drawings:
+        FigureCanvasAgg(drawing.figure).draw()
+        legends = [axes.get_legend() for axes in drawing.figure.axes if axes.get_legend()]
+        panels = [axes.get_window_extent() for axes in drawing.figure.axes]
+        boxes = [legend.get_window_extent() for legend in legends]
+        for box in boxes:
+            for other in [*panels, *(b for b in boxes if b is not box)]:
+                over = Bbox.intersection(box, other)
+                assert over is None or over.width <= 1 or over.height <= 1, drawing.id
+
+
+def test_axes_are_named_with_their_units(drawings: list[Drawing]) -> None:
+    unit = re.compile(r"\[[^\]]+\]")
+    for drawing in drawings:
+        axes = drawing.figure.axes
+        if drawing.id == "misfit":  # names on both axes; the scale carries the unit
+            assert unit.search(axes[1].get_xlabel())
+            continue
+        assert all(unit.search(a.get_ylabel()) for a in axes), drawing.id
+        assert unit.search(axes[-1].get_xlabel()), drawing.id
+
+
+def test_svg_files_carry_the_labels_as_text(folder: Path) -> None:
+    for path in (folder / "figures").glob("*.svg"):
+        root = ElementTree.parse(path).getroot()
+        shown = ["".join(node.itertext()) for node in root.iter(f"{SVG}text")]
+        labels = [text for text in shown if re.search(r"\[[^\]]+\]", text)]
+        assert len(labels) >= (1 if path.stem == "misfit" else 2), path
+        assert not path.read_text(encoding="utf-8").count("<dc:date>")
+
+
+def test_svg_text_is_what_was_drawn(drawings: list[Drawing]) -> None:
+    """Shortening coordinates must not shorten the numbers a reader sees."""
+    for drawing in drawings:
+        root = ElementTree.fromstring(to_svg(drawing.figure))
+        shown = {"".join(node.itertext()).strip() for node in root.iter(f"{SVG}text")}
+        wanted = {t.get_text() for t in drawing.figure.findobj(Text) if re.search(r"[A-Za-z]", t.get_text())}
+        assert {line for text in wanted for line in text.split("\n")} >= shown - {
+            text for text in shown if not re.search(r"[A-Za-z]", text)
+        }
+        assert len(shown) > 5
+
+
+def test_every_figure_says_what_to_see(drawings: list[Drawing]) -> None:
+    ids = [d.id for d in drawings]
+    assert len(set(ids)) == len(ids)
+    for d in drawings:
+        assert d.title
+        assert d.alt
+        assert d.sentence.endswith((".", ")"))
+        assert "nan" not in d.sentence.lower()
+
+
+@pytest.mark.parametrize("trials", [1, 3, 300])
+def test_all_trials_of_a_speed_stand_close_to_it(trials: int) -> None:
+    """The speeds of the paper are 0.1 m/s apart: trials of one must not stand at another."""
+    (speed,) = by_speed(made_up_study(speeds=(0.2,), repetitions=1), load_paper())
+    x = spread(dataclasses.replace(speed, results=speed.results * trials))
+    assert len(set(x)) == trials
+    assert np.mean(x) == pytest.approx(0.2)
+    assert max(x) - 0.2 < 0.03
+
+
+def test_thinning_keeps_peaks_and_gaps() -> None:
+    t = np.linspace(0, 10, 20_000)
+    y = np.sin(t)
+    y[12_345] = 9.0
+    y[5_000:5_400] = np.nan
+    s, thin = envelope(t, y, points=400)
+    assert len(s) < 900
+    assert np.nanmax(thin) == 9.0
+    assert np.isnan(thin[(s > t[5_050]) & (s < t[5_350])]).all()
+    assert np.all(np.diff(s) > 0)
+
+
+def test_block_means_leave_out_gaps() -> None:
+    t = np.arange(0, 1, 0.01)
+    y = np.where(t < 0.5, 1.0, np.nan)
+    centre, mean = block_means(t, y, 0.1)
+    assert len(centre) == 10
+    np.testing.assert_allclose(mean[:5], 1.0)
+    assert np.isnan(mean[5:]).all()

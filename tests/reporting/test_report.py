@@ -253,9 +253,9 @@ def test_failures_alone_make_a_report_too(tmp_path: Path) -> None:
 @pytest.fixture
 def no_png(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out what takes longest where a test is not about pictures."""
-    from granite_lab.reporting import write
+    from granite_lab.reporting import figures
 
-    monkeypatch.setattr(write, "to_png", lambda _: b"")
+    monkeypatch.setattr(figures, "to_png", lambda _: b"")
 
 
 @pytest.mark.usefixtures("no_png")

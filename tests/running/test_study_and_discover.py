@@ -154,7 +154,7 @@ def test_the_report_of_a_study_knows_the_user_s_own_effects(
     monkeypatch.setattr(
         granite_lab.reporting.discovery, "section", lambda *_, effects: known.extend(effects), raising=False
     )
-    monkeypatch.setattr(granite_lab.reporting, "write_report", lambda *_: tmp_path, raising=False)
+    monkeypatch.setattr(granite_lab.reporting, "write_report", lambda *_, **__: tmp_path, raising=False)
     finding = found_in_made_up_study()
     result = replace(made_up_study(speeds=(0.5,), repetitions=2), finding=finding)
     chain.write(result, Options(effects=own), tmp_path / "report")
