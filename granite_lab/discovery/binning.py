@@ -56,7 +56,7 @@ def means(t: Array, start: Array, end: Array) -> Any:
     later = ((low + high) / 2 - t[k]) / (t[k + 1] - t[k])
     columns = np.stack([k, k + 1], axis=-1)
     values = np.stack([share * (1 - later), share * later], axis=-1)
-    rows = np.arange(start.size + 1) * columns[0].size if start.size else np.zeros(1, dtype=np.int64)
+    rows = np.arange(start.size + 1) * 2 * k.shape[1]
     return csr_array((values.ravel(), columns.ravel(), rows), shape=(start.size, t.size))
 
 
