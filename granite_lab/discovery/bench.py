@@ -32,8 +32,9 @@ SAND = (
 PER_TRIAL = 3
 """The first of `SAND` change with the raking from trial to trial."""
 
-ACCURACY = Accuracy(relative=1e-5, absolute=1e-7, step=0.0025)
-"""Errors of at most 3e-4 m/s^2, 5e-6 rad/s, 1e-5 rad and 3e-4 A: a tenth of the floor of the noise."""
+ACCURACY = Accuracy(relative=1e-5, absolute=1e-7, step=0.0025, corners=True)
+"""Errors of a bin of at most 5e-4 m/s^2, 5e-6 rad/s, 2e-5 rad and 4e-4 A: at most a quarter of the noise's
+floor."""
 
 KEPT = 200
 """How many runs are remembered, of about 200 kB each."""

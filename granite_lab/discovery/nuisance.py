@@ -13,7 +13,7 @@ import numpy as np
 from granite_lab.discovery.bench import ACCURACY, PER_TRIAL, SAND
 from granite_lab.discovery.observation import Observation
 from granite_lab.logs.trial import Array
-from granite_lab.model.simulator import SETTLE
+from granite_lab.model.simulator import instants
 from granite_lab.parameters import Robot
 
 RAKING = (0.04, 0.06, 0.06)
@@ -57,6 +57,7 @@ class TrialModel:
         self._place = {s.name: PER_TRIAL + 1 + k for k, s in enumerate(self.slacks)}
         self.prior = np.array([*RAKING, SHIFT_STD, *(s.std for s in self.slacks)])
         self.names = (*SAND[:PER_TRIAL], "start", *(s.name for s in self.slacks))
+        self._t = instants(observation.variant, ACCURACY)
         self.measured = np.stack([observation.values[c] for c in self.channels])
 
     @property
@@ -66,7 +67,7 @@ class TrialModel:
 
     def bins_of(self, response: Array, shift: float) -> dict[str, Array]:
         """Return channel to (n,) bins of a (7, M) response."""
-        return self.observation.binned(time_of(response), response, shift)
+        return self.observation.binned(self._t, response, shift)
 
     def predict(self, response: Array, x: Array) -> Array:
         """Return the (C, n) bins that the trial should show."""
@@ -117,11 +118,6 @@ class TrialModel:
 
     def _of(self, x: Array, name: str) -> float:
         return float(x[self._place[name]]) if name in self._place else 0.0
-
-
-def time_of(response: Array) -> Array:
-    """Return the (M,) time of a response since the start of the command [s]."""
-    return np.asarray(-SETTLE + ACCURACY.step * np.arange(response.shape[-1]))
 
 
 def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:

@@ -38,6 +38,12 @@ def steady_interval(variant: Variant) -> tuple[float, float]:
     return ramp, duration(variant) - ramp
 
 
+def corners(variant: Variant) -> tuple[float, float, float, float]:
+    """Return when the desired acceleration jumps [s after command start], in order."""
+    t1, t2 = steady_interval(variant)
+    return 0.0, t1, t2, duration(variant)
+
+
 def steady_part(variant: Variant) -> tuple[float, float]:
     """Return the part over which λ_R is taken: the second half of `steady_interval` [s]."""
     start, end = steady_interval(variant)

@@ -35,10 +35,8 @@ def delayed(
     delays = build_graph(effects).delays
     if not delays:
         return signals
-    from scipy.interpolate import CubicSpline  # noqa: PLC0415, only late stamps need it
-
     late = {
-        name: CubicSpline(t, signals[name])(np.clip(t - lag, t[0], t[-1]))
+        name: np.interp(t - lag, t, signals[name])
         for name, lag in zip(delays, _lags(effects)(vector).full()[:, 0], strict=True)
         if lag != 0 and name in signals
     }

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from granite_lab.errors import EstimateError
 from granite_lab.model.columns import ColumnFunction
-from granite_lab.model.command import duration, steady_part
+from granite_lab.model.command import corners, duration, steady_part
 from granite_lab.model.delays import delayed
 from granite_lab.model.effect import Active, Effect
 from granite_lab.model.graph import STATES, build_graph
@@ -48,11 +48,33 @@ class Accuracy:
     Attributes:
         relative, absolute: tolerances of CVODES.
         step: spacing of the output grid [s].
+        corners: add instants after each corner of the command, where motors and tyres answer within
+            milliseconds: straight lines over that would show the answer too late.
     """
 
     relative: float = 1e-4
     absolute: float = 1e-6
     step: float = 0.005
+    corners: bool = False
+
+
+ANSWER = np.concatenate([np.arange(0, 0.01, 0.0005), np.arange(0.01, 0.03, 0.001)])
+"""Instants after a corner of the command at which its answer is computed [s]."""
+
+
+def instants(variant: Variant, accuracy: Accuracy) -> Array:
+    """Return the (N,) output grid of a run [s after command start].
+
+    Raises:
+        EstimateError: it would be too long.
+    """
+    samples = int(np.ceil((SETTLE + duration(variant) + COAST) / accuracy.step)) + 1
+    refuse_long(variant, samples, accuracy.step)
+    t: Array = -SETTLE + accuracy.step * np.arange(samples, dtype=np.float64)
+    if not accuracy.corners:
+        return t
+    answers = (np.array(corners(variant))[:, None] + ANSWER).ravel()
+    return np.unique(np.concatenate([t, answers]).round(6))
 
 
 @lru_cache(maxsize=64)
@@ -75,9 +97,9 @@ def _rest_function(effects: tuple[Effect, ...]) -> Any:
 
 
 @lru_cache(maxsize=256)
-def _integrator(effects: tuple[Effect, ...], samples: int, accuracy: Accuracy) -> Any:
+def _integrator(effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy) -> Any:
     graph = build_graph(effects)
-    grid = -SETTLE + accuracy.step * np.arange(samples)
+    grid = instants(variant, accuracy)
     return ca.integrator(
         "run",
         "cvodes",
@@ -160,13 +182,11 @@ def integrate(
         EstimateError: CVODES gave up, or the robot finds no rest.
     """
     chosen = tuple(e.effect for e in effects)
-    samples = int(np.ceil((SETTLE + duration(p.variant) + COAST) / accuracy.step)) + 1
-    refuse_long(p.variant, samples, accuracy.step)
+    t = instants(p.variant, accuracy)
     start, vector = rest_state(p, effects), _vector(p, effects)
-    history = _history(_integrator(chosen, samples, accuracy), start, vector, samples)
-    t: Array = -SETTLE + accuracy.step * np.arange(samples, dtype=np.float64)
+    history = _history(_integrator(chosen, p.variant, accuracy), start, vector, t.size)
     wanted = names or tuple(build_graph(chosen).outputs)
-    table = _outputs(chosen, wanted)(t[None], history, vector, samples=samples)
+    table = _outputs(chosen, wanted)(t[None], history, vector, samples=t.size)
     if not np.isfinite(table).all():
         raise EstimateError("the simulation left the range of numbers", "check the parameters")
     signals = dict(zip(wanted, table, strict=True))

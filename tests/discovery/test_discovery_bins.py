@@ -10,12 +10,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
+from granite_lab.discovery.bench import ACCURACY
 from granite_lab.discovery.binning import means
 from granite_lab.discovery.observation import SIGNALS, Observation, bin_width, observe
 from granite_lab.discovery.setup import start_of, variant_of_trial
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
-from granite_lab.parameters import GRAVITY, Robot, load_robot, load_variants
+from granite_lab.model.simulator import Accuracy, integrate
+from granite_lab.model.symbols import model_parameters
+from granite_lab.parameters import (
+    GRAVITY,
+    Robot,
+    Variant,
+    load_paper,
+    load_robot,
+    load_soil,
+    load_variants,
+)
 
 VARIANT = load_variants()[3]
 START = 2.013
@@ -159,3 +170,15 @@ def test_means_are_the_integrals_of_the_straight_lines(seed: int, samples: int, 
         line.integrate(a, b) / (b - a) if b > a else float(line(a)) for a, b in zip(start, end, strict=True)
     ]
     assert means(t, start, end) @ y == pytest.approx(wanted, rel=1e-9, abs=1e-8)
+
+
+@pytest.mark.parametrize("variant", load_variants(), ids=lambda v: f"{v.velocity:g} m/s")
+def test_lines_between_the_instants_of_a_run_show_its_corners_on_time(variant: Variant) -> None:
+    """Motors and tyres answer a corner of the command within milliseconds; 0.03 ms late was too much."""
+    p = model_parameters(load_robot(), load_soil(), variant, a_theta=load_paper().a_theta)
+    exact, run = integrate(p, (), Accuracy(1e-7, 1e-9, 1e-4)), integrate(p, (), ACCURACY)
+    for name in ("imu_ax_mps2", "cur_f_A", "enc_f_rad"):
+        ahead = exact[name] - np.interp(exact["t_s"], run["t_s"], run[name])
+        rate = np.gradient(exact[name], exact["t_s"])
+        ahead, rate = (x[: x.size // 200 * 200].reshape(-1, 200).mean(axis=1) for x in (ahead, rate))
+        assert abs(ahead @ rate / (rate @ rate)) < 5e-6  # [s]

@@ -62,3 +62,13 @@ def test_a_distance_too_short_for_the_velocity_gives_a_triangle() -> None:
     variant = Variant(velocity=1.0, acceleration=1.0, distance=0.25)
     assert command.peak_velocity(variant) == pytest.approx(0.5)
     assert command.duration(variant) == pytest.approx(1.0)
+
+
+@given(variants)
+def test_the_acceleration_jumps_at_the_corners_and_nowhere_else(variant: Variant) -> None:
+    places = np.array(command.corners(variant))
+    assert (np.diff(places) >= -1e-12).all()
+    between = np.sort(np.concatenate([places, np.linspace(-0.5, places[-1] + 0.5, 60)]))
+    level = evaluate(command.desired_velocity, variant, between)
+    middle = evaluate(command.desired_velocity, variant, (between[1:] + between[:-1]) / 2)
+    assert middle == pytest.approx((level[1:] + level[:-1]) / 2, abs=1e-9)

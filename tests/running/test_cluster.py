@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import os
 import subprocess
 import sys
@@ -44,6 +46,16 @@ def begin_worker(folder: Path, scheduler: Path) -> subprocess.Popen[bytes]:
     )  # fmt: skip
 
 
+def address_in(file: Path) -> str:
+    """Return the address that the scheduler writes into a file: the file is there before its content."""
+    end = time.monotonic() + 60
+    while True:
+        with contextlib.suppress(FileNotFoundError, json.JSONDecodeError):
+            return str(json.loads(file.read_text(encoding="utf-8"))["address"])
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     folder = tmp_path_factory.mktemp("cluster")
@@ -61,13 +73,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     )
     workers = [begin_worker(folder, file) for _ in range(2)]
     try:
-        end = time.monotonic() + 60
-        while not file.exists():
-            assert time.monotonic() < end
-            time.sleep(0.1)
-        import json
-
-        yield Cluster(json.loads(file.read_text())["address"], workers)
+        yield Cluster(address_in(file), workers)
     finally:
         for process in (*workers, scheduler):
             process.kill()
