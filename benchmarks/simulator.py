@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks import rk4
 from granite_lab.model import Accuracy, simulate
 from granite_lab.model.command import duration
-from granite_lab.model.simulator import COAST
+from granite_lab.model.instants import COAST
 from granite_lab.parameters import load_paper, load_robot, load_soil, variant_of
 
 PAGE = """# Speed and accuracy of the simulator

@@ -18,7 +18,8 @@ from granite_lab.discovery.observation import SIGNALS
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect, activate
-from granite_lab.model.simulator import Accuracy, integrate
+from granite_lab.model.instants import Accuracy
+from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
 from granite_lab.processes import behave, starting

@@ -13,7 +13,7 @@ import numpy as np
 from granite_lab.discovery.bench import ACCURACY, PER_TRIAL, SAND
 from granite_lab.discovery.observation import Observation
 from granite_lab.logs.trial import Array
-from granite_lab.model.simulator import instants
+from granite_lab.model.instants import instants
 from granite_lab.parameters import Robot
 
 RAKING = (0.04, 0.06, 0.06)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -14,16 +13,16 @@ import numpy.typing as npt
 
 from granite_lab.errors import EstimateError
 from granite_lab.model.columns import ColumnFunction
-from granite_lab.model.command import corners, duration, steady_part
+from granite_lab.model.command import steady_part
 from granite_lab.model.delays import delayed
 from granite_lab.model.effect import Active, Effect
 from granite_lab.model.graph import STATES, build_graph
+from granite_lab.model.instants import SETTLE, USUAL, Accuracy, instants
 from granite_lab.model.limits import (
     MAX_STEPS,
     not_converged,
     refuse_backwards,
     refuse_giving,
-    refuse_long,
     refuse_standing,
     refuse_unsteady,
 )
@@ -32,49 +31,6 @@ from granite_lab.model.symbols import ModelParameters, model_parameters, vector_
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
 
 Array = npt.NDArray[np.float64]
-
-SETTLE = 1.0
-"""Standstill before the command [s]."""
-
-COAST = 2.5
-"""Time simulated after the command's end [s]: (26) cannot brake actively, so the robot comes to
-rest with a time constant of 0.38 s; after 2.5 s it is slower than 0.1 mm/s."""
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """How finely a run is computed.
-
-    Attributes:
-        relative, absolute: tolerances of CVODES.
-        step: spacing of the output grid [s].
-        corners: add instants after each corner of the command, where motors and tyres answer within
-            milliseconds: straight lines over that would show the answer too late.
-    """
-
-    relative: float = 1e-4
-    absolute: float = 1e-6
-    step: float = 0.005
-    corners: bool = False
-
-
-ANSWER = np.concatenate([np.arange(0, 0.01, 0.0005), np.arange(0.01, 0.03, 0.001)])
-"""Instants after a corner of the command at which its answer is computed [s]."""
-
-
-def instants(variant: Variant, accuracy: Accuracy) -> Array:
-    """Return the (N,) output grid of a run [s after command start].
-
-    Raises:
-        EstimateError: it would be too long.
-    """
-    samples = int(np.ceil((SETTLE + duration(variant) + COAST) / accuracy.step)) + 1
-    refuse_long(variant, samples, accuracy.step)
-    t: Array = -SETTLE + accuracy.step * np.arange(samples, dtype=np.float64)
-    if not accuracy.corners:
-        return t
-    answers = (np.array(corners(variant))[:, None] + ANSWER).ravel()
-    return np.unique(np.concatenate([t, answers]).round(6))
 
 
 @lru_cache(maxsize=64)
@@ -164,7 +120,7 @@ def _vector(p: ModelParameters, effects: Sequence[Active]) -> Array:
 def integrate(
     p: ModelParameters,
     effects: Sequence[Active] = (),
-    accuracy: Accuracy = Accuracy(),
+    accuracy: Accuracy = USUAL,
     names: tuple[str, ...] | None = None,
 ) -> dict[str, Array]:
     """Integrate the model from rest, through the command, to rest.
@@ -243,7 +199,7 @@ def simulate(
     k92: float | None = None,
     a_theta: float | None = None,
     effects: Sequence[Active] = (),
-    accuracy: Accuracy = Accuracy(),
+    accuracy: Accuracy = USUAL,
 ) -> Run:
     """Simulate one run, equations (1)-(26).
 

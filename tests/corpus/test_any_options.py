@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,8 @@ from hypothesis import strategies as st
 
 from granite_lab.cli import app
 from tests.corpus.cli import CODES, GRANITE, LOG, ROOT, SAND, Done, lab
+from tests.soak import SOAK
 
-SOAK = bool(os.environ.get("GRANITE_SOAK"))
 # Each example is a whole command, so shrinking one takes too long.
 PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
 SAMPLE = ROOT / "data" / "samples" / "virtual_v0.3_r1.csv"

@@ -16,7 +16,8 @@ from granite_lab.discovery.observation import SIGNALS, Observation, bin_width, o
 from granite_lab.discovery.setup import start_of, variant_of_trial
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
-from granite_lab.model.simulator import Accuracy, integrate
+from granite_lab.model.instants import Accuracy
+from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import (
     GRAVITY,

@@ -9,11 +9,13 @@ from granite_lab.effects import get
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.wish import Wish
 from granite_lab.parameters import load_robot, load_soil
+from tests.soak import soak_only
 
 CANDIDATES = ("sand_throw", "torque_constant_error", "payload_mass")
 
 
 @pytest.mark.slow
+@soak_only
 def test_what_a_strong_effect_leaves_by_another_formula_gets_no_name_of_its_own() -> None:
     """The hidden trials throw sand by another formula; what is left looks like an error of the torque."""
     robot, soil = load_robot(), load_soil()

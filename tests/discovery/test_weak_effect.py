@@ -9,9 +9,11 @@ from granite_lab.effects import get
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.wish import Wish
 from granite_lab.parameters import load_robot, load_soil
+from tests.soak import soak_only
 
 
 @pytest.mark.slow
+@soak_only
 def test_a_small_offset_of_the_centre_of_mass_is_measured_though_other_sand_imitates_most_of_it() -> None:
     """Without the effect φ, K and μ_s off their file leave hardly more than noise."""
     robot, soil = load_robot(), load_soil()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,9 @@ from hypothesis import strategies as st
 from granite_lab.errors import LabError
 from granite_lab.logs import inspect_logs, read_trial
 from tests.logs import make
+from tests.soak import SOAK
 
-EXAMPLES = 3000 if os.environ.get("GRANITE_SOAK") else 150
+EXAMPLES = 3000 if SOAK else 150
 GOOD = make.text(duration=3.0).encode()
 LINES = GOOD.split(b"\n")
 

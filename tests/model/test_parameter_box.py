@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 
 import numpy as np
 import pytest
@@ -18,8 +17,9 @@ from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import GRAVITY, Variant, load_variants, variant_of
 from granite_lab.parameters.records import replace_path
 from tests.model.box import ROBOT, SOIL, Draw, draw, energies, near, scaled
+from tests.soak import SOAK
 
-DRAWS = 2400 if os.environ.get("GRANITE_SOAK") else 64
+DRAWS = 2400 if SOAK else 64
 BATCH = 16
 REASONS = (
     "the robot sinks to its axles on this soil",

@@ -17,9 +17,6 @@ MAIN = (
     "from granite_lab.cli import main; main()"
 )
 
-SOAK = bool(os.environ.get("GRANITE_SOAK"))
-"""Whether the long parts run whole, as in `make soak`."""
-
 
 def begin(folder: Path, *args: object, cache: Path | None = None) -> subprocess.Popen[str]:
     """Start a command in a session of its own, so that all its processes can be found."""

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.running.processes import SOAK, begin, results, trials
+from tests.running.processes import begin, results, trials
+from tests.soak import SOAK
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.running.processes import SOAK, begin, everything, gone, members, trials, unfinished
+from tests.running.processes import begin, everything, gone, members, trials, unfinished
+from tests.soak import SOAK
 
 pytestmark = [
     pytest.mark.slow,
@@ -35,7 +36,7 @@ TWO = ("virtual_v0.2_r1", "virtual_v0.7_r2")
 SEARCH = "--discover" if SOAK else "--no-discover"
 STUDY = ("study", "logs", "--out", "report", "--jobs", "2", "--no-recordings", SEARCH)
 JOBS = {
-    "study": Job(STUDY, TWO, 30 if SOAK else 3),
+    "study": Job(STUDY, TWO, 30 if SOAK else 2),
     "discover": Job(("discover", "logs", "--out", "report", "--jobs", "2"), TWO[1:], 30 if SOAK else 1),
 }
 

@@ -13,7 +13,10 @@ from tests.running.processes import begin, results, trials
 
 pytestmark = pytest.mark.slow
 
-NAMES = ("virtual_v0.2_r1", "virtual_v0.7_r2")
+NAMES = ("virtual_v0.7_r1", "virtual_v0.7_r2")
+"""Of one speed, so that a search is short."""
+
+TWO_SPEEDS = ("virtual_v0.2_r1", "virtual_v0.7_r2")
 
 
 def study(folder: Path, *args: object, code: int = 0, **environment: str) -> tuple[str, str]:
@@ -63,32 +66,30 @@ def test_a_report_says_what_it_was_made_from(folder: Path) -> None:
     assert {"robot.wheels.radius_m", "soil.cohesion_Pa"} <= {p["key"] for p in origin["parameters"]}
 
 
-def test_verify_finds_the_same_again_and_says_what_was_changed(folder: Path) -> None:
-    study(folder, *NAMES_AS_LOGS, "--out", "v/report", "--no-recordings", "--no-discover")
-    output, _ = study(folder, "--verify", "v/report")
+def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path) -> None:
+    logs = trials(tmp_path, *TWO_SPEEDS)
+    study(tmp_path, *logs, "--out", "v/report", "--no-recordings", "--no-discover")
+    output, _ = study(tmp_path, "--verify", "v/report")
     assert output.strip() == "v/report/report.json: the same again, from 2 logs"
 
-    edited = folder / "v" / "report" / "report.json"
+    edited = tmp_path / "v" / "report" / "report.json"
     document = json.loads(edited.read_bytes())
     document["a_theta"]["value"] += 1e-12
     edited.write_text(json.dumps(document), encoding="utf-8")
-    table = next((folder / "v" / "report" / "tables").glob("*.csv"))
+    table = next((tmp_path / "v" / "report" / "tables").glob("*.csv"))
     table.write_text("0\n", encoding="utf-8")
-    moved = folder / "moved"
-    shutil.copytree(folder / "logs", moved)
-    with (moved / f"{NAMES[0]}.csv").open("a", encoding="utf-8") as log:
+    moved = tmp_path / "moved"
+    shutil.copytree(tmp_path / "logs", moved)
+    with (moved / f"{TWO_SPEEDS[0]}.csv").open("a", encoding="utf-8") as log:
         log.write("\n")
-    output, errors = study(folder, "moved", "--verify", "v/report", "--json", code=1)
+    output, errors = study(tmp_path, "moved", "--verify", "v/report", "--json", code=1)
     found = json.loads(output)
     assert found["same"] is False
     told = "\n".join(found["differences"])
     assert "a_theta.value: " in told
     assert f"tables/{table.name}: differs" in told
-    assert f"moved/{NAMES[0]}.csv: its content is not what the report was made from" in told
+    assert f"moved/{TWO_SPEEDS[0]}.csv: its content is not what the report was made from" in told
     assert "differs in" in errors
-
-
-NAMES_AS_LOGS = [f"logs/{name}.csv" for name in NAMES]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,60 @@
+"""When a run is computed, and how finely."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from granite_lab.model.command import corners, duration
+from granite_lab.model.limits import refuse_long
+from granite_lab.parameters import Variant
+
+Array = npt.NDArray[np.float64]
+
+SETTLE = 1.0
+"""Standstill before the command [s]."""
+
+COAST = 2.5
+"""Time simulated after the command's end [s]: (26) cannot brake actively, so the robot comes to
+rest with a time constant of 0.38 s; after 2.5 s it is slower than 0.1 mm/s."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How finely a run is computed.
+
+    Attributes:
+        relative, absolute: tolerances of CVODES.
+        step: spacing of the output grid [s].
+        corners: add instants after each corner of the command, where motors and tyres answer within
+            milliseconds: straight lines over that would show the answer too late.
+    """
+
+    relative: float = 1e-4
+    absolute: float = 1e-6
+    step: float = 0.005
+    corners: bool = False
+
+
+USUAL = Accuracy()
+"""For runs that people look at."""
+
+ANSWER = np.concatenate([np.arange(0, 0.01, 0.0005), np.arange(0.01, 0.03, 0.001)])
+"""Instants after a corner of the command at which its answer is computed [s]."""
+
+
+def instants(variant: Variant, accuracy: Accuracy) -> Array:
+    """Return the (N,) output grid of a run [s after command start].
+
+    Raises:
+        EstimateError: it would be too long.
+    """
+    samples = int(np.ceil((SETTLE + duration(variant) + COAST) / accuracy.step)) + 1
+    refuse_long(variant, samples, accuracy.step)
+    t: Array = -SETTLE + accuracy.step * np.arange(samples, dtype=np.float64)
+    if not accuracy.corners:
+        return t
+    answers = (np.array(corners(variant))[:, None] + ANSWER).ravel()
+    return np.unique(np.concatenate([t, answers]).round(6))
