@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from granite_lab.discovery.confusion import Confusion
 
 Verdict = Literal["none", "named", "unknown"]
-Status = Literal["evaluated", "at a bound", "not converged", "screened only", "related"]
+Status = Literal["evaluated", "at a bound", "not converged", "screened only", "related", "uneven"]
 
 
 @dataclass(frozen=True)

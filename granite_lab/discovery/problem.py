@@ -41,6 +41,10 @@ class Problem:
         """Return the shared parameters of effects, each with the id of its effect, in order."""
         return [(id_, p) for id_, p in self._owned(ids) if not p.per_trial]
 
+    def own_parameters(self, ids: Sequence[str]) -> list[tuple[str, EffectParameter]]:
+        """Return the per-trial parameters of effects, each with the id of its effect, in order."""
+        return [(id_, p) for id_, p in self._owned(ids) if p.per_trial]
+
     def _owned(self, ids: Sequence[str]) -> list[tuple[str, EffectParameter]]:
         return [(id_, self.effect(id_).parameters[k]) for id_ in ids for k in self.places(id_)]
 

@@ -10,6 +10,7 @@ import numpy as np
 from granite_lab.discovery.arrow import Block, project
 from granite_lab.discovery.baseline import noise_energy
 from granite_lab.discovery.bench import SAND
+from granite_lab.discovery.constancy import uneven
 from granite_lab.discovery.follow import simulated
 from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
@@ -79,7 +80,7 @@ def rivals(
         close = sorted((r, other) for other, r in remains.items() if r < max(UNLIKE, UNLIKE_SHARE * size))
         for _, other in close[:MOST_TWINS]:
             rival = _in_place(problem, fit, id_, other, known.get(other))
-            if rival is None:
+            if rival is None or uneven(problem, rival, other):
                 continue
             extra = freedom(problem, left[other]) - freedom(problem, problem.effect(id_))
             worse = rival.chi2 - fit.chi2 + extra

@@ -10,6 +10,7 @@ import numpy as np
 from granite_lab.discovery.adjust import FINAL
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.baseline import learn_noise, noise_energy
+from granite_lab.discovery.constancy import uneven
 from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.refit import (
@@ -63,8 +64,8 @@ class Trial:
         fit: the fit, None where none converged.
         evidence: drop of chi2 against the model without it, as of one number.
         bounds: parameters that ended at a bound.
-        status: "evaluated", "at a bound", "not converged", "screened only", or "related": it explains no more
-            than a fault in the formula of an effect that was found before.
+        status: "evaluated", "at a bound", "uneven": of another size in each trial, "not converged", "screened
+            only", or "related": it explains no more than a fault in the formula of one that was found before.
     """
 
     effect: str
@@ -250,7 +251,8 @@ def _try(problem: Problem, fit: Fit, score: Score, goal: float) -> Trial:
     bounds = at_bound(problem, found)
     effect = problem.effect(score.effect)
     drop = evidence(fit.chi2 - found.chi2, freedom(problem, effect))
-    status = "at a bound" if bounds else "evaluated" if found.converged or drop > 0 else "not converged"
+    status = "evaluated" if found.converged or drop > 0 else "not converged"
+    status = "at a bound" if bounds else "uneven" if uneven(problem, found, score.effect) else status
     return Trial(score.effect, score, found, drop, bounds, status)
 
 

@@ -87,6 +87,10 @@ def notes(
     for t in choice.rounds[0] if choice.rounds else ():
         if t.status == "at a bound":
             found.append(f"{t.effect} was not evaluated: its fit ended at a bound ({', '.join(t.bounds)}).")
+        elif t.status == "uneven":
+            found.append(
+                f"{t.effect} was not named: it would need another size in each trial, not only another phase."
+            )
         elif t.status == "not converged":
             found.append(f"{t.effect} was not evaluated: with it the simulation or the fit fails here.")
     related = [t for t in choice.rounds[-1] if t.status == "related"] if choice.rounds else []

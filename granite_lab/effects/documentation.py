@@ -62,7 +62,9 @@ search: where blue is flat, sand or a sensor can imitate the effect, and only th
 *Neutral* is the value at which an effect vanishes, *bounds* are what it can physically be, and
 *expected* is the range that the source leads to expect. A *shape* parameter says how, not how
 much: it matters only once another parameter is away from neutral. A parameter *per trial* changes
-from trial to trial. This page is written by `python -m granite_lab.effects.documentation`.
+from trial to trial; where two of them are cosine and sine, only the phase may, and a search drops a
+candidate that would need another size in each trial. This page is written by
+`python -m granite_lab.effects.documentation`.
 """
 
 OWN = """\

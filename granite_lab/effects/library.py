@@ -150,6 +150,13 @@ def check_declaration(cls: type[Effect], path: str) -> None:
                 f"{where}: {p.name}: prior range {p.prior_low:g} to {p.prior_high:g} is not inside "
                 f"its bounds {p.low:g} to {p.high:g}"
             )
+    free = {p.name for p in parameters if p.per_trial}
+    for pair in cls.circles if isinstance(cls.circles, tuple) else (cls.circles,):
+        if not isinstance(pair, tuple) or len(pair) != 2 or not free.issuperset(pair):
+            raise InputError(
+                f"{where}: circles: {pair!r} is not a pair of parameters per trial",
+                'expected circles = (("cosine", "sine"), …)',
+            )
     public = {name for name, item in vars(cls).items() if inspect.isfunction(item) and name[0] != "_"}
     for name in sorted(public - set(vars(Effect))):
         close = difflib.get_close_matches(name, vars(Effect), n=1)

@@ -35,6 +35,7 @@ class TreadRipple(Effect):
                         -0.8, 0.8, 0.0, -0.3, 0.3, per_trial=True)
         for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
     )  # fmt: skip
+    circles = (("cos_front", "sin_front"), ("cos_rear", "sin_rear"))
 
     def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
         """Modulate both moduli with the angle of the wheel."""

@@ -36,6 +36,7 @@ class WheelEccentricity(Effect):
                         -0.01, 0.01, 0.0, -0.0015, 0.0015, per_trial=True)
         for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
     )  # fmt: skip
+    circles = (("cos_front", "sin_front"), ("cos_rear", "sin_rear"))
 
     def wheel(self, state: WheelState, own: Own) -> WheelState:
         """Move the wheel as the soil meets it."""

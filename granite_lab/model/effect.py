@@ -110,6 +110,7 @@ class Effect:
         signature: what an observer sees, in words.
         parameters: the effect's parameters.
         states: names of extra states; they start where they rest while the robot stands still.
+        circles: pairs of parameters per trial that are cosine and sine of a size that all trials share.
     """
 
     id: ClassVar[str]
@@ -119,6 +120,7 @@ class Effect:
     signature: ClassVar[str]
     parameters: ClassVar[tuple[EffectParameter, ...]]
     states: ClassVar[tuple[str, ...]] = ()
+    circles: ClassVar[tuple[tuple[str, str], ...]] = ()
 
     def system(self, p: ModelParameters, own: Own) -> ModelParameters:
         """Rewrite the parameters of the whole model."""

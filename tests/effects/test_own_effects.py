@@ -49,6 +49,13 @@ HEADER = EXAMPLE.replace('        return replace(load, x=load.x - own.p["force"]
         (EXAMPLE.replace("def body_load", "def body_loads"), "'body_loads' is not a hook"),
         (EXAMPLE.replace("-50.0, 50.0, 0.0, 1.0, 10.0", "1.0, 50.0, 0.0, 1.0, 10.0"), "neutral 0 is out"),
         (EXAMPLE.replace("1.0, 10.0)", "1.0, 60.0)"), "prior range 1 to 60"),
+        *(
+            (
+                EXAMPLE.replace("    source =", f"    circles = {text}\n    source ="),
+                "not a pair of parameters",
+            )
+            for text in ('(("force", "other"),)', '("force", "force")', "3", "((1, 2),)", '(("force",),)')
+        ),
     ],
 )
 def test_trouble_in_the_file_is_told(tmp_path: Path, source: str, said: str) -> None:

@@ -41,6 +41,7 @@ STATUS = {
     "at a bound": "ended at a bound",
     "not converged": "did not converge",
     "related": "may only mend a formula",
+    "uneven": "of another size in each trial",
 }
 """How far a candidate was tried, as a reader is told."""
 

@@ -13,7 +13,8 @@ from granite_lab.reporting.discovery.names import STATUS, listed, plain
 from granite_lab.reporting.discovery.sizes import picked
 from granite_lab.reporting.rounding import evidence, significant
 
-MARKERS = {"evaluated": "o", "screened only": ".", "at a bound": "x", "not converged": "+", "related": "D"}
+MARKERS = {"evaluated": "o", "screened only": ".", "at a bound": "x", "not converged": "+", "related": "D",
+           "uneven": "s"}  # fmt: skip
 MOST = 12
 """Candidates of a later round that are drawn."""
 
