@@ -172,6 +172,23 @@ def test_others_beyond_the_line_are_explained() -> None:
     assert "once it is in the model, none adds more than chance" in drawing.sentence
 
 
+@pytest.mark.parametrize(
+    ("status", "why"),
+    [
+        ("uneven", "it would need another size in each trial, not only another phase"),
+        ("related", "it is like what is in the model already"),
+        ("at a bound", "its fit ended at a bound"),
+        ("evaluated", "it explains too little"),
+    ],
+)
+def test_the_reader_is_told_why_the_strongest_candidate_is_not_named(status: str, why: str) -> None:
+    finding = made_up_finding("unknown")
+    best, *others = finding.rounds[0]
+    finding = dataclasses.replace(finding, rounds=((dataclasses.replace(best, status=status), *others),))
+    sentence = candidate_drawings(finding)[0].sentence
+    assert f"but it does not count: {why}" in sentence
+
+
 def test_names_to_type_do_not_stand_in_sentences() -> None:
     finding = made_up_finding()
     note = "multi_pass was not evaluated: with it the simulation or the fit fails here."

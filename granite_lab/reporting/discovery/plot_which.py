@@ -15,6 +15,13 @@ from granite_lab.reporting.rounding import evidence, significant
 
 MARKERS = {"evaluated": "o", "screened only": ".", "at a bound": "x", "not converged": "+", "related": "D",
            "uneven": "s"}  # fmt: skip
+NOT_NAMED = {
+    "related": "it is like what is in the model already, and a fault in that formula could do as much",
+    "uneven": "it would need another size in each trial, not only another phase",
+    "at a bound": "its fit ended at a bound of what is physically possible",
+}
+"""Why a candidate with much evidence is not named, by how far it was tried."""
+
 MOST = 12
 """Candidates of a later round that are drawn."""
 
@@ -73,14 +80,10 @@ def _describe(finding: Finding, found: tuple[Candidate, ...], chosen: str | None
         if best.evidence <= finding.threshold:
             text = f"no candidate reaches the {chance} that chance alone reaches in one set of 100"
             return _sentence(f"{given}{text} (best: {plain(best.id)}, {evidence(best.evidence)}).")
-        if best.status == "related":
-            return _sentence(
-                f"{given}{plain(best.id)} comes closest with {evidence(best.evidence)} (chance: {chance}), "
-                "but it is like what is in the model already: a fault in that formula could do as much."
-            )
+        why = NOT_NAMED.get(best.status, "it explains too little, or it does not hold on trials left out")
         return _sentence(
             f"{given}{plain(best.id)} comes closest with {evidence(best.evidence)} (chance: {chance}), "
-            "but it does not count: it explains too little, or it does not hold on trials left out."
+            f"but it does not count: {why}."
         )
     own = next((c for c in found if c.id == chosen), best)
     rest = sorted((c for c in found if c.id != chosen), key=lambda c: -c.evidence)
