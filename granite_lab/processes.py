@@ -5,9 +5,21 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from typing import TypeVar
+
+from granite_lab.errors import LabError
+
+X = TypeVar("X")
+Y = TypeVar("Y")
+
+SHORT_OF_MEMORY = "is memory short? --jobs 1 works in one process"
+"""What to do where a process has died."""
 
 
 def behave() -> None:
@@ -46,6 +58,51 @@ def starting() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def forked(workers: int, enter: Callable[[X], None], given: X) -> ProcessPoolExecutor | None:
+    """Return a pool of forked processes, which need not be sent what they share.
+
+    Args:
+        workers: number of processes.
+        enter: called in each of them first.
+        given: its argument.
+
+    Returns:
+        None where this process may as well work alone, or the system cannot fork safely.
+    """
+    if workers < 2 or sys.platform != "linux":
+        return None
+    context = multiprocessing.get_context("fork")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(enter, given))
+
+
+def _begin(enter: Callable[[X], None], given: X) -> None:
+    behave()
+    enter(given)
+
+
+def spread(
+    pool: ProcessPoolExecutor, call: Callable[[X], Y], items: Sequence[X], did: str, *, chunk: int = 1
+) -> Iterator[Y]:
+    """Yield what a pool makes of each item, in their order.
+
+    Args:
+        pool: of `forked`.
+        call: a module-level function.
+        items: its arguments.
+        did: what the processes did, in the past tense.
+        chunk: items that a process takes at once.
+
+    Raises:
+        LabError: a process died.
+    """
+    try:
+        with starting():
+            answers = pool.map(call, items, chunksize=chunk)
+        yield from answers
+    except BrokenProcessPool:
+        raise LabError(f"a process that {did} has died", SHORT_OF_MEMORY) from None
 
 
 @contextmanager

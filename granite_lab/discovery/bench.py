@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context
 from types import TracebackType
 from typing import Self
 
@@ -22,7 +18,7 @@ from granite_lab.model.instants import Accuracy
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
-from granite_lab.processes import behave, starting
+from granite_lab.processes import forked, spread
 
 SAND = (
     "a_theta", "frictional_modulus", "cohesion",
@@ -98,7 +94,6 @@ _world: World | None = None
 def _enter(world: World) -> None:
     global _world  # noqa: PLW0603, a worker process has exactly one world
     _world = world
-    behave()
 
 
 def _work(task: Task) -> Array | None:
@@ -123,12 +118,8 @@ class Bench:
         self.world, self.runs = world, 0
         self._respond = respond
         self._tick = tick
-        self._pool = None
+        self._pool = forked(jobs, _enter, world) if respond is None else None
         self._known: dict[Task, Array | None] = {}
-        if respond is None and jobs > 1 and sys.platform == "linux":
-            self._pool = ProcessPoolExecutor(
-                jobs, mp_context=get_context("fork"), initializer=_enter, initargs=(world,)
-            )
 
     def __enter__(self) -> Self:
         return self
@@ -145,6 +136,9 @@ class Bench:
         Args:
             tasks: what to simulate; the same task is simulated once.
             keep: remember the signals for the next call.
+
+        Raises:
+            LabError: a process died.
         """
         # the same effects side by side, for a process builds the integrator of each set of effects anew
         fresh = sorted(dict.fromkeys(t for t in tasks if t not in self._known), key=lambda task: task.ids)
@@ -153,14 +147,8 @@ class Bench:
         elif self._pool is None:
             found = [self.world.respond(task) for task in fresh]
         else:
-            try:
-                with starting():
-                    answers = self._pool.map(_work, fresh, chunksize=max(1, min(16, len(fresh) // 8)))
-                found = list(answers)
-            except BrokenProcessPool:
-                raise EstimateError(
-                    "a process that simulated has died", "is memory short? --jobs 1 works in one process"
-                ) from None
+            chunk = max(1, min(16, len(fresh) // 8))
+            found = list(spread(self._pool, _work, fresh, "simulated", chunk=chunk))
         self.runs += len(fresh)
         self._tick(len(fresh))
         known = self._known | dict(zip(fresh, found, strict=True))

@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
 
-from granite_lab.errors import LabError
-from granite_lab.processes import behave, starting
+from granite_lab.processes import forked, spread
 from granite_lab.reporting.canvas import Drawing, to_png, to_svg
 
 FEW = 4
@@ -35,21 +30,12 @@ def rendered(drawings: Sequence[Drawing], jobs: int) -> Iterator[Files]:
     Raises:
         LabError: a process died.
     """
-    workers = min(jobs or os.cpu_count() or 1, len(drawings) // FEW)
-    if workers < 2 or sys.platform != "linux":
+    pool = forked(min(jobs or os.cpu_count() or 1, len(drawings) // FEW), _enter, drawings)
+    if pool is None:
         yield from map(_render, drawings)
         return
-    pool = ProcessPoolExecutor(
-        workers, mp_context=get_context("fork"), initializer=_enter, initargs=(drawings,)
-    )
     try:
-        with starting():
-            files = pool.map(_work, range(len(drawings)))
-        yield from files
-    except BrokenProcessPool:
-        raise LabError(
-            "a process that drew figures has died", "is memory short? --jobs 1 works in one process"
-        ) from None
+        yield from spread(pool, _work, range(len(drawings)), "drew figures")
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -62,7 +48,6 @@ def _render(drawing: Drawing) -> Files:
 def _enter(drawings: Sequence[Drawing]) -> None:
     global _drawings  # noqa: PLW0603, a worker process draws for one report
     _drawings = drawings
-    behave()
 
 
 def _work(index: int) -> Files:

@@ -12,7 +12,7 @@ from multiprocessing import active_children, get_context
 from typing import TypeVar
 
 from granite_lab.errors import LabError
-from granite_lab.processes import behave, starting
+from granite_lab.processes import SHORT_OF_MEMORY, behave, starting
 
 X = TypeVar("X")
 Y = TypeVar("Y")
@@ -49,7 +49,7 @@ def run_here(call: Callable[[X], Y], items: Sequence[X], jobs: int) -> Iterator[
                 index,
                 LabError(
                     f"{item}: the process that worked on it died",
-                    "is memory short? --jobs 1 works in one process",
+                    SHORT_OF_MEMORY,
                 ),
             )
 

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from granite_lab.discovery.bench import Bench, Task, World
-from granite_lab.errors import EstimateError, InputError, LabError
+from granite_lab.errors import InputError, LabError
 from granite_lab.estimate import Estimate
 from granite_lab.parameters import load_robot, load_soil, load_variants
+from granite_lab.processes import SHORT_OF_MEMORY
 from granite_lab.running import Execution, Options, each_trial
 from tests.running.work import measure
 
@@ -58,6 +59,11 @@ class Deadly(World):
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_search_whose_processes_die_says_so() -> None:
     world = Deadly(load_robot(), load_soil(), load_variants(), {})
-    with Bench(world, 2) as bench, pytest.raises(EstimateError, match="has died"):
+    with (
+        Bench(world, 2) as bench,
+        pytest.raises(LabError, match="that simulated has died") as caught,
+    ):
         bench.run([Task(0, (0.01 * k,) * 7) for k in range(4)])
+    assert caught.type is LabError  # a fit takes an EstimateError for a start that fails, and goes on
+    assert caught.value.hint == SHORT_OF_MEMORY
     assert multiprocessing.active_children() == []
