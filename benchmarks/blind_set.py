@@ -30,7 +30,7 @@ from granite_lab.hidden.scoring import Score, score
 from granite_lab.hidden.sealed import NAME, open_answer, seal
 from granite_lab.hidden.wish import Wish
 from granite_lab.logs import write_canonical
-from granite_lab.parameters import load_robot, load_soil
+from granite_lab.parameters import Variant, load_robot, load_soil
 
 ROBOT, SOIL = "granite", "dry_sand"
 
@@ -41,8 +41,16 @@ SHRINK = 0.7
 """Step by which an effect is made smaller that would make the robot dig itself in."""
 
 
-def hide(wish: Wish, folder: Path, repetitions: int = 3) -> tuple[Wish, float]:
+def hide(
+    wish: Wish, folder: Path, repetitions: int = 3, variants: tuple[Variant, ...] = ()
+) -> tuple[Wish, float]:
     """Write a set; return the wish as it was fulfilled, and the factor on its sizes.
+
+    Args:
+        wish: what to hide.
+        folder: of the set.
+        repetitions: of each variant.
+        variants: those of Table 2 when empty.
 
     Raises:
         EstimateError: the robot digs itself in whatever the size.
@@ -55,7 +63,7 @@ def hide(wish: Wish, folder: Path, repetitions: int = 3) -> tuple[Wish, float]:
             strength=wish.strength * (1.0 if wish.sizes else factor),
         )
         try:
-            trials, answer = make_set(smaller, robot, soil, repetitions=repetitions)
+            trials, answer = make_set(smaller, robot, soil, repetitions=repetitions, variants=variants)
         except EstimateError:
             if wish.effect == "none" or attempt == 7:
                 raise
@@ -84,7 +92,11 @@ def discover(folder: Path) -> dict[str, Any]:
 
 
 def run(
-    task: Task, detectable: Detectable, folder: Path | None = None, repetitions: int = 3
+    task: Task,
+    detectable: Detectable,
+    folder: Path | None = None,
+    repetitions: int = 3,
+    variants: tuple[Variant, ...] = (),
 ) -> dict[str, Any]:
     """Make, search and judge one set; return the line for the results file.
 
@@ -92,7 +104,8 @@ def run(
         task: which set.
         detectable: smallest detectable sizes, which the task's strength multiplies.
         folder: where the set stays; without one it is deleted.
-        repetitions: of each of the four variants.
+        repetitions: of each variant.
+        variants: those of Table 2 when empty.
     """
     line: dict[str, Any] = {
         "key": task.key,
@@ -108,7 +121,7 @@ def run(
         line["cpu"] = cpu
         try:
             wish, reached = wish_of(task, detectable)
-            wish, factor = hide(wish, place, repetitions)
+            wish, factor = hide(wish, place, repetitions, variants)
             line["reached"] = {name: round(factor * x, 3) for name, x in reached.items()}
             cpu["make"] = round(time.process_time() - start, 2)
             start = time.process_time()

@@ -146,7 +146,8 @@ def _verify(report: Path, logs: list[Path], execution: Execution, *, quiet: bool
     if as_json:
         print_json({"schema": "granite-lab/verify/1", "same": same} | jsonable(found))
     elif same:
-        console().print(f"{found.report}: the same again, from {found.trials} logs", soft_wrap=True)
+        count = f"{found.trials} log{'s' if found.trials > 1 else ''}"
+        console().print(f"{found.report}: the same again, from {count}", soft_wrap=True)
     else:
         for line in found.differences[:MOST]:
             console().print(line, soft_wrap=True, markup=False)

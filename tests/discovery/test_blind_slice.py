@@ -10,12 +10,13 @@ import pytest
 from benchmarks.blind import RESULTS
 from benchmarks.blind_schedule import Task
 from benchmarks.blind_set import run
+from granite_lab.parameters import Variant, load_variants
 
 DETECTABLE = json.loads(RESULTS.with_name("detectable.json").read_text(encoding="utf-8"))["1"]["sizes"]
 
 
-def judged(task: Task) -> dict[str, Any]:
-    line = run(task, DETECTABLE, repetitions=2)
+def judged(task: Task, variants: tuple[Variant, ...] = ()) -> dict[str, Any]:
+    line = run(task, DETECTABLE, repetitions=2, variants=variants)
     assert line["status"] == "judged", line.get("error")
     return line
 
@@ -42,7 +43,8 @@ def test_a_load_five_times_as_heavy_as_can_be_seen_is_named_and_weighed() -> Non
 
 @pytest.mark.slow
 def test_an_effect_outside_the_library_gets_no_name() -> None:
-    line = judged(Task("outside", "command_staircase", 1.0, 79))
+    slow, _, fast, _ = load_variants()
+    line = judged(Task("outside", "command_staircase", 1.0, 79), (slow, fast))
     assert line["verdict"] == "unknown"
     assert line["right"]
     assert line["gap"]["held_out"][0] > 1.2 * line["gap"]["held_out"][2]
