@@ -8,11 +8,9 @@ import numpy as np
 
 from granite_lab.discovery.baseline import by_command, noise_floor, pure_error
 from granite_lab.discovery.bench import PER_TRIAL, SAND
-from granite_lab.discovery.confusion import Confusion
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import (
     Candidate,
-    Detectable,
     Finding,
     FoundEffect,
     FoundParameter,
@@ -25,6 +23,7 @@ from granite_lab.discovery.point import Fit
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.refit import covariance, held_out
 from granite_lab.discovery.select import Choice
+from granite_lab.discovery.shown import Confusion, Detectable
 from granite_lab.discovery.slopes import blocks_at
 from granite_lab.discovery.unknown import Judgement
 from granite_lab.discovery.words import notes, sentence

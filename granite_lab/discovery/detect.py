@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import chi2 as chi2_law
 
 from granite_lab.discovery.arrow import Block
-from granite_lab.discovery.finding import Detectable
 from granite_lab.discovery.point import Fit
+from granite_lab.discovery.shown import Detectable
 from granite_lab.discovery.signature import Signatures, is_own, strengths
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect

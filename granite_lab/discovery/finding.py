@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from granite_lab.discovery.lackfit import Disagreement
+from granite_lab.discovery.shown import Confusion, Detectable
 from granite_lab.estimate import Estimate
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
@@ -13,8 +14,6 @@ from granite_lab.parameters import Robot, Soil
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from granite_lab.discovery.confusion import Confusion
 
 Verdict = Literal["none", "named", "unknown"]
 Status = Literal["evaluated", "at a bound", "not converged", "screened only", "related", "uneven"]
@@ -74,23 +73,6 @@ class Candidate:
     screened: float
     status: str
     bounds: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Detectable:
-    """The smallest size of an effect that these trials can show.
-
-    Attributes:
-        effect, parameter, unit: which.
-        size: strength that is found with a probability of 80 % [unit]; NaN where these trials cannot.
-        confused_with: candidates whose signature is more than 95 % the same once the nuisances are refitted.
-    """
-
-    effect: str
-    parameter: str
-    unit: str
-    size: float
-    confused_with: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,15 @@ import pytest
 
 from granite_lab.discovery.baseline import begin
 from granite_lab.discovery.bench import Bench, World
-from granite_lab.discovery.confusion import Confusion, confusion, law
+from granite_lab.discovery.confusion import confusion, law
 from granite_lab.discovery.detect import detectability
-from granite_lab.discovery.finding import Detectable
 from granite_lab.discovery.nuisance import UNKNOWN_SAND
 from granite_lab.discovery.plan_scores import amounts_at, evidence_of, path_drop
 from granite_lab.discovery.point import Fit
 from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.screen import evidence, scores
 from granite_lab.discovery.setup import trial_models
+from granite_lab.discovery.shown import Confusion, Detectable
 from granite_lab.discovery.signature import Signatures, signatures
 from granite_lab.discovery.slopes import blocks_at, slopes_at
 from granite_lab.effects import get

@@ -7,7 +7,6 @@ import numpy as np
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import (
     Candidate,
-    Detectable,
     Finding,
     FoundEffect,
     FoundParameter,
@@ -17,6 +16,7 @@ from granite_lab.discovery.finding import (
     Verdict,
 )
 from granite_lab.discovery.lackfit import Disagreement
+from granite_lab.discovery.shown import Detectable
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.command import duration, phase_of
