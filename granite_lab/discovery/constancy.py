@@ -35,15 +35,17 @@ def uneven(problem: Problem, fit: Fit, id_: str) -> bool:
         id_: of the effect.
     """
     circles = problem.effect(id_).circles
+    if not circles or len(problem.trials) < 2:
+        return False
     names = [(e, p.name) for e, p in problem.own_parameters(fit.point.effects)]
+    own = [x[t.size :] for t, x in zip(problem.trials, fit.point.trials, strict=True)]
+    covariances = [
+        b.solve(np.eye(b.precision.size))[-x.size :, -x.size :] for b, x in zip(fit.blocks, own, strict=True)
+    ]
+    limit = chi2.ppf(1 - CHANCE / len(circles), len(own) - 1)
     for pair in circles:
-        vectors, covariances = [], []
-        for trial, block, x in zip(problem.trials, fit.blocks, fit.point.trials, strict=True):
-            at = [trial.size + names.index((id_, name)) for name in pair]
-            vectors.append(x[at])
-            covariances.append(block.solve(np.eye(x.size))[np.ix_(at, at)])
-        limit = chi2.ppf(1 - CHANCE / len(circles), len(vectors) - 1) if len(vectors) > 1 else np.inf
-        if apart(vectors, covariances) > limit:
+        at = [names.index((id_, name)) for name in pair]
+        if apart([x[at] for x in own], [C[np.ix_(at, at)] for C in covariances]) > limit:
             return True
     return False
 

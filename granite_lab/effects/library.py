@@ -150,9 +150,9 @@ def check_declaration(cls: type[Effect], path: str) -> None:
                 f"{where}: {p.name}: prior range {p.prior_low:g} to {p.prior_high:g} is not inside "
                 f"its bounds {p.low:g} to {p.high:g}"
             )
-    free = {p.name for p in parameters if p.per_trial}
+    free = [p.name for p in parameters if p.per_trial]
     for pair in cls.circles if isinstance(cls.circles, tuple) else (cls.circles,):
-        if not isinstance(pair, tuple) or len(pair) != 2 or not free.issuperset(pair):
+        if not isinstance(pair, tuple) or len(pair) != 2 or any(name not in free for name in pair):
             raise InputError(
                 f"{where}: circles: {pair!r} is not a pair of parameters per trial",
                 'expected circles = (("cosine", "sine"), …)',

@@ -47,10 +47,7 @@ def run_here(call: Callable[[X], Y], items: Sequence[X], jobs: int) -> Iterator[
         for index, item in again:
             yield (
                 index,
-                LabError(
-                    f"{item}: the process that worked on it died",
-                    SHORT_OF_MEMORY,
-                ),
+                LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY),
             )
 
 

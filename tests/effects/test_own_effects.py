@@ -54,7 +54,14 @@ HEADER = EXAMPLE.replace('        return replace(load, x=load.x - own.p["force"]
                 EXAMPLE.replace("    source =", f"    circles = {text}\n    source ="),
                 "not a pair of parameters",
             )
-            for text in ('(("force", "other"),)', '("force", "force")', "3", "((1, 2),)", '(("force",),)')
+            for text in (
+                '(("force", "other"),)',
+                '("force", "force")',
+                "3",
+                "((1, 2),)",
+                '(("force", []),)',
+                '(("force",),)',
+            )
         ),
     ],
 )

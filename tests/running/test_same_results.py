@@ -16,6 +16,9 @@ pytestmark = pytest.mark.slow
 NAMES = ("virtual_v0.7_r1", "virtual_v0.7_r2")
 """Of one speed, so that a search is short."""
 
+TWO_SPEEDS = ("virtual_v0.2_r1", "virtual_v0.7_r2")
+"""Of which a_θ can be fitted."""
+
 
 def study(folder: Path, *args: object, code: int = 0, **environment: str) -> tuple[str, str]:
     before = {name: os.environ.get(name) for name in environment}
@@ -65,28 +68,28 @@ def test_a_report_says_what_it_was_made_from(folder: Path) -> None:
 
 
 def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path) -> None:
-    logs = trials(tmp_path, NAMES[0])
+    logs = trials(tmp_path, *TWO_SPEEDS)
     study(tmp_path, *logs, "--out", "v/report", "--no-recordings", "--no-discover")
     output, _ = study(tmp_path, "--verify", "v/report")
-    assert output.strip() == "v/report/report.json: the same again, from 1 log"
+    assert output.strip() == "v/report/report.json: the same again, from 2 logs"
 
     edited = tmp_path / "v" / "report" / "report.json"
     document = json.loads(edited.read_bytes())
-    document["trials"][0]["k92"]["value"] += 1e-12
+    document["a_theta"]["value"] += 1e-12
     edited.write_text(json.dumps(document), encoding="utf-8")
     table = next((tmp_path / "v" / "report" / "tables").glob("*.csv"))
     table.write_text("0\n", encoding="utf-8")
     moved = tmp_path / "moved"
     shutil.copytree(tmp_path / "logs", moved)
-    with (moved / f"{NAMES[0]}.csv").open("a", encoding="utf-8") as log:
+    with (moved / f"{TWO_SPEEDS[0]}.csv").open("a", encoding="utf-8") as log:
         log.write("\n")
     output, errors = study(tmp_path, "moved", "--verify", "v/report", "--json", code=1)
     found = json.loads(output)
     assert found["same"] is False
     told = "\n".join(found["differences"])
-    assert "k92.value: " in told
+    assert "a_theta.value: " in told
     assert f"tables/{table.name}: differs" in told
-    assert f"moved/{NAMES[0]}.csv: its content is not what the report was made from" in told
+    assert f"moved/{TWO_SPEEDS[0]}.csv: its content is not what the report was made from" in told
     assert "differs in" in errors
 
 
