@@ -46,17 +46,17 @@ def means(t: Array, start: Array, end: Array) -> Any:
     """
     first = np.clip(np.searchsorted(t, start, side="right") - 1, 0, t.size - 2)
     last = np.clip(np.searchsorted(t, end, side="left") - 1, first, t.size - 2)
-    lines: npt.NDArray[np.int64] = first[:, None] + np.arange(int((last - first).max(initial=0)) + 1)
-    used = lines <= last[:, None]
-    k = np.where(used, lines, last[:, None])
-    low = np.where(k == first[:, None], start[:, None], t[k])
-    high = np.where(k == last[:, None], end[:, None], t[k + 1])
-    whole = (end - start)[:, None]
-    share = np.divide(high - low, whole, out=np.ones(k.shape), where=whole > 0) * used
+    count = last - first + 1  # lines that a mean goes over
+    ends = np.cumsum(count)
+    k = np.arange(ends[-1] if ends.size else 0) + np.repeat(first - ends + count, count)
+    low, high = t[k], t[k + 1]
+    low[ends - count], high[ends - 1] = start, end
+    whole = np.repeat(end - start, count)
+    share = np.divide(high - low, whole, out=np.ones(k.size), where=whole > 0)
     later = ((low + high) / 2 - t[k]) / (t[k + 1] - t[k])
     columns = np.stack([k, k + 1], axis=-1)
     values = np.stack([share * (1 - later), share * later], axis=-1)
-    rows = np.arange(start.size + 1) * 2 * k.shape[1]
+    rows = np.concatenate([[0], 2 * ends])
     return csr_array((values.ravel(), columns.ravel(), rows), shape=(start.size, t.size))
 
 
@@ -114,20 +114,21 @@ class Binning:
         return _Group(tuple(names), weights, s.t[used] - t_start, s.window, to_bins[:, used])
 
     def __call__(self, t: Array, response: Array, shift: float) -> dict[str, Array]:
-        """Return channel to (n,) bins.
+        """Return channel to its (n,) bins, or to the (k, n) bins of k responses.
 
         Args:
             t: (M,) time since the start of the command [s], the same for each response of that length.
-            response: (7, M) simulated signals.
+            response: (7, M) or (k, 7, M) simulated signals.
             shift: by how much the command starts later than `t_start` [s].
         """
         key = (shift, t.size)
         if key not in self._known:
             if len(self._known) >= KEPT:
                 del self._known[next(iter(self._known))]
-            self._known[key] = [g.to_stamps(t, shift) for g in self._groups]
+            self._known[key] = [g.to_bins @ g.to_stamps(t, shift) for g in self._groups]
         found: dict[str, Array] = {}
-        for group, to_stamps in zip(self._groups, self._known[key], strict=True):
-            bins = group.to_bins @ (to_stamps @ (group.weights @ response).T)
-            found |= dict(zip(group.names, bins.T, strict=True))
+        for group, matrix in zip(self._groups, self._known[key], strict=True):
+            signals = group.weights @ response
+            bins = (matrix @ signals.reshape(-1, t.size).T).T.reshape(*signals.shape[:-1], -1)
+            found |= {name: bins[..., place, :] for place, name in enumerate(group.names)}
         return {name: found[name] for name in self._order}

@@ -66,7 +66,7 @@ class TrialModel:
         return self.prior.size
 
     def bins_of(self, response: Array, shift: float) -> dict[str, Array]:
-        """Return channel to (n,) bins of a (7, M) response."""
+        """Return channel to the (n,) bins of a (7, M) response, or the (k, n) bins of (k, 7, M) responses."""
         return self.observation.binned(self._t, response, shift)
 
     def predict(self, response: Array, x: Array) -> Array:
@@ -96,7 +96,8 @@ class TrialModel:
         shift = float(x[PER_TRIAL])
         b = self.bins_of(response, shift)
         zero = {c: np.zeros(self.observation.bins) for c in self.channels}
-        columns = [self.bins_of(slope, shift) for slope in slopes]
+        by_sand = self.bins_of(slopes, shift)
+        columns = [{c: bins[k] for c, bins in by_sand.items()} for k in range(len(slopes))]
         later, sooner = (self.bins_of(response, shift + s * _SHIFT_STEP) for s in (1, -1))
         columns.append({c: (later[c] - sooner[c]) / (2 * _SHIFT_STEP) for c in self.channels})
         for slack in self.slacks:
@@ -111,10 +112,10 @@ class TrialModel:
             columns.append(own)
         return np.stack([np.concatenate([own[c] for c in self.channels]) for own in columns], axis=1)
 
-    def effect_columns(self, response: Array, x: Array) -> Array:
-        """Return the (C n,) bins of a change of the response."""
-        b = self.bins_of(response, float(x[PER_TRIAL]))
-        return np.concatenate([b[c] for c in self.channels])
+    def effect_columns(self, changes: Array, x: Array) -> Array:
+        """Return the (C n, k) bins of k changes of the response, (k, 7, M)."""
+        b = self.bins_of(changes, float(x[PER_TRIAL]))
+        return np.concatenate([b[c].T for c in self.channels])
 
     def _of(self, x: Array, name: str) -> float:
         return float(x[self._place[name]]) if name in self._place else 0.0

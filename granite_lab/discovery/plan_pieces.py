@@ -124,8 +124,8 @@ class Table:
                 columns.append((signals - base) / h)
         model = plain.problem.trials[0]
         x = np.zeros(model.size)
-        bins = [plain.problem.whiten(0, model.effect_columns(c, x)) for c in columns]
-        return Piece(model, plain.block, np.stack(bins, axis=1), plain.prior)
+        bins = plain.problem.whiten(0, model.effect_columns(np.stack(columns), x))
+        return Piece(model, plain.block, bins, plain.prior)
 
     def _nuisances(self, number: int, like: Driven) -> _Plain:
         problem = staged(self.design, self.bench, [(number, like)])

@@ -90,7 +90,7 @@ def imprint(
                 f"{active.id}: the simulation at {speed:g} m/s does not converge",
                 "the effect is too strong for this robot on this soil",
             )
-        raws.append(trial.effect_columns(response - slopes.response[i], point.trials[i]))
+        raws.append(trial.effect_columns(response[None] - slopes.response[i], point.trials[i])[:, 0])
         columns.append(problem.whiten(i, raws[-1])[:, None])
     blocks = blocks_at(problem, point, slopes)
     through = project(blocks, columns, problem.bounds(point)[0])

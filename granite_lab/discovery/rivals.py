@@ -123,7 +123,7 @@ def unlike(
     columns = []
     for i, (trial, x) in enumerate(zip(problem.trials, fit.point.trials, strict=True)):
         j = problem.variants.index(trial.variant)
-        own = trial.effect_columns(here[j] - changes[j], x)
+        own = trial.effect_columns((here[j] - changes[j])[None], x)
         columns.append(np.column_stack([problem.whiten(i, own), signs.columns[i]]))
     G = project(blocks, columns, problem.bounds(fit.point)[0][kept]).gram
     remains = {}

@@ -128,13 +128,14 @@ def signatures(
     found = problem.bench.run(tasks, keep=False)
     changes = [found[j * len(probes) : (j + 1) * len(probes)] for j in range(len(problem.variants))]
     sound = [k for k in range(len(probes)) if all(of[k] is not None for of in changes)]
-    columns: list[Array] = []
-    for i, (trial, x) in enumerate(zip(problem.trials, fit.point.trials, strict=True)):
-        j = problem.variants.index(trial.variant)
-        raw = [trial.effect_columns(changes[j][k] - here[j], x) for k in sound]  # type: ignore[operator]
-        columns.append(
-            problem.whiten(i, np.stack(raw, axis=1)) if raw else np.zeros((trial.measured.size, 0))
-        )
+    moved = [
+        np.stack([of[k] - base for k in sound]) if sound else np.zeros((0, *base.shape))  # type: ignore[operator]
+        for of, base in zip(changes, here, strict=True)
+    ]
+    columns = [
+        problem.whiten(i, trial.effect_columns(moved[problem.variants.index(trial.variant)], x))
+        for i, (trial, x) in enumerate(zip(problem.trials, fit.point.trials, strict=True))
+    ]
     shared = [n for n, k in enumerate(sound) if not is_own(candidates[probes[k].effect])]
     prior = problem.bounds(fit.point)[0]
     common = [c[:, shared] for c in columns]

@@ -96,8 +96,8 @@ def blocks_at(problem: Problem, point: Point, slopes: Slopes) -> list[Block]:
         j = problem.variants.index(t.variant)
         response, sand = slopes.response[j], slopes.sand[j]
         local = t.columns(response, sand[:PER_TRIAL], x[: t.size])
-        extra = [t.effect_columns(s, x) for s in (*sand[PER_TRIAL:], *slopes.common[j], *slopes.own[j])]
-        shared = np.column_stack([local[:, :PER_TRIAL], *extra])
+        extra = t.effect_columns(np.concatenate([sand[PER_TRIAL:], slopes.common[j], slopes.own[j]]), x)
+        shared = np.column_stack([local[:, :PER_TRIAL], extra])
         own = shared[:, shared.shape[1] - len(private) :]
         local = problem.whiten(i, np.column_stack([local, own]))
         shared = problem.whiten(i, shared[:, : shared.shape[1] - len(private)])

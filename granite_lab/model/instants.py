@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.model.command import corners, duration
+from granite_lab.model.command import corners, duration, peak_velocity
 from granite_lab.model.limits import refuse_long
 from granite_lab.parameters import Variant
 
@@ -27,22 +27,31 @@ class Accuracy:
 
     Attributes:
         relative, absolute: tolerances of CVODES.
-        step: spacing of the output grid [s].
-        corners: add instants after each corner of the command, where motors and tyres answer within
-            milliseconds: straight lines over that would show the answer too late.
+        step: largest spacing of the output grid while the robot moves [s].
+        travel: how far the robot may drive from one instant to the next [m]; lugs and run-outs
+            shake it by distance, so that fast runs need closer instants.
+        lean: few instants before the command, where nothing happens, and many after each corner of
+            it, where motors and tyres answer within milliseconds: straight lines over that would
+            show the answer too late.
     """
 
     relative: float = 1e-4
     absolute: float = 1e-6
     step: float = 0.005
-    corners: bool = False
+    travel: float = np.inf
+    lean: bool = False
 
 
 USUAL = Accuracy()
 """For runs that people look at."""
 
-ANSWER = np.concatenate([np.arange(0, 0.01, 0.0005), np.arange(0.01, 0.03, 0.001)])
+ANSWER = np.concatenate(
+    [np.arange(0, 0.01, 0.0005), np.arange(0.01, 0.03, 0.001), np.arange(0.03, 0.1, 0.0025)]
+)
 """Instants after a corner of the command at which its answer is computed [s]."""
+
+AT_REST = 0.02
+"""Spacing of the instants before the command where they are few [s]."""
 
 
 def instants(variant: Variant, accuracy: Accuracy) -> Array:
@@ -51,10 +60,12 @@ def instants(variant: Variant, accuracy: Accuracy) -> Array:
     Raises:
         EstimateError: it would be too long.
     """
-    samples = int(np.ceil((SETTLE + duration(variant) + COAST) / accuracy.step)) + 1
-    refuse_long(variant, samples, accuracy.step)
-    t: Array = -SETTLE + accuracy.step * np.arange(samples, dtype=np.float64)
-    if not accuracy.corners:
+    step = min(accuracy.step, accuracy.travel / peak_velocity(variant))
+    samples = int(np.ceil((SETTLE + duration(variant) + COAST) / step)) + 1
+    refuse_long(variant, samples, step)
+    t: Array = -SETTLE + step * np.arange(samples, dtype=np.float64)
+    if not accuracy.lean:
         return t
+    before = np.arange(-SETTLE, 0, AT_REST)
     answers = (np.array(corners(variant))[:, None] + ANSWER).ravel()
-    return np.unique(np.concatenate([t, answers]).round(6))
+    return np.unique(np.concatenate([before, t[t >= 0], answers]).round(6))

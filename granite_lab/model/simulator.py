@@ -52,14 +52,19 @@ def _rest_function(effects: tuple[Effect, ...]) -> Any:
     return ca.Function("rest", [q, graph.p], [ca.densify(residual), slope, ca.densify(place)])
 
 
+@lru_cache(maxsize=64)
+def _equations(effects: tuple[Effect, ...]) -> dict[str, Any]:
+    graph = build_graph(effects)
+    return {"t": graph.t, "x": graph.x, "p": graph.p, "ode": ca.cse(graph.rates)}
+
+
 @lru_cache(maxsize=256)
 def _integrator(effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy) -> Any:
-    graph = build_graph(effects)
     grid = instants(variant, accuracy)
     return ca.integrator(
         "run",
         "cvodes",
-        {"t": graph.t, "x": graph.x, "p": graph.p, "ode": ca.cse(graph.rates)},
+        _equations(effects),
         grid[0],
         grid[1:],
         {

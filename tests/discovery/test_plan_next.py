@@ -19,7 +19,7 @@ from granite_lab.cli import main
 from granite_lab.commands.plan import show_plan
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.baseline import begin
-from granite_lab.discovery.bench import SAND, Bench, Task, World
+from granite_lab.discovery.bench import ACCURACY, SAND, Bench, Task, World
 from granite_lab.discovery.finding import Residual
 from granite_lab.discovery.observation import CHANNELS
 from granite_lab.discovery.plan import Plan, decided, plan_next
@@ -48,6 +48,7 @@ from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.model import Accuracy, simulate
 from granite_lab.model.command import phase_of
 from granite_lab.model.effect import activate
+from granite_lab.model.instants import instants
 from granite_lab.model.virtual import virtual_trial
 from granite_lab.parameters import GRAVITY, Variant, load_robot, load_soil
 
@@ -190,7 +191,7 @@ def test_conditions_do_what_they_say() -> None:
     def steady(conditions: Conditions, *setting: tuple[str, tuple[float, ...]]) -> np.ndarray:
         response = world.respond(Task(under.index(conditions), (0.0,) * len(SAND), setting))
         assert response is not None
-        return response[:, int((1.0 + 1.8) / 0.0025)]
+        return response[:, np.searchsorted(instants(SLOW, ACCURACY), 1.8)]
 
     slope = ("ground_slope", (2.0,))
     up, down = (steady(Conditions(slope=s)) for s in (3.0, -3.0))
