@@ -122,6 +122,12 @@ class Effect:
     states: ClassVar[tuple[str, ...]] = ()
     circles: ClassVar[tuple[tuple[str, str], ...]] = ()
 
+    @property
+    def moves(self) -> bool:
+        """Whether it can change the motion; one that only rewrites what sensors show cannot."""
+        hooks = {name for name, hook in vars(Effect).items() if callable(hook)} - {"sensors", "delays"}
+        return bool(self.states) or any(getattr(type(self), h) is not getattr(Effect, h) for h in hooks)
+
     def system(self, p: ModelParameters, own: Own) -> ModelParameters:
         """Rewrite the parameters of the whole model."""
         return p

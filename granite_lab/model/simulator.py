@@ -143,9 +143,8 @@ def integrate(
         EstimateError: CVODES gave up, or the robot finds no rest.
     """
     chosen = tuple(e.effect for e in effects)
-    t = instants(p.variant, accuracy)
-    start, vector = rest_state(p, effects), _vector(p, effects)
-    history = _history(_integrator(chosen, p.variant, accuracy), start, vector, t.size)
+    t, vector = instants(p.variant, accuracy), _vector(p, effects)
+    history = _history(p, tuple(e for e in effects if e.effect.moves), accuracy)
     wanted = names or tuple(build_graph(chosen).outputs)
     table = _outputs(chosen, wanted)(t[None], history, vector, samples=t.size)
     if not np.isfinite(table).all():
@@ -154,13 +153,18 @@ def integrate(
     return {"t_s": t} | delayed(t, signals, chosen, vector)
 
 
-def _history(run: Any, start: Array, vector: Array, samples: int) -> Array:
-    """Return the (states, samples) history, read from CVODES without a detour over lists of numbers.
+@lru_cache(maxsize=8)
+def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy) -> Array:
+    """Return the (states, N) history, read from CVODES without a detour over lists of numbers.
+
+    It is remembered for a while: sensors with other faults may look at the same motion.
 
     Raises:
-        EstimateError: CVODES gave up.
+        EstimateError: CVODES gave up, or the robot finds no rest.
     """
-    history = np.empty((samples, start.size))
+    run = _integrator(tuple(e.effect for e in effects), p.variant, accuracy)
+    start, vector = rest_state(p, effects), _vector(p, effects)
+    history = np.empty((instants(p.variant, accuracy).size, start.size))
     history[0] = start
     places, evaluate = run.buffer()
     places.set_arg(run.index_in("x0"), start.data)
@@ -170,7 +174,9 @@ def _history(run: Any, start: Array, vector: Array, samples: int) -> Array:
         evaluate()
     except RuntimeError as error:
         raise not_converged(error) from None
-    return np.ascontiguousarray(history.T)
+    states = np.ascontiguousarray(history.T)
+    states.flags.writeable = False
+    return states
 
 
 def steady_slip(
