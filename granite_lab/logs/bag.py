@@ -16,7 +16,7 @@ from granite_lab.logs.layouts import ACCELERATION, ENCODERS, RATE, Column, Layou
 from granite_lab.logs.matching import best, match
 from granite_lab.logs.metadata import collect
 from granite_lab.logs.named import name_of
-from granite_lab.logs.sources import Source
+from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array, InputFile
 
 __all__ = ["ROLES", "open_bag"]

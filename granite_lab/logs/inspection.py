@@ -19,7 +19,8 @@ from granite_lab.logs.mapfile import Entry
 from granite_lab.logs.matching import Match, choose
 from granite_lab.logs.named import is_bag
 from granite_lab.logs.reader import Maps, assemble
-from granite_lab.logs.sources import Source, given_maps, open_source
+from granite_lab.logs.source import Source
+from granite_lab.logs.sources import given_maps, open_source
 from granite_lab.logs.stretches import look, rests
 from granite_lab.logs.table import load
 from granite_lab.logs.trial import Array, Trial

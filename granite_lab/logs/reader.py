@@ -13,7 +13,8 @@ from granite_lab.logs.clocks import describe_gaps
 from granite_lab.logs.metadata import fill, trial_info
 from granite_lab.logs.named import name_of
 from granite_lab.logs.plausibility import check_imu
-from granite_lab.logs.sources import Source, given_maps, open_source, refuse_unused
+from granite_lab.logs.source import Source
+from granite_lab.logs.sources import given_maps, open_source, refuse_unused
 from granite_lab.logs.streams import Parts, Samples, read_streams
 from granite_lab.logs.trial import Array, ImuStream, InputFile, Trial, TrialInfo
 from granite_lab.logs.wheelcheck import check_wheels

@@ -5,57 +5,23 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from granite_lab.errors import InputError, UsageError, at
+from granite_lab.errors import InputError, UsageError
 from granite_lab.files import sha256
+from granite_lab.logs.bag import open_bag
 from granite_lab.logs.dialect import Dialect, TableFormat, sniff
 from granite_lab.logs.layouts import Layout, load_layout
-from granite_lab.logs.matching import Binding, Match, best, choose, match, no_match
+from granite_lab.logs.matching import Match, best, choose, match, no_match
 from granite_lab.logs.metadata import Metadata, collect
 from granite_lab.logs.named import is_bag
-from granite_lab.logs.table import line_of, load
+from granite_lab.logs.source import Source
+from granite_lab.logs.table import load
 from granite_lab.logs.trial import Array, InputFile
 
 _ROWS = re.compile(r"\s*(?P<name>.+?)\s*==?\s*(?P<value>[^=]+?)\s*")
-
-
-@dataclass(frozen=True, eq=False)
-class Source:
-    """A file that was read.
-
-    Attributes:
-        path: where it is.
-        dialect: how its text is laid out.
-        match: the layout it has.
-        columns: place of a column to its (N,) values, in the file's units.
-        kept: (N,) the row of data each value came from.
-        metadata: what the file and its sidecar say.
-        inputs: the file and its sidecar.
-        doubts: what the reader was not sure of.
-    """
-
-    path: Path
-    dialect: Dialect
-    match: Match
-    columns: dict[int, Array]
-    kept: Array
-    metadata: Metadata
-    inputs: tuple[InputFile, ...]
-    doubts: tuple[str, ...]
-
-    def bindings(self, *channels: str) -> list[Binding]:
-        """Return the bindings of some channels."""
-        return [b for b in self.match.bindings if b.channel in channels]
-
-    def place(self, row: int) -> str:
-        """Name the place in the file of a row of `columns`."""
-        if self.dialect.data_line == 0:
-            return f"{self.path}: message {int(self.kept[row]) + 1}"
-        return at(self.path, line_of(self.path, self.dialect, int(self.kept[row])) or None)
 
 
 def open_source(
@@ -77,8 +43,6 @@ def open_source(
     """
     path = Path(path)
     if is_bag(path):
-        from granite_lab.logs.bag import open_bag  # noqa: PLC0415, it needs Source from here
-
         return open_bag(path, maps, topics)
     dialect, found = recognise(path, maps)
     doubts = list(dialect.doubts)

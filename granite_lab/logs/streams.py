@@ -16,7 +16,7 @@ from granite_lab.logs.clocks import ClockResetError, tidy, unit_factor, unwrap_s
 from granite_lab.logs.encoders import convert
 from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.matching import Binding
-from granite_lab.logs.sources import Source
+from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
 from granite_lab.parameters import Robot
 
