@@ -11,7 +11,7 @@ from granite_lab.discovery.adjust import ROUGH, SEARCH
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.bench import SAND
 from granite_lab.discovery.follow import followed, simulated
-from granite_lab.discovery.noise import FAST, LEARNT, learn, white
+from granite_lab.discovery.noise import FAST, LEARNT, at_rest, errors, learn, white
 from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
 from granite_lab.errors import EstimateError
@@ -60,11 +60,12 @@ def begin(problem: Problem) -> None:
 def learn_noise(problem: Problem, residuals: Sequence[Array]) -> None:
     """Replace the weights by the noise that residuals show, one command and channel at a time."""
     whiteners = [list(w) for w in problem.whiteners]
-    for own in by_command(problem):
-        speed = _speed(problem, residuals, own)
+    speeds = [(own, _speed(problem, residuals, own)) for own in by_command(problem)]
+    rest = _rest(problem, residuals, speeds)
+    for own, speed in speeds:
         width = problem.trials[own[0]].observation.width
         for c in channels_of(problem, own):
-            having = [i for i in own if c in problem.trials[i].channels]
+            having = _having(problem, own, c)
             place = {i: problem.trials[i].channels.index(c) for i in having}
             rows = [residuals[i][place[i]] for i in having]
             shown = _predicted(problem, residuals, c, having)
@@ -72,10 +73,36 @@ def learn_noise(problem: Problem, residuals: Sequence[Array]) -> None:
             if c.startswith("current"):  # its errors grow with the torque
                 level = float(np.median(np.abs(shown[speed >= FAST])))
                 strength = np.clip(np.abs(shown) / level, 0, 4) * (speed > 0) if level > 0 else speed
-            found = learn(rows, strength, np.gradient(shown), FLOOR[c], width)
+            sensor = rest[_sensor(problem, having[0], c)]
+            found = learn(rows, strength, np.gradient(shown), FLOOR[c], width, sensor)
             for i, w in zip(having, found, strict=True):
                 whiteners[i][place[i]] = w
     problem.whiteners = whiteners
+
+
+def _rest(
+    problem: Problem, residuals: Sequence[Array], speeds: Sequence[tuple[list[int], Array]]
+) -> dict[tuple[str, int], Array]:
+    """Return sensor to its spectrum at standstill, from all commands."""
+    noise: dict[tuple[str, int], list[Array]] = {}
+    for own, speed in speeds:
+        for c in channels_of(problem, own):
+            having = _having(problem, own, c)
+            rows = errors([residuals[i][problem.trials[i].channels.index(c)] for i in having])
+            noise.setdefault(_sensor(problem, having[0], c), []).extend(rows[:, speed == 0])
+    width = problem.trials[0].observation.width
+    return {sensor: at_rest(rows, FLOOR[sensor[0]], width) for sensor, rows in noise.items()}
+
+
+def _sensor(problem: Problem, trial: int, channel: str) -> tuple[str, int]:
+    """Tell sensors apart by what they show and how many samples they give a bin."""
+    o = problem.trials[trial].observation
+    return channel, round(o.width / float(np.median(np.diff(o.streams[channel].t))))
+
+
+def _having(problem: Problem, own: Sequence[int], channel: str) -> list[int]:
+    """Return those of some trials that have a channel."""
+    return [i for i in own if channel in problem.trials[i].channels]
 
 
 def _predicted(problem: Problem, residuals: Sequence[Array], channel: str, having: Sequence[int]) -> Array:
@@ -174,7 +201,7 @@ def pure_error(problem: Problem, white_residuals: Sequence[Array]) -> list[Array
     result = [np.asarray(w) for w in white_residuals]
     for own in by_command(problem):
         for c in channels_of(problem, own):
-            having = [i for i in own if c in problem.trials[i].channels]
+            having = _having(problem, own, c)
             if len(having) < 2:
                 continue
             n = problem.trials[having[0]].observation.bins
@@ -204,7 +231,7 @@ def noise_floor(problem: Problem, error: Sequence[Array]) -> list[Array]:
     result = [np.asarray(e).copy() for e in error]
     for own in by_command(problem):
         for c in channels_of(problem, own):
-            having = [i for i in own if c in problem.trials[i].channels]
+            having = _having(problem, own, c)
             if len(having) < 2:
                 continue
             for i in having:

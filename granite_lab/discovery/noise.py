@@ -65,13 +65,47 @@ def white(level: float, known: Array) -> Whitener:
     return Whitener(np.full(int(known.sum()), level), known)
 
 
+def errors(residuals: Sequence[Array]) -> Array:
+    """Return the (trials, n) noise in the residuals of the trials of one command.
+
+    With repetitions the residual minus its mean over them is noise alone: what the model misses is
+    common to all.
+
+    Args:
+        residuals: (n,) per trial, NaN where nothing was measured, aligned on the command.
+    """
+    table = np.stack(residuals)
+    if len(residuals) < 2:
+        return table
+    count = np.fmax(1, np.isfinite(table).sum(axis=0))
+    return np.asarray((table - np.nansum(table, axis=0) / count) * np.sqrt(count / np.fmax(1, count - 1)))
+
+
+def at_rest(noise: Sequence[Array], floor: float, width: float) -> Array:
+    """Return the power spectrum of a sensor at standstill.
+
+    A command has half a second of it, and by chance its repetitions resemble each other there; the
+    sensor is the same in all commands.
+
+    Args:
+        noise: rows of `errors`, of the bins at standstill only, from however many commands.
+        floor: smallest std worth telling from zero.
+        width: of a bin [s].
+    """
+    return _spectrum(noise, REST_ORDER, floor, width, 0.0)
+
+
 def learn(
-    residuals: Sequence[Array], speed: Array, slope: Array, floor: float, width: float
+    residuals: Sequence[Array],
+    speed: Array,
+    slope: Array,
+    floor: float,
+    width: float,
+    rest: Array | None = None,
 ) -> list[Whitener]:
     """Identify the noise of one channel from the trials of one command.
 
-    With repetitions the residual minus its mean over them is noise alone: what the model misses is
-    common to all. Without, the slow part of the spectrum is taken to be as loud as the band above.
+    Without repetitions the slow part of the spectrum is taken to be as loud as the band above.
 
     Args:
         residuals: (n,) per trial, NaN where nothing was measured, aligned on the command.
@@ -79,17 +113,13 @@ def learn(
         slope: (n,) change of the signal over a bin.
         floor: smallest std worth telling from zero.
         width: of a bin [s].
+        rest: what `at_rest` found; by default it looks at these trials alone.
     """
-    table = np.stack(residuals)
-    error = table
-    repeated = len(residuals) > 1
-    if repeated:
-        count = np.fmax(1, np.isfinite(table).sum(axis=0))
-        error = (table - np.nansum(table, axis=0) / count) * np.sqrt(count / np.fmax(1, count - 1))
-    cut = 0.0 if repeated else CUT
-    still, fast = speed == 0, speed >= FAST
-    rest = _spectrum(error[:, still], REST_ORDER, floor, width, 0.0)
-    driven = _spectrum(error[:, fast], ORDER, floor, width, cut)
+    table, error = np.stack(residuals), errors(residuals)
+    cut = 0.0 if len(residuals) > 1 else CUT
+    if rest is None:
+        rest = at_rest(list(error[:, speed == 0]), floor, width)
+    driven = _spectrum(list(error[:, speed >= FAST]), ORDER, floor, width, cut)
     vibration = np.fmax(driven - rest, 0.0)
     n = speed.size
     Σ = _covariance(rest, n) + np.outer(speed, speed) * _covariance(vibration, n)
@@ -105,7 +135,7 @@ def learn(
 _GRID = 1024
 
 
-def _spectrum(error: Array, order: int, floor: float, width: float, cut: float) -> Array:
+def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cut: float) -> Array:
     """Return the power spectrum on `_GRID` + 1 frequencies, smoothed by an autoregression.
 
     The floor enters as white noise: a sensor at rest on one step of its scale has no noise to learn.

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from granite_lab.discovery.lackfit import window_scores, windows
-from granite_lab.discovery.noise import learn
+from granite_lab.discovery.noise import at_rest, errors, learn
 
 N, WIDTH = 400, 0.02
 
@@ -62,6 +62,18 @@ def test_one_run_alone_does_not_take_a_slow_effect_for_noise(missing: np.ndarray
     signal = whitener(missing / 5)
     assert np.sqrt(np.mean(whitener(noise)[50:280] ** 2)) == pytest.approx(1.0, abs=0.3)
     assert np.sum(signal**2) > 1000
+
+
+def test_all_commands_together_tell_the_noise_at_rest_better_than_one() -> None:
+    """Half a second of three repetitions that look alike by chance was once taken for a quiet sensor."""
+    rng = np.random.default_rng(4)
+    alone, together = [], []
+    for _ in range(60):
+        noise = [errors(list(rng.normal(size=(3, 24)))) for _ in range(4)]
+        alone.append(at_rest(list(noise[0]), 1e-3, WIDTH).mean())
+        together.append(at_rest([row for rows in noise for row in rows], 1e-3, WIDTH).mean())
+    assert np.mean(together) == pytest.approx(1.0, abs=0.05)
+    assert np.std(together) < 0.65 * np.std(alone)  # half of it, if they were normal numbers
 
 
 def test_missing_bins_stay_out(missing: np.ndarray) -> None:
