@@ -96,7 +96,7 @@ def fit(
                 break
             responses, white, chi2 = _exactly(problem, point)
             if not fresh and renew > 0:
-                slopes, fresh, renew = slopes_at(problem, point, fine=fine), True, renew - 1
+                slopes, fresh, renew = slopes_at(problem, point, fine=fine, near=blocks), True, renew - 1
                 blocks = blocks_at(problem, point, slopes)
             continue
         new = followed(problem, responses, point, aim, slopes)
@@ -115,7 +115,7 @@ def fit(
                 break
         if kept < TRUSTED and not fresh and renew > 0:
             responses, white, chi2 = _exactly(problem, point)
-            slopes, fresh, renew = slopes_at(problem, point, fine=fine), True, renew - 1
+            slopes, fresh, renew = slopes_at(problem, point, fine=fine, near=blocks), True, renew - 1
             blocks = blocks_at(problem, point, slopes)
     if not responses.exact:
         responses, white, chi2 = _exactly(problem, point)

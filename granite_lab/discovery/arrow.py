@@ -6,6 +6,7 @@ same elimination, applied to any further columns, shows what of them survives th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -54,6 +55,21 @@ class Block:
         """Return the inner products (k, k) of further columns once the trial's numbers are refitted."""
         across = self.local.T @ columns
         return np.asarray(columns.T @ columns - across.T @ self.solve(across))
+
+
+def covariance(blocks: Sequence[Block], prior: Array) -> Array:
+    """Return the (q, q) covariance of the shared numbers once the trials' own are refitted.
+
+    Args:
+        blocks: per trial.
+        prior: (q,) inverse variances of the shared numbers.
+    """
+    N = np.diag(prior)
+    for block in blocks:
+        N = N + block.shared.T @ block.shared - block.coupling.T @ block.solve(block.coupling)
+    scale = 1 / np.sqrt(np.fmax(np.diag(N), 1e-300))
+    inverse = np.linalg.pinv(N * np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    return np.asarray(inverse * np.outer(scale, scale))
 
 
 @dataclass(frozen=True, eq=False)

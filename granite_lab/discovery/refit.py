@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from granite_lab.discovery import arrow
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.arrow import Block
 from granite_lab.discovery.baseline import noise_energy
@@ -137,12 +138,7 @@ def reduced(block: Block, white: Array, own: Array) -> tuple[Array, Array]:
 
 def covariance(problem: Problem, fit: Fit) -> Array:
     """Return the covariance of the shared numbers, sand first, then the effects' parameters."""
-    N = np.diag(problem.bounds(fit.point)[0])
-    for block, white, own in zip(fit.blocks, fit.white, fit.point.trials, strict=True):
-        N = N + reduced(block, white, own)[0]
-    scale = 1 / np.sqrt(np.fmax(np.diag(N), 1e-300))
-    inverse = np.linalg.pinv(N * np.outer(scale, scale), rcond=1e-12, hermitian=True)
-    return np.asarray(inverse * np.outer(scale, scale))
+    return arrow.covariance(fit.blocks, problem.bounds(fit.point)[0])
 
 
 def held_out(problem: Problem, fit: Fit, groups: Sequence[int]) -> HeldOut:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from granite_lab.discovery.arrow import Block
+from granite_lab.discovery.arrow import Block, covariance
 from granite_lab.discovery.bench import PER_TRIAL, SAND, Task
 from granite_lab.discovery.point import Point, Slopes
 from granite_lab.discovery.problem import Problem, as_values
@@ -20,12 +22,20 @@ only small steps tell what each of them does there."""
 _EFFECT_STEP = 0.02
 """Step of a difference by an effect's parameter, as a share of its prior range."""
 
+_WIDEST_STEP = 0.2
+"""The largest such share, where a parameter is hardly known."""
+
 _MOVING_STEP = 0.03
 """The same by a parameter whose trace moves in time, as a share of its value."""
 
 
 def slopes_at(
-    problem: Problem, point: Point, *, sand_from: Slopes | None = None, fine: bool = False
+    problem: Problem,
+    point: Point,
+    *,
+    sand_from: Slopes | None = None,
+    fine: bool = False,
+    near: Sequence[Block] | None = None,
 ) -> Slopes:
     """Differentiate the responses, one command at a time, at the mean sand of its trials.
 
@@ -34,6 +44,8 @@ def slopes_at(
         point: where.
         sand_from: slopes whose derivatives by the sand are good enough to be kept.
         fine: small steps, for a point near the solution.
+        near: derivatives of before, which tell how well the effects' parameters are known: over a step far
+            below that, the noise of the simulations would pass for knowledge.
 
     Raises:
         EstimateError: a simulation fails.
@@ -43,6 +55,10 @@ def slopes_at(
     steps: list[float] = []
     apart_by = _FINE_STEP if fine else _COARSE_STEP
     extra = {v: problem.extra(point, v) for v in problem.variants}
+    known = [0.0] * (len(shared) + len(private))
+    if near is not None and shared:
+        variance = np.diag(covariance(near, problem.bounds(point)[0]))[len(SAND) :]
+        known[: len(shared)] = np.sqrt(variance).tolist()
     for v in problem.variants:
         centre = problem.centre(point, v)
         tasks.append(centre)
@@ -55,7 +71,8 @@ def slopes_at(
                 steps.append(apart_by[k])
         for k, p in enumerate([*shared, *private]):
             values = np.concatenate([point.common, extra[v]])
-            h = _EFFECT_STEP * (p.prior_high - p.prior_low)
+            h = max(_EFFECT_STEP, min(_WIDEST_STEP, known[k] / (p.prior_high - p.prior_low)))
+            h *= p.prior_high - p.prior_low
             if p.moving:  # blows come at other times already with a little more of it
                 h = float(np.clip(_MOVING_STEP * abs(values[k] - p.neutral), 0.1 * h, h))
             h = h if values[k] + h <= p.high else -h
