@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from granite_lab.discovery.arrow import Block, project, step
+from granite_lab.discovery.arrow import Block, covariance, project, step
 from granite_lab.discovery.empirical import amounts, sparse
 from granite_lab.discovery.screen import evidence
 
@@ -67,6 +67,12 @@ def test_what_survives_the_projection_is_what_no_nuisance_explains(blocks: list[
     left = whole - matrix @ np.linalg.lstsq(matrix, whole, rcond=None)[0]
     assert np.allclose(projection.gram, left.T @ left, atol=1e-8)
     assert np.allclose(np.vstack(projection.left), left[: TRIALS * ROWS], atol=1e-8)
+
+
+def test_the_covariance_of_the_shared_numbers_is_that_of_plain_least_squares(blocks: list[Block]) -> None:
+    prior = np.array([0.3, 1.0])
+    matrix, _ = dense(blocks, prior)
+    assert np.allclose(covariance(blocks, prior), np.linalg.inv(matrix.T @ matrix)[-Q:, -Q:], rtol=1e-8)
 
 
 def test_many_numbers_need_a_larger_drop_than_one() -> None:
