@@ -66,7 +66,7 @@ def covariance(blocks: Sequence[Block], prior: Array) -> Array:
     """
     N = np.diag(prior)
     for block in blocks:
-        N = N + block.shared.T @ block.shared - block.coupling.T @ block.solve(block.coupling)
+        N = N + block.eliminated(block.shared)
     scale = 1 / np.sqrt(np.fmax(np.diag(N), 1e-300))
     inverse = np.linalg.pinv(N * np.outer(scale, scale), rcond=1e-12, hermitian=True)
     return np.asarray(inverse * np.outer(scale, scale))

@@ -65,7 +65,7 @@ def learn_noise(problem: Problem, residuals: Sequence[Array]) -> None:
     for own, speed in speeds:
         width = problem.trials[own[0]].observation.width
         for c in channels_of(problem, own):
-            having = _having(problem, own, c)
+            having = having_channel(problem, own, c)
             place = {i: problem.trials[i].channels.index(c) for i in having}
             rows = [residuals[i][place[i]] for i in having]
             shown = _predicted(problem, residuals, c, having)
@@ -87,7 +87,7 @@ def _rest(
     noise: dict[tuple[str, int], list[Array]] = {}
     for own, speed in speeds:
         for c in channels_of(problem, own):
-            having = _having(problem, own, c)
+            having = having_channel(problem, own, c)
             rows = errors([residuals[i][problem.trials[i].channels.index(c)] for i in having])
             noise.setdefault(_sensor(problem, having[0], c), []).extend(rows[:, speed == 0])
     width = problem.trials[0].observation.width
@@ -98,11 +98,6 @@ def _sensor(problem: Problem, trial: int, channel: str) -> tuple[str, int]:
     """Tell sensors apart by what they show and how many samples they give a bin."""
     o = problem.trials[trial].observation
     return channel, round(o.width / float(np.median(np.diff(o.streams[channel].t))))
-
-
-def _having(problem: Problem, own: Sequence[int], channel: str) -> list[int]:
-    """Return those of some trials that have a channel."""
-    return [i for i in own if channel in problem.trials[i].channels]
 
 
 def _predicted(problem: Problem, residuals: Sequence[Array], channel: str, having: Sequence[int]) -> Array:
@@ -116,7 +111,7 @@ def _predicted(problem: Problem, residuals: Sequence[Array], channel: str, havin
 
 def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> Array:
     """Return (n,) how fast the wheels turn over their largest rate; the command where none were logged."""
-    wheels = [i for i in own if "wheel" in problem.trials[i].channels]
+    wheels = having_channel(problem, own, "wheel")
     if wheels:
         rate = np.fmax(np.diff(_predicted(problem, residuals, "wheel", wheels), prepend=0.0), 0.0)
         rate = np.minimum(rate, 1.2 * np.median(rate[rate > 0.5 * np.quantile(rate, 0.9)]))
@@ -176,6 +171,11 @@ def channels_of(problem: Problem, own: Sequence[int]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(c for i in own for c in problem.trials[i].channels))
 
 
+def having_channel(problem: Problem, own: Sequence[int], channel: str) -> list[int]:
+    """Return those of some trials that have a channel."""
+    return [i for i in own if channel in problem.trials[i].channels]
+
+
 def baseline(problem: Problem, tick: Callable[[], None] = lambda: None) -> Fit:
     """Fit the model without any effect, learning the noise on the way.
 
@@ -201,7 +201,7 @@ def pure_error(problem: Problem, white_residuals: Sequence[Array]) -> list[Array
     result = [np.asarray(w) for w in white_residuals]
     for own in by_command(problem):
         for c in channels_of(problem, own):
-            having = _having(problem, own, c)
+            having = having_channel(problem, own, c)
             if len(having) < 2:
                 continue
             n = problem.trials[having[0]].observation.bins
@@ -231,7 +231,7 @@ def noise_floor(problem: Problem, error: Sequence[Array]) -> list[Array]:
     result = [np.asarray(e).copy() for e in error]
     for own in by_command(problem):
         for c in channels_of(problem, own):
-            having = _having(problem, own, c)
+            having = having_channel(problem, own, c)
             if len(having) < 2:
                 continue
             for i in having:

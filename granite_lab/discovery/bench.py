@@ -107,7 +107,7 @@ def _batches(tasks: Sequence[Task]) -> list[list[Task]]:
 
     Each has one set of effects, for which a process builds the equations anew.
     """
-    most = min(48, max(1, len(tasks) // 8))
+    most = max(1, len(tasks) // 8)
     batches: list[list[Task]] = []
     for _, own in groupby(sorted(tasks, key=lambda task: task.ids), key=lambda task: task.ids):
         group = list(own)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import dct
 
-from granite_lab.discovery.baseline import by_command, channels_of
+from granite_lab.discovery.baseline import by_command, channels_of, having_channel
 from granite_lab.discovery.observation import Mask
 from granite_lab.discovery.problem import Problem
 from granite_lab.estimation.motion import PhaseName
@@ -84,7 +84,7 @@ def tracks(problem: Problem, white: Sequence[Array]) -> list[Track]:
     found = []
     for own in by_command(problem):
         for c in channels_of(problem, own):
-            having = [i for i in own if c in problem.trials[i].channels]
+            having = having_channel(problem, own, c)
             o = problem.trials[having[0]].observation
             z = np.sum([rows_of(problem, i, c, white[i]) for i in having], axis=0) / np.sqrt(len(having))
             found.append(

@@ -131,7 +131,7 @@ def reduced(block: Block, white: Array, own: Array) -> tuple[Array, Array]:
     """Return one trial's part of the normal matrix and gradient of the shared numbers."""
     pull = block.local.T @ white - block.precision * own
     return (
-        block.shared.T @ block.shared - block.coupling.T @ block.solve(block.coupling),
+        block.eliminated(block.shared),
         block.shared.T @ white - block.coupling.T @ block.solve(pull),
     )
 

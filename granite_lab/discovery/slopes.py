@@ -19,14 +19,11 @@ sand of the file it is friction on the tyre everywhere; only a step of a few per
 angle of friction shows what the other law would do. Near the solution both laws rule in places, and
 only small steps tell what each of them does there."""
 
-_EFFECT_STEP = 0.02
-"""Step of a difference by an effect's parameter, as a share of its prior range."""
-
-_WIDEST_STEP = 0.2
-"""The largest such share, where a parameter is hardly known."""
+_EFFECT_STEP, _WIDEST_STEP = 0.02, 0.2
+"""Least and largest step of a difference by an effect's parameter, as shares of its prior range."""
 
 _MOVING_STEP = 0.03
-"""The same by a parameter whose trace moves in time, as a share of its value."""
+"""Step by a parameter whose trace moves in time, as a share of its value."""
 
 
 def slopes_at(
@@ -71,8 +68,8 @@ def slopes_at(
                 steps.append(apart_by[k])
         for k, p in enumerate([*shared, *private]):
             values = np.concatenate([point.common, extra[v]])
-            h = max(_EFFECT_STEP, min(_WIDEST_STEP, known[k] / (p.prior_high - p.prior_low)))
-            h *= p.prior_high - p.prior_low
+            width = p.prior_high - p.prior_low
+            h = float(np.clip(known[k], _EFFECT_STEP * width, _WIDEST_STEP * width))
             if p.moving:  # blows come at other times already with a little more of it
                 h = float(np.clip(_MOVING_STEP * abs(values[k] - p.neutral), 0.1 * h, h))
             h = h if values[k] + h <= p.high else -h

@@ -164,7 +164,7 @@ def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy
     """
     run = _integrator(tuple(e.effect for e in effects), p.variant, accuracy)
     start, vector = rest_state(p, effects), _vector(p, effects)
-    history = np.empty((instants(p.variant, accuracy).size, start.size))
+    history = np.empty((1 + run.size2_out("xf"), start.size))
     history[0] = start
     places, evaluate = run.buffer()
     places.set_arg(run.index_in("x0"), start.data)
