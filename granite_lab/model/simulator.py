@@ -144,7 +144,9 @@ def integrate(
     """
     chosen = tuple(e.effect for e in effects)
     t, vector = instants(p.variant, accuracy), _vector(p, effects)
-    history = _history(p, tuple(e for e in effects if e.effect.moves), accuracy)
+    moving = tuple(e for e in effects if e.effect.moves)
+    # sensors with other faults look at the same motion; a plain run is not kept, for it may be long
+    history = (_history if len(moving) == len(effects) else _remembered)(p, moving, accuracy)
     wanted = names or tuple(build_graph(chosen).outputs)
     table = _outputs(chosen, wanted)(t[None], history, vector, samples=t.size)
     if not np.isfinite(table).all():
@@ -153,11 +155,8 @@ def integrate(
     return {"t_s": t} | delayed(t, signals, chosen, vector)
 
 
-@lru_cache(maxsize=8)
 def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy) -> Array:
     """Return the (states, N) history, read from CVODES without a detour over lists of numbers.
-
-    It is remembered for a while: sensors with other faults may look at the same motion.
 
     Raises:
         EstimateError: CVODES gave up, or the robot finds no rest.
@@ -177,6 +176,9 @@ def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy
     states = np.ascontiguousarray(history.T)
     states.flags.writeable = False
     return states
+
+
+_remembered = lru_cache(maxsize=8)(_history)
 
 
 def steady_slip(

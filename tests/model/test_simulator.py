@@ -11,14 +11,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from granite_lab.effects import get
 from granite_lab.errors import EstimateError, InputError
-from granite_lab.model import Accuracy, Run, simulate
+from granite_lab.model import Accuracy, Run, simulate, simulator
 from granite_lab.model.columns import ColumnFunction
 from granite_lab.model.contact import NODES, WheelState, contact_angles, wheel_forces
+from granite_lab.model.effect import activate
 from granite_lab.model.graph import build_graph
-from granite_lab.model.simulator import rest_state
+from granite_lab.model.simulator import integrate, rest_state
 from granite_lab.model.symbols import model_parameters, names_of, vector_of
-from granite_lab.parameters import GRAVITY, Variant, load_robot, load_soil, load_variants, variant_of
+from granite_lab.parameters import (
+    GRAVITY,
+    Variant,
+    load_paper,
+    load_robot,
+    load_soil,
+    load_variants,
+    variant_of,
+)
 from granite_lab.parameters.records import replace_path
 
 ROBOT, SOIL = load_robot(), load_soil()
@@ -203,3 +213,24 @@ def test_a_robot_without_chassis_cannot_be_simulated() -> None:
     bare = dataclasses.replace(ROBOT, chassis=None)
     with pytest.raises(InputError, match=r"no \[chassis\] table"):
         simulate(variant_of(0.3), bare, SOIL)
+
+
+def test_each_run_is_integrated_unless_sensors_with_faults_look_at_the_same_motion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    p = model_parameters(ROBOT, SOIL, load_variants()[3], a_theta=load_paper().a_theta)
+    looked = 0
+
+    def evaluated(*args: object) -> object:
+        nonlocal looked
+        looked += 1
+        return rest_state(*args)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(simulator, "rest_state", evaluated)
+    for _ in range(2):
+        integrate(p)
+    assert looked == 2
+    tilted = [integrate(p, [activate(get("imu_tilt"), {"tilt": tilt})]) for tilt in (1.0, 2.0)]
+    assert looked == 3
+    assert (tilted[0]["v_mps"] == tilted[1]["v_mps"]).all()
+    assert (tilted[0]["imu_ax_mps2"] != tilted[1]["imu_ax_mps2"]).any()
