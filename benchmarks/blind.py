@@ -127,11 +127,11 @@ def detectable_sizes(path: Path, workers: Workers, *, again: bool) -> dict[str, 
     return known
 
 
-def waiting(done: set[str], only: str | None) -> Iterator[Task]:
-    """Yield the sets of the schedule that are not done."""
+def waiting(done: set[int], only: str | None) -> Iterator[Task]:
+    """Yield the sets of the schedule whose seeds are not spent, on whatever the schedule once had there."""
     for _, task in zip(range(HORIZON), schedule(), strict=False):
         words = (task.kind, task.effect, f"{task.strength:g}" if task.strength is not None else "drawn")
-        if task.key not in done and all(word in words for word in (only or "").split(":") if word):
+        if task.seed not in done and all(word in words for word in (only or "").split(":") if word):
             yield task
 
 
@@ -143,7 +143,7 @@ def run(
     pool = ThreadPoolExecutor(jobs)
     try:
         sizes = detectable_sizes(results.path.with_name("detectable.json"), workers, again=again)
-        tasks = waiting({line["key"] for line in results.lines}, only)
+        tasks = waiting({line["seed"] for line in results.lines if "seed" in line}, only)
         running: dict[Future[dict[str, Any]], float] = {}
         while True:
             while len(running) < jobs and time.monotonic() - begin + most < 60 * minutes:

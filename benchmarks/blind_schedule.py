@@ -83,8 +83,8 @@ def schedule() -> Iterator[Task]:
 
 def _task(letter: str, i: int, seed: int) -> Task:
     kind, inside, outside = KINDS[letter], sorted(LIBRARY), sorted(OUTSIDE)
-    # 7 and 3 have no factor in common with the counts: neighbours in the alphabet come far apart
-    effect, turn = inside[7 * i % len(inside)], i // len(inside) + i
+    # 7 has no factor in common with the counts: neighbours in the alphabet come far apart
+    effect, turn = inside[7 * i % len(inside)], i // len(inside) + i % len(inside)
     match letter:
         case "n":
             noise, off = NULLS[i % len(NULLS)]
@@ -92,7 +92,7 @@ def _task(letter: str, i: int, seed: int) -> Task:
         case "o":
             # each once as drawn, then once at double size
             strength = 1.0 + i // len(outside) % 2
-            return Task(kind, outside[3 * i % len(outside)], strength, seed)
+            return Task(kind, outside[7 * i % len(outside)], strength, seed)
         case "p":
             two = "+".join(chosen(Wish("pair", seed)))
             return Task(kind, two, (5.0, 20.0)[i % 2], seed)

@@ -16,7 +16,9 @@ AREAS = {
         "drive_reaction", "com_offset", "payload_mass", "ground_slope", "rolling_drag",
         "wheel_eccentricity",
     ),
-    "Sensors": ("imu_tilt", "clock_offset", "wheel_radius_error", "accel_scale_error"),
+    "Sensors": (
+        "imu_tilt", "clock_offset", "wheel_radius_error", "encoder_eccentricity", "accel_scale_error",
+    ),
 }  # fmt: skip
 """The order of the page; an effect that is not named here comes last, under "Further"."""
 

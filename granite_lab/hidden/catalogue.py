@@ -30,6 +30,7 @@ LIBRARY: dict[str, type[Influence]] = {
         drive.GearBacklash,
         drive.SupplySag,
         drive.TorqueConstantError,
+        drive.EncoderEccentricity,
         tyre.WheelEccentricity,
         vehicle.DriveReaction,
         vehicle.ComOffset,
@@ -55,7 +56,6 @@ OUTSIDE: dict[str, type[Influence]] = {
         outside_forces.StrapDrag,
         outside_machine.WarmMotor,
         outside_machine.CommandStaircase,
-        outside_machine.EncoderEccentricity,
         outside_machine.SwingingLoad,
     )
 }
@@ -70,6 +70,7 @@ TWINS: tuple[frozenset[str], ...] = (
     frozenset({"torque_constant_error", "drivetrain_friction"}),
     frozenset({"sand_throw", "rolling_drag"}),
     frozenset({"clock_offset", "tyre_windup"}),
+    frozenset({"encoder_eccentricity", "wheel_eccentricity"}),
 )
 """Influences close to each other, which are not hidden as a pair."""
 

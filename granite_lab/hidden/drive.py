@@ -1,4 +1,4 @@
-"""Influences of gears, motors and their supply."""
+"""Influences of gears, motors, their supply and encoders."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.hidden.contact import Array, Contact, smoothstep
-from granite_lab.hidden.influence import Influence, Size
+from granite_lab.hidden.influence import Influence, Size, pairs, with_phase
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA
 from granite_lab.parameters import Robot
 
@@ -139,3 +139,33 @@ class TorqueConstantError(Influence):
             return robot
         share = robot.drive.gear_efficiency * (1 + sizes["error"])
         return replace(robot, drive=replace(robot.drive, gear_efficiency=share))
+
+
+class EncoderEccentricity(Influence):
+    """Encoder discs off their centre: the reading runs ahead and behind once a revolution."""
+
+    id = "encoder_eccentricity"
+    title = "encoders that run out of true"
+    account = (
+        "a head at the radius R reads a disc off its shaft by εR: error atan(ε sin ψ / (1 + ε cos ψ)), which "
+        "the controller follows"
+    )
+    declared = (
+        Size("amplitude_front", "rad", "error of the angle, front", 0.01, 0.03, 0, 0.3, kind="amplitude"),
+        Size("amplitude_rear", "rad", "error of the angle, rear", 0.01, 0.03, 0, 0.3, kind="amplitude"),
+    )
+
+    @classmethod
+    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw the phases: a trial begins with the wheels as they stand."""
+        return with_phase(sizes, rng)
+
+    def reading(self, y: Array) -> tuple[Array, Array]:
+        """Return the reading, which begins at zero."""
+        angle, rate = (part.T for part in super().reading(y))
+        (cos, sin), turned = pairs(self.sizes[EncoderEccentricity.id]), y[ANGLE].T
+        across = cos * np.sin(turned) + sin * np.cos(turned)  # ε sin ψ and 1 + ε cos ψ
+        along = 1 + cos * np.cos(turned) - sin * np.sin(turned)
+        error = np.arctan2(across, along) - np.arctan2(sin, 1 + cos)
+        gain = (along - 1 + cos**2 + sin**2) / (along**2 + across**2)
+        return np.asarray((angle + error).T), np.asarray((rate + gain * y[OMEGA].T).T)

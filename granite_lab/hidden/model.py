@@ -124,13 +124,17 @@ class Truth:
         )  # fmt: skip
 
     def shaft(self, y: Array) -> tuple[Array, Array]:
-        """Return angle and rate at the wheel's side of the gear that encoder, controller, back-EMF meet."""
+        """Return angle and rate at the wheel's side of the gear that encoder and back-EMF meet."""
         return y[ANGLE], y[OMEGA]
+
+    def reading(self, y: Array) -> tuple[Array, Array]:
+        """Return angle and rate that the encoder tells the controller and the log."""
+        return self.shaft(y)
 
     def voltage(self, t: float, y: Array) -> Array:
         """Return the motor voltages (25), (26) [V]."""
         d = self.drive
-        angle, rate = self.shaft(y)
+        angle, rate = self.reading(y)
         s_d, v_d = self.demand(t)
         wanted = d.gain_p * (s_d / self.r - angle) + d.gain_d * (v_d / self.r - rate)
         return np.asarray(np.minimum(np.maximum(wanted, d.voltage_min), d.voltage_max))

@@ -1,14 +1,12 @@
-"""Influences that the library of effects does not hold: of motors, encoders, command and load."""
+"""Influences that the library of effects does not hold: of motors, command and load."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 import numpy as np
 
 from granite_lab.hidden.contact import Array, Contact
-from granite_lab.hidden.influence import Influence, Size, starting_phase
-from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, VX
+from granite_lab.hidden.influence import Influence, Size
+from granite_lab.hidden.model import CURRENT, VX
 
 
 class WarmMotor(Influence):
@@ -65,32 +63,6 @@ class CommandStaircase(Influence):
         if k >= self.held_v.size:
             return float(self.held_s[-1]), 0.0
         return float(self.held_s[k] + self.held_v[k] * (t - k * self.step)), float(self.held_v[k])
-
-
-class EncoderEccentricity(Influence):
-    """Encoder discs off their centre: the reading runs ahead and behind once a revolution."""
-
-    id = "encoder_eccentricity"
-    title = "encoders that run out of true"
-    account = "reading θ + ε sin(θ + phase), which the controller follows, too"
-    declared = (Size("amplitude", "rad", "of the error of the angle", 0.01, 0.03, 0, 0.3),)
-
-    @classmethod
-    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-        """Draw the phase."""
-        return starting_phase(sizes, rng)
-
-    def shaft(self, y: Array) -> tuple[Array, Array]:
-        """Return the reading."""
-        angle, rate = super().shaft(y)
-        e, phase = (
-            self.sizes[EncoderEccentricity.id]["amplitude"],
-            self.sizes[EncoderEccentricity.id]["phase"],
-        )
-        return (
-            np.asarray(angle + e * (np.sin(y[ANGLE] + phase) - np.sin(phase))),
-            np.asarray(rate + e * np.cos(y[ANGLE] + phase) * y[OMEGA]),
-        )
 
 
 class SwingingLoad(Influence):

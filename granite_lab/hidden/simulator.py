@@ -35,7 +35,7 @@ class Result:
     Attributes:
         state: (N, 12) or wider, in the order of `granite_lab.hidden.model`.
         x, height: position of R in O; v, w: components of its velocity along R's x and z.
-        shaft_rate: (N, 2) rate that the encoders see.
+        read_rate: (N, 2) rate that the encoders tell.
         rise: of the ground [rad].
         acceleration: (N, 2) inertial acceleration of R along R's x and z.
         rolled: (N, 2) integral of v_o; s_d: that of v_d.
@@ -70,7 +70,7 @@ class Result:
     k92: Array
     v_d: Array
     s_d: Array
-    shaft_rate: Array
+    read_rate: Array
     rise: float = 0.0
 
     def at(self, t: float, name: str) -> Array:
@@ -171,7 +171,7 @@ def signals(truth: Truth, t: Array, state: Array) -> Result:
         k92=np.array([truth.k92(ti, yi) for ti, yi in samples]),
         v_d=np.array([truth.command.velocity(ti) for ti in t]),
         s_d=np.array([truth.command.position(ti) for ti in t]),
-        shaft_rate=np.array([truth.shaft(yi)[1] for yi in state]),
+        read_rate=np.array([truth.reading(yi)[1] for yi in state]),
         rise=truth.rise,
         **forces,
     )

@@ -159,7 +159,11 @@ class Effect:
         return forces
 
     def shaft(self, shaft: Shaft, axle: Axle, own: Own) -> Shaft:
-        """Rewrite the motion of a motor's shaft; back-EMF, controller and encoder follow it."""
+        """Rewrite the motion of a motor's shaft; back-EMF and encoder follow it."""
+        return shaft
+
+    def reading(self, shaft: Shaft, axle: Axle, own: Own) -> Shaft:
+        """Rewrite what the encoder makes of the motion of a motor's shaft; controller and log follow it."""
         return shaft
 
     def voltages(

@@ -118,16 +118,17 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
     f_x, f_z = bd.specific_force(body, acceleration, load, p.chassis, p.imu.x, p.imu.z)
     sensors: dict[str, Any] = {"imu_ax_mps2": f_x, "imu_az_mps2": f_z, "imu_gy_radps": body.pitch_rate}
     shafts = tuple(_shaft(axle, hooks) for axle in axles)
+    readings = tuple(_reading(shaft, axle, hooks) for shaft, axle in zip(shafts, axles, strict=True))
     voltages = tuple(
-        control_voltage(p.drive, s_d / p.wheels.radius - shaft.angle, v_d / p.wheels.radius - shaft.rate)
-        for shaft in shafts
+        control_voltage(p.drive, s_d / p.wheels.radius - read.angle, v_d / p.wheels.radius - read.rate)
+        for read in readings
     )
     front, rear = axles = tuple(
         replace(axle, voltage=voltage) for axle, voltage in zip(axles, voltages, strict=True)
     )
     for e, own in hooks:
         voltages = e.voltages((voltages[0], voltages[1]), (front.current, rear.current), p.drive, own)
-    for name, axle, shaft, voltage in zip("fr", axles, shafts, voltages, strict=True):
+    for name, axle, shaft, read, voltage in zip("fr", axles, shafts, readings, voltages, strict=True):
         rate = axle.state.rate
         rates[f"angle_{name}"] = rate
         turning = axle.rim_acceleration(p.chassis.wheel_inertia)
@@ -136,7 +137,7 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
         rates[f"rate_{name}"] = turning
         rates[f"current_{name}"] = current_rate(p.drive, voltage, shaft.rate, axle.current)  # (24)
         outputs |= _axle_outputs(name, axle, voltage, rate * p.wheels.radius)
-        sensors |= {f"enc_{name}_rad": shaft.angle, f"cur_{name}_A": axle.current}
+        sensors |= {f"enc_{name}_rad": read.angle, f"cur_{name}_A": axle.current}
     delays: dict[str, Any] = {}
     for e, own in hooks:
         sensors = e.sensors(sensors, p, own)
@@ -156,6 +157,13 @@ def _shaft(axle: Axle, hooks: list[tuple[Effect, Own]]) -> Shaft:
     shaft = Shaft(axle.state.angle, axle.state.rate)
     for e, own in hooks:
         shaft = e.shaft(shaft, axle, own)
+    return shaft
+
+
+def _reading(shaft: Shaft, axle: Axle, hooks: list[tuple[Effect, Own]]) -> Shaft:
+    """Return what the encoder reads of a shaft, its very motion in the paper's model."""
+    for e, own in hooks:
+        shaft = e.reading(shaft, axle, own)
     return shaft
 
 

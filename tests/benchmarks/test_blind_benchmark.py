@@ -139,7 +139,7 @@ def test_results_survive_a_run_that_was_killed(tmp_path: Path) -> None:
 
 
 def test_a_run_goes_on_where_the_last_one_ended() -> None:
-    done = {task.key for task in PLAN[:7]} | {PLAN[9].key}
+    done = {task.seed for task in PLAN[:7]} | {PLAN[9].seed}
     assert list(islice(waiting(done, None), 4)) == [PLAN[7], PLAN[8], PLAN[10], PLAN[11]]
     chosen = list(islice(waiting(done, "single:5"), 8))
     assert all((task.kind, task.strength) == ("single", 5.0) for task in chosen)

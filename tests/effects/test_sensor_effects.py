@@ -1,4 +1,4 @@
-"""Sensor effects change what is read and nothing that moves."""
+"""Sensor effects change what is read and nothing that moves, unless a controller follows the reading."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from granite_lab.parameters import GRAVITY
-from tests.effects.runs import at, run
+from tests.effects.runs import ROBOT, at, run
 
 SENSOR_EFFECTS = {
     "imu_tilt": {"tilt": 1.0},
@@ -53,3 +53,19 @@ def test_each_axis_of_the_accelerometer_has_its_own_scale() -> None:
     plain, changed = run(), run("accel_scale_error", x=0.02, z=0.01)
     np.testing.assert_allclose(changed["imu_ax_mps2"], 1.02 * plain["imu_ax_mps2"], rtol=1e-12)
     np.testing.assert_allclose(changed["imu_az_mps2"], 1.01 * plain["imu_az_mps2"], rtol=1e-12)
+
+
+def test_an_encoder_out_of_true_sends_the_wheel_ahead_and_behind_once_a_revolution() -> None:
+    """The controller keeps the reading even, so that it is the wheel that swings."""
+    c, s = 0.02, 0.01
+    plain, changed = run(), run("encoder_eccentricity", cos_front=c, sin_front=s)
+    angle = changed["theta_f_rad"]
+    error = changed["enc_f_rad"] - angle
+    np.testing.assert_allclose(error, c * np.sin(angle) + s * (np.cos(angle) - 1), atol=1e-12)
+    even = np.gradient(changed["enc_f_rad"], changed.t)
+    steady = (changed.t > changed.steady[0]) & (changed.t < changed.steady[1])
+    swing, left = np.ptp(changed["omega_f_radps"][steady]), np.ptp(even[steady])
+    assert swing == pytest.approx(2 * np.hypot(c, s) * 0.5 / ROBOT.wheels.radius, rel=0.2)
+    assert left < 0.2 * swing  # the back-EMF is the wheel's, so that a little is left
+    np.testing.assert_array_equal(changed["enc_r_rad"], changed["theta_r_rad"])
+    assert np.ptp(plain["omega_f_radps"][steady]) < 0.05 * swing

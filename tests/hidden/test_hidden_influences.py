@@ -198,7 +198,7 @@ def test_backlash_lets_the_motor_lead_by_half_the_play_and_the_wheel_start_late(
     truth, r = typical("gear_backlash", play=2.0)
     lead = np.degrees(truth.shaft(r.state.T)[0].T - r.state[:, ANGLE])
     assert lead[steady(r)] == pytest.approx(1.0, abs=0.02)
-    assert r.shaft_rate[steady(r)] == pytest.approx(r.omega[steady(r)], rel=1e-3)
+    assert r.read_rate[steady(r)] == pytest.approx(r.omega[steady(r)], rel=1e-3)
     moved = [
         t[np.argmax(angle > 1e-3)] for t, angle in ((r.t, r.angle[:, 0]), (plain().t, plain().angle[:, 0]))
     ]
@@ -390,13 +390,26 @@ def test_a_command_in_steps_goes_where_the_ramps_go() -> None:
 
 
 def test_an_encoder_out_of_true_reads_evenly_while_the_wheel_does_not_turn_so() -> None:
-    truth, r = typical("encoder_eccentricity", amplitude=0.03)
-    late = steady(r)
-    read = np.array([truth.shaft(y)[1] for y in r.state[late]])
-    assert np.ptp(read, axis=0) == pytest.approx(0.0, abs=2e-3 * V / 0.0965)
-    phase = truth.sizes["encoder_eccentricity"]["phase"]
-    expected = V / 0.0965 / (1 + 0.03 * np.cos(r.angle[late] + phase))
-    assert r.omega[late] == pytest.approx(expected, rel=2e-3)
+    truth, r = typical("encoder_eccentricity", amplitude_front=0.03, amplitude_rear=0.02)
+    late, sizes = steady(r), truth.sizes["encoder_eccentricity"]
+    read = np.array([truth.reading(y)[1] for y in r.state[late]])
+    assert read == pytest.approx(V / 0.0965, rel=6e-3)  # the back-EMF, that of the wheel, still swings
+    assert (np.ptp(read, axis=0) < 0.2 * np.ptp(r.omega[late], axis=0)).all()
+    for axle, place in (("front", 0), ("rear", 1)):
+        error = sizes[f"cos_{axle}"] + 1j * sizes[f"sin_{axle}"]
+        once = (error * np.exp(1j * r.angle[late][:, place])).real
+        assert r.omega[late][:, place] == pytest.approx(read[:, place] / (1 + once), rel=1e-3)
+
+
+def test_an_encoder_out_of_true_counts_whole_revolutions_right_and_its_rate_is_that_of_its_angle() -> None:
+    truth, r = typical("encoder_eccentricity", amplitude_front=0.2, amplitude_rear=0.1)
+    y = np.tile(r.state[-1], (4001, 1))
+    y[:, ANGLE] = np.linspace(0, 4 * np.pi, 4001)[:, None]
+    angle, rate = truth.reading(y.T)
+    assert angle[:, [0, 2000, 4000]] == pytest.approx(np.outer([1, 1], [0, 2 * np.pi, 4 * np.pi]), abs=1e-12)
+    slope = np.gradient(angle, y[:, 6], axis=1)[:, 1:-1]
+    np.testing.assert_allclose(rate[:, 1:-1], slope * r.omega[-1][:, None], rtol=1e-4)
+    assert np.ptp(angle[0] - y[:, 6]) == pytest.approx(2 * np.arcsin(0.2), rel=1e-5)  # as geometry has it
 
 
 def test_a_swinging_load_shares_the_force_by_newtons_law() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from granite_lab.discovery.finding import Finding
 from granite_lab.reporting.discovery.names import either, listed, plain
 
-SENSORS = ("accel_scale_error", "clock_offset", "imu_tilt", "wheel_radius_error")
+SENSORS = ("accel_scale_error", "clock_offset", "encoder_eccentricity", "imu_tilt", "wheel_radius_error")
 """Effects that are faults of the measurement, not of the model."""
 
 PLAN = "granite-lab plan-next with the folder of this report"
