@@ -7,62 +7,34 @@ from dataclasses import replace
 from pathlib import Path
 
 from granite_lab import __version__
-from granite_lab.comparison import compare
+from granite_lab.comparison.compare import compare
 from granite_lab.effects import library, load_effects
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError
-from granite_lab.estimation import estimate
-from granite_lab.estimation.motion import Motion
 from granite_lab.fitting import fit_a_theta, fit_k92
 from granite_lab.fitting.fit import AThetaFit
-from granite_lab.logs import read_trial
 from granite_lab.logs.named import name_of
 from granite_lab.logs.trial import InputFile, Trial
 from granite_lab.model.effect import Active
-from granite_lab.parameters import Robot, Soil, load_robot, load_soil
+from granite_lab.parameters import Soil, load_soil
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult
 from granite_lab.running import Execution, Options, each_trial
 from granite_lab.running.fingerprint import code, fingerprint
 from granite_lab.running.options import NOTHING_SAID
-from granite_lab.running.search import all_say, save_found, search
+from granite_lab.running.reading import ingest
+from granite_lab.running.search import save_found, search
 
 __all__ = [
     "Options",
     "analyse",
     "each_trial",
     "ground",
-    "ingest",
     "over_trials",
     "record",
     "study",
-    "to_search",
     "write",
 ]
-
-
-def ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
-    """Read a log and estimate its motion.
-
-    Raises:
-        InputError: the log cannot be used.
-        EstimateError: the motion cannot be had from it.
-    """
-    trial = read_trial(
-        path,
-        imu=options.imu,
-        encoders=options.encoders,
-        currents=options.currents,
-        reference=options.reference,
-        rows=options.rows,
-        map=options.column_map,
-        robot=options.robot,
-        info=options.info,
-        topics=dict(options.topics),
-    )
-    robot = load_robot(options.robot or trial.info.robot or "granite")
-    motion = estimate(trial, robot, rests=options.rests, distance_measured=options.distance_measured)
-    return trial, robot, motion
 
 
 def analyse(path: Path, options: Options) -> TrialResult:
@@ -82,34 +54,6 @@ def ground(trial: Trial, options: Options) -> tuple[Soil, tuple[Active, ...]]:
     model = load_model(options.model, options.effects) if options.model else None
     soil = options.soil or (model.soil if model else None) or trial.info.soil or "dry_sand"
     return load_soil(soil), model.effects if model else ()
-
-
-def to_search(
-    paths: Sequence[Path], options: Options, execution: Execution
-) -> list[tuple[Trial, Motion | None] | LabError]:
-    """Read the trials of a search; estimate them where a log does not say what was commanded.
-
-    Args:
-        paths: the logs.
-        options: for all of them.
-        execution: where estimates are made and remembered.
-
-    Returns:
-        trials, with their estimates if any is needed, and errors, in the order of `paths`.
-    """
-    read = each_trial(_read, paths, options, jobs=1)
-    if all_say([trial for trial in read if isinstance(trial, Trial)]):
-        return [trial if isinstance(trial, LabError) else (trial, None) for trial in read]
-    return list(each_trial(_driven, paths, options, execution=execution))
-
-
-def _read(path: Path, options: Options) -> Trial:
-    return read_trial(path, map=options.column_map, robot=options.robot, topics=dict(options.topics))
-
-
-def _driven(path: Path, options: Options) -> tuple[Trial, Motion | None]:
-    trial, _, motion = ingest(path, options)
-    return trial, motion
 
 
 def study(

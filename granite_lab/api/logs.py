@@ -16,8 +16,8 @@ from granite_lab.logs import Inspection, inspect_logs
 from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.parameters import Robot
-from granite_lab.study import Options, each_trial
-from granite_lab.study import ingest as run
+from granite_lab.running import Options, each_trial
+from granite_lab.running.reading import ingest as run
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from granite_lab import __version__
+from granite_lab.api.options import options_of
 from granite_lab.api.records import all_good
-from granite_lab.api.trials import options_of
 from granite_lab.discovery import Finding
 from granite_lab.effects import library, load_effects
 from granite_lab.estimation.motion import Motion
@@ -15,11 +15,11 @@ from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting.content import Source
-from granite_lab.running import Execution
+from granite_lab.running import Execution, Options
 from granite_lab.running.fingerprint import code
 from granite_lab.running.folder import claimed
+from granite_lab.running.reading import to_search
 from granite_lab.running.search import names_of, save_found, search
-from granite_lab.study import Options, to_search
 
 Logs = str | Path | Sequence[str | Path]
 

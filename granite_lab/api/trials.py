@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from granite_lab.api.options import options_of
 from granite_lab.api.records import Records, all_good
 from granite_lab.comparison.record import Comparison
 from granite_lab.errors import UsageError
@@ -18,26 +19,6 @@ from granite_lab.study import record as record_all
 from granite_lab.study import study as run
 
 Logs = str | Path | Sequence[str | Path]
-
-
-def options_of(
-    *,
-    robot: str | Path | None = None,
-    soil: str | Path | None = None,
-    column_map: str | Path | None = None,
-    topics: Mapping[str, str] | None = None,
-    model: str | Path | None = None,
-    effects: str | Path | None = None,
-) -> Options:
-    """Return what the functions below take as keywords, as the chain wants it."""
-    return Options(
-        robot=None if robot is None else str(robot),
-        soil=None if soil is None else str(soil),
-        column_map=None if column_map is None else str(column_map),
-        topics=tuple((topics or {}).items()),
-        model=None if model is None else Path(model),
-        effects=None if effects is None else Path(effects),
-    )
 
 
 def _analysed(logs: Logs, options: Options, jobs: int, done: Callable[[Path], None]) -> list[TrialResult]:

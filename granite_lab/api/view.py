@@ -36,7 +36,7 @@ def view(
     elif path.suffix == ".rrd":
         open_viewer(path)
     else:
-        from granite_lab.api.trials import options_of  # noqa: PLC0415, heavy
+        from granite_lab.api.options import options_of  # noqa: PLC0415, heavy
         from granite_lab.study import analyse  # noqa: PLC0415, heavy
 
         result = analyse(path, options_of(robot=robot, soil=soil, column_map=column_map))

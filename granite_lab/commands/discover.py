@@ -64,8 +64,9 @@ def discover(
     from granite_lab.reporting import write_discovery
     from granite_lab.reporting.findings import show_finding
     from granite_lab.running.folder import claimed
+    from granite_lab.running.options import Options
+    from granite_lab.running.reading import to_search
     from granite_lab.running.search import save_found, search
-    from granite_lab.study import Options, to_search
 
     options = Options(
         robot=robot, soil=soil, column_map=column_map, effects=effects,

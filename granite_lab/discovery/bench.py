@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
 from types import TracebackType
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -30,7 +30,7 @@ SAND = (
 PER_TRIAL = 3
 """The first of `SAND` change with the raking from trial to trial."""
 
-ACCURACY = Accuracy(relative=1e-5, absolute=1e-7, travel=0.0018, lean=True)
+ACCURACY = Accuracy(relative=5e-5, absolute=1e-7, travel=0.0018, lean=True, order=3)
 """Errors of a bin of at most 4e-4 m/s^2, 5e-6 rad/s, 3e-5 rad and 7e-4 A: at most a quarter of the noise's
 floor."""
 
@@ -60,6 +60,7 @@ class Task:
 class World:
     """What all simulations share."""
 
+    accuracy: ClassVar[Accuracy] = ACCURACY
     robot: Robot
     soil: Soil
     variants: tuple[Variant, ...]
@@ -80,7 +81,7 @@ class World:
                 active.append(
                     activate(effect, {q.name: v for q, v in zip(effect.parameters, values, strict=True)})
                 )
-            signals = integrate(p, active, ACCURACY, SIGNALS)
+            signals = integrate(p, active, self.accuracy, SIGNALS)
         except (EstimateError, InputError):
             return None
         return np.stack([signals[name] for name in SIGNALS])

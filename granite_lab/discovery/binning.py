@@ -12,8 +12,8 @@ from scipy.sparse import csr_array
 
 Array = npt.NDArray[np.float64]
 
-KEPT = 4
-"""For how many starts of the command the matrices are remembered: a fit tries one, and one on each side."""
+KEPT = 2
+"""For how many starts of the command the matrices are remembered: a fit tries one, and may go back."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from granite_lab.discovery.point import Fit
 from granite_lab.discovery.problem import Problem
@@ -42,7 +42,7 @@ def uneven(problem: Problem, fit: Fit, id_: str) -> bool:
     covariances = [
         b.solve(np.eye(b.precision.size))[-x.size :, -x.size :] for b, x in zip(fit.blocks, own, strict=True)
     ]
-    limit = chi2.ppf(1 - CHANCE / len(circles), len(own) - 1)
+    limit = chdtri(len(own) - 1, CHANCE / len(circles))
     for pair in circles:
         at = [names.index((id_, name)) for name in pair]
         if apart([x[at] for x in own], [C[np.ix_(at, at)] for C in covariances]) > limit:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.stats import chi2 as chi2_law
+from scipy.special import chdtrc, chdtri
 
 from granite_lab.discovery.arrow import Block
 from granite_lab.discovery.point import Fit
@@ -74,8 +74,8 @@ def _own_size(fit: Fit, signs: Signatures, id_: str, threshold: float) -> float:
         return float("inf")
     columns = signs.own[id_]
     freedom = columns[0].shape[1] * len(columns)
-    tail = float(chi2_law.sf(threshold, 1))
-    needed = float(chi2_law.isf(tail, freedom)) - freedom
+    tail = float(chdtrc(1, threshold))
+    needed = float(chdtri(freedom, tail)) - freedom
     needed += POWER * np.sqrt(2 * (freedom + 2 * needed))
     per_unit = sum(
         float(np.trace(Block(b.local, b.shared, b.precision).eliminated(c))) / c.shape[1]

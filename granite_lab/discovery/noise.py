@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky, solve_toeplitz, solve_triangular, toeplitz
+from scipy.linalg import cholesky, solve_toeplitz, toeplitz
+from scipy.linalg.lapack import dtrtrs
 from scipy.optimize import nnls
 
 from granite_lab.logs.trial import Array
@@ -51,7 +52,8 @@ class Whitener:
         if self.factor.ndim == 1:
             out[self.known] = (columns[self.known].T / self.factor).T
             return out
-        out[self.known] = solve_triangular(self.factor, columns[self.known], lower=True, check_finite=False)
+        if columns.size:
+            out[self.known] = dtrtrs(self.factor, columns[self.known], lower=1)[0]
         return out
 
 

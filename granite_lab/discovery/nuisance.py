@@ -85,21 +85,25 @@ class TrialModel:
                 out[c] = (1 + self._of(x, f"{c} gain")) * b[c]
         return np.stack([out[c] + self._of(x, f"{c} offset") for c in self.channels])
 
+    def by_start(self, response: Array) -> Array:
+        """Return the (7, M) derivative of a response by a later start of the command."""
+        sooner, later = (
+            np.stack([np.interp(self._t + s * _SHIFT_STEP, self._t, signal) for signal in response])
+            for s in (1, -1)
+        )
+        return np.asarray((later - sooner) / (2 * _SHIFT_STEP))
+
     def columns(self, response: Array, slopes: Array, x: Array) -> Array:
         """Return the (C n, p) derivatives of `predict` by the trial's numbers.
 
         Args:
             response: (7, M) near the trial's own.
-            slopes: (PER_TRIAL, 7, M) derivatives of the response by the sand.
+            slopes: (PER_TRIAL + 1, 7, M) derivatives of the response by the sand and by the start.
             x: the trial's numbers.
         """
-        shift = float(x[PER_TRIAL])
-        b = self.bins_of(response, shift)
+        bins = self.bins_of(np.concatenate([response[None], slopes]), float(x[PER_TRIAL]))
+        b, *columns = ({c: bins[c][k] for c in self.channels} for k in range(1 + len(slopes)))
         zero = {c: np.zeros(self.observation.bins) for c in self.channels}
-        by_sand = self.bins_of(slopes, shift)
-        columns = [{c: bins[k] for c, bins in by_sand.items()} for k in range(len(slopes))]
-        later, sooner = (self.bins_of(response, shift + s * _SHIFT_STEP) for s in (1, -1))
-        columns.append({c: (later[c] - sooner[c]) / (2 * _SHIFT_STEP) for c in self.channels})
         for slack in self.slacks:
             own = dict(zero)
             channel, _, kind = slack.name.partition(" ")

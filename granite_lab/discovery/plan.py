@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from granite_lab.discovery.bench import Bench
 from granite_lab.discovery.plan_conditions import OnABlock, StagedWorld
@@ -219,7 +219,7 @@ def outlook(question: Question, rivals: tuple[Rival, ...], pieces: list[Piece]) 
     for true, false in pairs:
         loss, amounts = difference(n, rivals, gram, true, false)
         if question.kind == "show":
-            chances.append(float(norm.cdf(np.sqrt(loss) - np.sqrt(question.threshold))))
+            chances.append(float(ndtr(np.sqrt(loss) - np.sqrt(question.threshold))))
         else:
             here = places(rivals)[true][0]
             need = TWIN + MISMATCH * float(gram[here, here])
@@ -237,4 +237,4 @@ def decided(loss: float, need: float) -> float:
             this variance.
         need: what must be exceeded.
     """
-    return float(norm.sf((need - loss) / (2 * np.sqrt(loss)))) if loss > 0 else 0.0
+    return float(ndtr(-(need - loss) / (2 * np.sqrt(loss)))) if loss > 0 else 0.0

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2 as chi2_law
+from scipy.special import chdtrc, chdtri
 
+from granite_lab.discovery.screen import LEAST_TAIL
 from granite_lab.discovery.signature import Probe, strengths
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect
@@ -100,8 +101,8 @@ def evidence_of(drop: Array, count: Array) -> Array:
     result = drop.astype(float).copy()
     for n in np.unique(count[count > 1]):
         own = (count == n) & (drop > 0)
-        log_p = chi2_law.logsf(drop[own], n)
+        log_p = np.log(np.fmax(chdtrc(n, drop[own]), LEAST_TAIL))
         far = np.exp(-600.0)
-        beyond = drop[own] - (chi2_law.isf(far, n) - chi2_law.isf(far, 1))
-        result[own] = np.where(log_p < -600, beyond, chi2_law.isf(np.exp(np.fmax(log_p, -600)), 1))
+        beyond = drop[own] - (chdtri(n, far) - chdtri(1, far))
+        result[own] = np.where(log_p < -600, beyond, chdtri(1, np.exp(np.fmax(log_p, -600))))
     return result

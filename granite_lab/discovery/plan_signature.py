@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from granite_lab.discovery.arrow import project
-from granite_lab.discovery.bench import Bench, Task, World
+from granite_lab.discovery.bench import ACCURACY, Bench, Task, World
 from granite_lab.discovery.plan_design import nominal
 from granite_lab.discovery.plan_stage import staged
 from granite_lab.discovery.slopes import blocks_at, slopes_at
@@ -57,6 +57,12 @@ class Imprint:
     share: float
 
 
+class FineWorld(World):
+    """Simulations whose differences shall look smooth where almost all of them is taken away again."""
+
+    accuracy = replace(ACCURACY, relative=1e-8, absolute=1e-10, order=5)
+
+
 def imprint(
     active: Active, robot: Robot, soil: Soil, variants: Sequence[Variant], *, jobs: int = 1
 ) -> Imprint:
@@ -72,7 +78,7 @@ def imprint(
         EstimateError: a simulation does not converge.
         InputError: the robot cannot be simulated.
     """
-    world = World(robot, soil, tuple(variants), {active.id: active.effect})
+    world = FineWorld(robot, soil, tuple(variants), {active.id: active.effect})
     design = nominal(robot, soil, variants)
     with Bench(world, jobs) as bench:
         problem = staged(design, bench, list(enumerate(design.driven)))

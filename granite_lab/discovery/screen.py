@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi2_law
+from scipy.special import chdtrc, chdtri
 
 from granite_lab.discovery.arrow import Block
 from granite_lab.discovery.point import Fit
@@ -14,6 +14,9 @@ from granite_lab.discovery.problem import Problem
 from granite_lab.discovery.signature import Signatures, strengths
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect, EffectParameter
+
+LEAST_TAIL = 1e-300
+"""Probability that stands for all smaller ones, which have no logarithm."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +45,11 @@ def evidence(drop: float, freedom: int) -> float:
     """Translate a drop of chi2 by several numbers into that by one number of the same rarity."""
     if freedom <= 1 or drop <= 0:
         return drop
-    log_p = float(chi2_law.logsf(drop, freedom))
+    log_p = float(np.log(max(chdtrc(freedom, drop), LEAST_TAIL)))
     if log_p < -600:  # beyond the range of the inverse: the tails differ by a slowly growing constant
-        reference = float(chi2_law.isf(np.exp(-600), freedom)), float(chi2_law.isf(np.exp(-600), 1))
+        reference = float(chdtri(freedom, np.exp(-600))), float(chdtri(1, np.exp(-600)))
         return drop - (reference[0] - reference[1])
-    return float(chi2_law.isf(np.exp(log_p), 1))
+    return float(chdtri(1, np.exp(log_p)))
 
 
 def scores(problem: Problem, fit: Fit, signs: Signatures, candidates: Mapping[str, Effect]) -> list[Score]:

@@ -11,6 +11,7 @@ from granite_lab.discovery.bench import PER_TRIAL, SAND, Task
 from granite_lab.discovery.point import Point, Slopes
 from granite_lab.discovery.problem import Problem, as_values
 from granite_lab.errors import EstimateError
+from granite_lab.logs.trial import Array
 
 _COARSE_STEP = (0.01, 0.01, -0.15, 0.01, -0.06, 0.01, 0.03)
 _FINE_STEP = (0.01, 0.01, -0.03, 0.01, -0.01, 0.01, 0.005)
@@ -105,11 +106,14 @@ def blocks_at(problem: Problem, point: Point, slopes: Slopes) -> list[Block]:
     """Return the whitened derivatives per trial."""
     _, private = problem.effect_parameters(point.effects)
     precision = problem.own_precision(point.effects)
-    blocks = []
+    blocks: list[Block] = []
+    own_of: dict[int, Array] = {}
     for i, (t, x) in enumerate(zip(problem.trials, point.trials, strict=True)):
         j = problem.variants.index(t.variant)
         response, sand = slopes.response[j], slopes.sand[j]
-        local = t.columns(response, sand[:PER_TRIAL], x[: t.size])
+        if j not in own_of:
+            own_of[j] = np.concatenate([sand[:PER_TRIAL], t.by_start(response)[None]])
+        local = t.columns(response, own_of[j], x[: t.size])
         extra = t.effect_columns(np.concatenate([sand[PER_TRIAL:], slopes.common[j], slopes.own[j]]), x)
         shared = np.column_stack([local[:, :PER_TRIAL], extra])
         own = shared[:, shared.shape[1] - len(private) :]

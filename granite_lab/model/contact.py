@@ -141,14 +141,14 @@ def wheel_forces(
     sin_ϑ1 = ca.sin(ϑ1)
 
     def stresses(ϑ: Any, z: Any, slope: Any) -> Any:
-        """Return W, R, F and M/r per area at ϑ, where the outline has a depth and the sine of a slope."""
+        """Return W, R, F and M/r per area at each ϑ of an outline: its depth and the sine of its slope."""
         cos_ϑ = ca.cos(ϑ)
         rolled = sin_ϑ1 - ca.sin(ϑ)
         j = r * (moving * (ϑ1 - ϑ) - (moving - λ) * rolled)  # (6)
         σ = pressure(k * ca.fmax(z, 1e-12) ** soil.exponent, ϑ)  # (8), (9)
         τ_max = ca.fmin(soil.tyre_friction * σ, soil.cohesion + tan_φ * σ)  # (10)
         τ = ca.sign(j) * τ_max * (1 - ca.exp(-ca.fabs(j) / soil.shear_modulus))  # (11)
-        return ca.vertcat(σ * cos_ϑ + τ * slope, -σ * slope, τ * cos_ϑ, τ)  # (12)-(15)
+        return ca.horzcat(σ * cos_ϑ + τ * slope, -σ * slope, τ * cos_ϑ, τ)  # (12)-(15)
 
     def on_circle(ϑ: Any) -> Any:
         return stresses(ϑ, state.sinkage + state.deflection - r * (1 - ca.cos(ϑ)), ca.sin(ϑ))  # (7)
@@ -159,7 +159,7 @@ def wheel_forces(
         δ = ca.fmax(state.deflection, 0)
         edge = ca.acos(1 - (δ + 1e-14) / r) - ca.acos(1 - 1e-14 / r)
         rear, front = ca.fmax(-edge, -ϑ2), ca.fmin(edge, ϑ1)
-        total += _over(lambda ϑ: stresses(ϑ, state.sinkage, 0) - on_circle(ϑ), rear, front, b * r)
+        total += _over(lambda ϑ: stresses(ϑ, state.sinkage, 0 * ϑ) - on_circle(ϑ), rear, front, b * r)
     W, R, F, S = (total[k] for k in range(4))
     M = -state.radius * S  # (15)
     touching = ca.if_else(state.sinkage > 0, 1, 0)
@@ -168,7 +168,9 @@ def wheel_forces(
 
 
 def _over(f: Callable[[Any], Any], low: Any, high: Any, scale: Any) -> Any:
-    """Return scale times the integral of f from low to high by Gauss and Legendre."""
+    """Return scale times the integral of f from low to high by Gauss and Legendre.
+
+    f takes a column of places and returns a row of values for each.
+    """
     middle, half = (low + high) / 2, (high - low) / 2
-    rule = zip(NODES, WEIGHTS, strict=True)
-    return sum(f(middle + half * node) * (weight * (scale * half)) for node, weight in rule)
+    return ca.mtimes((ca.DM(WEIGHTS) * (scale * half)).T, f(middle + half * ca.DM(NODES)))

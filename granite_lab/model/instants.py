@@ -27,6 +27,8 @@ class Accuracy:
 
     Attributes:
         relative, absolute: tolerances of CVODES.
+        order: highest of its backward differences. Of a lower order the errors of neighbouring runs are
+            more alike, and so their difference, a derivative, is better than either.
         step: largest spacing of the output grid while the robot moves [s].
         travel: how far the robot may drive from one instant to the next [m]; lugs and run-outs
             shake it by distance, so that fast runs need closer instants.
@@ -40,6 +42,7 @@ class Accuracy:
     step: float = 0.005
     travel: float = np.inf
     lean: bool = False
+    order: int = 5
 
 
 USUAL = Accuracy()

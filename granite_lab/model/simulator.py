@@ -70,6 +70,7 @@ def _integrator(effects: tuple[Effect, ...], variant: Variant, accuracy: Accurac
         {
             "reltol": accuracy.relative,
             "abstol": accuracy.absolute,
+            "max_order": accuracy.order,
             "max_num_steps": MAX_STEPS,
             "disable_internal_warnings": True,
         },

@@ -33,8 +33,10 @@ def effect_drawing(imprint: Imprint) -> Drawing:
     """Draw one column a command and one row a channel, raw and after what else could explain it."""
     effect = imprint.active.effect
     sentence = what_to_see(imprint)
+    heading = textwrap.wrap(f"{effect.title}: {sizes(imprint)}", 84)
     lines = textwrap.wrap(sentence, 132)
-    above = 0.8 + 0.16 * len(lines)
+    below = 0.13 + 0.18 * len(heading)  # the heading
+    above = below + 0.49 + 0.16 * len(lines)
     tall = above + PANEL * len(ROWS) + BELOW
     with canvas.styled():
         figure = Figure(figsize=(WIDE, tall))
@@ -42,10 +44,11 @@ def effect_drawing(imprint: Imprint) -> Drawing:
             len(ROWS), len(imprint.seen), left=LEFT / WIDE, right=1 - RIGHT / WIDE, bottom=BELOW / tall,
             top=1 - above / tall, hspace=0.16, wspace=0.08,
         )  # fmt: skip
-        figure.text(0.12 / WIDE, 1 - 0.1 / tall, f"{effect.title}: {sizes(imprint)}", va="top",
-                    fontsize=10.5, weight="bold")  # fmt: skip
+        for k, line in enumerate(heading):
+            figure.text(0.12 / WIDE, 1 - (0.1 + 0.18 * k) / tall, line, va="top",
+                        fontsize=10.5, weight="bold")  # fmt: skip
         for k, line in enumerate(lines):
-            figure.text(0.12 / WIDE, 1 - (0.31 + 0.16 * k) / tall, line, va="top", fontsize=9)
+            figure.text(0.12 / WIDE, 1 - (below + 0.16 * k) / tall, line, va="top", fontsize=9)
         for i, row in enumerate(ROWS):
             shared: Axes | None = None
             half = row[4]
@@ -58,7 +61,7 @@ def effect_drawing(imprint: Imprint) -> Drawing:
             shared.set_ylim(-1.12 * half, 1.12 * half)
         handles, labels = figure.axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="upper left", ncols=3, frameon=False, fontsize=8.5,
-                      bbox_to_anchor=(0.06 / WIDE, 1 - (0.28 + 0.16 * len(lines)) / tall))  # fmt: skip
+                      bbox_to_anchor=(0.06 / WIDE, 1 - (above - 0.52) / tall))  # fmt: skip
     return Drawing(
         f"effect_{effect.id}", f"Signature of {effect.id}: {effect.title}", sentence,
         "Change of IMU, pitch rate, wheel speed and currents by the effect over time for each variant, "
@@ -109,14 +112,13 @@ def _frame(
 
 
 def sizes(imprint: Imprint) -> str:
-    """Return the parameters with units."""
+    """Return the parameters with units, those of one size together."""
     active = imprint.active
-    return ", ".join(
-        f"{p.name.replace('_', ' ')} = {with_unit(significant(value, 2), tidy_unit(p.unit))}".replace(
-            "\u00a0°", "°"
-        )
-        for p, value in zip(active.effect.parameters, active.values, strict=True)
-    )
+    named: dict[str, list[str]] = {}
+    for p, value in zip(active.effect.parameters, active.values, strict=True):
+        size = with_unit(significant(value, 2), tidy_unit(p.unit)).replace("\u00a0°", "°")
+        named.setdefault(size, []).append(p.name.replace("_", " "))
+    return ", ".join(f"{' = '.join(names)} = {size}" for size, names in named.items())
 
 
 def what_to_see(imprint: Imprint) -> str:

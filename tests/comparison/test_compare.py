@@ -9,8 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from granite_lab.comparison import compare
-from granite_lab.comparison.compare import alignment_std, misfits_of
+from granite_lab.comparison.compare import alignment_std, compare, misfits_of
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.fitting import fit_k92, simulate_k92

@@ -20,8 +20,8 @@ from granite_lab.effects.documentation import EXAMPLE
 from granite_lab.errors import InputError
 from granite_lab.estimate import Estimate
 from granite_lab.running import Cache, Execution, Options
+from granite_lab.running.reading import to_search
 from granite_lab.running.search import save_found
-from granite_lab.study import to_search
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
 from tests.running.processes import SAMPLES
@@ -58,7 +58,7 @@ def test_what_was_commanded_is_taken_from_the_log_or_recognised_and_remembered(
     def again(*_: object, **__: object) -> None:
         raise AssertionError("estimated again")
 
-    monkeypatch.setattr(chain, "estimate", again)
+    monkeypatch.setattr("granite_lab.estimation.chain.estimate", again)
     assert isinstance(to_search([silent], Options(), how)[0], tuple)
 
 

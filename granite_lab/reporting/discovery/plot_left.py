@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.ticker import NullLocator
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from granite_lab.discovery.finding import Finding
 from granite_lab.reporting import canvas
@@ -22,7 +22,7 @@ def left_drawing(finding: Finding) -> Drawing:
     before, after, count = spectra(finding, edges)
     known = count > 0
     centre = np.sqrt(edges[1:] * edges[:-1])[known]
-    low, high = (chi2.ppf(q, count[known]) / count[known] for q in (0.025, 0.975))
+    low, high = (chdtri(count[known], q) / count[known] for q in (0.975, 0.025))
     figure, (axis,) = canvas.stacked([1.9], [2])
     with canvas.styled():
         axis.fill_between(centre, low, high, color=canvas.FAINT, alpha=0.5, linewidth=0, label="noise, 95 %")
