@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from granite_lab.discovery import bench as module
 from granite_lab.discovery.arrow import covariance
 from granite_lab.discovery.baseline import begin
 from granite_lab.discovery.bench import ACCURACY, SAND, Bench, World
@@ -56,7 +55,7 @@ def test_the_noise_of_simulations_does_not_pass_for_knowledge(
     point = with_effect(problem, problem.neutral(), "supply_sag", SAG)
     rough, wide = (std_of_time(problem, point, again=again) for again in (False, True))
     problem.bench._known.clear()
-    monkeypatch.setattr(module, "ACCURACY", replace(ACCURACY, relative=1e-10, absolute=1e-12))
+    monkeypatch.setattr(World, "accuracy", replace(ACCURACY, relative=1e-10, absolute=1e-12))
     exact = std_of_time(problem, point, again=False)
     assert abs(np.log(wide / exact)) < abs(np.log(rough / exact))
     assert wide == pytest.approx(exact, rel=0.02)
