@@ -2,7 +2,7 @@
 
 Each run continues the schedule where the results file ends, so that the figures tighten with time.
 
-``python -m benchmarks.blind [--minutes 60] [--jobs 2] [--only KIND] [--results FILE] [--out docs/blind.md]``
+``python -m benchmarks.blind [--minutes 60] [--jobs 2] [--only KIND] [--again] [--all] [--out docs/blind.md]``
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind_code import ROOT, origin
+from benchmarks.blind_code import ROOT, code_hash, origin
+from benchmarks.blind_misses import misses
 from benchmarks.blind_schedule import LOUD, Task, schedule
 from benchmarks.blind_tables import report
 from granite_lab.files import write_text
@@ -135,15 +137,27 @@ def waiting(done: set[int], only: str | None) -> Iterator[Task]:
             yield task
 
 
+def missed_before(lines: Sequence[dict[str, Any]], done: set[str]) -> Iterator[Task]:
+    """Yield the sets that older code missed and this code has not judged again.
+
+    Args:
+        lines: of the results file.
+        done: keys of the sets that this code has judged again.
+    """
+    names = {field.name for field in fields(Task)}
+    for line in misses(lines):
+        if line["key"] not in done and line.get("code") != code_hash() and line["status"] != "not made":
+            yield Task(**{name: value for name, value in line.items() if name in names})
+
+
 def run(
-    results: Results, minutes: float, jobs: int, only: str | None, keep: Path | None, again: bool
+    results: Results, tasks: Iterator[Task], minutes: float, jobs: int, keep: Path | None, anew: bool
 ) -> None:
-    """Make and judge sets until the time is up."""
+    """Make and judge sets until there are none left or the time is up."""
     workers, begin, most = Workers(), time.monotonic(), TYPICAL
     pool = ThreadPoolExecutor(jobs)
     try:
-        sizes = detectable_sizes(results.path.with_name("detectable.json"), workers, again=again)
-        tasks = waiting({line["seed"] for line in results.lines if "seed" in line}, only)
+        sizes = detectable_sizes(results.path.with_name("detectable.json"), workers, again=anew)
         running: dict[Future[dict[str, Any]], float] = {}
         while True:
             while len(running) < jobs and time.monotonic() - begin + most < 60 * minutes:
@@ -181,14 +195,21 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=RESULTS, help="one line for each set")
     parser.add_argument("--out", type=Path, help="write the report here too")
     parser.add_argument("--all", action="store_true", help="results of older code, too")
+    parser.add_argument("--again", action="store_true", help="only the sets that older code missed")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the sets in here")
     parser.add_argument("--detectable", action="store_true", help="find the smallest detectable sizes again")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     results = Results(options.results)
+    again = Results(options.results.with_name("again.jsonl"))
+    if options.again:
+        tasks = missed_before(results.lines, {x["key"] for x in again.lines if x["code"] == code_hash()})
+    else:
+        tasks = waiting({line["seed"] for line in results.lines if "seed" in line}, options.only)
     if options.minutes > 0:
-        run(results, options.minutes, options.jobs, options.only, options.keep, options.detectable)
-    text = report(results.lines, every=options.all)
+        into = again if options.again else results
+        run(into, tasks, options.minutes, options.jobs, options.keep, options.detectable)
+    text = report(results.lines, every=options.all, again=again.lines)
     print(text)
     if options.out is not None:
         write_text(options.out, text)

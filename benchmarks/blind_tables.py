@@ -20,16 +20,14 @@ from benchmarks.blind_figures import (
 )
 from benchmarks.blind_misses import missed
 
-RECENT = 100
-"""So many sets are also shown alone: what the code of today does, where older code is counted, too."""
 
-
-def report(lines: Sequence[Line], *, every: bool = False) -> str:
+def report(lines: Sequence[Line], *, every: bool = False, again: Sequence[Line] = ()) -> str:
     """Return the page in Markdown.
 
     Args:
         lines: of the results file, in its order.
-        every: results of older code, too.
+        every: results of older code, too; the newest has a column of its own.
+        again: sets that older code missed, as newer code judged them.
     """
     made = [line for line in lines if line["status"] != "not made"]
     kept = made if every else newest(made)
@@ -55,24 +53,25 @@ def report(lines: Sequence[Line], *, every: bool = False) -> str:
         "trials (`benchmarks/results/detectable.json`). Intervals are 95 % Wilson intervals.",
         "Bold: aim missed.",
         "",
-        *_headline(kept, kept[-RECENT:]),
+        *_headline(kept, newest(kept)),
         "",
     ]
     for section in (_nulls, _outcomes, _effects, _gaps, _outside, _parameters):
         rows = section(kept)
         # a table that ends with its rule has no rows
         words += [] if rows[-2].startswith("|---") else rows
-    return "\n".join([*words, *missed(kept), ""])
+    today = {x["key"]: x for x in again if x.get("code") == kept[-1].get("code")}
+    return "\n".join([*words, *missed(kept, today), ""])
 
 
 def _headline(lines: Sequence[Line], last: Sequence[Line]) -> list[str]:
-    """Return the table of the figures that have an aim; beside them those of the last sets alone."""
+    """Return the table of the figures that have an aim; beside them those of the newest code alone."""
     alone = len(last) < len(lines)
-    title = f" the last {_sets(len(last))} alone |" if alone else ""
-    rows = [f"| figure | measured (95 % interval) |{title} aim |", "|---|---|---|" + "---|" * alone]
-    for (name, value, aim, met), (_, own, _, _) in zip(headline(lines), headline(last), strict=True):
-        shown = f"**{value}**" if met is False else value
-        rows.append(f"| {name} | {shown} |{f' {own} |' if alone else ''} {aim} |")
+    title = f" {_sets(len(last))} of the newest code | all {len(lines)} |" if alone else " measured |"
+    rows = [f"| figure (95 % interval) |{title} aim |", "|---|---|---|" + "---|" * alone]
+    for (name, value, aim, met), (_, own, _, well) in zip(headline(lines), headline(last), strict=True):
+        whole, newer = (f"**{x}**" if good is False else x for x, good in ((value, met), (own, well)))
+        rows.append(f"| {name} |{f' {newer} |' if alone else ''} {whole} | {aim} |")
     return rows
 
 

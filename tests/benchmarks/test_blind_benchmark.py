@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.blind import Results, waiting
+from benchmarks.blind import Results, missed_before, waiting
+from benchmarks.blind_code import code_hash
 from benchmarks.blind_figures import Share, headline, is_wrong_single, newest, strength_of
 from benchmarks.blind_schedule import Task, schedule, sizes_of, wish_of
 from benchmarks.blind_set import run
-from benchmarks.blind_tables import RECENT, report
+from benchmarks.blind_tables import report
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, TWINS
 from granite_lab.hidden.wish import drawn
 
@@ -223,12 +224,26 @@ def test_a_set_in_which_no_robot_could_drive_does_not_count() -> None:
     assert "1 set, code new" in page
 
 
-def test_the_page_shows_the_last_sets_beside_all() -> None:
-    """Early failures stay in the first column and leave the second."""
-    early = [line(outcome="wrong_name", right=False, code="old") for _ in range(3)]
-    late = [line(code="new") for _ in range(RECENT)]
+def test_the_page_shows_the_newest_code_beside_all() -> None:
+    """Failures of older code stay among all and leave the newest."""
+    early = [line(outcome="wrong_name", right=False, code="old") for _ in range(10)]
+    late = [line(code="new") for _ in range(100)]
     page = report([*early, *late], every=True)
-    assert f"| the last {RECENT} sets alone |" in page
+    assert "| 100 sets of the newest code | all 110 |" in page
     row = next(r for r in page.splitlines() if r.startswith("| right name or exact set of twins at 5"))
-    assert f"{RECENT}/{RECENT + 3} = 97 %" in row
-    assert f"{RECENT}/{RECENT} = 100 %" in row
+    assert "| 100/100 = 100 % (96–100) |" in row
+    assert "| **100/110 = 91 %" in row
+
+
+def test_what_older_code_missed_is_judged_again_and_shown_beside_its_verdict() -> None:
+    wrong = {"outcome": "wrong_name", "right": False, "found": [], "parameters": []}
+    lines = [
+        line(key="a", seed=1, code="old", **wrong), line(key="b", seed=2, code="old"),
+        line(key="c", seed=3, code="old", **wrong), line(key="d", seed=4, code=code_hash(), **wrong),
+    ]  # fmt: skip
+    assert [task.seed for task in missed_before(lines, {"c"})] == [1]
+    page = report(lines, every=True, again=[line(key="a", code=code_hash()), line(key="c", code="old")])
+    assert "judged 1 sets again that older code missed: 1 come out right" in page
+    row = next(r for r in page.splitlines() if "| 1 | wrong name" in r)
+    assert "| right: ground_slope |" in row
+    assert "| 3 | wrong name: named | – |" in page
