@@ -6,10 +6,11 @@ see docs/api.md. Each is imported when it is first asked for, so that the packag
 
 from __future__ import annotations
 
-import importlib
 import sys
 import types
 from typing import TYPE_CHECKING, Any
+
+from granite_lab.lazily import lazily
 
 if TYPE_CHECKING:
     from granite_lab.api.hidden import hide, reveal
@@ -25,19 +26,21 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "granite_lab.api.hidden": ("hide", "reveal"),
-    "granite_lab.api.logs": ("ingest", "inspect"),
-    "granite_lab.api.parameters": ("list_effects", "params", "show_effect"),
-    "granite_lab.api.plan": ("plan_next",),
-    "granite_lab.api.search": ("discover",),
-    "granite_lab.api.simulate": ("simulate",),
-    "granite_lab.api.trials": ("compare", "fit_a_theta", "fit_k92", "record", "report", "study"),
-    "granite_lab.api.view": ("view",),
-    "granite_lab.errors": ("LabError",),
-    "granite_lab.estimate": ("Estimate",),
-}
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+__getattr__ = lazily(
+    __name__,
+    {
+        "granite_lab.api.hidden": ("hide", "reveal"),
+        "granite_lab.api.logs": ("ingest", "inspect"),
+        "granite_lab.api.parameters": ("list_effects", "params", "show_effect"),
+        "granite_lab.api.plan": ("plan_next",),
+        "granite_lab.api.search": ("discover",),
+        "granite_lab.api.simulate": ("simulate",),
+        "granite_lab.api.trials": ("compare", "fit_a_theta", "fit_k92", "record", "report", "study"),
+        "granite_lab.api.view": ("view",),
+        "granite_lab.errors": ("LabError",),
+        "granite_lab.estimate": ("Estimate",),
+    },
+)
 
 __all__ = [
     "Estimate",
@@ -60,13 +63,6 @@ __all__ = [
     "study",
     "view",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """Import a function when it is first asked for."""
-    if name not in _HOME_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOME_OF[name]), name)
 
 
 def __dir__() -> list[str]:

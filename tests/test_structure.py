@@ -15,7 +15,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 STAGES = [
     {"errors", "estimate", "__init__"},
-    {"csv_rows", "files", "processes"},
+    {"csv_rows", "files", "lazily", "processes"},
     {"parameters"},
     {"logs"},
     {"hidden"},
@@ -112,10 +112,15 @@ def test_nothing_is_unpickled() -> None:
         assert not imports_of(path) & {"pickle", "shelve", "marshal", "dill", "cloudpickle"}
 
 
-def test_the_help_needs_no_heavy_library() -> None:
-    code = (
-        "import sys; from granite_lab.cli import app; "
-        "print([m for m in ('numpy', 'scipy', 'pandas', 'casadi', 'rerun') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+@pytest.mark.parametrize(
+    ("code", "heavy"),
+    [
+        ("granite_lab.cli", ("numpy", "scipy", "pandas", "casadi", "rerun")),
+        ("granite_lab.api.search", ("filterpy", "scipy.stats", "scipy.signal", "matplotlib", "rerun")),
+    ],
+    ids=["help", "search"],
+)
+def test_what_a_command_does_not_need_is_not_imported(code: str, heavy: tuple[str, ...]) -> None:
+    shown = f"import sys; import {code}; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

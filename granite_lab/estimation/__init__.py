@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from granite_lab.lazily import lazily
 
 if TYPE_CHECKING:
     from granite_lab.estimation.chain import estimate
@@ -13,14 +14,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Health", "Judgement", "Motion", "estimate", "judge", "wheel_slip"]
 
-_HOMES = {
-    "Health": "motion", "Judgement": "judgement", "Motion": "motion",
-    "estimate": "chain", "judge": "judgement", "wheel_slip": "slip",
-}  # fmt: skip
-
-
-def __getattr__(name: str) -> Any:
-    """Import what is asked for when it is: who only needs the record does not wait for the filter."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__ = lazily(
+    __name__,
+    {
+        "granite_lab.estimation.chain": ("estimate",),
+        "granite_lab.estimation.judgement": ("Judgement", "judge"),
+        "granite_lab.estimation.motion": ("Health", "Motion"),
+        "granite_lab.estimation.slip": ("wheel_slip",),
+    },
+)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from granite_lab.lazily import lazily
 
 if TYPE_CHECKING:
     from granite_lab.reporting.write import write_comparison, write_discovery, write_report
@@ -10,10 +12,5 @@ if TYPE_CHECKING:
 __all__ = ["write_comparison", "write_discovery", "write_report"]
 
 
-def __getattr__(name: str) -> Any:
-    """Import the writers when they are first asked for: they need matplotlib and Jinja."""
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from granite_lab.reporting import write  # noqa: PLC0415
-
-    return getattr(write, name)
+# they need matplotlib and Jinja
+__getattr__ = lazily(__name__, {"granite_lab.reporting.write": __all__})

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from granite_lab.lazily import lazily
 
 if TYPE_CHECKING:
     from granite_lab.reporting.discovery.evidence import section
@@ -10,10 +12,5 @@ if TYPE_CHECKING:
 __all__ = ["section"]
 
 
-def __getattr__(name: str) -> Any:
-    """Import the section when it is first asked for: recordings need the names only, not matplotlib."""
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from granite_lab.reporting.discovery import evidence  # noqa: PLC0415
-
-    return getattr(evidence, name)
+# recordings need the names only, not matplotlib
+__getattr__ = lazily(__name__, {"granite_lab.reporting.discovery.evidence": __all__})
