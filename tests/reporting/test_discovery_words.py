@@ -69,6 +69,24 @@ def test_a_sign_is_said_as_a_direction_and_a_size_in_a_unit_that_fits(
     assert describe(effect).replace("\u00a0", " ") == expected
 
 
+def test_cosine_and_sine_of_each_trial_are_said_as_the_amplitude_they_share() -> None:
+    """3 and 4 make 5, and of an error along the larger part most counts."""
+    of = {
+        "cos_front": (3e-3, 1e-4),
+        "sin_front": (4e-3, 1e-4),
+        "cos_rear": (0.012, 0.0),
+        "sin_rear": (0.005, 0.0026),
+    }
+    effect = found("encoder_eccentricity", **of)
+    trials = tuple(dataclasses.replace(p, per_trial=(0.1, 0.2)) for p in effect.parameters)
+    said = describe(dataclasses.replace(effect, parameters=trials)).replace("\u00a0", " ")
+    assert (
+        said
+        == "encoders that run out of true (amplitude front 5.00 ± 0.10 mrad, amplitude rear 13.0 ± 1.0 mrad)"
+    )
+    assert "cos front 3.00 ± 0.10 mrad" in describe(effect).replace("\u00a0", " ")  # the same in all trials
+
+
 def test_the_table_keeps_sign_and_si_unit_and_says_which_way_it_goes() -> None:
     table = effects_table(naming(found("clock_offset", offset=(-0.0035, 0.0001))))
     assert table is not None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from granite_lab.discovery.finding import FoundEffect, FoundParameter
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import Effect
@@ -71,8 +73,26 @@ def in_words(effect: FoundEffect) -> tuple[str, str]:
                 own.name, own.unit, Estimate(abs(own.estimate.value), own.estimate.std), own.per_trial
             )
             return above if own.estimate.value >= 0 else below, f"by {amount(effect, away)}"
-    sizes = ", ".join(f"{p.name.replace('_', ' ')} {amount(effect, p)}" for p in effect.parameters)
+    sizes = ", ".join(f"{p.name.replace('_', ' ')} {amount(effect, p)}" for p in _with_amplitudes(effect))
     return effect.title, sizes
+
+
+def _with_amplitudes(effect: FoundEffect) -> list[FoundParameter]:
+    """Return the numbers, cosine and sine that differ in each trial as the amplitude that they share."""
+    named = {p.name: p for p in effect.parameters}
+    shown = []
+    for p in effect.parameters:
+        part, _, rest = p.name.partition("_")
+        pair = {"cos": f"sin_{rest}", "sin": f"cos_{rest}"}
+        other = named.get(pair.get(part, "")) if p.per_trial else None
+        if other is None:
+            shown.append(p)
+        elif part == "cos":
+            c, s = p.estimate, other.estimate
+            size = float(np.hypot(c.value, s.value))
+            std = float(np.hypot(c.value * c.std, s.value * s.std)) / size if size else c.std
+            shown.append(FoundParameter(f"amplitude_{rest}", p.unit, Estimate(size, std), p.per_trial))
+    return shown
 
 
 def meaning(effect_id: str, name: str, known: Mapping[str, Effect]) -> str:
