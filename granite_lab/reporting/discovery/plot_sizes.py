@@ -35,13 +35,10 @@ def sizes_drawing(finding: Finding) -> Drawing | None:
     seen = {(d.effect, d.parameter): d.size for d in finding.detectable}
     with canvas.styled():
         for i, (e, p, own) in enumerate(lines):
-            _line(axis, i, p, own, seen.get((e.id, p.name), math.nan))
-            half = LIKELY * p.estimate.std * abs(100 / reach(own))
-            at = (p.estimate.value - (0.0 if own.shape else own.neutral)) * 100 / reach(own)
+            right = _line(axis, i, p, own, seen.get((e.id, p.name), math.nan))
             axis.annotate(
-                value(e, p), (at + (half if math.isfinite(half) else 0), i), (6, 0),
-                textcoords="offset points", va="center", fontsize=7.5,
-            )  # fmt: skip
+                value(e, p), (right, i), (6, 0), textcoords="offset points", va="center", fontsize=7.5
+            )
         axis.axvline(0, color=canvas.INK, linewidth=0.7)
         axis.margins(x=0.12)
         axis.xaxis.set_major_locator(MaxNLocator(5))
@@ -58,7 +55,8 @@ def sizes_drawing(finding: Finding) -> Drawing | None:
     )
 
 
-def _line(axis: Axes, i: int, p: FoundParameter, own: EffectParameter, smallest: float) -> None:
+def _line(axis: Axes, i: int, p: FoundParameter, own: EffectParameter, smallest: float) -> float:
+    """Draw one number; return where its marks end on the right."""
     scale = 100 / reach(own)
 
     def at(value: float) -> float:
@@ -81,10 +79,12 @@ def _line(axis: Axes, i: int, p: FoundParameter, own: EffectParameter, smallest:
             label=_once(axis, "a trial"),
         )  # fmt: skip
     half = LIKELY * p.estimate.std * abs(scale)
+    half = half if math.isfinite(half) else 0.0
     axis.errorbar(
-        at(p.estimate.value), i, xerr=half if math.isfinite(half) else 0, color=rows.AFTER, marker="D",
+        at(p.estimate.value), i, xerr=half, color=rows.AFTER, marker="D",
         markersize=4.5, capsize=3, linestyle="none", label=_once(axis, "found, 95 %"),
     )  # fmt: skip
+    return max([at(p.estimate.value) + half, *map(at, p.per_trial)])
 
 
 def _once(axis: Axes, label: str) -> str | None:
