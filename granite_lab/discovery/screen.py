@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtrc, chdtri  # the law of chi2; scipy.stats takes half a second to import
 
 from granite_lab.discovery.arrow import Block
 from granite_lab.discovery.point import Fit

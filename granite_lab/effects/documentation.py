@@ -92,7 +92,8 @@ expression and returns it rewritten:
 | `wheel_forces` | forces and moment of the ground on a wheel |
 | `drive_torque`, `rim_load` | the torques on a rim |
 | `rim_acceleration` | how fast a rim's turning grows |
-| `shaft` | the motion of a motor's shaft, which back-EMF, controller and encoder follow |
+| `shaft` | the motion of a motor's shaft, which back-EMF and encoder follow |
+| `reading` | what the encoder makes of it, which controller and log follow |
 | `voltages` | the voltages of the motors |
 | `body_load` | forces and moment on the body, and gravity |
 | `sensors` | what the sensors read |

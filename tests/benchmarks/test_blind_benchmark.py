@@ -235,6 +235,20 @@ def test_the_page_shows_the_newest_code_beside_all() -> None:
     assert "| **100/110 = 91 %" in row
 
 
+def test_the_hash_of_the_code_is_that_of_what_it_does(tmp_path: Path) -> None:
+    module = tmp_path / "granite_lab" / "model" / "one.py"
+    module.parent.mkdir(parents=True)
+
+    def of(source: str) -> str:
+        module.write_text(source, encoding="utf-8")
+        return code_hash(tmp_path)
+
+    plain = of("def f(x):\n    return x + 1\n")
+    assert of('"""Words."""\n\n\ndef f(x):  # why\n    """More."""\n    return x + 1\n') == plain
+    assert of("def f(x):\n    return x + 2\n") != plain
+    assert of('def f(x):\n    return "x" + x\n') != plain
+
+
 def test_what_older_code_missed_is_judged_again_and_shown_beside_its_verdict() -> None:
     wrong = {"outcome": "wrong_name", "right": False, "found": [], "parameters": []}
     lines = [
