@@ -24,6 +24,9 @@ NOISE = 1.02
 SETTLED = 0.95
 """Share of the misfit that a fit explains when no other start is tried."""
 
+OPEN = 2.0
+"""Standard deviations within which a shape that ended at a bound may as well be neutral."""
+
 AT_BOUND = 1e-3
 """Share of a parameter's range within which it counts as being at its bound."""
 
@@ -175,11 +178,17 @@ def held_out(problem: Problem, fit: Fit, groups: Sequence[int]) -> HeldOut:
 
 
 def at_bound(problem: Problem, fit: Fit) -> tuple[str, ...]:
-    """Name the effects' parameters that ended at a bound other than their neutral value."""
+    """Name the effects' parameters that ended at a bound other than their neutral value.
+
+    A shape that the trials leave open may end anywhere; it says nothing against its effect.
+    """
     shared, _ = problem.effect_parameters(fit.point.effects)
+    std = np.sqrt(np.diag(covariance(problem, fit)))[len(SAND) :]
     found = []
-    for p, value in zip(shared, fit.point.common, strict=True):
+    for p, value, doubt in zip(shared, fit.point.common, std, strict=True):
         margin = AT_BOUND * (p.high - p.low)
+        if p.shape and abs(value - p.neutral) < OPEN * doubt:
+            continue
         for bound in (p.low, p.high):
             if abs(value - bound) < margin and (p.shape or abs(bound - p.neutral) > margin):
                 found.append(p.name)

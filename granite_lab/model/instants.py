@@ -34,7 +34,7 @@ class Accuracy:
             shake it by distance, so that fast runs need closer instants.
         lean: few instants before the command, where nothing happens, and many after each corner of
             it, where motors and tyres answer within milliseconds: straight lines over that would
-            show the answer too late.
+            show the answer too late. As many before it, for there a clock that is early shows it.
     """
 
     relative: float = 1e-4
@@ -51,7 +51,7 @@ USUAL = Accuracy()
 ANSWER = np.concatenate(
     [np.arange(0, 0.01, 0.0005), np.arange(0.01, 0.03, 0.001), np.arange(0.03, 0.1, 0.0025)]
 )
-"""Instants after a corner of the command at which its answer is computed [s]."""
+"""Instants about a corner of the command at which its answer is computed [s]."""
 
 AT_REST = 0.02
 """Spacing of the instants before the command where they are few [s]."""
@@ -70,5 +70,5 @@ def instants(variant: Variant, accuracy: Accuracy) -> Array:
     if not accuracy.lean:
         return t
     before = np.arange(-SETTLE, 0, AT_REST)
-    answers = (np.array(corners(variant))[:, None] + ANSWER).ravel()
+    answers = (np.array(corners(variant))[:, None] + np.concatenate([-ANSWER, ANSWER])).ravel()
     return np.unique(np.concatenate([before, t[t >= 0], answers]).round(6))

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from granite_lab.discovery.arrow import covariance
+from granite_lab.discovery.arrow import Block, covariance
 from granite_lab.discovery.baseline import begin
 from granite_lab.discovery.bench import ACCURACY, SAND, Bench, World
-from granite_lab.discovery.point import Point
+from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
-from granite_lab.discovery.refit import with_effect
+from granite_lab.discovery.refit import at_bound, with_effect
 from granite_lab.discovery.setup import trial_models
 from granite_lab.discovery.slopes import blocks_at, slopes_at
 from granite_lab.effects import get
@@ -47,6 +47,16 @@ def std_of_time(problem: Problem, point: Point, *, again: bool) -> float:
     if again:
         blocks = blocks_at(problem, point, slopes_at(problem, point, near=blocks))
     return float(np.sqrt(covariance(blocks, problem.bounds(point)[0])[len(SAND) + 1, len(SAND) + 1]))
+
+
+def test_a_shape_at_its_bound_counts_only_where_the_trials_insist_on_it(problem: Problem) -> None:
+    """Whether a bus has hardly any capacitor these trials do not tell; far quieter ones would."""
+    point = with_effect(problem, problem.neutral(), "supply_sag", (0.25, 2e-4))
+    slopes = slopes_at(problem, point)
+    blocks = blocks_at(problem, point, slopes)
+    quiet = [Block(1e3 * b.local, 1e3 * b.shared, b.precision) for b in blocks]
+    found = [at_bound(problem, Fit(point, (), 0.0, b, slopes, True, ())) for b in (blocks, quiet)]
+    assert found == [(), ("time",)]
 
 
 def test_the_noise_of_simulations_does_not_pass_for_knowledge(
