@@ -137,16 +137,20 @@ def waiting(done: set[int], only: str | None) -> Iterator[Task]:
             yield task
 
 
-def missed_before(lines: Sequence[dict[str, Any]], done: set[str]) -> Iterator[Task]:
+def missed_before(
+    lines: Sequence[dict[str, Any]], again: Sequence[dict[str, Any]], code: str
+) -> Iterator[Task]:
     """Yield the sets that older code missed and this code has not judged again.
 
     Args:
         lines: of the results file.
-        done: keys of the sets that this code has judged again.
+        again: of the file of sets that were judged again.
+        code: hash of this code.
     """
     names = {field.name for field in fields(Task)}
+    done = {line["key"] for line in again if line["code"] == code}
     for line in misses(lines):
-        if line["key"] not in done and line.get("code") != code_hash() and line["status"] != "not made":
+        if line["key"] not in done and line.get("code") != code and line["status"] != "not made":
             yield Task(**{name: value for name, value in line.items() if name in names})
 
 
@@ -203,7 +207,7 @@ def main() -> None:
     results = Results(options.results)
     again = Results(options.results.with_name("again.jsonl"))
     if options.again:
-        tasks = missed_before(results.lines, {x["key"] for x in again.lines if x["code"] == code_hash()})
+        tasks = missed_before(results.lines, again.lines, code_hash())
     else:
         tasks = waiting({line["seed"] for line in results.lines if "seed" in line}, options.only)
     if options.minutes > 0:

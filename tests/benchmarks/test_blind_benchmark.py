@@ -255,7 +255,8 @@ def test_what_older_code_missed_is_judged_again_and_shown_beside_its_verdict() -
         line(key="a", seed=1, code="old", **wrong), line(key="b", seed=2, code="old"),
         line(key="c", seed=3, code="old", **wrong), line(key="d", seed=4, code=code_hash(), **wrong),
     ]  # fmt: skip
-    assert [task.seed for task in missed_before(lines, {"c"})] == [1]
+    again = [line(key="a", code="old"), line(key="c", code=code_hash())]
+    assert [task.seed for task in missed_before(lines, again, code_hash())] == [1]
     page = report(lines, every=True, again=[line(key="a", code=code_hash()), line(key="c", code="old")])
     assert "judged 1 sets again that older code missed: 1 come out right" in page
     row = next(r for r in page.splitlines() if "| 1 | wrong name" in r)

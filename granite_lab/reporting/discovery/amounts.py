@@ -91,7 +91,7 @@ def _with_amplitudes(effect: FoundEffect) -> list[FoundParameter]:
             c, s = p.estimate, other.estimate
             size = float(np.hypot(c.value, s.value))
             std = float(np.hypot(c.value * c.std, s.value * s.std)) / size if size else c.std
-            shown.append(FoundParameter(f"amplitude_{rest}", p.unit, Estimate(size, std), p.per_trial))
+            shown.append(FoundParameter(f"amplitude_{rest}", p.unit, Estimate(size, std)))
     return shown
 
 
