@@ -10,6 +10,7 @@ import numpy as np
 from granite_lab.discovery.adjust import FINAL
 from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.baseline import learn_noise, noise_energy
+from granite_lab.discovery.bench import PER_TRIAL
 from granite_lab.discovery.constancy import uneven
 from granite_lab.discovery.point import Fit, Point
 from granite_lab.discovery.problem import Problem
@@ -24,7 +25,7 @@ from granite_lab.discovery.refit import (
     with_effect,
 )
 from granite_lab.discovery.related import Relatives
-from granite_lab.discovery.rivals import freedom, rivals, values_in, without
+from granite_lab.discovery.rivals import freedom, rivals, without
 from granite_lab.discovery.screen import Score, evidence, scores
 from granite_lab.discovery.signature import Signatures, signatures
 from granite_lab.errors import EstimateError
@@ -145,7 +146,8 @@ def search(
         winner = next((t for t in good if t.fit is not None and _generalises(problem, fit, t.fit)), None)
         if winner is None or winner.fit is None:
             return Choice(base if not chosen else fit, chosen, twins, tuple(rounds), base)
-        best = _afresh(problem, fit, winner)
+        # a strong effect's fit has begun there
+        best = winner.fit if winner.screened.drop > STRONG else _afresh(problem, winner.fit)
         # the fit with the effect may have found better sand: that alone is no evidence
         plain = without(problem, best, winner.effect, goal=fit.chi2)
         if plain is not None and plain.chi2 < fit.chi2:
@@ -256,15 +258,16 @@ def _try(problem: Problem, fit: Fit, score: Score, goal: float) -> Trial:
     return Trial(score.effect, score, found, drop, bounds, status)
 
 
-def _afresh(problem: Problem, fit: Fit, winner: Trial) -> Fit:
-    """Return the winner's fit, or a better one from the files' sand where no fit has begun there yet."""
-    assert winner.fit is not None
-    if winner.screened.drop > STRONG:
-        return winner.fit
-    start = _fresh(problem, fit, winner.effect, values_in(problem, winner.fit, winner.effect))
-    other = refit(problem, [start], goal=winner.fit.chi2)
-    better = other is not None and other.chi2 < winner.fit.chi2 and not at_bound(problem, other)
-    return other if other is not None and better else winner.fit
+def _afresh(problem: Problem, fit: Fit) -> Fit:
+    """Return a fit, or a better one with its effects from the files' sand.
+
+    Starts, offsets and gains stay those of the fit: without them the way to its valley is too far.
+    """
+    own = tuple(np.concatenate([np.zeros(PER_TRIAL), x[PER_TRIAL:]]) for x in fit.point.trials)
+    start = replace(fit.point, sand=problem.neutral().sand, trials=own)
+    other = refit(problem, [start], goal=fit.chi2)
+    better = other is not None and other.chi2 < fit.chi2 and not at_bound(problem, other)
+    return other if other is not None and better else fit
 
 
 def _generalises(problem: Problem, before: Fit, after: Fit) -> bool:
