@@ -129,6 +129,6 @@ class Binning:
         found: dict[str, Array] = {}
         for group, matrix in zip(self._groups, self._known[key], strict=True):
             signals = group.weights @ response
-            bins = (matrix @ signals.reshape(-1, t.size).T).T.reshape(*signals.shape[:-1], -1)
+            bins = (matrix @ signals.reshape(-1, t.size).T).T.reshape(*signals.shape[:-1], matrix.shape[0])
             found |= {name: bins[..., place, :] for place, name in enumerate(group.names)}
         return {name: found[name] for name in self._order}
