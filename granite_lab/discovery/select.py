@@ -146,7 +146,7 @@ def search(
         winner = next((t for t in good if t.fit is not None and _generalises(problem, fit, t.fit)), None)
         if winner is None or winner.fit is None:
             return Choice(base if not chosen else fit, chosen, twins, tuple(rounds), base)
-        # a strong effect's fit has begun there
+        # the fit of a strong effect has begun in the files' sand already
         best = winner.fit if winner.screened.drop > STRONG else _afresh(problem, winner.fit)
         # the fit with the effect may have found better sand: that alone is no evidence
         plain = without(problem, best, winner.effect, goal=fit.chi2)
