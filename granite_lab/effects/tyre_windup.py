@@ -9,10 +9,6 @@ from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
 
-TREAD_SHARE = 0.1
-"""Share of the wheel's inertia that sits in the tread: an assumption. With a tread without mass
-a compliance of 1.5 mrad/(N m) is found 0.7 % larger."""
-
 TREAD_LAG = 2e-5
 """Time in which the tread of a rigid tyre takes up a change of torque [s]: it keeps the equation explicit."""
 
@@ -23,20 +19,24 @@ class TyreWindup(Effect):
     The twist is ψ = κ u with κ the compliance and u the torque of the spring, so that the rigid
     tyre is κ = 0 and nothing becomes infinite there:
 
-    .. math:: J \kappa \ddot u + u + T_r \dot u = -M_\omega(\omega - \kappa \dot u)
+    .. math::
+       J_t (\dot\omega - \kappa \ddot u) &= u + T_r \dot u + M_\omega(\omega - \kappa \dot u) \\
+       J \dot\omega &= T + M_\omega + J_t \kappa \ddot u
 
-    with stiffness 1/κ, damping T_r/κ, and J the inertia of the tread, which is part of the wheel's.
-    The soil meets the tread, which turns at ω − κ u̇; the motor and the encoder turn the rim.
+    with stiffness 1/κ, damping T_r/κ, and J_t the share of the wheel's inertia J that sits in the tread.
+    The soil meets the tread, which turns at ω − κ u̇; the motor and the encoder turn the rim. Beside a play in
+    the gear J is taken for the whole wheel's still.
     """
 
     id = "tyre_windup"
     title = "torsion of the tyre between rim and tread"
-    equation = "J κ ü + u + T_r u̇ = −M_ω(ω − κ u̇); ψ = κ u, stiffness k = 1/κ, damping c = T_r/κ"
+    equation = "J_t (ω̇ − κ ü) = u + T_r u̇ + M_ω(ω − κ u̇); ψ = κ u, stiffness k = 1/κ, damping c = T_r/κ"
     source = (
         "torsional degree of freedom of the rigid-ring tyre: Zegelaar, The dynamic response of tyres to "
         "brake torque variations and road unevennesses, TU Delft 1998; Pacejka, Tire and Vehicle "
         "Dynamics, 3rd ed., Butterworth-Heinemann 2012, ch. 9; stiffness k = k_x r^2 with a longitudinal "
-        "stiffness k_x of 0.7 to 14 times the radial one of the paper, 40 kN/m, gives 250-5000 N m/rad"
+        "stiffness k_x of 0.7 to 14 times the radial one of the paper, 40 kN/m, gives 250-5000 N m/rad; the "
+        "share of the tread is assumed"
     )
     signature = (
         "jerks at the start and the end of the torque: the body lags the wheels by the few milliseconds "
@@ -49,21 +49,40 @@ class TyreWindup(Effect):
                         0.0, 0.02, 0.0, 2e-4, 4e-3),
         EffectParameter("retardation", "s", "damping over stiffness, c/k",
                         5e-4, 0.2, 0.01, 0.002, 0.05, shape=True),
+        EffectParameter("tread_share", "-", "share of the wheel's inertia that sits in the tread, J_t/J",
+                        0.02, 0.6, 0.15, 0.05, 0.3, shape=True),
     )  # fmt: skip
     states = ("torque_f", "torque_rate_f", "torque_r", "torque_rate_r")
 
     def wheel(self, state: WheelState, own: Own) -> WheelState:
         """Let the tread turn slower than the rim while the twist grows."""
-        u_rate = own.x["torque_rate_f" if state.front else "torque_rate_r"]
+        u_rate = own.x[f"torque_rate_{_name(state)}"]
         return replace(state, tread_rate=state.tread_rate - own.p["compliance"] * u_rate)
+
+    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, own: Own) -> Any:
+        """Load the rim with what turns the tread."""
+        return acceleration + own.p["tread_share"] * own.p["compliance"] * _jerk(acceleration, axle, p, own)
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Return u̇ and ü."""
-        T_r = own.p["retardation"]
-        slow = TREAD_SHARE * p.chassis.wheel_inertia * own.p["compliance"] + TREAD_LAG * T_r
         rates: dict[str, Any] = {}
-        for name, axle in zip("fr", axles, strict=True):
-            u, u_rate = own.x[f"torque_{name}"], own.x[f"torque_rate_{name}"]
-            rates[f"torque_{name}"] = u_rate
-            rates[f"torque_rate_{name}"] = (-axle.forces.moment - u - T_r * u_rate) / slow
+        for axle in axles:
+            name = _name(axle.state)
+            plain = axle.rim_acceleration(p.chassis.wheel_inertia)
+            rates[f"torque_{name}"] = own.x[f"torque_rate_{name}"]
+            rates[f"torque_rate_{name}"] = _jerk(plain, axle, p, own)
         return rates
+
+
+def _name(wheel: WheelState) -> str:
+    return "f" if wheel.front else "r"
+
+
+def _jerk(rigid: Any, axle: Axle, p: ModelParameters, own: Own) -> Any:
+    """Return ü, given the acceleration that the rim of a rigid tyre would have."""
+    share, compliance, T_r = own.p["tread_share"], own.p["compliance"], own.p["retardation"]
+    J_t, name = share * p.chassis.wheel_inertia, _name(axle.state)
+    unbalanced = -axle.forces.moment - own.x[f"torque_{name}"] - T_r * own.x[f"torque_rate_{name}"]
+    # ω̇ = rigid + share κ ü put into the equation of the tread
+    slow = (1 - share) * J_t * compliance + TREAD_LAG * T_r
+    return (unbalanced + J_t * rigid) / slow

@@ -26,7 +26,11 @@ MODEL = ModelFile(
     (
         FittedEffect(
             get("tyre_windup"),
-            {"compliance": Estimate(2.1e-3, 1e-4), "retardation": Estimate(0.012, 0.003)},
+            {
+                "compliance": Estimate(2.1e-3, 1e-4),
+                "retardation": Estimate(0.012, 0.003),
+                "tread_share": Estimate(0.18, 0.05),
+            },
             ("clock_offset",),
         ),
         FittedEffect(get("drive_reaction"), {"share": Estimate(0.97)}),
@@ -42,7 +46,7 @@ def test_a_model_comes_back_as_it_was_written(tmp_path: Path) -> None:
     assert math.isnan(back.fitted[1].values["share"].std)
     assert repr(back) == repr(MODEL)  # NaN differs from itself, its text does not
     assert [a.id for a in back.effects] == ["tyre_windup", "drive_reaction"]
-    assert back.effects[0].as_dict() == {"compliance": 2.1e-3, "retardation": 0.012}
+    assert back.effects[0].as_dict() == {"compliance": 2.1e-3, "retardation": 0.012, "tread_share": 0.18}
     assert (back.k92, back.a_theta) == (None, 4.87)
 
 
@@ -99,7 +103,7 @@ def test_an_effect_of_one_s_own_needs_its_file(tmp_path: Path) -> None:
         ("value = 0.0021", 'value = "soft"', "is not a number", "rad"),
         ("compliance =", "complience =", "unknown key 'complience'", "did you mean 'compliance'"),
         ('id = "tyre_windup"', 'id = "tyre_windap"', "unknown effect 'tyre_windap'", "'tyre_windup'"),
-        ('id = "drive_reaction"', 'id = "tyre_windup"', "unknown key 'share'", "compliance"),
+        ('id = "drive_reaction"', 'id = "tyre_windup"', "unknown key 'share'", "tread_share"),
         ('law = "exponential"', 'law = "linear"', "law = 'linear' is not known", "exponential, constant"),
         ("value = 4.87", "value = -1.0", "value = -1 is out of range", "from 0 to 100 s/m"),
         ("std = 0.04", "std = -0.04", "std = -0.04 is out of range", "from 0"),

@@ -11,7 +11,6 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 
 from granite_lab.effects import get
 from granite_lab.effects.gear_backlash import GIVE, ROUND, SEATING
-from granite_lab.effects.tyre_windup import TREAD_LAG, TREAD_SHARE
 from granite_lab.model.effect import Own
 from granite_lab.parameters import GRAVITY
 from tests.effects.runs import CHASSIS, DRIVE, ROBOT, at, run
@@ -32,27 +31,54 @@ def test_the_drives_reaction_moves_the_load_rearward_by_torque_over_wheelbase() 
     assert at(changed, -0.5, "force_z_f_N") == pytest.approx(at(plain, -0.5, "force_z_f_N"), abs=1e-6)
 
 
-def test_the_twist_of_the_tyre_is_that_of_a_mass_on_a_spring_and_a_damper() -> None:
-    """A torque that rises at once: the creep of a Kelvin-Voigt body, slowed by the tread's inertia."""
-    effect, κ, T_r, M = get("tyre_windup"), 2e-3, 0.02, 6.0
-    p = SimpleNamespace(chassis=CHASSIS)
+def _tyre(κ: float, T_r: float, share: float, T: float, resist: float, t: np.ndarray) -> np.ndarray:
+    """Return rim rate, u and u̇ (3, n) by the effect's hooks: a torque T at once, a soil that resists."""
+    effect, p = get("tyre_windup"), SimpleNamespace(chassis=CHASSIS)
+    values = {"compliance": κ, "retardation": T_r, "tread_share": share}
 
     def rates(_: float, x: np.ndarray) -> list[float]:
-        own = Own(
-            {"compliance": κ, "retardation": T_r},
-            dict(zip(effect.states, [*x, 0.0, 0.0], strict=True)), 0.0, None,  # type: ignore[arg-type]
+        states = dict(zip(effect.states, [x[1], x[2], 0.0, 0.0], strict=True))
+        own = Own(values, states, 0.0, None)  # type: ignore[arg-type]
+        moment = -resist * (x[0] - κ * x[2])
+        axle = SimpleNamespace(
+            state=SimpleNamespace(front=True), forces=SimpleNamespace(moment=moment),
+            rim_acceleration=lambda inertia: (T + moment) / inertia,
         )  # fmt: skip
-        axle = SimpleNamespace(forces=SimpleNamespace(moment=-M))
         found = effect.rates((axle, axle), p, own)  # type: ignore[arg-type]
-        return [found["torque_f"], found["torque_rate_f"]]
+        rigid = axle.rim_acceleration(CHASSIS.wheel_inertia)
+        turning = effect.rim_acceleration(rigid, axle, p, own)  # type: ignore[arg-type]
+        return [turning, found["torque_f"], found["torque_rate_f"]]
 
-    t = np.linspace(0, 0.2, 200)
-    u = solve_ivp(rates, (0, 0.2), [0.0, 0.0], t_eval=t, method="LSODA", rtol=1e-9, atol=1e-9).y[0]
-    inertia = TREAD_SHARE * CHASSIS.wheel_inertia + TREAD_LAG * T_r / κ
-    fast, slow = np.roots([inertia, T_r / κ, 1 / κ])  # of J ψ̈ + c ψ̇ + k ψ = M
-    twist = κ * M * (1 + (slow * np.exp(fast * t) - fast * np.exp(slow * t)) / (fast - slow))
-    np.testing.assert_allclose(κ * u, twist, atol=1e-6 * κ * M)
-    np.testing.assert_allclose(κ * u, κ * M * (1 - np.exp(-t / T_r)), atol=0.02 * κ * M)  # a light tread
+    run = solve_ivp(rates, (0, t[-1]), [0.0] * 3, t_eval=t, method="LSODA", rtol=1e-10, atol=1e-12)
+    return np.asarray(run.y)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.5])
+def test_rim_and_tread_are_two_masses_with_a_spring_and_a_damper_between(share: float) -> None:
+    κ, T_r, T, resist = 4e-3, 0.01, 6.0, 0.3
+    t = np.linspace(0, 0.2, 400)
+    tread, rim = share * CHASSIS.wheel_inertia, (1 - share) * CHASSIS.wheel_inertia
+
+    def masses(_: float, x: np.ndarray) -> list[float]:
+        passed = x[2] / κ + T_r / κ * (x[0] - x[1])
+        return [(T - passed) / rim, (passed - resist * x[1]) / tread, x[0] - x[1]]
+
+    reference = solve_ivp(masses, (0, t[-1]), [0.0] * 3, t_eval=t, method="Radau", rtol=1e-10, atol=1e-12).y
+    omega, u, _ = _tyre(κ, T_r, share, T, resist, t)
+    assert κ * u.max() > 0.02
+    np.testing.assert_allclose(κ * u, reference[2], atol=0.005 * reference[2].max())
+    np.testing.assert_allclose(omega, reference[0], atol=0.005 * reference[0].max())
+
+
+def test_a_tyre_that_winds_up_keeps_the_angular_momentum_of_the_wheel() -> None:
+    """Rim and tread together gain what motor and soil give, however their twist swings."""
+    κ, T, resist, share = 5e-3, 6.0, 0.3, 0.4
+    t = np.linspace(0, 0.1, 2000)
+    omega, _, u_rate = _tyre(κ, 2e-3, share, T, resist, t)
+    tread = omega - κ * u_rate
+    gained = CHASSIS.wheel_inertia * ((1 - share) * omega + share * tread)
+    given = cumulative_trapezoid(T - resist * tread, t, initial=0)
+    np.testing.assert_allclose(gained, given, atol=2e-5 * gained.max())
 
 
 def test_a_softer_tyre_makes_the_body_later_at_the_start_and_leaves_the_steady_slip() -> None:
