@@ -183,13 +183,16 @@ def at_bound(problem: Problem, fit: Fit) -> tuple[str, ...]:
     A shape that the trials leave open may end anywhere; it says nothing against its effect.
     """
     shared, _ = problem.effect_parameters(fit.point.effects)
-    std = np.sqrt(np.diag(covariance(problem, fit)))[len(SAND) :]
     found = []
-    for p, value, doubt in zip(shared, fit.point.common, std, strict=True):
+    for k, (p, value) in enumerate(zip(shared, fit.point.common, strict=True)):
         margin = AT_BOUND * (p.high - p.low)
-        if p.shape and abs(value - p.neutral) < OPEN * doubt:
-            continue
-        for bound in (p.low, p.high):
-            if abs(value - bound) < margin and (p.shape or abs(bound - p.neutral) > margin):
-                found.append(p.name)
+        ends = [b for b in (p.low, p.high) if p.shape or abs(b - p.neutral) > margin]
+        if any(abs(value - b) < margin for b in ends) and not (p.shape and _open(problem, fit, k, p.neutral)):
+            found.append(p.name)
     return tuple(found)
+
+
+def _open(problem: Problem, fit: Fit, k: int, value: float) -> bool:
+    """Tell whether the trials leave it open that a shared number of the effects has another value."""
+    variance = float(np.diag(covariance(problem, fit))[len(SAND) + k])
+    return bool((fit.point.common[k] - value) ** 2 < OPEN**2 * variance)
