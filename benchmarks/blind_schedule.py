@@ -17,6 +17,9 @@ from granite_lab.hidden.wish import Wish, chosen
 Detectable = Mapping[str, Mapping[str, float | None]]
 """Smallest detectable size by effect and parameter; None where the design shows no size of it."""
 
+REFERENCES = 5
+"""Sets without an effect of which the smallest detectable sizes are the median."""
+
 STRENGTHS = (5.0, 2.0, 20.0, 0.5)
 """Multiples of the smallest detectable size, in the order in which an effect meets them."""
 
