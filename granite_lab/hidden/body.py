@@ -12,7 +12,7 @@ from granite_lab.hidden.contact import Array
 from granite_lab.hidden.model import CURRENT, PITCH, VX, VZ, Q, Truth, X
 from granite_lab.hidden.simulator import Result
 
-DT = 0.0005
+DT = 0.001
 """Spacing of the truth [s]."""
 
 
