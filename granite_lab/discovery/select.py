@@ -10,11 +10,7 @@ from granite_lab.discovery.adjust import fit as adjust
 from granite_lab.discovery.baseline import learn_noise, noise_energy
 from granite_lab.discovery.point import Fit
 from granite_lab.discovery.problem import Problem
-from granite_lab.discovery.refit import (
-    held_out,
-    misfit,
-    plainly_needed,
-)
+from granite_lab.discovery.refit import held_out, misfit, plainly_needed
 from granite_lab.discovery.related import Relatives
 from granite_lab.discovery.rivals import freedom, rivals, without
 from granite_lab.discovery.screen import evidence, scores
@@ -28,8 +24,8 @@ SHARE = 0.4
 leaves something, too, of which some other candidate explains a part."""
 
 FAR_FROM_IDLE = 10.0
-"""A strength that is from neutral, as its square over its variance, this many times the evidence asked is not
-idle: only a fit tells how much worse the model is without it, but that far the quadratic is not so wrong."""
+"""A strength is not idle whose distance from neutral, as its square over its variance, is this many times the
+evidence asked: only a fit tells how much worse the model is without it, but that far a quadratic will do."""
 
 MOST = 3
 """Most effects that are named together."""
