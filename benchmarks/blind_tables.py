@@ -51,8 +51,8 @@ def report(lines: Sequence[Line], *, every: bool = False, again: Sequence[Line] 
         + (f"; {_sets(older)} of older code left out (`--all` shows them)" if older else "")
         + f". A set takes {np.median(cpu):.0f} s of one core (median).",
         "Strengths are multiples of the smallest size that the tool itself says it can detect in twelve such",
-        f"trials, the median of {REFERENCES} sets without an effect (`benchmarks/results/detectable.json`; the",
-        "first 1,009 sets refer to one such set). Intervals are 95 % Wilson intervals.",
+        f"trials, the median of {REFERENCES} sets without an effect (`benchmarks/results/detectable.json`;",
+        "the first 1,009 sets refer to one such set). Intervals are 95 % Wilson intervals.",
         "Bold: aim missed.",
         "",
         *_headline(kept, newest(kept)),
