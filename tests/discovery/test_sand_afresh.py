@@ -9,9 +9,11 @@ from granite_lab.effects import get
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.wish import Wish
 from granite_lab.parameters import load_robot, load_soil
+from tests.soak import soak_only
 
 
 @pytest.mark.slow
+@soak_only
 def test_a_weak_effect_beside_another_gets_its_true_size() -> None:
     """Where the sand had gone for want of both, φ was 6 % and k_φ 12 % off and the offset halved."""
     robot, soil = load_robot(), load_soil()
