@@ -30,7 +30,7 @@ CURRENT_RIPPLE = 0.01
 """Relative std of the currents' fluctuation while the wheels turn."""
 
 RELATIVE, ABSOLUTE = 3e-6, 1e-7
-"""Tolerances of the integration: the velocity is then within 0.02 mm/s of that at 1e-8."""
+"""Tolerances of the integration: the velocity is then within 0.002 mm/s of that at 1e-8."""
 
 INTERVALS = 24
 """Of the quadrature along the arc."""
