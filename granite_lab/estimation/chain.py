@@ -10,6 +10,7 @@ import numpy as np
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting, wheel_signs
+from granite_lab.estimation.clean import clean_trial, moved_by
 from granite_lab.estimation.clock import slow_offset
 from granite_lab.estimation.faults import Faults, despike, find_faults
 from granite_lab.estimation.health import assess
@@ -24,7 +25,7 @@ from granite_lab.estimation.rest import Interval, find_rests, inside
 from granite_lab.estimation.restarts import find_restarts, without_steps
 from granite_lab.estimation.rolling import Rolling, roll
 from granite_lab.estimation.slip_scatter import identify_scatter
-from granite_lab.logs.trial import ImuStream, Trial
+from granite_lab.logs.trial import ImuStream, Trial, WheelStream
 from granite_lab.parameters import Robot, Variant, load_variants
 
 LONGEST_GAP = 0.5
@@ -43,7 +44,22 @@ def estimate(
     distance_measured: Estimate | None = None,
     slip_std: float | None = None,
 ) -> Motion:
-    """Estimate body velocity, distance, pitch, wheel velocities and slip of one trial.
+    """Estimate the motion of one trial: the second of what `correct` returns."""
+    return correct(
+        trial, robot, variants=variants, rests=rests, distance_measured=distance_measured, slip_std=slip_std
+    )[1]
+
+
+def correct(
+    trial: Trial,
+    robot: Robot,
+    *,
+    variants: Sequence[Variant] | None = None,
+    rests: Sequence[Interval] = (),
+    distance_measured: Estimate | None = None,
+    slip_std: float | None = None,
+) -> tuple[Trial, Motion]:
+    """Correct a trial, and estimate its body velocity, distance, pitch, wheel velocities and slip.
 
     Between two standstills velocity is the integral of specific force, corrected for pitch by the
     gyro; zero-velocity updates and a smoother fix what drifts. The wheels show when the robot stands
@@ -59,25 +75,30 @@ def estimate(
         slip_std: std of the steady slip ratio far from standstills, if it is known to be zero on the
             long average.
 
+    Returns:
+        the trial as corrected, which later stages read in place of the log (see `clean.clean_trial`); its
+        motion.
+
     Raises:
         EstimateError: no standstill to start from, samples missing in motion, or nothing to estimate.
     """
     known = load_variants() if variants is None else variants
     if trial.imu is None or trial.imu.t.size < 8:
-        rolling, _ = _roll(trial, None, robot)
+        wheels, rolling, _ = _roll(trial, None, robot)
         if rolling is None:
             raise EstimateError(
                 f"{trial.name}: neither IMU nor encoder samples", "inspect the log and its column map"
             )
-        return motion_without_imu(trial, robot, rolling, known, rests)
+        motion = motion_without_imu(trial, robot, rolling, known, rests)
+        return clean_trial(trial, robot, motion, wheels=wheels, rolling=rolling), motion
     assert robot.imu_grade is not None
     stream, spikes = despike(_complete(trial.imu))
     imu = mounting.to_body(stream, mounting.given(robot))
-    rolling, signs = _roll(trial, imu, robot)
+    wheels, rolling, signs = _roll(trial, imu, robot)
     warnings = [*signs]
     faults = find_faults(imu, stream, robot.imu_grade, spikes)
     still = find_rests(imu, rolling, robot.imu_grade, by_hand=rests)
-    if robot.imu.forward == "find" and rolling is not None and still:
+    if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and still:
         imu = _orient(stream, imu, rolling, still)
     far = _far_from_rest(still, imu)
     if rolling is None and not still:
@@ -111,14 +132,21 @@ def estimate(
         problem = dataclasses.replace(problem, slip=identify_scatter(problem, offset.value))
     solution = solve(problem, offset, distance=distance_measured)
     health = assess(solution, imu.t, still, faults)
-    return motion_of(trial, problem, solution, health, known, tuple(warnings))
+    motion = motion_of(trial, problem, solution, health, known, tuple(warnings))
+    motion = dataclasses.replace(motion, clock_applied=moved_by(trial, offset))
+    clean = clean_trial(
+        trial, robot, motion, wheels=wheels, rolling=rolling, imu=imu, faults=faults, solution=solution
+    )
+    return clean, motion
 
 
-def _roll(trial: Trial, imu: mounting.BodyImu | None, robot: Robot) -> tuple[Rolling | None, tuple[str, ...]]:
-    """Roll the wheels, counting forwards; what was corrected or is doubtful."""
+def _roll(
+    trial: Trial, imu: mounting.BodyImu | None, robot: Robot
+) -> tuple[WheelStream | None, Rolling | None, tuple[str, ...]]:
+    """Put the encoders right and roll the wheels; also what was corrected or is doubtful."""
     if trial.wheels is None or trial.wheels.t.size <= 2:
-        return None, ()
-    known = imu is not None and robot.imu.forward != "find"
+        return trial.wheels, None, ()
+    known = imu is not None and (robot.imu.forward != "find" or bool(trial.imu and trial.imu.robot_axes))
     try:
         wheels, said = wheel_signs.check(trial.wheels, imu, robot, forward_known=known)
     except EstimateError as refusal:
@@ -126,7 +154,7 @@ def _roll(trial: Trial, imu: mounting.BodyImu | None, robot: Robot) -> tuple[Rol
     rolling = roll(wheels, robot)
     if imu is None:
         rolling = dataclasses.replace(rolling, warnings=(*said, *rolling.warnings))
-    return rolling, said
+    return wheels, rolling, said
 
 
 def _complete(imu: ImuStream) -> ImuStream:

@@ -193,7 +193,7 @@ def inflate(
         Q[span, V, X] += unknown**2 * share * dt[span] / 2
         Q[span, TH, TH] += (turn * length) ** 2 * share
 
-    turn = max(0.1, 2.0 * turning)
+    turn = max(0.02, 2.0 * turning)
     for begin, end in faults.gaps:
         drift(begin, end, None, turn)
     for (begin, end), beyond in zip(faults.plateaus, faults.beyond, strict=True):

@@ -82,6 +82,7 @@ class Motion:
         noise: noise identified from this trial, by name, with the unit in the name.
         health: the filter's health.
         warnings: the reader's and the estimator's doubts, one line each.
+        clock_applied: how much of `clock_offset` is in the stamps of the corrected trial already [s].
     """
 
     trial: str
@@ -111,6 +112,12 @@ class Motion:
     noise: dict[str, float]
     health: Health
     warnings: tuple[str, ...] = field(default=())
+    clock_applied: float = 0.0
+
+    @property
+    def clock_left(self) -> Estimate:
+        """What is still to be added to the stamps of encoders and currents of the corrected trial [s]."""
+        return Estimate(self.clock_offset.value - self.clock_applied, self.clock_offset.std)
 
     @property
     def stamps_late(self) -> Estimate:

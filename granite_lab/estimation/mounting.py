@@ -53,7 +53,12 @@ def given(robot: Robot) -> Rotation:
 
 
 def to_body(imu: ImuStream, rotation: Rotation, *, levelled: bool = False) -> BodyImu:
-    """Turn the samples into robot axes; a column that was not logged stays NaN where it matters."""
+    """Turn the samples into robot axes; a column that was not logged stays NaN where it matters.
+
+    Samples that are in robot axes already (`ImuStream.robot_axes`) stay as they are.
+    """
+    if imu.robot_axes and not levelled:
+        rotation = Rotation.identity()
     force, rate = _turn(rotation, imu.specific_force), _turn(rotation, imu.angular_rate)
     return BodyImu(
         t=imu.t, forward=force[:, 0], left=force[:, 1], up=force[:, 2], roll_rate=rate[:, 0],

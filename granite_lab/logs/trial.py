@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ImuStream:
-    """Samples of the inertial measurement unit, in the sensor's own axes.
+    """Samples of the inertial measurement unit, at the sensor's place.
 
     Attributes:
         t: (N,) stamps [s], strictly increasing.
@@ -21,12 +21,15 @@ class ImuStream:
             (x forward, y left, z up). A column that was not logged is NaN.
         angular_rate: (N, 3) [rad/s]; y positive nose down. A column that was not logged is NaN.
         gravity_removed: the logger has already taken gravity out.
+        robot_axes: the samples are in the robot's axes: no mounting rotation is left to apply. False in
+            a log, whose axes are the sensor's; True in a corrected trial.
     """
 
     t: Array
     specific_force: Array
     angular_rate: Array
     gravity_removed: bool = False
+    robot_axes: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,9 +110,28 @@ class TrialInfo:
     extra: dict[str, str] = field(default_factory=dict, hash=False)
 
 
+@dataclass(frozen=True)
+class Correction:
+    """One thing that estimation changed in a log.
+
+    Attributes:
+        what: the change, in words.
+        where: the channel, and the instant or interval if it is not the whole log.
+        value: its size, or how many samples it concerns.
+        std: of the value; NaN where it is no measurement.
+        unit: of value and std.
+    """
+
+    what: str
+    where: str
+    value: float
+    std: float
+    unit: str
+
+
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One trial, ready for estimation.
+    """One trial, as it was logged or as estimation corrected it (`granite_lab.estimation.correct`).
 
     Attributes:
         name: stem of the log's file.
@@ -120,6 +142,7 @@ class Trial:
         warnings: every doubt the reader had, one line each.
         inputs: the files that were read.
         layout: name of the column map that was used.
+        corrections: what estimation changed; empty in a trial as it was logged.
     """
 
     name: str
@@ -133,3 +156,4 @@ class Trial:
     warnings: tuple[str, ...] = ()
     inputs: tuple[InputFile, ...] = ()
     layout: str = "canonical"
+    corrections: tuple[Correction, ...] = ()

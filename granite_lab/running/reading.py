@@ -1,4 +1,4 @@
-"""From paths to trials: their motion where it is asked for, as they are where a search reads them."""
+"""From paths to corrected trials and their motion."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from granite_lab.parameters import Robot, load_robot
 from granite_lab.running.each import each_trial
 from granite_lab.running.execution import Execution
 from granite_lab.running.options import Options
-from granite_lab.running.search import all_say
 
 
 def ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
-    """Read a log and estimate its motion.
+    """Read a log, correct it and estimate its motion.
+
+    Returns:
+        the corrected trial, which later stages read in place of the log; its robot; its motion.
 
     Raises:
         InputError: the log cannot be used.
         EstimateError: the motion cannot be had from it.
     """
-    from granite_lab.estimation import estimate  # noqa: PLC0415, heavy
+    from granite_lab.estimation import correct  # noqa: PLC0415, heavy
 
     trial = read_trial(
         path,
@@ -38,33 +40,23 @@ def ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
         topics=dict(options.topics),
     )
     robot = load_robot(options.robot or trial.info.robot or "granite")
-    motion = estimate(trial, robot, rests=options.rests, distance_measured=options.distance_measured)
-    return trial, robot, motion
+    clean, motion = correct(trial, robot, rests=options.rests, distance_measured=options.distance_measured)
+    return clean, robot, motion
 
 
 def to_search(
     paths: Sequence[Path], options: Options, execution: Execution
-) -> list[tuple[Trial, Motion | None] | LabError]:
-    """Read the trials of a search; estimate them where a log does not say what was commanded.
+) -> list[tuple[Trial, Motion] | LabError]:
+    """Return the corrected trials of a search with their motion, and errors, in the order of the paths.
 
     Args:
         paths: the logs.
         options: for all of them.
         execution: where estimates are made and remembered.
-
-    Returns:
-        trials, with their estimates if any is needed, and errors, in the order of `paths`.
     """
-    read = each_trial(_read, paths, options, jobs=1)
-    if all_say([trial for trial in read if isinstance(trial, Trial)]):
-        return [trial if isinstance(trial, LabError) else (trial, None) for trial in read]
-    return list(each_trial(_driven, paths, options, execution=execution))
+    return list(each_trial(_corrected, paths, options, execution=execution))
 
 
-def _read(path: Path, options: Options) -> Trial:
-    return read_trial(path, map=options.column_map, robot=options.robot, topics=dict(options.topics))
-
-
-def _driven(path: Path, options: Options) -> tuple[Trial, Motion | None]:
+def _corrected(path: Path, options: Options) -> tuple[Trial, Motion]:
     trial, _, motion = ingest(path, options)
     return trial, motion
