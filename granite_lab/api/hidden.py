@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from granite_lab.api.found import finding_in, newest_in
 from granite_lab.errors import UsageError
-from granite_lab.files import sha256, write_bytes
+from granite_lab.files import sha256, write_bytes, write_text
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.scoring import Score, read_finding, score
 from granite_lab.hidden.sealed import NAME, open_answer, seal
+from granite_lab.hidden.wild import lab_of
 from granite_lab.hidden.wish import Wish
 from granite_lab.logs import write_canonical, write_truth
 from granite_lab.parameters import load_robot, load_soil
@@ -76,7 +77,8 @@ def hide(
     sizes: Mapping[str, float] | None = None,
     noise: float = 1.0,
     sand_off: bool = False,
-    repetitions: int = 3,
+    repetitions: int | None = None,
+    lab: str = "bench",
     robot: str | Path = "granite",
     soil: str | Path = "dry_sand",
     overwrite: bool = False,
@@ -95,7 +97,9 @@ def hide(
         sizes: parameters of the effect.
         noise: factor on the sensors' noise.
         sand_off: φ, K, n, μ_s 5-20 % off the file.
-        repetitions: trials of each variant.
+        repetitions: trials of each variant; 3 on the bench, as many as the wild laboratory is drawn with.
+        lab: ``bench`` for the sensors of the robot's file, ``wild`` for a logger, a robot and a sand that
+            are drawn by the seed; their files lie beside the trials where they are not the catalogue's.
         robot, soil: names or files.
         overwrite: replace a set that is there.
         label: with which the trials' names begin.
@@ -113,12 +117,16 @@ def hide(
     if old and not overwrite:
         raise UsageError(f"{folder}: holds a hidden set already", "choose another folder, or add --overwrite")
     true: dict[str, pd.DataFrame] = {}
+    wish = Wish(effect, seed, strength, noise, sand_off, lab, dict(sizes or {}))
+    the_robot, the_soil = load_robot(robot), load_soil(soil)
     trials, answer = make_set(
-        Wish(effect, seed, strength, noise, sand_off, dict(sizes or {})), load_robot(robot), load_soil(soil),
+        wish, the_robot, the_soil,
         repetitions=repetitions, label=label, jobs=jobs, done=done, keep=true.__setitem__,
     )  # fmt: skip
     for path in old:
         path.unlink()
+    for name, text in lab_of(lab, seed, the_robot, the_soil).files().items():
+        write_text(folder / name, text)
     files = []
     for trial in trials:
         path = folder / f"{trial.name}.csv"

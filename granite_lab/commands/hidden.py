@@ -38,6 +38,12 @@ def _effects(incomplete: str) -> list[str]:
     return [name for name in (*LOTS, *LIBRARY, *OUTSIDE) if name.startswith(incomplete)]
 
 
+def _labs(incomplete: str) -> list[str]:
+    from granite_lab.hidden.lab import LABS
+
+    return [name for name in LABS if name.startswith(incomplete)]
+
+
 def hide(
     effect: Annotated[
         str,
@@ -54,7 +60,13 @@ def hide(
     ] = None,
     noise: Annotated[float, typer.Option(min=0, max=100, help="Factor on the sensors' noise.")] = 1.0,
     sand_off: Annotated[bool, typer.Option("--sand-off", help="φ, K, n, μ_s 5-20 % off the file.")] = False,
-    repetitions: Annotated[int, typer.Option(min=1, max=99, help="Trials of each variant.")] = 3,
+    repetitions: Annotated[
+        int | None, typer.Option(min=1, max=99, help="Trials of each variant.", show_default="3 on the bench")
+    ] = None,
+    lab: Annotated[
+        str,
+        typer.Option(help="bench, or wild: logger, robot and sand drawn by the seed.", autocompletion=_labs),
+    ] = "bench",
     robot: RobotOption = None,
     soil: SoilOption = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a set that is there.")] = False,
@@ -69,11 +81,12 @@ def hide(
     from granite_lab.parameters import load_variants
 
     with progress(quiet) as display:
-        task = display.add_task("trials", total=repetitions * len(load_variants()))
+        task = display.add_task("trials", total=repetitions and repetitions * len(load_variants()))
         made = run(
             effect, out, seed=seed, strength=strength, sizes=_sizes(size or []), noise=noise,
-            sand_off=sand_off, repetitions=repetitions, robot=robot or "granite", soil=soil or "dry_sand",
-            overwrite=overwrite, label=label, truth=truth, jobs=_processes(jobs),
+            sand_off=sand_off, repetitions=repetitions, lab=lab,
+            robot=robot or "granite", soil=soil or "dry_sand", overwrite=overwrite, label=label,
+            truth=truth, jobs=_processes(jobs),
             done=lambda _: display.advance(task),
         )  # fmt: skip
     if as_json:
@@ -149,7 +162,19 @@ def _show_answer(answer: Mapping[str, Any]) -> None:
     if answer["sand_off"]:
         off = ", ".join(f"{name} {100 * (x - 1):+.1f} %" for name, x in answer["sand_off"].items())
         shown.print(f"sand off its file: {off}")
+    if answer.get("lab", {}).get("name") == "wild":
+        _show_lab(answer["lab"])
     shown.print(f"seed {answer['seed']}, strength {answer['strength']:g}, noise {answer['noise']:g}")
+
+
+def _show_lab(lab: Mapping[str, Any]) -> None:
+    """Print what was drawn of robot, sand and logger, a line each."""
+    for part, drawn in lab.items():
+        if isinstance(drawn, Mapping):
+            told = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in drawn.items())
+        else:
+            told = f"{drawn:.4g}" if isinstance(drawn, float) else str(drawn)
+        console().print(f"{part}: {told}", markup=False, soft_wrap=True)
 
 
 def _show_score(judged: Score) -> None:

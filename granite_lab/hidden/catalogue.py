@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from granite_lab.errors import UsageError
 from granite_lab.hidden import drive, outside_forces, outside_machine, soil, tyre, vehicle
 from granite_lab.hidden.command import Trapezoid
+from granite_lab.hidden.contact import FLOOR, NearRest
 from granite_lab.hidden.influence import Influence
 from granite_lab.hidden.model import Truth
 from granite_lab.hidden.parts import Law, Sizes
@@ -99,17 +100,19 @@ def model_of(
     law: Law,
     sizes: Mapping[str, Sizes],
     intervals: int = 32,
+    near_rest: NearRest = FLOOR,
+    radii: tuple[float, float] = (1.0, 1.0),
 ) -> Truth:
     """Return the truth's model under the named influences.
 
     Args:
         names: ids, in any order.
-        robot, soil_, command, law, intervals: as for `Truth`.
+        robot, soil_, command, law, intervals, near_rest, radii: as for `Truth`.
         sizes: parameters of each influence by id, phases included.
     """
     kinds = [influence(name) for name in sorted(names)]
     for kind in kinds:
         robot = kind.altered(robot, sizes[kind.id])
     combined = type("Combined", (*kinds, Truth), {})
-    model: Truth = combined(robot, soil_, command, law, intervals, sizes)
+    model: Truth = combined(robot, soil_, command, law, intervals, sizes, near_rest, radii)
     return model

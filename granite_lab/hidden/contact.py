@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -87,9 +88,43 @@ def smoothstep(s: Array | float) -> Array:
     return np.asarray(s * s * (3.0 - 2.0 * s))
 
 
-def slip_ratio(v_o: Array, v: Array) -> Array:
-    """Return (1) with the floor: (v_o - v) / max(abs(v_o), abs(v), v_floor)."""
-    return (v_o - v) / np.maximum(np.maximum(np.abs(v_o), np.abs(v)), V_FLOOR)
+@dataclass(frozen=True)
+class NearRest:
+    """How (1) and (11), which are not defined at rest, and the drive go on below a few cm/s.
+
+    Attributes:
+        law: "floor": the speed in the denominator of (1) has a floor, and the shear at no slip fades by a
+            cubic; "parabola": the denominator u goes over into (u² + s²) / (2 s), with the slope of 1 where
+            it begins, and the shear fades by u (2 s - u) / s². That slip needs a law of its own at low speed:
+            Bernard and Clover, SAE 950311, 1995. Above `speed` both are (1) and (11) themselves.
+        speed: s, below which the law holds [m/s].
+        holds_below: velocity of the tread below which, after the command, the motor is switched off and
+            the gear locks [m/s]; 0: the controller stays on.
+    """
+
+    law: Literal["floor", "parabola"] = "floor"
+    speed: float = V_FLOOR
+    holds_below: float = 0.0
+
+
+FLOOR = NearRest()
+
+
+def slip_ratio(v_o: Array, v: Array, near_rest: NearRest = FLOOR) -> Array:
+    """Return (1): (v_o - v) / max(abs(v_o), abs(v)), with another denominator near rest."""
+    u, s = np.maximum(np.abs(v_o), np.abs(v)), near_rest.speed
+    if near_rest.law == "floor":
+        return (v_o - v) / np.maximum(u, s)
+    return (v_o - v) / np.where(u < s, (u * u + s * s) / (2 * s), u)
+
+
+def moving(v_o: Array, v: Array, near_rest: NearRest = FLOOR) -> Array:
+    """Return 0 at rest and 1 where (11) holds: the share of the shear that rolling without slip gives."""
+    u = np.maximum(np.abs(v_o), np.abs(v)) / near_rest.speed
+    if near_rest.law == "floor":
+        return smoothstep(u)
+    u = np.minimum(u, 1.0)
+    return np.asarray(u * (2.0 - u))
 
 
 def contact(
@@ -102,6 +137,7 @@ def contact(
     k92: Array | float,
     intervals: int = 32,
     flat: Array | None = None,
+    near_rest: NearRest = FLOOR,
 ) -> Contact:
     """Return the forces on each wheel.
 
@@ -114,10 +150,10 @@ def contact(
         k92: ratio of rear to front contact angle.
         intervals: of the quadrature.
         flat: by how much the tyre's lowest part is pressed in [m]; its underside is level there.
+        near_rest: how (1) and (11) go on there.
     """
     g = ground
-    slip = slip_ratio(v_o, v)
-    fade = smoothstep(np.maximum(np.abs(v_o), np.abs(v)) / V_FLOOR)
+    slip, fade = slip_ratio(v_o, v, near_rest), moving(v_o, v, near_rest)
     touching = z0 > 0
     drop = z0 if flat is None else z0 + flat
     front = np.arccos(np.maximum(1.0 - np.maximum(np.where(touching, drop, 0.0), 0.0) / g.r, -1.0))  # theta_1

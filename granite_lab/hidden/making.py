@@ -12,22 +12,19 @@ import numpy as np
 import pandas as pd
 
 from granite_lab import __version__
-from granite_lab.errors import EstimateError, UsageError
+from granite_lab.errors import EstimateError
 from granite_lab.hidden.body import DT, Body, body_from_states
 from granite_lab.hidden.catalogue import LIBRARY, influence, model_of
 from granite_lab.hidden.command import Trapezoid
+from granite_lab.hidden.contact import Array
+from granite_lab.hidden.lab import Lab
 from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sensors import read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import solve
+from granite_lab.hidden.wild import lab_of
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
-from granite_lab.parameters import Robot, Soil, Variant, load_paper, load_variants
-
-SCALE_ERROR = 0.0005
-"""Std of the scale error of each IMU axis: what the maker's calibration leaves."""
-
-CURRENT_RIPPLE = 0.01
-"""Relative std of the currents' fluctuation while the wheels turn."""
+from granite_lab.parameters import Robot, Soil, Variant, load_variants
 
 RELATIVE, ABSOLUTE = 3e-6, 1e-7
 """Tolerances of the integration: the velocity is then within 0.002 mm/s of that at 1e-8."""
@@ -42,7 +39,8 @@ class Plan:
 
     Attributes:
         names: ids of the influences; sizes: their parameters in this trial, phases included.
-        robot, soil, a_theta: as they really are, but for what the influences change.
+        lab: where it is made; its robot is as it really is, but for what the influences change.
+        soil, a_theta: of this trial.
         variant, repetition: which trial it is.
         seed: key of its random numbers.
         noise: factor on the noise of the sensors.
@@ -51,9 +49,8 @@ class Plan:
 
     names: tuple[str, ...]
     sizes: Mapping[str, Mapping[str, float]]
-    robot: Robot
+    lab: Lab
     soil: Soil
-    soil_name: str
     a_theta: float
     variant: Variant
     repetition: int
@@ -72,7 +69,7 @@ def make_set(
     robot: Robot,
     soil: Soil,
     *,
-    repetitions: int = 3,
+    repetitions: int | None = None,
     variants: tuple[Variant, ...] = (),
     jobs: int = 1,
     label: str = "hidden",
@@ -84,7 +81,7 @@ def make_set(
     Args:
         wish: what to hide.
         robot, soil: records that the trials will name.
-        repetitions: of each variant.
+        repetitions: of each variant; 3 when the laboratory does not say.
         variants: those of Table 2 when empty.
         jobs: processes.
         label: with which the trials' names begin.
@@ -95,15 +92,15 @@ def make_set(
         UsageError: unknown effect or size, or a robot without chassis, drive or IMU.
         EstimateError: the robot would dig itself in under this effect.
     """
-    if robot.chassis is None or robot.drive is None or robot.imu_grade is None:
-        raise UsageError(f"robot '{robot.name}' cannot be simulated", "give one with chassis, drive and IMU")
+    lab = lab_of(wish.lab, wish.seed, robot, soil)
     names = chosen(wish)
     sizes = drawn(wish, names)
     asked = variants or load_variants()
     # Sand drawn off its file may be too weak for the slope, drag or speed at hand; it is drawn again then.
     for attempt in range(8 if wish.sand_off else 1):
-        ground, off = sand(wish, soil, attempt)
-        plans, scatter = _plans(wish, names, sizes, robot, ground, asked, repetitions, label)
+        ground, off = sand(wish, lab.soil, attempt)
+        count = repetitions or lab.repetitions or 3
+        plans, scatter = _plans(wish, names, sizes, lab, ground, asked, count, label)
         trials, true = [], []
         for made in _run(plans, jobs):
             if made is None:
@@ -114,7 +111,7 @@ def make_set(
         if len(trials) == len(plans):
             for trial, motion in zip(trials, true, strict=True):
                 keep(trial.name, motion)
-            return trials, _answer(wish, names, sizes, off, plans, scatter)
+            return trials, _answer(wish, lab, names, sizes, off, plans, scatter)
     raise EstimateError(
         "the robot digs itself in under the hidden effect", "choose a smaller --strength or another --seed"
     )
@@ -124,7 +121,7 @@ def _plans(
     wish: Wish,
     names: tuple[str, ...],
     sizes: Mapping[str, Mapping[str, float]],
-    robot: Robot,
+    lab: Lab,
     soil: Soil,
     variants: tuple[Variant, ...],
     repetitions: int,
@@ -136,13 +133,9 @@ def _plans(
         for repetition in range(1, repetitions + 1):
             seed = (wish.seed, 4, k, repetition)
             rng = np.random.default_rng([*seed, 0])
-            there, a_theta, factors = raked(soil, load_paper().a_theta, rng)
+            there, a_theta, factors = raked(soil, lab.a_theta, lab.scatter, rng)
             own = {name: influence(name).of_trial(sizes[name], rng) for name in names}
-            plans.append(
-                Plan(
-                    names, own, robot, there, soil.name, a_theta, variant, repetition, seed, wish.noise, label
-                )
-            )
+            plans.append(Plan(names, own, lab, there, a_theta, variant, repetition, seed, wish.noise, label))
             scatter.append(factors)
     return plans, scatter
 
@@ -157,10 +150,14 @@ def _run(plans: list[Plan], jobs: int) -> Iterator[tuple[Trial, pd.DataFrame] | 
 
 def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     """Simulate and log one trial, with its true motion; None if the robot digs itself in."""
-    rng = np.random.default_rng([*plan.seed, 1])
+    rng, lab = np.random.default_rng([*plan.seed, 1]), plan.lab
     command = Trapezoid(plan.variant.velocity, plan.variant.acceleration, plan.variant.distance)
-    truth = model_of(plan.names, plan.robot, plan.soil, command, exponential_k92(plan.a_theta), plan.sizes)
-    before, after = rng.uniform(1.5, 2.5), rng.uniform(3.0, 3.5)
+    radii = radii_of(plan)
+    truth = model_of(
+        plan.names, lab.robot, plan.soil, command, exponential_k92(plan.a_theta), plan.sizes,
+        near_rest=lab.near_rest, radii=(float(radii[:2].mean()), float(radii[2:].mean())),
+    )  # fmt: skip
+    before, after = rng.uniform(*lab.before), rng.uniform(*lab.after)
     steps = np.arange(-round(before / DT), round((command.end + after) / DT) + 1)
     t = np.asarray(steps * DT)
     try:
@@ -170,12 +167,15 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     body = body_from_states(truth, t, state)
     if not np.isfinite(state).all() or body.x[-1] < 0.35 * command.distance:
         return None
-    rig, wrong = louder(plan.robot, plan.noise), truth.misreading()
-    imu, *_ = read_imu(rng, body, rig, scale_error=SCALE_ERROR, misreading=wrong)
+    rig, wrong = louder(lab.robot, plan.noise), truth.misreading()
+    imu, *_ = read_imu(
+        rng, body, rig, scale_error=lab.imu_gain, misreading=wrong,
+        jitter=lab.imu_jitter, late=lab.late if lab.stamped_at_end else None,
+    )  # fmt: skip
     wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder)
-    currents = read_currents(rng, body, rig, -wrong.late, CURRENT_RIPPLE)
+    currents = read_currents(rng, body, rig, -wrong.late, lab.ripple)
     info = TrialInfo(
-        robot=plan.robot.name, soil=plan.soil_name, v_desired=plan.variant.velocity,
+        robot=lab.robot_name, soil=lab.soil_name, v_desired=plan.variant.velocity,
         a_max=plan.variant.acceleration, distance=plan.variant.distance, repetition=plan.repetition,
         virtual=True, extra={"made_by": f"granite-lab {__version__} hide"},
     )  # fmt: skip
@@ -187,6 +187,12 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
         currents=None if currents is None else CurrentStream(currents.t.round(6), currents.current.round(5)),
     )
     return trial, true_motion(plan, command, body)
+
+
+def radii_of(plan: Plan) -> Array:
+    """Return the true radius of each wheel in this trial over the filed one, (4,)."""
+    rng = np.random.default_rng([*plan.seed, 2])
+    return np.asarray(1 + plan.lab.radius * rng.standard_normal(4))
 
 
 def true_motion(plan: Plan, command: Trapezoid, body: Body) -> pd.DataFrame:
@@ -241,6 +247,7 @@ def louder(robot: Robot, factor: float) -> Robot:
 
 def _answer(
     wish: Wish,
+    lab: Lab,
     names: tuple[str, ...],
     sizes: Mapping[str, Mapping[str, float]],
     off: Mapping[str, float],
@@ -268,9 +275,14 @@ def _answer(
         "strength": wish.strength,
         "noise": wish.noise,
         "sand_off": off,
+        "lab": {"name": lab.name, **lab.drawn},
         "effects": effects,
         "trials": {
-            plan.name: {"raking": factors, "sizes": {k: dict(v) for k, v in plan.sizes.items()}}
+            plan.name: {
+                "raking": factors,
+                "radii": radii_of(plan).tolist(),
+                "sizes": {k: dict(v) for k, v in plan.sizes.items()},
+            }
             for plan, factors in zip(plans, scatter, strict=True)
         },
     }

@@ -15,13 +15,25 @@ import numpy as np
 from scipy.optimize import brentq, fsolve, root
 
 from granite_lab.hidden.command import Trapezoid
-from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Ground, contact, smoothstep
+from granite_lab.hidden.contact import (
+    FLOOR,
+    V_FLOOR,
+    Array,
+    Contact,
+    Ground,
+    NearRest,
+    contact,
+    smoothstep,
+)  # fmt: skip
 from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes, Stance
 from granite_lab.parameters import GRAVITY, Robot, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
 ANGLE, OMEGA, CURRENT = slice(6, 8), slice(8, 10), slice(10, 12)
 """Places in the state: centre of mass in O, pitch, their rates; then front and rear wheel of each kind."""
+
+HELD = 5e4
+"""Rate at which a locked gear stops its wheel [1/s]: under the torques at hand it gives by 1 mm/s at most."""
 
 
 class Truth:
@@ -31,6 +43,8 @@ class Truth:
         robot, soil, command, law: what the paper's model needs.
         intervals: of the quadrature along the arc.
         sizes: parameters of the influences that a subclass adds, by the influence's id.
+        near_rest: how wheels and drive go on near rest.
+        radii: (2,) true radius of front and rear wheels over the filed one.
     """
 
     def __init__(
@@ -41,6 +55,8 @@ class Truth:
         law: Law,
         intervals: int = 32,
         sizes: Mapping[str, Sizes] | None = None,
+        near_rest: NearRest = FLOOR,
+        radii: tuple[float, float] = (1.0, 1.0),
     ) -> None:
         if robot.chassis is None or robot.drive is None:
             raise ValueError("the robot has no chassis or no drive")
@@ -52,6 +68,8 @@ class Truth:
         self.order = 12
         self.method: Method = "LSODA"  # of integration
         self.r = robot.wheels.radius
+        self.near_rest = near_rest
+        self.rolling = self.r * np.array(radii)
         self.rim_inertia = robot.chassis.wheel_inertia
         self.rise = 0.0  # of the ground [rad]
         ch = robot.chassis
@@ -109,7 +127,7 @@ class Truth:
         s, c = sin(y[PITCH]), cos(y[PITCH])
         height = y[Z] - s * self.arm_x + c * self.arm_z
         rising = y[VZ] - y[Q] * (c * self.arm_x + s * self.arm_z)
-        return Stance(y[OMEGA] * self.r, np.full(2, self.velocity(y)), self.r - height, -rising)
+        return Stance(y[OMEGA] * self.rolling, np.full(2, self.velocity(y)), self.r - height, -rising)
 
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Return the soil under the wheels."""
@@ -120,7 +138,7 @@ class Truth:
         at = self.stance(t, y)
         return contact(
             self.soil(t, y, at), v_o=at.v_o, v=at.v, z0=at.z0, dz0=at.dz0,
-            k92=self.k92(t, y), intervals=self.intervals, flat=at.flat,
+            k92=self.k92(t, y), intervals=self.intervals, flat=at.flat, near_rest=self.near_rest,
         )  # fmt: skip
 
     def shaft(self, y: Array) -> tuple[Array, Array]:
@@ -164,6 +182,13 @@ class Truth:
         """Return dy/dt."""
         return self.rates(t, y, self.contact(t, y))
 
+    def locked(self, t: float, y: Array) -> Array | float:
+        """Return how far the gears are locked: 0 not at all, 1 for good."""
+        below = self.near_rest.holds_below
+        if not below or t < self.command.end:
+            return 0.0
+        return smoothstep(2.0 - np.abs(y[OMEGA]) * self.r / below)
+
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Return dy/dt under the given wheel forces."""
         d, ch = self.drive, self.chassis
@@ -180,7 +205,11 @@ class Truth:
         dy[ANGLE] = y[OMEGA]
         dy[OMEGA] = (self.torque(y) + self.load(y, wheel)) / self.rim_inertia  # (23)
         back_emf = d.emf_constant * d.gear_ratio * self.shaft(y)[1]
-        dy[CURRENT] = (self.voltage(t, y) - back_emf - self.resistance(y) * y[CURRENT]) / d.inductance  # (24)
+        voltage, locked = self.voltage(t, y), self.locked(t, y)
+        if np.any(locked):
+            voltage = voltage * (1 - locked)
+            dy[OMEGA] -= locked * HELD * y[OMEGA]
+        dy[CURRENT] = (voltage - back_emf - self.resistance(y) * y[CURRENT]) / d.inductance  # (24)
         return dy
 
     def at_rest(self) -> Array:

@@ -115,6 +115,8 @@ def read_imu(
     *,
     scale_error: float,
     misreading: Misreading | None = None,
+    jitter: float | None = None,
+    late: float | None = None,
 ) -> tuple[ImuStream, Array, Array, Array]:
     """Return the IMU's samples, its turn-on biases (accelerometer, gyroscope) and its mounting.
 
@@ -124,6 +126,9 @@ def read_imu(
         robot: with an IMU grade.
         scale_error: std of the scale error of each axis.
         misreading: lasting errors on top.
+        jitter: std of the stamps [s]; `IMU_JITTER` when not given.
+        late: latency [s] of stamps that are given at the end of the interval of integration; None for
+            stamps in its middle.
     """
     grade = robot.imu_grade
     if grade is None:
@@ -151,7 +156,9 @@ def read_imu(
         values = np.clip(values, -limit, limit)
         biases.append(bias)
         read.append(np.round(values / step) * step if step else values)
-    return ImuStream(stamped(rng, instants, IMU_JITTER), read[0], read[1]), biases[0], biases[1], mounting
+    given = instants if late is None else instants + 0.5 * dt + late
+    stamps = stamped(rng, given, IMU_JITTER if jitter is None else jitter)
+    return ImuStream(stamps, read[0], read[1]), biases[0], biases[1], mounting
 
 
 def read_wheels(

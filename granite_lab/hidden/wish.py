@@ -18,9 +18,6 @@ LOTS = ("random", "none", "outside", "pair")
 SAND_OFF = ("friction_angle", "shear_modulus", "exponent", "tyre_friction")
 """φ, K, n and μ_s, which a set may have off the soil's file."""
 
-SCATTER = {"frictional_modulus": 0.05, "cohesion": 0.05, "a_theta": 0.03}
-"""Relative std from trial to trial, as raking leaves it; an assumption."""
-
 
 @dataclass(frozen=True)
 class Wish:
@@ -32,6 +29,7 @@ class Wish:
         strength: factor on the drawn sizes.
         noise: factor on noise, vibration and jitter of the sensors.
         sand_off: φ, K, n and μ_s are 5-20 % off the soil's file.
+        lab: name of the laboratory, see `granite_lab.hidden.lab`.
         sizes: parameters that are not drawn, by ``name`` or ``id.name``.
     """
 
@@ -40,6 +38,7 @@ class Wish:
     strength: float = 1.0
     noise: float = 1.0
     sand_off: bool = False
+    lab: str = "bench"
     sizes: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -125,9 +124,11 @@ def sand(wish: Wish, soil: Soil, attempt: int = 0) -> tuple[Soil, dict[str, floa
     return replace(soil, **{name: getattr(soil, name) * factor for name, factor in off.items()}), off
 
 
-def raked(soil: Soil, a_theta: float, rng: np.random.Generator) -> tuple[Soil, float, dict[str, float]]:
+def raked(
+    soil: Soil, a_theta: float, scatter: Mapping[str, float], rng: np.random.Generator
+) -> tuple[Soil, float, dict[str, float]]:
     """Return sand and a_θ of one trial, and the factors of the raking."""
-    factors = {name: float(np.exp(std * rng.standard_normal())) for name, std in SCATTER.items()}
+    factors = {name: float(np.exp(std * rng.standard_normal())) for name, std in scatter.items()}
     there = replace(
         soil,
         frictional_modulus=soil.frictional_modulus * factors["frictional_modulus"],

@@ -97,7 +97,10 @@ def assemble(
     for one in parts.values():
         doubts += one.doubts
     merged = _merge(sources, parts)
-    metadata = fill([source.metadata for source in sources.values()])
+    metadata = fill([
+        dataclasses.replace(source.metadata, soil=_beside(source, source.metadata.soil))
+        for source in sources.values()
+    ])
     stream = _imu(merged, first, doubts)
     if stream is not None:
         stream, more = check_imu(stream, the_robot, str(first), _declared(merged))
@@ -130,15 +133,19 @@ def _robot(
     """Decide which robot the log is of; without a word from anyone it is the laboratory's own."""
     said = given or (info.robot if info else None)
     for source in sources.values():
-        name = source.metadata.robot
-        beside = source.path.parent / name
-        said = said or (str(beside) if name.endswith(".toml") and beside.is_file() else name)
+        said = said or _beside(source, source.metadata.robot)
     for source in sources.values():
         said = said or source.match.layout.robot
     if said:
         return str(said), load_robot(str(said))
     doubts.append("the log does not name its robot: taken as 'granite'")
     return None, load_robot("granite")
+
+
+def _beside(source: Source, name: str) -> str:
+    """Return the path of a TOML file that lies in the log's folder, any other name as it is."""
+    path = source.path.parent / name
+    return str(path) if name.endswith(".toml") and path.is_file() else name
 
 
 def _merge(sources: dict[str, Source], parts: dict[str, Parts]) -> Parts:
