@@ -6,7 +6,7 @@ BIN := .venv/bin
 USE := .venv/.use-installed
 DEV := .venv/.dev-installed
 
-.PHONY: help study test lint types bench bench-simulator bench-estimation bench-many blind soak samples clean
+.PHONY: help study test lint types bench bench-simulator bench-estimation bench-many blind outside soak samples clean
 
 help:
 	@echo "make study             analyse data/samples, write reports/samples/index.html"
@@ -14,6 +14,7 @@ help:
 	@echo "make bench             measure speed and accuracy, up to 1,200 trials (an hour), write docs/bench-*.md"
 	@echo "make soak              the tests whose long parts are only sampled by make test, whole"
 	@echo "make blind             an hour of hidden sets for discover, adds to docs/blind.md"
+	@echo "make outside DIR=...   judge discover by trials of other programs"
 	@echo "make samples           write the virtual sample trials again"
 	@echo "make clean             remove .venv and all caches"
 
@@ -59,6 +60,11 @@ bench-many: $(DEV)
 
 blind: $(DEV)
 	$(BIN)/python -m benchmarks.blind --minutes 60 --jobs 2 --out docs/blind.md
+
+DIR ?= ../shared/outside
+
+outside: $(DEV)
+	$(BIN)/python -m benchmarks.outside $(DIR) --jobs 2
 
 samples: $(USE)
 	sh data/make-samples.sh $(BIN)/granite-lab

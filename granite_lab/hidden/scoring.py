@@ -11,17 +11,30 @@ from typing import Any, Literal
 
 from granite_lab.errors import InputError
 from granite_lab.files import readable
+from granite_lab.hidden.catalogue import TWINS
 
 Outcome = Literal[
-    "right", "twin_set", "vague", "partial", "spurious", "wrong_name", "missed", "false_alarm", "abstained"
+    "right",
+    "twin_set",
+    "with_remainder",
+    "vague",
+    "partial",
+    "spurious",
+    "near_twin",
+    "wrong_name",
+    "missed",
+    "false_alarm",
+    "abstained",
 ]
 
 MEANING: dict[Outcome, str] = {
     "right": "just what is hidden",
     "twin_set": "the hidden effect is in the set that was called indistinguishable",
+    "with_remainder": "what is hidden of the library named, and the rest stated as not explained",
     "vague": "the hidden effect is in a set too large to be of use",
     "partial": "some of the hidden effects named, nothing wrong",
     "spurious": "all hidden effects named, and one that is not there",
+    "near_twin": "not the hidden effect's name but that of its near twin, stated as if alone",
     "wrong_name": "a name that is not the hidden effect's",
     "missed": "an effect is hidden, none was seen",
     "false_alarm": "nothing is hidden, something was seen",
@@ -30,6 +43,9 @@ MEANING: dict[Outcome, str] = {
 
 LARGEST_SET = 3
 """Most names in a set of twins that still counts as an answer."""
+
+REMAINDER = 0.1
+"""Share of the gap from which on a discovery must say that it is left: what closes less is small."""
 
 SCHEMA = "granite-lab/discovery/1"
 
@@ -105,13 +121,23 @@ def read_finding(path: Path) -> dict[str, Any]:
 
 
 def score(answer: Mapping[str, Any], finding: Mapping[str, Any]) -> Score:
-    """Judge a discovery."""
+    """Judge a discovery by a sealed answer.
+
+    Args:
+        answer: as `granite_lab.hidden.sealed` opens it.
+        finding: as `discover --json` prints it, of which `verdict`, `effects`, `gap` and `remainder` count.
+    """
     effects = finding.get("effects", []) if finding["verdict"] == "named" else []
     hidden = tuple(effect["id"] for effect in answer["effects"])
-    outside = any(not effect["library"] for effect in answer["effects"])
-    outcome, set_size = _judge(finding["verdict"], effects, hidden, outside)
-    right = outcome in ("right", "twin_set") or (outcome == "abstained" and outside)
+    outside = {effect["id"] for effect in answer["effects"] if not effect["library"]}
+    inside = tuple(name for name in hidden if name not in outside)
+    outcome, set_size = _judge(finding["verdict"], effects, inside, bool(outside))
+    left = _number(finding.get("remainder"))
+    if outside and outcome in ("right", "twin_set"):
+        outcome = "with_remainder" if left is not None and left >= REMAINDER else "partial"
+    right = outcome in ("right", "twin_set", "with_remainder") or (outcome == "abstained" and bool(outside))
     found = {effect["id"]: effect.get("parameters") or {} for effect in effects}
+    closed = {part: _closed(finding.get("gap") or {}, part) for part in ("train", "held_out")}
     return Score(
         outcome=outcome,
         right=right,
@@ -125,7 +151,7 @@ def score(answer: Mapping[str, Any], finding: Mapping[str, Any]) -> Score:
             for name, true in effect["parameters"].items()
             if effect["id"] in found and name in found[effect["id"]]
         ),
-        gap_closed={part: _closed(finding.get("gap") or {}, part) for part in ("train", "held_out")},
+        gap_closed=closed if left is None else closed | {"held_out": 1 - left},
     )
 
 
@@ -136,31 +162,40 @@ def _set_of(effect: Mapping[str, Any]) -> set[str]:
 def _judge(
     verdict: str, effects: list[Mapping[str, Any]], hidden: tuple[str, ...], outside: bool
 ) -> tuple[Outcome, int]:
-    """Return the outcome and the size of the largest set that holds a hidden effect."""
+    """Return the outcome by the hidden effects of the library, and the size of the largest set with one."""
     if verdict == "none":
-        return ("missed" if hidden else "right"), 0
-    if not hidden:
+        return ("missed" if hidden or outside else "right"), 0
+    if not hidden and not outside:
         return "false_alarm", 0
     if verdict == "unknown" or not effects:
         return "abstained", 0
     heads = [str(effect["id"]) for effect in effects]
-    free, sizes, by_head = list(range(len(effects))), [], True
+    free, sizes, by_head, lost = list(range(len(effects))), [], True, []
     # a set may stand for one hidden effect only; the name in front counts before the twins behind it
     for name in sorted(hidden, key=lambda n: n not in heads):
         first = [k for k in free if heads[k] == name]
         held = first or [k for k in free if name in _set_of(effects[k])]
-        if held:
-            free.remove(held[0])
-            sizes.append(len(_set_of(effects[held[0]])))
-            by_head &= bool(first)
-    if len(sizes) < len(hidden):
-        return ("partial" if sizes and not free else "wrong_name"), max(sizes, default=0)
+        if not held:
+            lost.append(name)
+            continue
+        free.remove(held[0])
+        sizes.append(len(_set_of(effects[held[0]])))
+        by_head &= bool(first)
+    largest = max(sizes, default=0)
+    if lost:
+        if len(free) == len(lost) and all(any(near(heads[k], n) for n in lost) for k in free):
+            return "near_twin", largest
+        return ("partial" if sizes and not free else "wrong_name"), largest
     if free:
-        return "spurious", max(sizes)
-    if max(sizes) > LARGEST_SET:
-        return "vague", max(sizes)
-    # with an effect outside the library among the hidden, a full set of names cannot be right
-    return ("wrong_name" if outside else "right" if by_head else "twin_set"), max(sizes)
+        return ("spurious" if hidden else "wrong_name"), largest
+    if largest > LARGEST_SET:
+        return "vague", largest
+    return ("right" if by_head else "twin_set"), largest
+
+
+def near(a: str, b: str) -> bool:
+    """Tell whether two effects are near twins by the catalogue."""
+    return frozenset((a, b)) in TWINS
 
 
 def _number(value: object) -> float | None:

@@ -60,6 +60,8 @@ def finding(verdict: str, *effects: tuple[str, ...], **gap: Any) -> dict[str, An
         (answer("a", "b"), finding("named", ("a",), ("c",)), "wrong_name", False),
         (answer("a", "b"), finding("named", ("c",), ("d",)), "wrong_name", False),
         (answer("a", "b"), finding("none"), "missed", False),
+        (answer("com_offset"), finding("named", ("drive_reaction",)), "near_twin", False),
+        (answer("com_offset"), finding("named", ("drive_reaction",), ("a",)), "wrong_name", False),
         (answer("x", library=False), finding("unknown"), "abstained", True),
         (answer("x", library=False), finding("none"), "missed", False),
         (answer("x", library=False), finding("named", ("a",)), "wrong_name", False),

@@ -1,0 +1,87 @@
+"""One set of trials, searched and judged: what `make blind` and `make outside` have in common."""
+
+from __future__ import annotations
+
+import math
+import time
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from granite_lab import discover
+from granite_lab.errors import LabError
+from granite_lab.hidden.scoring import score
+
+Line = dict[str, Any]
+
+
+def searched(logs: list[Path], jobs: int = 1) -> Line:
+    """Search some logs and return what came out, as JSON holds it; a failure becomes a line, too."""
+    start = time.monotonic()
+    try:
+        line = document_of(discover(logs, jobs=jobs)) | {"status": "judged"}
+    except LabError as error:
+        line = {"status": "refused", "error": f"{error.message} ({error.hint})"}
+    except Exception:  # a crash is a result
+        line = {"status": "crashed", "error": traceback.format_exc(limit=-4)}
+    return line | {"seconds": round(time.monotonic() - start, 1)}
+
+
+def document_of(finding: Any) -> Line:
+    """Return what a judge needs of a `Finding`: the keys of `discover --json` that count."""
+    return {
+        "verdict": finding.verdict,
+        "probability": short(getattr(finding, "probability", math.nan)),
+        "remainder": short(getattr(finding, "remainder", math.nan)),
+        "effects": [
+            {
+                "id": effect.id,
+                "indistinguishable_from": list(effect.twins),
+                "parameters": {
+                    p.name: {"value": short(p.estimate.value), "std": short(p.estimate.std)}
+                    for p in effect.parameters
+                },
+            }
+            for effect in finding.effects
+        ],
+        "gap": {
+            part: dict(zip(("before", "after", "floor"), map(short, getattr(finding.gap, part)), strict=True))
+            for part in ("train", "held_out")
+        },
+        "detectable": {f"{d.effect}.{d.parameter}": short(d.size) for d in finding.detectable},
+    }
+
+
+def judged(line: Line, answer: Mapping[str, Any]) -> Line:
+    """Return a line with the judgement of its finding; one that failed is not right."""
+    if line["status"] != "judged":
+        return line | {"outcome": line["status"], "right": False}
+    s = score(answer, line)
+    return line | {
+        "outcome": s.outcome,
+        "right": s.right,
+        "closed": short(s.gap_closed["held_out"]),
+        "parameters": [
+            {"effect": p.effect, "name": p.name, "kind": p.kind, "true": short(p.true),
+             "value": short(p.value), "std": short(p.std), "z": short(p.z)}
+            for p in s.parameters
+        ],
+    }  # fmt: skip
+
+
+def wrong_name(line: Mapping[str, Any]) -> bool:
+    """Tell whether something was named that is not hidden."""
+    wrong = ("wrong_name", "near_twin", "spurious", "false_alarm")
+    return line.get("verdict") == "named" and line["outcome"] in wrong
+
+
+def named(line: Mapping[str, Any]) -> str:
+    """Return the names that were given, twins behind a slash."""
+    sets = ("/".join([e["id"], *e["indistinguishable_from"]]) for e in line.get("effects", []))
+    return " + ".join(sets)
+
+
+def short(value: float | None) -> float | None:
+    """Return five digits; None for what is no number."""
+    return None if value is None or not math.isfinite(value) else float(f"{value:.5g}")
