@@ -1,4 +1,4 @@
-"""From parameters to a Run: the graph integrated by CVODES (SUNDIALS) through CasADi."""
+"""From parameters to a Run: the state at rest, the integrated motion, the outputs, and what they give."""
 
 from __future__ import annotations
 
@@ -12,15 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from granite_lab.errors import EstimateError
-from granite_lab.model.columns import ColumnFunction
 from granite_lab.model.command import steady_part
 from granite_lab.model.delays import delayed
 from granite_lab.model.effect import Active, Effect
+from granite_lab.model.engine import engine_of
 from granite_lab.model.graph import STATES, build_graph
 from granite_lab.model.instants import SETTLE, USUAL, Accuracy, instants
 from granite_lab.model.limits import (
-    MAX_STEPS,
-    not_converged,
     refuse_backwards,
     refuse_giving,
     refuse_standing,
@@ -50,37 +48,6 @@ def _rest_function(effects: tuple[Effect, ...]) -> Any:
     place = ca.substitute(graph.outputs["x_m"], ca.vertcat(graph.x, graph.t), rest)
     slope = ca.densify(ca.jacobian(residual, q))
     return ca.Function("rest", [q, graph.p], [ca.densify(residual), slope, ca.densify(place)])
-
-
-@lru_cache(maxsize=64)
-def _equations(effects: tuple[Effect, ...]) -> dict[str, Any]:
-    graph = build_graph(effects)
-    return {"t": graph.t, "x": graph.x, "p": graph.p, "ode": ca.cse(graph.rates)}
-
-
-@lru_cache(maxsize=256)
-def _integrator(effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy) -> Any:
-    grid = instants(variant, accuracy)
-    return ca.integrator(
-        "run",
-        "cvodes",
-        _equations(effects),
-        grid[0],
-        grid[1:],
-        {
-            "reltol": accuracy.relative,
-            "abstol": accuracy.absolute,
-            "max_order": accuracy.order,
-            "max_num_steps": MAX_STEPS,
-            "disable_internal_warnings": True,
-        },
-    )
-
-
-@lru_cache(maxsize=128)
-def _outputs(effects: tuple[Effect, ...], names: tuple[str, ...]) -> ColumnFunction:
-    graph = build_graph(effects)
-    return ColumnFunction([graph.t, graph.x, graph.p], ca.vertcat(*(graph.outputs[name] for name in names)))
 
 
 def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
@@ -141,7 +108,7 @@ def integrate(
         name to (N,) array, the outputs of the graph; the first is ``t_s`` [s after command start].
 
     Raises:
-        EstimateError: CVODES gave up, or the robot finds no rest.
+        EstimateError: the integrator gave up, or the robot finds no rest.
     """
     chosen = tuple(e.effect for e in effects)
     t, vector = instants(p.variant, accuracy), _vector(p, effects)
@@ -149,7 +116,7 @@ def integrate(
     # sensors with other faults look at the same motion; a plain run is not kept, for it may be long
     history = (_history if len(moving) == len(effects) else _remembered)(p, moving, accuracy)
     wanted = names or tuple(build_graph(chosen).outputs)
-    table = _outputs(chosen, wanted)(t[None], history, vector, samples=t.size)
+    table = engine_of(chosen).outputs(chosen, wanted, t, history, vector)
     if not np.isfinite(table).all():
         raise EstimateError("the simulation left the range of numbers", "check the parameters")
     signals = dict(zip(wanted, table, strict=True))
@@ -157,24 +124,14 @@ def integrate(
 
 
 def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy) -> Array:
-    """Return the (states, N) history, read from CVODES without a detour over lists of numbers.
+    """Return the (states, N) history.
 
     Raises:
-        EstimateError: CVODES gave up, or the robot finds no rest.
+        EstimateError: the integrator gave up, or the robot finds no rest.
     """
-    run = _integrator(tuple(e.effect for e in effects), p.variant, accuracy)
     start, vector = rest_state(p, effects), _vector(p, effects)
-    history = np.empty((1 + run.size2_out("xf"), start.size))
-    history[0] = start
-    places, evaluate = run.buffer()
-    places.set_arg(run.index_in("x0"), start.data)
-    places.set_arg(run.index_in("p"), vector.data)
-    places.set_res(run.index_out("xf"), history[1:].data)
-    try:
-        evaluate()
-    except RuntimeError as error:
-        raise not_converged(error) from None
-    states = np.ascontiguousarray(history.T)
+    chosen = tuple(e.effect for e in effects)
+    states = engine_of(chosen).run(chosen, p.variant, accuracy, start, vector)
     states.flags.writeable = False
     return states
 

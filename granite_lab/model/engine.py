@@ -1,0 +1,66 @@
+"""Who integrates: machine code where it can be had, otherwise the interpreted graph."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import cache, lru_cache
+from typing import Protocol, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from granite_lab.model import interpreted
+from granite_lab.model.effect import Effect
+from granite_lab.model.instants import Accuracy
+from granite_lab.parameters import Variant
+
+Array = npt.NDArray[np.float64]
+
+INTERPRETED = "GRANITE_LAB_INTERPRETED"
+"""Environment variable: not empty, nothing is compiled."""
+
+
+class Engine(Protocol):
+    """What `granite_lab.model.interpreted` and `granite_lab.model.native.graphs` both offer."""
+
+    def run(
+        self, effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
+    ) -> Array:
+        """Return (S, N) states."""
+
+    def outputs(
+        self, effects: tuple[Effect, ...], names: tuple[str, ...], t: Array, states: Array, vector: Array
+    ) -> Array:
+        """Return (rows, N) outputs of the graph."""
+
+
+@cache
+def _compiler() -> Callable[[tuple[Effect, ...]], Engine] | None:
+    """Return what makes an engine of a graph, where machine code can be had at all."""
+    if os.environ.get(INTERPRETED):
+        return None
+    try:
+        from granite_lab.model.native import graphs  # noqa: PLC0415, without llvmlite there is none
+
+        graphs.prepare(())
+    except (ImportError, NotImplementedError, OSError, RuntimeError, AttributeError):
+        return None
+
+    def compiled(effects: tuple[Effect, ...]) -> Engine:
+        graphs.prepare(effects)
+        return cast(Engine, graphs)
+
+    return compiled
+
+
+@lru_cache(maxsize=256)
+def engine_of(effects: tuple[Effect, ...]) -> Engine:
+    """Return what integrates this graph; one that cannot be compiled is interpreted."""
+    compiler = _compiler()
+    if compiler is not None:
+        try:
+            return compiler(effects)
+        except (NotImplementedError, RuntimeError):
+            pass
+    return cast(Engine, interpreted)

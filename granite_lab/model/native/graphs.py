@@ -1,0 +1,190 @@
+"""The model's graphs as machine code: runs by `rosenbrock.run`, outputs over whole columns of samples."""
+
+from __future__ import annotations
+
+import ctypes
+import inspect
+import os
+from collections.abc import Callable, Sequence
+from functools import cache, lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+from llvmlite import binding
+
+from granite_lab.model.command import corners
+from granite_lab.model.effect import Effect
+from granite_lab.model.graph import build_graph
+from granite_lab.model.instants import Accuracy, instants
+from granite_lab.model.limits import most_steps, not_converged
+from granite_lab.model.native import lowering, machine, program, rosenbrock, translate, writer
+from granite_lab.parameters import Variant
+
+Array = npt.NDArray[np.float64]
+_POINTER, _WHOLE, _REAL = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+
+
+@cache
+def _version() -> str:
+    """Return the text of all that makes machine code of a graph: other text, other code."""
+    return "".join(inspect.getsource(m) for m in (program, writer, lowering, translate, rosenbrock))
+
+
+def _library(name: str, names: Sequence[str], text: Callable[[], str], effort: int) -> machine.Library:
+    code = machine.kept(name)
+    if code is None:
+        code = machine.compiled(text(), effort=effort)
+        machine.keep(name, code)
+    return machine.Library(code, names)
+
+
+@cache
+def _routines() -> machine.Library:
+    """Return what all graphs share: the integrator, and the elementary functions for their code."""
+    mathematics = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
+    for name in lowering.LIBRARY:
+        binding.add_symbol(name, ctypes.cast(getattr(mathematics, name), _POINTER).value)
+
+    def text() -> str:
+        functions = [writer.elementary_functions(lanes) for lanes in (0, program.LANES)]
+        return "\n".join(
+            [lowering.declarations(functions=False), *functions, translate.translate(*rosenbrock.ROUTINES)]
+        )
+
+    symbols = [writer.symbol(name, lanes) for name in writer.ELEMENTARY for lanes in (0, program.LANES)]
+    library = _library(machine.key(_version()), [*symbols, "run"], text, 2)
+    for name in symbols:
+        binding.add_symbol(name, library.address[name])
+    return library
+
+
+def _places(expression: Any) -> list[int]:
+    """Return where the nonzero entries of a matrix stand, counted by columns."""
+    rows, columns = expression.sparsity().get_triplet()
+    return [row + expression.size1() * column for row, column in zip(rows, columns, strict=True)]
+
+
+@lru_cache(maxsize=64)
+def _equations(effects: tuple[Effect, ...]) -> machine.Library:
+    """Return ``rates`` and ``slopes`` of a graph."""
+    _routines()
+    graph = build_graph(effects)
+    rates = ca.cse(graph.rates)
+    f = ca.Function("rates", [graph.t, graph.x, graph.p], [rates])
+
+    def text() -> str:
+        n = graph.x.numel()
+        by_x, by_t = ca.jacobian(rates, graph.x), ca.jacobian(rates, graph.t)
+        slopes = ca.Function("slopes", [graph.t, graph.x, graph.p], [by_x, by_t])
+        behind = [n * n + k for k in _places(by_t)]
+        return "\n".join([
+            lowering.declarations(),
+            lowering.point("rates", f, [_places(rates)]),
+            lowering.point("slopes", slopes, [_places(by_x), behind]),
+        ])  # fmt: skip
+
+    return _library(machine.key(_version(), f.serialize()), ("rates", "slopes"), text, 0)
+
+
+def prepare(effects: tuple[Effect, ...]) -> None:
+    """Compile a graph, or load its code.
+
+    Raises:
+        NotImplementedError: it cannot be compiled.
+        RuntimeError: LLVM does not accept it.
+        OSError, AttributeError: the C library cannot be found.
+    """
+    _equations(effects)
+
+
+def run(
+    effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
+) -> Array:
+    """Integrate the equations of motion, anew from each corner of the command on.
+
+    Args:
+        effects: of the graph.
+        variant: the commanded trapezoid.
+        accuracy: tolerances and output grid.
+        start: (S,) state at the first instant.
+        vector: (P,) parameters.
+
+    Returns:
+        (S, N) states.
+
+    Raises:
+        EstimateError: the integrator gave up.
+        NotImplementedError: the graph cannot be compiled.
+    """
+    integrate, equations = _integrator(), _equations(effects).address
+    grid = instants(variant, accuracy)
+    t, ends = np.append(grid, np.inf), np.append(corners(variant), grid[-1])
+    n, samples = start.size, grid.size
+    out, y, work = np.empty((n, samples)), start.copy(), np.zeros(rosenbrock.work_size(n))
+    status = integrate(
+        n, equations["rates"], equations["slopes"], ends.ctypes.data, ends.size, t.ctypes.data, samples,
+        y.ctypes.data, vector.ctypes.data, accuracy.relative, accuracy.absolute, most_steps(samples),
+        rosenbrock.TABLE.ctypes.data, work.ctypes.data, out.ctypes.data,
+    )  # fmt: skip
+    if status < 0:
+        raise not_converged(_TROUBLE[status])
+    return out
+
+
+_TROUBLE = {
+    rosenbrock.TOO_MANY: "TOO_MUCH_WORK",
+    rosenbrock.TOO_SMALL: "ERR_FAILURE",
+    rosenbrock.NO_NUMBER: "RHSFUNC_FAIL",
+}
+"""Why the integrator gave up, as `limits` knows it."""
+
+
+@cache
+def _integrator() -> Any:
+    kinds: dict[str, Any] = {"int": _WHOLE, "float": _REAL}
+    names = list(rosenbrock.run.__annotations__.values())[:-1]
+    arguments: list[Any] = [kinds.get(name, _POINTER) for name in names]
+    return ctypes.CFUNCTYPE(_WHOLE, *arguments)(_routines().address["run"])
+
+
+@lru_cache(maxsize=256)
+def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> Any:
+    """Return the machine code of some outputs."""
+    _routines()
+    graph = build_graph(effects)
+    stacked = ca.cse(ca.densify(ca.vertcat(*(graph.outputs[name] for name in names))))
+    f = ca.Function("columns", [graph.t, graph.x, graph.p], [stacked])
+    library = _library(
+        machine.key(_version(), f.serialize()),
+        ("columns",),
+        lambda: lowering.declarations() + lowering.column("columns", f, _places(stacked)),
+        0,
+    )
+    return ctypes.CFUNCTYPE(None, _WHOLE, _WHOLE, *[_POINTER] * 4)(library.address["columns"])
+
+
+def outputs(
+    effects: tuple[Effect, ...], names: tuple[str, ...], t: Array, states: Array, vector: Array
+) -> Array:
+    """Return (rows, N) outputs of the graph.
+
+    Args:
+        effects: of the graph.
+        names: of the outputs.
+        t: (N,) instants [s].
+        states: (S, N) at them.
+        vector: (P,) parameters.
+
+    Raises:
+        NotImplementedError: the graph cannot be compiled.
+    """
+    evaluate, samples = _columns(effects, names), t.size
+    blocks = -(-samples // program.LANES)
+    stride = blocks * program.LANES
+    table, full = np.empty((len(names), stride)), np.empty((1 + states.shape[0], stride))
+    full[0, :samples], full[1:, :samples] = t, states
+    full[:, samples:] = full[:, samples - 1 : samples]  # the last lanes need some numbers
+    evaluate(blocks, stride, full.ctypes.data, full[1:].ctypes.data, vector.ctypes.data, table.ctypes.data)
+    return table[:, :samples]

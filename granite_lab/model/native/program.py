@@ -1,0 +1,146 @@
+"""A CasADi graph as a list of instructions, and which of them are the same over many lanes.
+
+The contact arc is integrated at eight places, and each is the same piece of the graph with other
+numbers. Instructions of one form whose operands are of one form make a group, which one vector
+instruction evaluates. That leaves a third of the instructions, for the compiler, too.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+LANES = 8
+"""Lanes of a vector, as many as the contact arc has places."""
+
+FEWEST = 5
+"""Fewer instructions of one form than this stay single."""
+
+SUM = -1
+"""The operation of a sum of more than two terms."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """One instruction.
+
+    Attributes:
+        op: number of CasADi's operation, or `SUM`.
+        operands: numbers of the nodes that it works on.
+        value: of a constant.
+        place: number of the input and of the entry in it.
+    """
+
+    op: int
+    operands: tuple[int, ...] = ()
+    value: float = 0.0
+    place: tuple[int, int] = (0, 0)
+
+
+@dataclass(frozen=True)
+class Program:
+    """What an SX function computes.
+
+    Attributes:
+        nodes: instructions; each works on earlier ones only.
+        results: number of the output, of its nonzero entry, and the node that holds it.
+    """
+
+    nodes: tuple[Node, ...]
+    results: tuple[tuple[int, int, int], ...]
+
+
+def read(f: Any) -> Program:
+    """Read the instructions of an SX function and join its chains of additions to sums."""
+    at: dict[int, int] = {}
+    nodes: list[Node] = []
+    results = []
+    for k in range(f.n_instructions()):
+        op, source, target = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        if op == ca.OP_OUTPUT:
+            results.append((target[0], target[1], at[source[0]]))
+            continue
+        if op == ca.OP_ASSIGN:
+            at[target[0]] = at[source[0]]
+            continue
+        if op == ca.OP_CONST:
+            node = Node(op, value=f.instruction_constant(k))
+        elif op == ca.OP_INPUT:
+            node = Node(op, place=(source[0], source[1]))
+        else:
+            node = Node(op, tuple(at[s] for s in source))
+        at[target[0]] = len(nodes)
+        nodes.append(node)
+    return _with_sums(nodes, results)
+
+
+def _with_sums(nodes: list[Node], results: list[tuple[int, int, int]]) -> Program:
+    """Join additions whose result only another addition uses."""
+    uses = Counter(o for node in nodes for o in node.operands)
+    uses.update(node for *_, node in results)
+    terms: dict[int, tuple[int, ...]] = {}
+    inner = set()
+    for k, node in enumerate(nodes):
+        if node.op == ca.OP_ADD:
+            parts: tuple[int, ...] = ()
+            for o in node.operands:
+                if uses[o] == 1 and o in terms:
+                    parts += terms[o]
+                    inner.add(o)
+                else:
+                    parts += (o,)
+            terms[k] = parts
+    kept: list[Node] = []
+    new: dict[int, int] = {}
+    for k, node in enumerate(nodes):
+        if k in inner:
+            continue
+        new[k] = len(kept)
+        if k in terms and len(terms[k]) > 2:
+            kept.append(Node(SUM, tuple(new[o] for o in terms[k])))
+        else:
+            kept.append(Node(node.op, tuple(new[o] for o in node.operands), node.value, node.place))
+    return Program(tuple(kept), tuple((a, b, new[k]) for a, b, k in results))
+
+
+def schedule(program: Program, *, packed: bool = True) -> list[list[int]]:
+    """Return the nodes in groups of at most `LANES`, each after all that it works on.
+
+    Args:
+        program: the instructions.
+        packed: whether nodes of one form are to be grouped; otherwise each is alone.
+    """
+    form: list[int] = []
+    depth: list[int] = []
+    forms: dict[tuple[int, ...], int] = {}
+    members: dict[int, list[int]] = defaultdict(list)
+    for k, node in enumerate(program.nodes):
+        leaf = not node.operands
+        key: tuple[int, ...] = (node.op, *(form[o] for o in node.operands))
+        if leaf:  # numbers may differ from lane to lane
+            key = ()
+        elif not packed or (node.op == SUM and max(Counter(key).values()) >= FEWEST):
+            key = (-1, k)  # a sum over lanes
+        form.append(forms.setdefault(key, len(forms)))
+        depth.append(0 if leaf else 1 + max(depth[o] for o in node.operands))
+        members[form[k]].append(k)
+    groups: list[tuple[int, int, list[int]]] = []
+    for nodes in members.values():
+        pack = program.nodes[nodes[0]].operands and len(nodes) >= FEWEST
+        width = LANES if pack else 1
+        for start in range(0, len(nodes), width):
+            group = nodes[start : start + width]
+            if len(group) < FEWEST and width > 1:
+                groups += [(depth[k], k, [k]) for k in group]
+            else:
+                groups.append((depth[group[0]], group[0], group))
+    return [group for *_, group in sorted(groups)]
+
+
+def used(groups: Sequence[Sequence[int]]) -> dict[int, tuple[int, int]]:
+    """Return for each node of a group of several its group's number and its lane."""
+    return {k: (g, lane) for g, group in enumerate(groups) if len(group) > 1 for lane, k in enumerate(group)}

@@ -1,0 +1,313 @@
+"""A stiff integrator: the Rosenbrock method RODAS, stiffly accurate, of order 4 with an estimate of order 3.
+
+Source: Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed., Springer 1996,
+section IV.7, and its dense output in VI.4. Without multiplications by the Jacobian J each stage u_i solves
+
+    (I/(h γ) − J) u_i = f(t + α_i h, y + Σ a_ij u_j) + Σ (c_ij / h) u_j + γ_i h ∂f/∂t
+
+The functions are written in what `granite_lab.model.native.translate` understands; matrices are
+stored by columns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granite_lab.model.native.translate import Equations, Floats, power, sqrt
+
+GAMMA = 0.25
+A = (
+    (1.544,),
+    (0.9466785280815826, 0.2557011698983284),
+    (3.314825187068521, 2.896124015972201, 0.9986419139977817),
+    (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950),
+)
+"""a_ij of the stages 2 to 5. Stage 6 starts where stage 5 did, plus u_5; plus u_6 that is the result."""
+
+C = (
+    (-5.6688,),
+    (-2.430093356833875, -0.2063599157091915),
+    (-0.1073529058151375, -9.594562251023355, -20.47028614809616),
+    (7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160),
+    (8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054),
+)
+ALPHA = (0.0, 0.386, 0.21, 0.63, 1.0, 1.0)
+TIMES = (0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0)
+"""γ_i, the weights of ∂f/∂t."""
+
+DENSE = (
+    (10.12623508344586, -7.487995877610167, -34.80091861555747, -7.992771707568823, 1.025137723295662),
+    (-0.6762803392806898, 6.087714651680606, 16.43084320892478, 24.76722511418386, -6.594389125716872),
+)
+
+TABLE: Floats = np.zeros(84)
+"""a_ij, c_ij as 6 rows of 5 each, α_i, γ_i, the two rows of the dense output, and 1."""
+for _i, _row in enumerate(A):
+    TABLE[5 * (_i + 1) : 5 * (_i + 1) + len(_row)] = _row
+for _i, _row in enumerate(C):
+    TABLE[30 + 5 * (_i + 1) : 30 + 5 * (_i + 1) + len(_row)] = _row
+TABLE[60:66], TABLE[66:72], TABLE[72:77], TABLE[77:82] = ALPHA, TIMES, *DENSE
+TABLE[82] = 1.0
+
+TOO_MANY, TOO_SMALL, NO_NUMBER = -1, -2, -3
+"""Reasons to give up: the number of steps, their size, or a right-hand side that is not a number."""
+
+SHORTEST = 1e-11
+"""Shortest step [s]."""
+
+HOPELESS = 1e30
+"""Error of a step whose equations have no solution."""
+
+AFTER = 1e-9
+"""The next piece begins so much after a corner [s], where derivatives in time are those of the next piece."""
+
+FIRST = 1e-4
+"""First step of a piece [s]."""
+
+
+def work_size(n: int) -> int:
+    """Return how many numbers `run` needs as work space."""
+    return 2 * n * n + 11 * n
+
+
+def factor(n: int, a: Floats, pivots: Floats) -> int:
+    """Split a matrix into L and U with row exchanges; return 0 where it is singular."""
+    for k in range(n):
+        best = k
+        size = abs(a[k + n * k])
+        for i in range(k + 1, n):
+            if abs(a[i + n * k]) > size:
+                size = abs(a[i + n * k])
+                best = i
+        pivots[k] = best
+        if not size > 0.0:
+            return 0
+        if best != k:
+            for j in range(n):
+                kept = a[k + n * j]
+                a[k + n * j] = a[best + n * j]
+                a[best + n * j] = kept
+        scale = 1.0 / a[k + n * k]
+        a[k + n * k] = scale
+        for i in range(k + 1, n):
+            a[i + n * k] = a[i + n * k] * scale
+        for j in range(k + 1, n):
+            share = a[k + n * j]
+            if share != 0.0:
+                for i in range(k + 1, n):
+                    a[i + n * j] = a[i + n * j] - a[i + n * k] * share
+    return 1
+
+
+def solve(n: int, a: Floats, pivots: Floats, b: Floats) -> None:
+    """Replace b by the solution, with what `factor` left."""
+    for k in range(n):
+        best = int(pivots[k])
+        kept = b[best]
+        b[best] = b[k]
+        b[k] = kept
+    for k in range(n):
+        share = b[k]
+        if share != 0.0:
+            for i in range(k + 1, n):
+                b[i] = b[i] - a[i + n * k] * share
+    k = n - 1
+    while k >= 0:
+        share = b[k] * a[k + n * k]
+        b[k] = share
+        for i in range(k):
+            b[i] = b[i] - a[i + n * k] * share
+        k = k - 1
+
+
+def combine(n: int, stages: int, scale: float, weights: Floats, u: Floats, total: Floats) -> None:
+    """Add some stages with their weights to a total."""
+    for j in range(stages):
+        share = scale * weights[j]
+        for i in range(n):
+            total[i] = total[i] + share * u[n * j + i]
+
+
+def step(
+    n: int,
+    rates: Equations,
+    now: float,
+    h: float,
+    y: Floats,
+    p: Floats,
+    relative: float,
+    absolute: float,
+    table: Floats,
+    f: Floats,
+    jacobian: Floats,
+    w: Floats,
+    u: Floats,
+    at: Floats,
+) -> float:
+    """Try a step; leave the stages in u and the new state in `at`, return its error against the tolerances.
+
+    Args:
+        n: states.
+        rates: f.
+        now: t [s].
+        h: the step [s].
+        y: the state.
+        p: parameters.
+        relative: tolerance.
+        absolute: tolerance.
+        table: `TABLE`.
+        f: f at the state.
+        jacobian: J there, and behind it ∂f/∂t.
+        w: work space, n (n + 2).
+        u: six stages.
+        at: the new state.
+    """
+    ft = jacobian[n * n :]
+    pivots = w[n * n :]
+    g = w[n * n + n :]
+    for k in range(n * n):
+        w[k] = -jacobian[k]
+    for k in range(n):
+        w[k + n * k] = w[k + n * k] + 1.0 / (GAMMA * h)
+    if factor(n, w, pivots) == 0:
+        return HOPELESS
+    for i in range(n):
+        g[i] = f[i]
+    for stage in range(6):
+        if stage > 0:
+            if stage < 5:
+                for i in range(n):
+                    at[i] = y[i]
+                combine(n, stage, 1.0, table[5 * stage :], u, at)
+            else:
+                combine(n, 1, 1.0, table[82:], u[4 * n :], at)
+            rates(now + table[60 + stage] * h, at, p, g)
+        part = u[n * stage :]
+        slope = h * table[66 + stage]
+        for i in range(n):
+            part[i] = g[i] + slope * ft[i]
+        combine(n, stage, 1.0 / h, table[30 + 5 * stage :], u, part)
+        solve(n, w, pivots, part)
+    error = 0.0
+    for i in range(n):
+        at[i] = at[i] + u[5 * n + i]
+        scaled = u[5 * n + i] / (absolute + relative * max(abs(y[i]), abs(at[i])))
+        error = error + scaled * scaled
+    error = sqrt(error / n)
+    if error < HOPELESS:
+        return max(error, 1e-9)
+    return HOPELESS
+
+
+def between(
+    n: int, part: float, y: Floats, after: Floats, table: Floats, u: Floats, out: Floats, samples: int
+) -> None:
+    """Write the state a part of the last step on, by the method's polynomial of order 3."""
+    left = 1.0 - part
+    for i in range(n):
+        a = 0.0
+        b = 0.0
+        for j in range(5):
+            a = a + table[72 + j] * u[n * j + i]
+            b = b + table[77 + j] * u[n * j + i]
+        out[samples * i] = y[i] * left + part * (after[i] + left * (a + part * b))
+
+
+def run(
+    n: int,
+    rates: Equations,
+    slopes: Equations,
+    ends: Floats,
+    pieces: int,
+    t: Floats,
+    samples: int,
+    y: Floats,
+    p: Floats,
+    relative: float,
+    absolute: float,
+    most: int,
+    table: Floats,
+    work: Floats,
+    out: Floats,
+) -> int:
+    """Integrate, anew from each corner on.
+
+    Args:
+        n: states.
+        rates: f.
+        slopes: J, by columns, and behind it ∂f/∂t; entries that are always zero need not be written.
+        ends: corners of the equations within the interval, in order, and its end [s].
+        pieces: how many ends.
+        t: instants of the output [s]; the first is the start. Behind the last stands infinity.
+        samples: how many instants.
+        y: the state; the last one is left in it.
+        p: parameters.
+        relative: tolerance.
+        absolute: tolerance.
+        most: steps, rejected ones included.
+        table: `TABLE`.
+        work: work space, `work_size` zeros.
+        out: (n, samples) states.
+
+    Returns:
+        number of steps, or why it gave up.
+    """
+    f = work[0:]
+    u = work[n:]
+    at = work[7 * n :]
+    jacobian = work[8 * n :]
+    w = work[n * n + 9 * n :]
+    for i in range(n):
+        out[samples * i] = y[i]
+    now = t[0]
+    sample = 1
+    steps = 0
+    for piece in range(pieces):
+        end = ends[piece]
+        if piece > 0:
+            now = now + AFTER
+        h = FIRST
+        last_h = 0.0
+        last_error = 1.0
+        rejected = 1
+        rates(now, y, p, f)
+        slopes(now, y, p, jacobian)
+        while now < end:
+            steps = steps + 1
+            if steps > most:
+                return TOO_MANY
+            if now + 1.001 * h >= end:
+                h = end - now
+            error = step(n, rates, now, h, y, p, relative, absolute, table, f, jacobian, w, u, at)
+            grow = 0.9 * power(error, -0.25)
+            if error <= 1.0:
+                # the next error as the last two lead to expect it
+                if last_h > 0.0:
+                    grow = min(grow, grow * (h / last_h) * power(last_error / error, 0.25))
+                grow = max(0.2, min(grow, 1.0 if rejected == 1 and last_h > 0.0 else 6.0))
+                after = now + h
+                if end - after < 1e-12:
+                    after = end
+                while t[sample] <= after:
+                    between(n, (t[sample] - now) / h, y, at, table, u, out[sample:], samples)
+                    sample = sample + 1
+                for i in range(n):
+                    y[i] = at[i]
+                now = after
+                last_h = h
+                last_error = max(error, 1e-2)
+                rejected = 0
+                if now < end:
+                    rates(now, y, p, f)
+                    slopes(now, y, p, jacobian)
+            else:
+                grow = max(0.1, min(grow, 0.9))
+                rejected = 1
+                if h < SHORTEST:
+                    return TOO_SMALL if error < HOPELESS else NO_NUMBER
+            h = h * grow
+    return steps
+
+
+ROUTINES = (factor, solve, combine, step, between, run)
+"""All functions, each before those that call it."""
