@@ -19,7 +19,7 @@ from granite_lab.model.effect import Effect
 from granite_lab.model.graph import build_graph
 from granite_lab.model.instants import Accuracy, instants
 from granite_lab.model.limits import most_steps, not_converged
-from granite_lab.model.native import lowering, machine, program, rosenbrock, translate, writer
+from granite_lab.model.native import lowering, machine, operations, program, rosenbrock, translate, writer
 from granite_lab.parameters import Variant
 
 Array = npt.NDArray[np.float64]
@@ -29,7 +29,9 @@ _POINTER, _WHOLE, _REAL = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 @cache
 def _version() -> str:
     """Return the text of all that makes machine code of a graph: other text, other code."""
-    return "".join(inspect.getsource(m) for m in (program, writer, lowering, translate, rosenbrock))
+    return "".join(
+        inspect.getsource(m) for m in (program, writer, operations, lowering, translate, rosenbrock)
+    )
 
 
 def _library(name: str, names: Sequence[str], text: Callable[[], str], effort: int) -> machine.Library:
@@ -44,7 +46,7 @@ def _library(name: str, names: Sequence[str], text: Callable[[], str], effort: i
 def _routines() -> machine.Library:
     """Return what all graphs share: the integrator, and the elementary functions for their code."""
     mathematics = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
-    for name in lowering.LIBRARY:
+    for name in operations.LIBRARY:
         binding.add_symbol(name, ctypes.cast(getattr(mathematics, name), _POINTER).value)
 
     def text() -> str:
@@ -75,14 +77,11 @@ def _equations(effects: tuple[Effect, ...]) -> machine.Library:
     f = ca.Function("rates", [graph.t, graph.x, graph.p], [rates])
 
     def text() -> str:
-        n = graph.x.numel()
-        by_x, by_t = ca.jacobian(rates, graph.x), ca.jacobian(rates, graph.t)
-        slopes = ca.Function("slopes", [graph.t, graph.x, graph.p], [by_x, by_t])
-        behind = [n * n + k for k in _places(by_t)]
+        code, rows = program.read(f), _places(rates)
         return "\n".join([
             lowering.declarations(),
-            lowering.point("rates", f, [_places(rates)]),
-            lowering.point("slopes", slopes, [_places(by_x), behind]),
+            lowering.point("rates", code, rows),
+            lowering.point("slopes", code, rows, graph.x.numel()),
         ])  # fmt: skip
 
     return _library(machine.key(_version(), f.serialize()), ("rates", "slopes"), text, 0)
@@ -159,7 +158,7 @@ def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> Any:
     library = _library(
         machine.key(_version(), f.serialize()),
         ("columns",),
-        lambda: lowering.declarations() + lowering.column("columns", f, _places(stacked)),
+        lambda: lowering.declarations() + lowering.column("columns", program.read(f), _places(stacked)),
         0,
     )
     return ctypes.CFUNCTYPE(None, _WHOLE, _WHOLE, *[_POINTER] * 4)(library.address["columns"])

@@ -6,184 +6,143 @@ common in vectors; `column` evaluates it over many samples, as many at once as a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
+from collections.abc import Sequence
+from itertools import count
 
 import casadi as ca
 
-from granite_lab.model.native.program import LANES, SUM, Node, Program, read, schedule, used
+from granite_lab.model.native.operations import LIBRARY, derivative, operation, total
+from granite_lab.model.native.program import LANES, SUM, Node, Program, schedule, used
 from granite_lab.model.native.writer import ELEMENTARY, Writer, symbol
 
-_PLAIN = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
-_COMPARED = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
-_ELEMENTARY = {
-    ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_POW: "pow",
-    ca.OP_CONSTPOW: "pow",
-}  # fmt: skip
-_LLVM = {
-    ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil",
-    ca.OP_COPYSIGN: "copysign",
-}  # fmt: skip
-_LIBRARY = {
-    ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1",
-    ca.OP_ATAN2: "atan2", ca.OP_HYPOT: "hypot",
-}  # fmt: skip
-
-
-def operation(w: Writer, op: int, arguments: Sequence[str]) -> str:
-    """Write one operation of CasADi and return the name of its result.
-
-    Raises:
-        NotImplementedError: no text is known for it.
-    """
-    a, b = arguments[0], arguments[-1]
-    zero, one = w.constant(0.0), w.constant(1.0)
-    if op in _PLAIN:
-        return w.arithmetic(_PLAIN[op], a, b)
-    if op in _COMPARED:
-        return w.truth(w.compare(_COMPARED[op], a, b))
-    if op in _ELEMENTARY:
-        return w.elementary(_ELEMENTARY[op], *arguments)
-    if op in _LLVM:
-        return w.call(_LLVM[op], *arguments)
-    if op in _LIBRARY:
-        return _by_lane(w, _LIBRARY[op], arguments)
-    written: dict[int, Callable[[], str]] = {
-        SUM: lambda: _total(w, list(arguments)),
-        ca.OP_NEG: lambda: w.new(f"fneg {w.real} {a}"),
-        ca.OP_SQ: lambda: w.arithmetic("fmul", a, a),
-        ca.OP_TWICE: lambda: w.arithmetic("fadd", a, a),
-        ca.OP_INV: lambda: w.arithmetic("fdiv", one, a),
-        ca.OP_SIGN: lambda: w.select(w.compare("une", a, zero), w.call("copysign", one, a), zero),
-        ca.OP_FMIN: lambda: w.select(w.compare("ole", a, b), a, b),
-        ca.OP_FMAX: lambda: w.select(w.compare("oge", a, b), a, b),
-        ca.OP_IF_ELSE_ZERO: lambda: w.select(w.compare("une", a, zero), b, zero),
-        ca.OP_NOT: lambda: w.truth(w.compare("oeq", a, zero)),
-        ca.OP_AND: lambda: w.arithmetic("fmul", *(w.truth(w.compare("une", x, zero)) for x in (a, b))),
-        ca.OP_OR: lambda: w.truth(
-            w.compare("une", w.arithmetic("fadd", w.call("fabs", a), w.call("fabs", b)), zero)
-        ),
-    }
-    if op not in written:
-        raise NotImplementedError(f"instruction {op} cannot be compiled")
-    return written[op]()
-
-
-def _total(w: Writer, terms: list[str]) -> str:
-    """Return the sum of terms, in pairs, so that they need not wait for each other."""
-    while len(terms) > 1:
-        pairs = [w.arithmetic("fadd", *terms[k : k + 2]) for k in range(0, len(terms) - 1, 2)]
-        terms = pairs + terms[len(terms) - len(terms) % 2 :]
-    return terms[0]
-
-
-def _by_lane(w: Writer, name: str, arguments: Sequence[str]) -> str:
-    """Call a function of the C library for each lane."""
-    if not w.lanes:
-        return w.new(f"call double @{name}({', '.join(f'double {a}' for a in arguments)})")
-    result = "poison"
-    for lane in range(w.lanes):
-        parts = [w.new(f"extractelement {w.real} {a}, i32 {lane}") for a in arguments]
-        value = w.new(f"call double @{name}({', '.join(f'double {a}' for a in parts)})")
-        result = w.new(f"insertelement {w.real} {result}, double {value}, i32 {lane}")
-    return result
+VALUE = -1
+"""The direction in which a value itself stands."""
 
 
 class _Point:
-    """Writes a program whose groups are vectors and whose other nodes are numbers."""
+    """Writes a program whose groups are vectors and whose other nodes are numbers.
+
+    Values are known by a node or a group and a direction; in the direction `VALUE` stands the value
+    itself, in the others its derivative by an entry of the state, or by time. Where a derivative is
+    zero, nothing stands.
+    """
 
     def __init__(self, program: Program) -> None:
         self.program = program
         self.groups = schedule(program)
         self.lane = used(self.groups)
         self.one = Writer()
-        # both writers fill one function
-        self.all = Writer(LANES, self.one.lines)
-        self.value: dict[int, str] = {}
-        self.vector: dict[int, str] = {}
+        self.all = Writer(LANES, self.one.lines, self.one.numbers)  # both fill one function
+        self.values: dict[tuple[int, int], str] = {}
+        self.vectors: dict[tuple[int, int], str] = {}
+        self.ways: list[set[int]] = []
 
-    def new(self, text: str) -> str:
-        return self.one.new(text)
-
-    def write(self) -> None:
+    def write(self, states: int | None) -> None:
+        """Write all values, and if the number of states is given, their derivatives."""
+        nodes = self.program.nodes
+        for node in nodes:
+            own = set[int]().union(*(self.ways[o] for o in node.operands))
+            if node.op == ca.OP_INPUT and node.place[0] < 2 and states is not None:
+                own = {states if node.place[0] == 0 else node.place[1]}
+            self.ways.append(own)
         for g, group in enumerate(self.groups):
-            node = self.program.nodes[group[0]]
-            if len(group) > 1:
-                columns = zip(*(self.program.nodes[k].operands for k in group), strict=True)
-                arguments = [self.gather(list(column)) for column in columns]
-                self.vector[g] = self.shared(partial(operation, self.all, node.op, arguments))
-            elif node.op == ca.OP_CONST:
-                self.value[group[0]] = self.one.constant(node.value)
+            node = nodes[group[0]]
+            ways = sorted(set[int]().union(*(self.ways[k] for k in group)))
+            if node.op == ca.OP_CONST:
+                self.values[group[0], VALUE] = self.one.constant(node.value)
             elif node.op == ca.OP_INPUT:
-                self.value[group[0]] = self.load(node)
-            elif node.op == SUM:
-                self.value[group[0]] = self.sum(list(node.operands))
+                self.values[group[0], VALUE] = self.load(node)
+                self.values |= {(group[0], way): self.one.constant(1.0) for way in ways}
+            elif len(group) == 1 and node.op == SUM:
+                for way in [VALUE, *ways]:
+                    self.keep(self.values, group[0], way, self.sum(list(node.operands), way))
             else:
-                self.value[group[0]] = operation(self.one, node.op, [self.number(o) for o in node.operands])
+                self.operate(g, group, ways)
 
-    def shared(self, write: Callable[[], str]) -> str:
-        """Let the writer of vectors go on counting where that of numbers stands, and back."""
-        self.all._count = self.one._count
-        name = write()
-        self.one._count = self.all._count
-        return name
+    def operate(self, g: int, group: list[int], ways: list[int]) -> None:
+        """Write what one operation gives, for one node or for all of a group."""
+        columns = list(zip(*(self.program.nodes[k].operands for k in group), strict=True))
+        op = self.program.nodes[group[0]].op
+        alone = len(group) == 1
+        w, target, name = (self.one, self.values, group[0]) if alone else (self.all, self.vectors, g)
+
+        def operand(column: tuple[int, ...], way: int) -> str | None:
+            return self.number(column[0], way) if alone else self.gather(column, way)
+
+        arguments = [operand(column, VALUE) or w.constant(0.0) for column in columns]
+        target[name, VALUE] = result = operation(w, op, arguments)
+        for way in ways:
+            inner = [operand(column, way) for column in columns]
+            self.keep(target, name, way, derivative(w, op, arguments, result, inner))
+
+    @staticmethod
+    def keep(target: dict[tuple[int, int], str], name: int, way: int, value: str | None) -> None:
+        if value is not None:
+            target[name, way] = value
 
     def load(self, node: Node) -> str:
         argument, entry = node.place
         if argument == 0:
             return "%t"
-        place = self.new(f"getelementptr double, ptr %{'_xp'[argument]}, i64 {entry}")
-        return self.new(f"load double, ptr {place}")
+        place = self.one.new(f"getelementptr double, ptr %{'_xp'[argument]}, i64 {entry}")
+        return self.one.new(f"load double, ptr {place}")
 
-    def number(self, k: int) -> str:
+    def number(self, k: int, way: int = VALUE) -> str | None:
         """Return a node as a number."""
-        if k not in self.value:
+        if (k, way) not in self.values and k in self.lane:
             g, lane = self.lane[k]
-            self.value[k] = self.new(f"extractelement {self.all.real} {self.vector[g]}, i32 {lane}")
-        return self.value[k]
+            if (g, way) in self.vectors:
+                vector = self.vectors[g, way]
+                self.values[k, way] = self.one.new(f"extractelement {self.all.real} {vector}, i32 {lane}")
+        return self.values.get((k, way))
 
-    def gather(self, nodes: list[int]) -> str:
+    def gather(self, nodes: Sequence[int], way: int) -> str | None:
         """Return nodes as the lanes of a vector."""
-        real = self.all.real
-        if all(self.program.nodes[k].op == ca.OP_CONST for k in nodes):
-            texts = [self.number(k) for k in nodes]
-            return Writer.constants(texts + texts[-1:] * (LANES - len(texts)))
-        if len(set(nodes)) == 1:
-            first = self.new(f"insertelement {real} poison, double {self.number(nodes[0])}, i32 0")
-            return self.new(f"shufflevector {real} {first}, {real} poison, <{LANES} x i32> zeroinitializer")
+        real, zero = self.all.real, self.one.constant(0.0)
         if all(k in self.lane for k in nodes):
             sources = list(dict.fromkeys(self.lane[k][0] for k in nodes))
             lanes = [self.lane[k][1] for k in nodes]
+            known = [self.vectors.get((g, way)) for g in sources]
+            if not any(known):
+                return None
             if len(sources) == 1 and lanes == list(range(len(nodes))):
-                return self.vector[sources[0]]
-            if len(sources) <= 2:
+                return known[0]
+            if len(sources) <= 2 and all(known):
                 mask = [
                     lane + LANES * sources.index(self.lane[k][0])
                     for k, lane in zip(nodes, lanes, strict=True)
                 ]
-                mask += mask[-1:] * (LANES - len(mask))
-                listed = ", ".join(f"i32 {m}" for m in mask)
-                a, b = self.vector[sources[0]], self.vector[sources[-1]]
-                return self.new(f"shufflevector {real} {a}, {real} {b}, <{LANES} x i32> <{listed}>")
+                listed = ", ".join(f"i32 {m}" for m in mask + mask[-1:] * (LANES - len(mask)))
+                return self.one.new(
+                    f"shufflevector {real} {known[0]}, {real} {known[-1]}, <{LANES} x i32> <{listed}>"
+                )
+        numbers = [self.number(k, way) for k in nodes]
+        if not any(numbers):
+            return None
+        texts = [number or zero for number in numbers]
+        if not any(text.startswith("%") for text in texts):
+            return Writer.constants(texts + texts[-1:] * (LANES - len(texts)))
+        if len(set(texts)) == 1:
+            first = self.one.new(f"insertelement {real} poison, double {texts[0]}, i32 0")
+            return self.one.new(
+                f"shufflevector {real} {first}, {real} poison, <{LANES} x i32> zeroinitializer"
+            )
         vector = "poison"
-        for lane, k in enumerate(nodes):
-            vector = self.new(f"insertelement {real} {vector}, double {self.number(k)}, i32 {lane}")
+        for lane, text in enumerate(texts):
+            vector = self.one.new(f"insertelement {real} {vector}, double {text}, i32 {lane}")
         return vector
 
-    def sum(self, nodes: list[int]) -> str:
+    def sum(self, nodes: list[int], way: int) -> str | None:
         """Return a sum; of terms that are all lanes of one vector at once."""
         terms, rest = [], list(nodes)
         for g in dict.fromkeys(self.lane[k][0] for k in nodes if k in self.lane):
-            if (
-                len(self.groups[g]) == LANES
-                and set(self.groups[g]) <= set(rest)
-                and len(set(rest)) == len(rest)
-            ):
-                rest = [k for k in rest if k not in set(self.groups[g])]
-                terms.append(self.shared(partial(_across, self.all, self.vector[g])))
-        return _total(self.one, terms + [self.number(k) for k in rest])
+            members = set(self.groups[g])
+            if len(members) == LANES and members <= set(rest) and len(set(rest)) == len(rest):
+                rest = [k for k in rest if k not in members]
+                if (g, way) in self.vectors:
+                    terms.append(_across(self.all, self.vectors[g, way]))
+        terms += [number for k in rest if (number := self.number(k, way)) is not None]
+        return total(self.one, terms) if terms else None
 
 
 def _across(w: Writer, vector: str) -> str:
@@ -192,44 +151,53 @@ def _across(w: Writer, vector: str) -> str:
     return w.new(f"call reassoc double @llvm.vector.reduce.fadd.{kind}(double -0.0, {w.real} {vector})")
 
 
-def point(name: str, f: Any, places: Sequence[Sequence[int]]) -> str:
+def point(name: str, program: Program, rows: Sequence[int], states: int | None = None) -> str:
     """Return a function ``void name(double t, double *x, double *p, double *out)``.
 
     Args:
         name: of the function.
-        f: SX function of (t, x, p).
-        places: of each output, where in `out` its nonzero entries go.
+        program: of (t, x, p), with one output.
+        rows: where in `out` its nonzero entries go.
+        states: if given, n of them, `out` gets the derivatives of these entries by the state, by
+            columns of n, then those by time, and then the entries themselves. Derivatives that are
+            always zero are left out.
 
     Raises:
         NotImplementedError: an instruction cannot be compiled.
     """
-    program = read(f)
     body = _Point(program)
-    body.write()
-    for output, entry, k in program.results:
-        target = body.new(f"getelementptr double, ptr %out, i64 {places[output][entry]}")
-        body.one.lines.append(f"  store double {body.number(k)}, ptr {target}")
+    body.write(states)
+    zero = body.one.constant(0.0)
+    stores = []
+    for _, entry, k in program.results:
+        base = 0 if states is None else states * (states + 1)
+        stores.append((base + rows[entry], body.number(k) or zero))
+        if states is not None:
+            found = [(way, body.number(k, way)) for way in sorted(body.ways[k])]
+            stores += [(states * way + rows[entry], value) for way, value in found if value is not None]
+    for place, value in stores:
+        target = body.one.new(f"getelementptr double, ptr %out, i64 {place}")
+        body.one.lines.append(f"  store double {value}, ptr {target}")
     head = f"define void @{name}(double %t, ptr noalias %x, ptr noalias %p, ptr noalias %out) {{"
     return "\n".join([head, *body.one.lines, "  ret void", "}"])
 
 
-def column(name: str, f: Any, rows: Sequence[int]) -> str:
+def column(name: str, program: Program, rows: Sequence[int]) -> str:
     """Return a function ``void name(i64 blocks, i64 stride, double *t, double *x, double *p, double *out)``.
 
     Args:
         name: of the function; it evaluates ``blocks`` times `LANES` samples. State i begins at
             ``x + i stride``, output row r at ``out + r stride``.
-        f: SX function of (t, x, p) with one output.
+        program: of (t, x, p), with one output.
         rows: where in `out` its nonzero entries go.
 
     Raises:
         NotImplementedError: an instruction cannot be compiled.
     """
-    program = read(f)
-    still, moving = Writer(LANES), Writer(LANES)
+    numbers = count()
+    still, moving = Writer(LANES, numbers=numbers), Writer(LANES, numbers=numbers)
     fixed: list[bool] = []
     value: list[str] = []
-    moving._count = 1_000_000  # names of their own
     for node in program.nodes:
         same = node.place[0] == 2 if node.op == ca.OP_INPUT else all(fixed[o] for o in node.operands)
         fixed.append(same)
@@ -286,14 +254,9 @@ def declarations(*, functions: bool = True) -> str:
         w = Writer(lanes)
         kind = f"v{lanes}f64" if lanes else "f64"
         known = (("sqrt", 1), ("fabs", 1), ("floor", 1), ("ceil", 1), ("copysign", 2), ("fma", 3))
-        outside = [(f"llvm.{name}.{kind}", count) for name, count in known]
+        outside = [(f"llvm.{name}.{kind}", arity) for name, arity in known]
         if functions:
-            outside += [(symbol(name, lanes), count) for name, (_, count) in ELEMENTARY.items()]
-        texts += [f"declare {w.real} @{name}({', '.join([w.real] * count)})" for name, count in outside]
+            outside += [(symbol(name, lanes), arity) for name, (_, arity) in ELEMENTARY.items()]
+        texts += [f"declare {w.real} @{name}({', '.join([w.real] * arity)})" for name, arity in outside]
     texts.append(f"declare double @llvm.vector.reduce.fadd.v{LANES}f64(double, <{LANES} x double>)")
     return "\n".join(texts) + "\n"
-
-
-LIBRARY = tuple(_LIBRARY.values())
-"""Functions of the C library that the text may call."""
-assert set(_ELEMENTARY.values()) == set(ELEMENTARY)

@@ -138,7 +138,6 @@ def step(
     relative: float,
     absolute: float,
     table: Floats,
-    f: Floats,
     jacobian: Floats,
     w: Floats,
     u: Floats,
@@ -156,13 +155,13 @@ def step(
         relative: tolerance.
         absolute: tolerance.
         table: `TABLE`.
-        f: f at the state.
-        jacobian: J there, and behind it ∂f/∂t.
+        jacobian: J at the state, behind it ∂f/∂t and f.
         w: work space, n (n + 2).
         u: six stages.
         at: the new state.
     """
     ft = jacobian[n * n :]
+    f = jacobian[n * n + n :]
     pivots = w[n * n :]
     g = w[n * n + n :]
     for k in range(n * n):
@@ -235,7 +234,7 @@ def run(
     Args:
         n: states.
         rates: f.
-        slopes: J, by columns, and behind it ∂f/∂t; entries that are always zero need not be written.
+        slopes: J, by columns, behind it ∂f/∂t, and f; zeros of J need not be written.
         ends: corners of the equations within the interval, in order, and its end [s].
         pieces: how many ends.
         t: instants of the output [s]; the first is the start. Behind the last stands infinity.
@@ -252,10 +251,9 @@ def run(
     Returns:
         number of steps, or why it gave up.
     """
-    f = work[0:]
-    u = work[n:]
-    at = work[7 * n :]
-    jacobian = work[8 * n :]
+    jacobian = work[0:]
+    u = work[n * n + 2 * n :]
+    at = work[n * n + 8 * n :]
     w = work[n * n + 9 * n :]
     for i in range(n):
         out[samples * i] = y[i]
@@ -270,7 +268,6 @@ def run(
         last_h = 0.0
         last_error = 1.0
         rejected = 1
-        rates(now, y, p, f)
         slopes(now, y, p, jacobian)
         while now < end:
             steps = steps + 1
@@ -278,7 +275,7 @@ def run(
                 return TOO_MANY
             if now + 1.001 * h >= end:
                 h = end - now
-            error = step(n, rates, now, h, y, p, relative, absolute, table, f, jacobian, w, u, at)
+            error = step(n, rates, now, h, y, p, relative, absolute, table, jacobian, w, u, at)
             grow = 0.9 * power(error, -0.25)
             if error <= 1.0:
                 # the next error as the last two lead to expect it
@@ -298,7 +295,6 @@ def run(
                 last_error = max(error, 1e-2)
                 rejected = 0
                 if now < end:
-                    rates(now, y, p, f)
                     slopes(now, y, p, jacobian)
             else:
                 grow = max(0.1, min(grow, 0.9))

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 
 
 def symbol(name: str, lanes: int) -> str:
@@ -28,12 +29,13 @@ class Writer:
 
     Attributes:
         lanes: of every value; 0 for plain numbers.
-        lines: the instructions so far.
+        lines: the instructions so far; two writers may share them, and the numbers of their results.
+        numbers: of results to come.
     """
 
     lanes: int = 0
     lines: list[str] = field(default_factory=list)
-    _count: int = 0
+    numbers: Iterator[int] = field(default_factory=count)
     _known: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -58,9 +60,8 @@ class Writer:
     def new(self, text: str) -> str:
         """Write an instruction and return the name of its result; one that is known is not repeated."""
         if text not in self._known:
-            self._known[text] = f"%v{self._count}"
-            self.lines.append(f"  %v{self._count} = {text}")
-            self._count += 1
+            self._known[text] = f"%v{next(self.numbers)}"
+            self.lines.append(f"  {self._known[text]} = {text}")
         return self._known[text]
 
     def arithmetic(self, name: str, a: str, b: str) -> str:
@@ -235,9 +236,9 @@ ELEMENTARY: dict[str, tuple[Callable[..., str], int]] = {
 def elementary_functions(lanes: int) -> str:
     """Return the functions of `ELEMENTARY` for vectors of so many lanes as LLVM's text."""
     texts = []
-    for name, (body, count) in ELEMENTARY.items():
+    for name, (body, arity) in ELEMENTARY.items():
         w = Writer(lanes)
-        arguments = [f"%a{k}" for k in range(count)]
+        arguments = [f"%a{k}" for k in range(arity)]
         result = body(w, *arguments)
         listed = ", ".join(f"{w.real} {a}" for a in arguments)
         texts.append(
