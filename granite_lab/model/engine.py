@@ -29,6 +29,11 @@ class Engine(Protocol):
     ) -> Array:
         """Return (S, N) states."""
 
+    def run_many(
+        self, effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, starts: Array, vectors: Array
+    ) -> list[Array]:
+        """Return (S, N) states for each of K states (K, S) at rest and parameters (K, P)."""
+
     def outputs(
         self, effects: tuple[Effect, ...], names: tuple[str, ...], t: Array, states: Array, vector: Array
     ) -> Array:

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from granite_lab.errors import EstimateError
 from granite_lab.model.columns import ColumnFunction
 from granite_lab.model.effect import Effect
 from granite_lab.model.graph import build_graph
@@ -74,6 +75,33 @@ def run(
     except RuntimeError as error:
         raise not_converged(str(error)) from None
     return np.ascontiguousarray(history.T)
+
+
+def run_many(
+    effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, starts: Array, vectors: Array
+) -> list[Array]:
+    """Integrate from several states with several parameters, each run with steps of its own.
+
+    Args:
+        effects: of the graph.
+        variant: the commanded trapezoid.
+        accuracy: tolerances and output grid.
+        starts: (K, S) states at the first instant.
+        vectors: (K, P) parameters.
+
+    Returns:
+        K times (S, N) states, not numbers where CVODES gave up another than the first run.
+
+    Raises:
+        EstimateError: CVODES gave up the first run.
+    """
+    histories = [run(effects, variant, accuracy, starts[0], vectors[0])]
+    for start, vector in zip(starts[1:], vectors[1:], strict=True):
+        try:
+            histories.append(run(effects, variant, accuracy, start, vector))
+        except EstimateError:
+            histories.append(np.full_like(histories[0], np.nan))
+    return histories
 
 
 @lru_cache(maxsize=128)

@@ -56,8 +56,15 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
     Raises:
         EstimateError: the robot finds no rest on this soil.
     """
-    chosen = tuple(e.effect for e in effects)
-    vector = _vector(p, effects)
+    return _rest(p, tuple(e.effect for e in effects), parameter_vector(p, effects))
+
+
+def _rest(p: ModelParameters, chosen: tuple[Effect, ...], vector: Array) -> Array:
+    """Return the state at rest with these parameters; those of p say where to look for it.
+
+    Raises:
+        EstimateError: the robot finds no rest on this soil.
+    """
     extra = sum(len(e.states) for e in chosen)
     q = np.array([0.85 * p.wheels.radius + p.chassis.com_z, 0.0] + extra * [0.0])
     limit = np.array(2 * [0.2 * p.wheels.radius] + extra * [np.inf])
@@ -86,7 +93,8 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
     return np.concatenate([[start, q[0], q[1]], np.zeros(len(STATES) - 3), q[2:]])
 
 
-def _vector(p: ModelParameters, effects: Sequence[Active]) -> Array:
+def parameter_vector(p: ModelParameters, effects: Sequence[Active]) -> Array:
+    """Return the (P,) numbers of a run: the model's in the order of `names_of`, then the effects'."""
     return np.array(vector_of(p) + [value for e in effects for value in e.values], dtype=float)
 
 
@@ -111,7 +119,7 @@ def integrate(
         EstimateError: the integrator gave up, or the robot finds no rest.
     """
     chosen = tuple(e.effect for e in effects)
-    t, vector = instants(p.variant, accuracy), _vector(p, effects)
+    t, vector = instants(p.variant, accuracy), parameter_vector(p, effects)
     moving = tuple(e for e in effects if e.effect.moves)
     # sensors with other faults look at the same motion; a plain run is not kept, for it may be long
     history = (_history if len(moving) == len(effects) else _remembered)(p, moving, accuracy)
@@ -123,13 +131,73 @@ def integrate(
     return {"t_s": t} | delayed(t, signals, chosen, vector)
 
 
+def integrate_many(
+    p: ModelParameters,
+    effects: Sequence[Active],
+    vectors: Array,
+    accuracy: Accuracy = USUAL,
+    names: tuple[str, ...] | None = None,
+) -> dict[str, Array]:
+    """Integrate the model as `integrate` does, and beside it with other numbers, all by the same steps.
+
+    The errors of such runs are alike, so that their differences are good derivatives (internal
+    numerical differentiation). Where no machine code can be had, each run takes steps of its own.
+
+    Args:
+        p: all numbers of the first run.
+        effects: effects added to the paper's model, with their numbers in the first run.
+        vectors: (K, P) numbers of the other runs, in the order of `parameter_vector`; the command is
+            that of the first.
+        accuracy: tolerances and output grid.
+        names: which outputs of the graph are wanted; by default all.
+
+    Returns:
+        name to (1 + K, N) array, the first run first; a run without solution is not a number.
+        ``t_s`` is (N,) [s after command start].
+
+    Raises:
+        EstimateError: the integrator gave up the first run, or the robot finds no rest in it.
+    """
+    chosen = tuple(e.effect for e in effects)
+    moving = tuple(e for e in chosen if e.moves)
+    moves = np.repeat([True, *(e.moves for e in chosen)], [len(vector_of(p)), *map(_numbers, chosen)])
+    first = parameter_vector(p, effects)
+    everything = np.vstack([first, np.reshape(vectors, (-1, first.size))])
+    # runs that differ by sensors only share their motion
+    motions, which = np.unique(everything[:, moves], axis=0, return_inverse=True)
+    order = [which[0], *(k for k in range(len(motions)) if k != which[0])]
+    starts = np.stack([_rest_or_none(p, moving, motions[k], needed=k == which[0]) for k in order])
+    found = engine_of(moving).run_many(moving, p.variant, accuracy, starts, motions[order])
+    history = dict(zip(order, found, strict=True))
+    t, wanted = instants(p.variant, accuracy), names or tuple(build_graph(chosen).outputs)
+    rows = []
+    for k, vector in zip(which, everything, strict=True):
+        table = engine_of(chosen).outputs(chosen, wanted, t, history[k], vector)
+        rows.append(delayed(t, dict(zip(wanted, table, strict=True)), chosen, vector))
+    return {"t_s": t} | {name: np.stack([row[name] for row in rows]) for name in wanted}
+
+
+def _numbers(effect: Effect) -> int:
+    return len(effect.parameters)
+
+
+def _rest_or_none(p: ModelParameters, chosen: tuple[Effect, ...], vector: Array, *, needed: bool) -> Array:
+    """Return the state at rest; where there is none and none is needed, what is not a number."""
+    try:
+        return _rest(p, chosen, vector)
+    except EstimateError:
+        if needed:
+            raise
+        return np.full(len(STATES) + sum(len(e.states) for e in chosen), np.nan)
+
+
 def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy) -> Array:
     """Return the (states, N) history.
 
     Raises:
         EstimateError: the integrator gave up, or the robot finds no rest.
     """
-    start, vector = rest_state(p, effects), _vector(p, effects)
+    start, vector = rest_state(p, effects), parameter_vector(p, effects)
     chosen = tuple(e.effect for e in effects)
     states = engine_of(chosen).run(chosen, p.variant, accuracy, start, vector)
     states.flags.writeable = False

@@ -101,35 +101,50 @@ def prepare(effects: tuple[Effect, ...]) -> None:
 def run(
     effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
 ) -> Array:
+    """Integrate the equations of motion; `run_many` with one vector."""
+    return run_many(effects, variant, accuracy, start[None], vector[None])[0]
+
+
+def run_many(
+    effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, starts: Array, vectors: Array
+) -> list[Array]:
     """Integrate the equations of motion, anew from each corner of the command on.
+
+    The first run chooses the steps, all others take the same ones.
 
     Args:
         effects: of the graph.
         variant: the commanded trapezoid.
         accuracy: tolerances and output grid.
-        start: (S,) state at the first instant.
-        vector: (P,) parameters.
+        starts: (K, S) states at the first instant.
+        vectors: (K, P) parameters.
 
     Returns:
-        (S, N) states.
+        K times (S, N) states, not numbers where another than the first run gave up.
 
     Raises:
-        EstimateError: the integrator gave up.
+        EstimateError: the integrator gave up the first run.
         NotImplementedError: the graph cannot be compiled.
     """
     integrate, equations = _integrator(), _equations(effects).address
     grid = instants(variant, accuracy)
     t, ends = np.append(grid, np.inf), np.append(corners(variant), grid[-1])
-    n, samples = start.size, grid.size
-    out, y, work = np.empty((n, samples)), start.copy(), np.zeros(rosenbrock.work_size(n))
-    status = integrate(
-        n, equations["rates"], equations["slopes"], ends.ctypes.data, ends.size, t.ctypes.data, samples,
-        y.ctypes.data, vector.ctypes.data, accuracy.relative, accuracy.absolute, most_steps(samples),
-        rosenbrock.TABLE.ctypes.data, work.ctypes.data, out.ctypes.data,
-    )  # fmt: skip
-    if status < 0:
-        raise not_converged(_TROUBLE[status])
-    return out
+    n, samples, most = starts.shape[1], grid.size, most_steps(grid.size)
+    sequence, states, vectors = np.empty(most), starts.copy(), np.ascontiguousarray(vectors, dtype=float)
+    histories = []
+    for k in range(len(vectors)):
+        work, out = np.zeros(rosenbrock.work_size(n)), np.empty((n, samples))
+        status = integrate(
+            n, equations["rates"], equations["slopes"], ends.ctypes.data, ends.size, t.ctypes.data, samples,
+            states[k].ctypes.data, vectors[k].ctypes.data, accuracy.relative, accuracy.absolute, most,
+            rosenbrock.TABLE.ctypes.data, work.ctypes.data, sequence.ctypes.data, int(k > 0), out.ctypes.data,
+        )  # fmt: skip
+        if status < 0 and k == 0:
+            raise not_converged(_TROUBLE[status])
+        if status < 0:
+            out[:] = np.nan
+        histories.append(out)
+    return histories
 
 
 _TROUBLE = {

@@ -227,6 +227,8 @@ def run(
     most: int,
     table: Floats,
     work: Floats,
+    sequence: Floats,
+    replay: int,
     out: Floats,
 ) -> int:
     """Integrate, anew from each corner on.
@@ -246,6 +248,8 @@ def run(
         most: steps, rejected ones included.
         table: `TABLE`.
         work: work space, `work_size` zeros.
+        sequence: the accepted steps [s], room for `most`.
+        replay: 1 to take the steps of `sequence` as they are, 0 to choose them and write them there.
         out: (n, samples) states.
 
     Returns:
@@ -260,6 +264,7 @@ def run(
     now = t[0]
     sample = 1
     steps = 0
+    taken = 0
     for piece in range(pieces):
         end = ends[piece]
         if piece > 0:
@@ -275,9 +280,13 @@ def run(
                 return TOO_MANY
             if now + 1.001 * h >= end:
                 h = end - now
+            if replay == 1:
+                h = sequence[taken]
             error = step(n, rates, now, h, y, p, relative, absolute, table, jacobian, w, u, at)
             grow = 0.9 * power(error, -0.25)
-            if error <= 1.0:
+            if error <= 1.0 or (replay == 1 and error < HOPELESS):
+                sequence[taken] = h
+                taken = taken + 1
                 # the next error as the last two lead to expect it
                 if last_h > 0.0:
                     grow = min(grow, grow * (h / last_h) * power(last_error / error, 0.25))
@@ -299,7 +308,7 @@ def run(
             else:
                 grow = max(0.1, min(grow, 0.9))
                 rejected = 1
-                if h < SHORTEST:
+                if h < SHORTEST or replay == 1:
                     return TOO_SMALL if error < HOPELESS else NO_NUMBER
             h = h * grow
     return steps
