@@ -111,7 +111,7 @@ def body_from_states(truth: Truth, t: Array, state: Array) -> Body:
         w=w,
         dw=np.gradient(w, DT),
         pitch=state[:, PITCH] - truth.rise,
-        roll=zeros,
+        roll=zeros + truth.bank,
         yaw_rate=zeros,
         v_wheel=truth.r * truth.reading(state.T)[1][both].T,
         force=np.zeros((t.size, 4)),

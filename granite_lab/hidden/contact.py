@@ -5,10 +5,10 @@ Written from the paper alone, for any number of wheels at once; independent of t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import pairwise
+from functools import cache, cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -32,28 +32,12 @@ def clenshaw_curtis(intervals: int) -> tuple[Array, Array]:
     return np.cos(theta), c / intervals * (1 - inner)
 
 
-def panels(edges: tuple[Array, ...], intervals: int) -> tuple[Array, Array]:
-    """Return nodes and weights (wheels, nodes) of the rule on each panel between `edges` (wheels,)."""
-    nodes, weights = clenshaw_curtis(intervals)
-    arcs, factors = [], []
-    for low, high in pairwise(edges):
-        half = 0.5 * (high - low)[:, None]
-        arcs.append(0.5 * (high + low)[:, None] + half * nodes)
-        factors.append(half * weights)
-    return np.concatenate(arcs, axis=1), np.concatenate(factors, axis=1)
-
-
-def over_arc(values: Array, weight: Array) -> Array:
-    """Return the integrals (wheels,) of values (wheels, nodes)."""
-    return np.asarray(np.einsum("ij,ij->i", values, weight))
-
-
 @dataclass(frozen=True)
 class Ground:
     """Soil and wheel numbers of (6)-(17), in the paper's symbols and SI units.
 
-    A number of the soil may differ from wheel to wheel: an array (wheels, 1) then. `harden` gives
-    a factor on the pressure (8) from sin(theta) along the arc, (wheels, nodes).
+    A number of the soil may differ from wheel to wheel: an array (wheels,) then. The pressure (8) grows
+    by the factor 1 + harden log(1 + v sin(theta) / harden_speed) where the arc moves into the soil.
     """
 
     r: float
@@ -66,7 +50,16 @@ class Ground:
     K: float | Array
     mu_s: float
     c_t: float
-    harden: Callable[[Array], Array] | None = None
+    harden: float = 0.0
+    harden_speed: float = 1.0
+
+    @cached_property
+    def packed(self) -> tuple[Array, Array]:
+        """Return n, k of (8), c and K as (4, wheels) or (4, 1), and the other numbers as a vector."""
+        k = self.k_c / self.b + self.k_phi
+        soil = np.stack(np.broadcast_arrays(*np.atleast_1d(self.n, k, self.c, self.K)))
+        numbers = self.r, self.b, self.tan_phi, self.mu_s, self.c_t, self.harden, self.harden_speed
+        return soil, np.array(numbers)
 
 
 @dataclass(frozen=True)
@@ -110,21 +103,21 @@ class NearRest:
 FLOOR = NearRest()
 
 
-def slip_ratio(v_o: Array, v: Array, near_rest: NearRest = FLOOR) -> Array:
-    """Return (1): (v_o - v) / max(abs(v_o), abs(v)), with another denominator near rest."""
+def slip_and_share(v_o: Array, v: Array, near_rest: NearRest = FLOOR) -> tuple[Array, Array]:
+    """Return the slip (1), (v_o - v) / max(abs(v_o), abs(v)), and the share of the shear without slip.
+
+    Near rest the denominator is another, and the share falls from 1 to 0.
+    """
     u, s = np.maximum(np.abs(v_o), np.abs(v)), near_rest.speed
     if near_rest.law == "floor":
-        return (v_o - v) / np.maximum(u, s)
-    return (v_o - v) / np.where(u < s, (u * u + s * s) / (2 * s), u)
+        return (v_o - v) / np.maximum(u, s), smoothstep(u / s)
+    low = np.minimum(u / s, 1.0)
+    return (v_o - v) / np.where(u < s, 0.5 * s * (low * low + 1.0), u), low * (2.0 - low)
 
 
-def moving(v_o: Array, v: Array, near_rest: NearRest = FLOOR) -> Array:
-    """Return 0 at rest and 1 where (11) holds: the share of the shear that rolling without slip gives."""
-    u = np.maximum(np.abs(v_o), np.abs(v)) / near_rest.speed
-    if near_rest.law == "floor":
-        return smoothstep(u)
-    u = np.minimum(u, 1.0)
-    return np.asarray(u * (2.0 - u))
+def slip_ratio(v_o: Array, v: Array, near_rest: NearRest = FLOOR) -> Array:
+    """Return the slip (1)."""
+    return slip_and_share(v_o, v, near_rest)[0]
 
 
 def contact(
@@ -134,57 +127,120 @@ def contact(
     v: Array,
     z0: Array,
     dz0: Array,
-    k92: Array | float,
+    k92: float,
     intervals: int = 32,
-    flat: Array | None = None,
+    radius: Array | None = None,
     near_rest: NearRest = FLOOR,
 ) -> Contact:
     """Return the forces on each wheel.
 
     Args:
         ground: soil and wheel.
-        v_o: circumferential velocity of the wheel [m/s].
-        v: longitudinal velocity of the wheel centre [m/s].
-        z0: sinkage [m].
-        dz0: its rate [m/s].
+        v_o: (wheels,) circumferential velocity of each wheel [m/s].
+        v: (wheels,) longitudinal velocity of its centre [m/s].
+        z0: (wheels,) sinkage [m].
+        dz0: (wheels,) its rate [m/s].
         k92: ratio of rear to front contact angle.
         intervals: of the quadrature.
-        flat: by how much the tyre's lowest part is pressed in [m]; its underside is level there.
+        radius: (wheels,) of the circle that meets the soil [m], where it is not the wheel's; moments keep
+            the wheel's.
         near_rest: how (1) and (11) go on there.
     """
-    g = ground
-    slip, fade = slip_ratio(v_o, v, near_rest), moving(v_o, v, near_rest)
-    touching = z0 > 0
-    drop = z0 if flat is None else z0 + flat
-    front = np.arccos(np.maximum(1.0 - np.maximum(np.where(touching, drop, 0.0), 0.0) / g.r, -1.0))  # theta_1
-    rear = k92 * front  # (4)
-    if flat is None:
-        nodes, weights = clenshaw_curtis(intervals)
-        half = 0.5 * (front + rear)[:, None]
-        arc, weight = 0.5 * (front - rear)[:, None] + half * nodes, half * weights
-    else:
-        level = np.arccos(1.0 - np.clip(flat / g.r, 0.0, 1.0))
-        edges = (-rear, np.maximum(-level, -rear), np.minimum(level, front), front)
-        arc, weight = panels(edges, intervals // 2)
-    sin, cos = np.sin(arc), np.cos(arc)
-    z = np.maximum(drop[:, None] - g.r * (1.0 - cos), 0.0)  # (7)
-    steep = sin
-    if flat is not None:
-        below = slice(intervals // 2 + 1, 2 * (intervals // 2 + 1))
-        steep = sin.copy()
-        steep[:, below] = 0.0
-        z[:, below] = np.maximum(z0[:, None], 0.0)
-    sigma = (g.k_c / g.b + g.k_phi) * z**g.n  # (8), (9)
-    if g.harden is not None:
-        sigma = sigma * g.harden(sin)
-    reach = np.sin(front)[:, None] - sin
-    j = g.r * (fade[:, None] * (front[:, None] - arc - reach) + slip[:, None] * reach)  # (6)
-    limit = np.minimum(g.mu_s * sigma, g.c + sigma * g.tan_phi)  # (10)
-    tau = np.sign(j) * limit * -np.expm1(-np.abs(j) / g.K)  # (11)
-    area = g.b * g.r
-    W = area * over_arc(sigma * cos + tau * steep, weight)  # (12)
-    R = -area * over_arc(sigma * steep, weight)  # (13), with the sign that opposes motion
-    F = area * over_arc(tau * cos, weight)  # (14)
-    M = -area * g.r * over_arc(tau, weight)  # (15)
-    normal = np.where(touching, np.maximum(W + g.c_t * dz0, 0.0), 0.0)  # (17), never pulls
+    soil, numbers = ground.packed
+    nodes, weights = clenshaw_curtis(intervals)
+    arcs = numbers[:1] if radius is None else radius
+    floor = near_rest.speed if near_rest.law == "floor" else -near_rest.speed
+    slip, W, R, F, M, normal = faster(forces_by_loops, forces_of_arrays)(
+        soil, numbers, arcs, v_o, v, z0, dz0, float(k92), floor, nodes, weights
+    )  # fmt: skip
     return Contact(slip, z0, W, R, F, M, normal)
+
+
+def forces_of_arrays(
+    soil: Array, numbers: Array, arcs: Array, v_o: Array, v: Array, z0: Array, dz0: Array, k92: float,
+    floor: float, nodes: Array, weights: Array,
+) -> Array:  # fmt: skip
+    """Return slip, W, R, F, M and the normal force of each wheel, (6, wheels).
+
+    Args:
+        soil, numbers: of `Ground.packed`.
+        arcs: (wheels,) or (1,) radius of the circle that meets the soil [m].
+        v_o, v, z0, dz0, k92: as for `contact`.
+        floor: speed of `NearRest`, negative for the law of the parabola.
+        nodes, weights: of the quadrature on [-1, 1].
+    """
+    r, b, tan_phi, mu_s, c_t, harden, harden_speed = numbers
+    n, k, c, K = soil[:, :, None]
+    slip, share = slip_and_share(v_o, v, NearRest("floor" if floor > 0 else "parabola", abs(floor)))
+    front = np.arccos(1.0 - np.clip(z0 / arcs, 0.0, 2.0))[:, None]  # theta_1
+    half = 0.5 * (1.0 + k92) * front  # (4)
+    arc = front - half + half * nodes
+    sin, cos = np.sin(arc), np.cos(arc)
+    z = np.maximum(np.maximum(z0, 0.0)[:, None] - arcs[:, None] * (1.0 - cos), 0.0)  # (7)
+    sigma = k * z**n  # (8), (9)
+    if harden:
+        sigma *= 1.0 + harden * np.log1p(np.abs(v)[:, None] / harden_speed * np.maximum(sin, 0.0))
+    reach = np.sin(front) - sin
+    j = arcs[:, None] * (share[:, None] * (front - arc - reach) + slip[:, None] * reach)  # (6)
+    limit = np.minimum(mu_s * sigma, c + sigma * tan_phi)  # (10)
+    tau = np.sign(j) * limit * -np.expm1(-np.abs(j) / K)  # (11)
+    parts = np.stack([sigma * cos + tau * sin, sigma * sin, tau * cos, tau])
+    W, R, F, S = b * arcs * (parts * (half * weights)).sum(axis=2)  # (12)-(15)
+    normal = np.where(z0 > 0, np.maximum(W + c_t * dz0, 0.0), 0.0)  # (17), never pulls
+    return np.stack([slip, W, -R, F, -r * S, normal])  # (13) with the sign that opposes motion
+
+
+def forces_by_loops(
+    soil: Array, numbers: Array, arcs: Array, v_o: Array, v: Array, z0: Array, dz0: Array, k92: float,
+    floor: float, nodes: Array, weights: Array,
+) -> Array:  # fmt: skip
+    """Do the same as `forces_of_arrays`, written for a compiler."""
+    r, b, tan_phi, mu_s, c_t, harden, harden_speed = numbers
+    out = np.zeros((6, v.size))
+    for i in range(v.size):
+        own = min(i, soil.shape[1] - 1)
+        n, k, c, K = soil[0, own], soil[1, own], soil[2, own], soil[3, own]
+        radius = arcs[min(i, arcs.size - 1)]
+        u, s = max(abs(v_o[i]), abs(v[i])), abs(floor)
+        low = min(u / s, 1.0)
+        if floor > 0:
+            slip, share = (v_o[i] - v[i]) / max(u, s), low * low * (3.0 - 2.0 * low)
+        else:
+            slip = (v_o[i] - v[i]) / (u if u >= s else 0.5 * s * (low * low + 1.0))
+            share = low * (2.0 - low)
+        out[0, i] = slip
+        if z0[i] <= 0.0:
+            continue
+        front = math.acos(1.0 - min(z0[i] / radius, 2.0))
+        half, top = 0.5 * (1.0 + k92) * front, math.sin(front)
+        for node, weight in zip(nodes, weights):  # noqa: B905, unknown to the compiler
+            arc = front - half + half * node
+            sin, cos = math.sin(arc), math.cos(arc)
+            z = z0[i] - radius * (1.0 - cos)
+            if z <= 0.0:
+                continue
+            sigma = k * z**n
+            if harden != 0.0:
+                sigma *= 1.0 + harden * math.log1p(abs(v[i]) / harden_speed * max(sin, 0.0))
+            reach = top - sin
+            j = radius * (share * (front - arc - reach) + slip * reach)
+            limit = min(mu_s * sigma, c + sigma * tan_phi)
+            tau = math.copysign(limit * -math.expm1(-abs(j) / K), j)
+            w = b * radius * half * weight
+            out[1, i] += w * (sigma * cos + tau * sin)
+            out[2, i] -= w * sigma * sin
+            out[3, i] += w * tau * cos
+            out[4, i] -= w * r * tau
+        out[5, i] = max(out[1, i] + c_t * dz0[i], 0.0)
+    return out
+
+
+@cache
+def faster(loops: Callable[..., Array], plain: Callable[..., Array]) -> Callable[..., Array]:
+    """Return a function compiled by Numba where that is installed, else one that needs no compiler."""
+    try:
+        from numba import njit  # noqa: PLC0415, half a second to import; five times faster for it
+    except ImportError:
+        return plain
+    fast: Callable[..., Array] = njit(cache=True)(loops)
+    return fast

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any
 
@@ -19,7 +19,7 @@ from granite_lab.hidden.command import Trapezoid
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.lab import Lab
 from granite_lab.hidden.parts import exponential_k92
-from granite_lab.hidden.sensors import read_currents, read_imu, read_wheels
+from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import solve
 from granite_lab.hidden.wild import lab_of
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
@@ -173,7 +173,7 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
         jitter=lab.imu_jitter, late=lab.late if lab.stamped_at_end else None,
     )  # fmt: skip
     wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder)
-    currents = read_currents(rng, body, rig, -wrong.late, lab.ripple)
+    currents = read_currents(rng, body, rig, -wrong.late * wrong.later, lab.ripple)
     info = TrialInfo(
         robot=lab.robot_name, soil=lab.soil_name, v_desired=plan.variant.velocity,
         a_max=plan.variant.acceleration, distance=plan.variant.distance, repetition=plan.repetition,
@@ -219,30 +219,6 @@ def true_motion(plan: Plan, command: Trapezoid, body: Body) -> pd.DataFrame:
         "cohesion_Pa": plan.soil.cohesion,
     }
     return frame
-
-
-def louder(robot: Robot, factor: float) -> Robot:
-    """Return the robot with noise, drift, vibration and jitter of its sensors times a factor."""
-    grade = robot.imu_grade
-    if grade is None or factor == 1.0:
-        return robot
-    return replace(
-        robot,
-        imu_grade=replace(
-            grade,
-            accel_noise=grade.accel_noise * factor,
-            gyro_noise=grade.gyro_noise * factor,
-            accel_instability=grade.accel_instability * factor,
-            gyro_instability=grade.gyro_instability * factor,
-        ),
-        imu=replace(
-            robot.imu,
-            vibration=robot.imu.vibration * factor,
-            vibration_rate=robot.imu.vibration_rate * factor,
-        ),
-        encoders=replace(robot.encoders, jitter=robot.encoders.jitter * factor),
-        currents=replace(robot.currents, noise=robot.currents.noise * factor),
-    )
 
 
 def _answer(

@@ -23,8 +23,10 @@ from granite_lab.hidden.contact import (
     Ground,
     NearRest,
     contact,
+    faster,
     smoothstep,
 )  # fmt: skip
+from granite_lab.hidden.mechanics import newton, standing
 from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes, Stance
 from granite_lab.parameters import GRAVITY, Robot, Soil
 
@@ -34,6 +36,10 @@ ANGLE, OMEGA, CURRENT = slice(6, 8), slice(8, 10), slice(10, 12)
 
 HELD = 5e4
 """Rate at which a locked gear stops its wheel [1/s]: under the torques at hand it gives by 1 mm/s at most."""
+
+
+FREE = np.zeros(2)
+"""Gears that are not locked."""
 
 
 class Truth:
@@ -71,11 +77,13 @@ class Truth:
         self.near_rest = near_rest
         self.rolling = self.r * np.array(radii)
         self.rim_inertia = robot.chassis.wheel_inertia
-        self.rise = 0.0  # of the ground [rad]
+        self.rise, self.bank = 0.0, 0.0  # of the ground, along and across the track [rad]
         ch = robot.chassis
         self.mass = ch.body_mass + 4 * ch.wheel_mass
         self.arm_x = np.array([0.5, -0.5]) * ch.wheel_base - ch.com_x
         self.arm_z = -ch.com_z
+        self.newton, self.standing = faster(newton, newton), faster(standing, standing)
+        self.emf = robot.drive.emf_constant * robot.drive.gear_ratio
         self.ground = Ground(
             r=self.r,
             b=robot.wheels.width,
@@ -124,10 +132,7 @@ class Truth:
 
     def stance(self, t: float, y: Array) -> Stance:
         """Return how the wheels meet the ground."""
-        s, c = sin(y[PITCH]), cos(y[PITCH])
-        height = y[Z] - s * self.arm_x + c * self.arm_z
-        rising = y[VZ] - y[Q] * (c * self.arm_x + s * self.arm_z)
-        return Stance(y[OMEGA] * self.rolling, np.full(2, self.velocity(y)), self.r - height, -rising)
+        return Stance(*self.standing(y, self.r, self.rolling, self.arm_x, self.arm_z))
 
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Return the soil under the wheels."""
@@ -138,7 +143,7 @@ class Truth:
         at = self.stance(t, y)
         return contact(
             self.soil(t, y, at), v_o=at.v_o, v=at.v, z0=at.z0, dz0=at.dz0,
-            k92=self.k92(t, y), intervals=self.intervals, flat=at.flat, near_rest=self.near_rest,
+            k92=self.k92(t, y), intervals=self.intervals, radius=at.radius, near_rest=self.near_rest,
         )  # fmt: skip
 
     def shaft(self, y: Array) -> tuple[Array, Array]:
@@ -154,7 +159,7 @@ class Truth:
         d = self.drive
         angle, rate = self.reading(y)
         s_d, v_d = self.demand(t)
-        wanted = d.gain_p * (s_d / self.r - angle) + d.gain_d * (v_d / self.r - rate)
+        wanted = (d.gain_p * s_d + d.gain_d * v_d) / self.r - d.gain_p * angle - d.gain_d * rate
         return np.asarray(np.minimum(np.maximum(wanted, d.voltage_min), d.voltage_max))
 
     def resistance(self, y: Array) -> float | Array:
@@ -182,34 +187,27 @@ class Truth:
         """Return dy/dt."""
         return self.rates(t, y, self.contact(t, y))
 
-    def locked(self, t: float, y: Array) -> Array | float:
+    def locked(self, t: float, y: Array) -> Array:
         """Return how far the gears are locked: 0 not at all, 1 for good."""
         below = self.near_rest.holds_below
         if not below or t < self.command.end:
-            return 0.0
+            return FREE
         return smoothstep(2.0 - np.abs(y[OMEGA]) * self.r / below)
 
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Return dy/dt under the given wheel forces."""
-        d, ch = self.drive, self.chassis
-        s, c = sin(y[PITCH]), cos(y[PITCH])
-        f_x, f_z = wheel.F + wheel.R, wheel.normal  # (16)-(18), in O
-        f_rx, f_rz = c * f_x - s * f_z, s * f_x + c * f_z  # (19)
-        push = self.push(t, y, wheel)
+        push, voltage, locked = self.push(t, y, wheel), self.voltage(t, y), self.locked(t, y)
         dy = np.zeros_like(y)
-        dy[X], dy[Z], dy[PITCH] = y[VX], y[VZ], y[Q]
-        dy[VX] = (2 * (f_x[0] + f_x[1]) + push.x) / self.mass  # (20) and (21), seen from O
-        dy[VZ] = (2 * (f_z[0] + f_z[1]) + push.z) / self.mass
-        fore, aft = self.arm_z * f_rx - self.arm_x * f_rz  # (22)
-        dy[Q] = (2 * (fore + aft) + push.moment) / ch.pitch_inertia
-        dy[ANGLE] = y[OMEGA]
+        dy[:12] = self.newton(
+            y, wheel.F + wheel.R, wheel.normal, self.arm_x, self.arm_z,
+            push.x, push.z, push.moment, self.mass, self.chassis.pitch_inertia,
+        )  # fmt: skip
         dy[OMEGA] = (self.torque(y) + self.load(y, wheel)) / self.rim_inertia  # (23)
-        back_emf = d.emf_constant * d.gear_ratio * self.shaft(y)[1]
-        voltage, locked = self.voltage(t, y), self.locked(t, y)
-        if np.any(locked):
+        if locked is not FREE:
             voltage = voltage * (1 - locked)
-            dy[OMEGA] -= locked * HELD * y[OMEGA]
-        dy[CURRENT] = (voltage - back_emf - self.resistance(y) * y[CURRENT]) / d.inductance  # (24)
+            dy[OMEGA] -= HELD * locked * y[OMEGA]
+        back_emf = self.emf * self.shaft(y)[1]
+        dy[CURRENT] = (voltage - back_emf - self.resistance(y) * y[CURRENT]) / self.drive.inductance  # (24)
         return dy
 
     def at_rest(self) -> Array:

@@ -24,7 +24,7 @@ class MoistureGradient(Influence):
         """Change the soil with the place of each axle."""
         g = super().soil(t, y, at)
         firmer = 1 + self.sizes[MoistureGradient.id]["gradient"] * self.places(y)
-        firmer = np.clip(firmer, 0.2, None)[:, None]
+        firmer = np.clip(firmer, 0.2, None)
         return replace(g, k_phi=g.k_phi * firmer, c=g.c * firmer)
 
 

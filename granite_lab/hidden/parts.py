@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -36,14 +36,14 @@ class Stance:
         v_o: circumferential velocity [m/s].
         v: longitudinal velocity of the wheel's geometric centre [m/s].
         z0, dz0: sinkage [m] and its rate [m/s].
-        flat: deflection of the tyre [m]; None for a rigid wheel.
+        radius: of the circle that meets the soil [m]; None where it is the wheel's.
     """
 
     v_o: Array
     v: Array
     z0: Array
     dz0: Array
-    flat: Array | None = None
+    radius: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -61,11 +61,13 @@ class Misreading:
 
     Attributes:
         accel, gyro: (3, 3) matrices from right to wrong reading, in sensor axes.
-        encoder: factor on the wheel angles.
-        late: by how much the stamps of encoders and currents are late [s].
+        encoder: (4,) factors on the wheel angles.
+        late: by how much the stamps of the encoders are late [s]; those of the currents are by
+            `later` times that.
     """
 
     accel: Array
     gyro: Array
-    encoder: float = 1.0
+    encoder: Array = field(default_factory=lambda: np.ones(4))
     late: float = 0.0
+    later: float = 1.0

@@ -6,6 +6,8 @@ code is independent of the package's own virtual sensors.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter
@@ -162,7 +164,7 @@ def read_imu(
 
 
 def read_wheels(
-    rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float, gain: float = 1.0
+    rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float, gain: float | Array = 1.0
 ) -> WheelStream:
     """Return the encoders' samples, stamped by their own clock, angles times `gain`."""
     enc = robot.encoders
@@ -196,3 +198,27 @@ def read_currents(
     if cur.step:
         sampled = np.round(sampled / cur.step) * cur.step
     return CurrentStream(stamped(rng, instants, robot.encoders.jitter) - clock_offset, sampled)
+
+
+def louder(robot: Robot, factor: float) -> Robot:
+    """Return the robot with noise, drift, vibration and jitter of its sensors times a factor."""
+    grade = robot.imu_grade
+    if grade is None or factor == 1.0:
+        return robot
+    return replace(
+        robot,
+        imu_grade=replace(
+            grade,
+            accel_noise=grade.accel_noise * factor,
+            gyro_noise=grade.gyro_noise * factor,
+            accel_instability=grade.accel_instability * factor,
+            gyro_instability=grade.gyro_instability * factor,
+        ),
+        imu=replace(
+            robot.imu,
+            vibration=robot.imu.vibration * factor,
+            vibration_rate=robot.imu.vibration_rate * factor,
+        ),
+        encoders=replace(robot.encoders, jitter=robot.encoders.jitter * factor),
+        currents=replace(robot.currents, noise=robot.currents.noise * factor),
+    )

@@ -69,9 +69,9 @@ class SlipSinkage(Influence):
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Soften the soil under a slipping wheel."""
         g = super().soil(t, y, at)
-        slip = np.minimum(np.abs(slip_ratio(at.v_o, at.v)), 0.95)
+        slip = np.minimum(np.abs(slip_ratio(at.v_o, at.v, self.near_rest)), 0.95)
         power = self.sizes[SlipSinkage.id]["growth"] * np.log(1 / 0.010) / 1.5
-        softer = (((1 + slip) / (1 - 0.5 * slip)) ** -power)[:, None]
+        softer = ((1 + slip) / (1 - 0.5 * slip)) ** -power
         return replace(g, k_c=g.k_c * softer, k_phi=g.k_phi * softer)
 
 
@@ -94,35 +94,33 @@ class MultiPass(Influence):
         g, patch = super().soil(t, y, at), 0.06
         begins = 0.5 * self.chassis.wheel_base - 0.5 * patch
         inside = float(smoothstep((self.places(y)[1] - begins) / patch))
-        passed = float(np.abs(slip_ratio(at.v_o, at.v))[0])
+        passed = float(np.abs(slip_ratio(at.v_o, at.v, self.near_rest))[0])
         inside *= 0.6 + 0.4 * (1 - np.exp(-passed / 0.1)) / (1 - np.exp(-1))
         sizes = self.sizes[MultiPass.id]
-        stiffer = 1 + np.array([[0.0], [sizes["pressure"] * inside]])
-        shorter = 1 + np.array([[0.0], [sizes["shear"] * inside]])
+        stiffer = 1 + np.array([0.0, sizes["pressure"] * inside])
+        shorter = 1 + np.array([0.0, sizes["shear"] * inside])
         return replace(g, k_c=g.k_c * stiffer, k_phi=g.k_phi * stiffer, K=g.K / shorter)
 
 
 class RateDependentSoil(Influence):
-    """Pressure that rises with the local rate of penetration, so only ahead of the lowest point."""
+    """Pressure that rises with the logarithm of the local rate of penetration, ahead of the lowest point."""
 
     id = "rate_dependent_soil"
     title = "pressure that rises with the speed of penetration"
-    account = "after Grahn (1991): (8) times 1 + stiffening (v sin ϑ / 0.1 m/s)^exponent where ϑ > 0"
+    account = (
+        "Dayal and Allen (Canadian Geotechnical Journal 12, 1975, 336-348): strength grows with the "
+        "logarithm of the rate: (8) times 1 + stiffening log(1 + v sin ϑ / 2 cm/s) / log 6 where ϑ > 0, so "
+        "that stiffening is the rise at 0.1 m/s"
+    )
     declared = (
         Size("stiffening", "-", "rise of the pressure at 0.1 m/s", 0.2, 0.6, -0.5, 5, kind="equivalent"),
-        Size("exponent", "-", "power of the rate", 0.5, 1.0, 0.2, 2, kind="shape"),
     )
 
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Harden the leading part of the arc."""
-        g, sizes, speed = super().soil(t, y, at), self.sizes[RateDependentSoil.id], np.abs(at.v)[:, None]
-
-        def harden(sin: Array) -> Array:
-            rate = speed * np.maximum(sin, 0.0) / 0.1
-            factor = 1 + sizes["stiffening"] * rate ** sizes["exponent"]
-            return np.asarray(factor if g.harden is None else factor * g.harden(sin))
-
-        return replace(g, harden=harden)
+        slow = 0.02
+        rise = self.sizes[RateDependentSoil.id]["stiffening"] / float(np.log1p(0.1 / slow))
+        return replace(super().soil(t, y, at), harden=rise, harden_speed=slow)
 
 
 class TreadRipple(Influence):
@@ -154,7 +152,7 @@ class TreadRipple(Influence):
         """Modulate the pressure."""
         g = super().soil(t, y, at)
         u = self.robot.wheels.lugs * y[ANGLE] - self.lug_phase
-        wave = 1 + (self.lug_amplitude * (np.cos(u) + 0.25 * np.cos(2 * u)))[:, None]
+        wave = 1 + self.lug_amplitude * (np.cos(u) + 0.25 * np.cos(2 * u))
         return replace(g, k_c=g.k_c * wave, k_phi=g.k_phi * wave)
 
 

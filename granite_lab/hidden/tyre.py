@@ -15,58 +15,62 @@ from granite_lab.parameters import GRAVITY
 
 
 class TyreWindup(Influence):
-    """A tread ring of its own inertia, held to the rim by a torsional spring and damper."""
+    """A tread ring of its own inertia, held to the rim by rubber that relaxes (Zener)."""
 
     id = "tyre_windup"
     title = "torsion of the tyre between rim and tread"
     account = (
-        "rigid ring (Zegelaar 1998): a fifth of the wheel's inertia sits in the tread; stiffness "
-        "1/compliance, damping retardation/compliance"
+        "rigid ring (Zegelaar 1998) on a standard linear solid, as rubber is modelled by Berg (Vehicle "
+        "System Dynamics 30, 1998, 197-212) without its friction: a spring of 1/compliance beside another as "
+        "stiff in series with a damper, so that fast twists meet twice the stiffness; slow ones are damped "
+        "by retardation/compliance; a fifth of the wheel's inertia sits in the tread"
     )
     declared = (
-        Size("compliance", "rad/(N m)", "twist of a tyre per torque", 1e-3, 3e-3, 0, 0.02),
+        Size("compliance", "rad/(N m)", "twist of a tyre per lasting torque", 1e-3, 3e-3, 0, 0.02),
         Size("retardation", "s", "damping over stiffness", 0.005, 0.03, 5e-4, 0.2, kind="shape"),
     )
 
     def setup(self) -> None:
-        """Claim twist and rate of the tread."""
+        """Claim twist, rate of the tread and twist of the second spring."""
         super().setup()
         sizes = self.sizes[TyreWindup.id]
         self.stiffness = 1 / max(sizes["compliance"], 1e-7)
-        self.damping = self.stiffness * sizes["retardation"]
+        self.relaxation = sizes["retardation"]
         self.ring_inertia = 0.2 * self.chassis.wheel_inertia
         self.rim_inertia -= self.ring_inertia
-        self.twist, self.tread_rate = self.claim(2), self.claim(2)
+        self.twist, self.tread_rate, self.second = self.claim(2), self.claim(2), self.claim(2)
 
     def spring(self, y: Array) -> Array:
         """Return the torque that the rim passes to the tread [N m]."""
-        return np.asarray(self.stiffness * y[self.twist] + self.damping * (y[OMEGA] - y[self.tread_rate]))
+        return np.asarray(self.stiffness * (y[self.twist] + y[self.second]))
 
     def stance(self, t: float, y: Array) -> Stance:
         """Let the tread meet the ground, not the rim."""
         at = super().stance(t, y)
-        return replace(at, v_o=at.v_o + self.r * (y[self.tread_rate] - y[OMEGA]))
+        return replace(at, v_o=at.v_o + self.rolling * (y[self.tread_rate] - y[OMEGA]))
 
     def load(self, y: Array, wheel: Contact) -> Array:
-        """Load the rim with the spring."""
+        """Load the rim with the springs."""
         return super().load(y, wheel) - wheel.M - self.spring(y)
 
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
-        """Add the rates of twist and tread."""
+        """Add the rates of both twists and of the tread."""
         dy = super().rates(t, y, wheel)
         dy[self.twist] = y[OMEGA] - y[self.tread_rate]
         dy[self.tread_rate] = (self.spring(y) + wheel.M) / self.ring_inertia
+        dy[self.second] = dy[self.twist] - y[self.second] / self.relaxation
         return dy
 
 
 class RadialTyreCompliance(Influence):
-    """A tyre pressed flat below: in series with the soil, its outline cut off level."""
+    """A tyre pressed flat below: it meets the soil as a rigid wheel of larger radius would."""
 
     id = "radial_tyre_compliance"
     title = "tyre that deflects under its load"
     account = (
-        "flat part under the tyre (Karafiath and Nowatzki 1978): deflection W compliance, reached in "
-        "5 ms; outline of the unloaded radius cut level, rolling radius r − δ/3"
+        "substitute circle (Schmid, Journal of Terramechanics 32, 1995, 3-26), here of the leading half: "
+        "radius r (1 + δ/z), on which the front contact is as long as under the flattened tyre; deflection "
+        "δ = W compliance reached in 5 ms; rolling radius of the chord, r sin α / α with cos α = 1 − δ/r"
     )
     declared = (Size("compliance", "m/N", "deflection per load", 1.5e-5, 3.5e-5, 0, 1e-4, kind="equivalent"),)
 
@@ -83,9 +87,12 @@ class RadialTyreCompliance(Influence):
         return y
 
     def stance(self, t: float, y: Array) -> Stance:
-        """Take the deflection off the sinkage and a third of it off the rolling radius."""
-        at, flat = super().stance(t, y), np.maximum(y[self.pressed], 0.0)
-        return replace(at, z0=at.z0 - flat, v_o=at.v_o * (1 - flat / (3 * self.r)), flat=flat)
+        """Take the deflection off the sinkage, enlarge the circle and shorten the rolling radius."""
+        at, given = super().stance(t, y), np.maximum(y[self.pressed], 0.0)
+        z0 = at.z0 - given
+        radius = self.r * (1 + given / np.maximum(z0, 1e-3))
+        chord = np.arccos(1 - np.minimum(given / self.r, 1.0))
+        return replace(at, z0=z0, v_o=at.v_o * np.sinc(chord / np.pi), radius=radius)
 
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Let the deflection follow the load."""
@@ -96,11 +103,15 @@ class RadialTyreCompliance(Influence):
 
 
 class WheelEccentricity(Influence):
-    """Wheels whose geometric centre circles about the axle."""
+    """Wheels out of round: the radius at the lowest point changes as the wheel turns."""
 
     id = "wheel_eccentricity"
     title = "wheels that run out of true"
-    account = "kinematics of a circle about a point off its centre, with the moment of the ground's force"
+    account = (
+        "radius r + ρ(θ) with a first harmonic and a quarter of it in the second, as run-out of tyres is "
+        "measured (Dixon, Tires, Suspension and Handling, 2nd ed., SAE 1996, non-uniformity), with the "
+        "moments that conserve energy"
+    )
     declared = (
         Size("amplitude_front", "m", "run-out, front", 4e-4, 1.2e-3, 0, 0.01, kind="amplitude"),
         Size("amplitude_rear", "m", "run-out, rear", 4e-4, 1.2e-3, 0, 0.01, kind="amplitude"),
@@ -111,21 +122,23 @@ class WheelEccentricity(Influence):
         """Draw the phases: a trial begins with the wheels as they stand."""
         return with_phase(sizes, rng)
 
-    def offset(self, y: Array) -> tuple[Array, Array]:
-        """Return the centre of the wheel from the axle, along x and z [m]."""
-        (cos, sin), angle = pairs(self.sizes[WheelEccentricity.id]), y[ANGLE]
+    def run_out(self, y: Array) -> tuple[Array, Array]:
+        """Return how much longer the radius at the lowest point is [m], and its derivative by the angle."""
+        cos, sin = pairs(self.sizes[WheelEccentricity.id])
+        size, turned = np.hypot(cos, sin), y[ANGLE] - np.arctan2(sin, cos)
         return (
-            np.asarray(cos * np.sin(angle) - sin * np.cos(angle)),
-            np.asarray(cos * np.cos(angle) + sin * np.sin(angle)),
+            np.asarray(-size * (np.cos(turned) + 0.25 * np.cos(2 * turned))),
+            np.asarray(size * (np.sin(turned) + 0.5 * np.sin(2 * turned))),
         )
 
     def stance(self, t: float, y: Array) -> Stance:
-        """Move the centre."""
-        at, (e_x, e_z) = super().stance(t, y), self.offset(y)
-        return replace(at, z0=at.z0 - e_z, dz0=at.dz0 + y[OMEGA] * e_x, v=at.v + y[OMEGA] * e_z)
+        """Lengthen the radius."""
+        at, (longer, slope) = super().stance(t, y), self.run_out(y)
+        rate = y[OMEGA]
+        return replace(at, z0=at.z0 + longer, dz0=at.dz0 + rate * slope, v_o=at.v_o + rate * longer)
 
     def load(self, y: Array, wheel: Contact) -> Array:
         """Add the moment about the axle; at rest the gear's own friction holds it."""
-        e_x, e_z = self.offset(y)
+        longer, slope = self.run_out(y)
         turning = smoothstep(np.abs(y[OMEGA]) * self.r / V_FLOOR)
-        return super().load(y, wheel) + turning * (e_z * (wheel.F + wheel.R) - e_x * wheel.normal)
+        return super().load(y, wheel) - turning * (longer * (wheel.F + wheel.R) + slope * wheel.normal)

@@ -9,31 +9,37 @@ import numpy as np
 
 from granite_lab.hidden.contact import Array, Contact
 from granite_lab.hidden.influence import Influence, Size, added
+from granite_lab.hidden.model import OMEGA, Q
 from granite_lab.hidden.parts import Misreading, Push
 from granite_lab.hidden.sensors import rotation
 from granite_lab.parameters import GRAVITY, Robot
 
 
 class DriveReaction(Influence):
-    """What the motors push against."""
+    """What the motors push against, and what it takes to spin their rotors."""
 
     id = "drive_reaction"
     title = "reaction of the driving torques on the body"
-    account = "Newton's third law: −share ΣT about y"
+    account = (
+        "Newton's third law: −share Σ(T + J n ω̇) about y, the rotors turning as the wheels do; J n is a "
+        "fifth of the wheel's inertia"
+    )
     declared = (Size("share", "-", "part of ΣT that the body takes", 0.7, 1.2, -0.5, 2),)
 
-    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Add the moment, which lifts the nose when driving."""
-        moment = -2 * self.sizes[DriveReaction.id]["share"] * float(self.torque(y).sum())
-        return added(super().push(t, y, wheel), Push(0.0, 0.0, moment))
+        dy, ch = super().rates(t, y, wheel), self.chassis
+        turning = self.torque(y) + 0.2 * ch.wheel_inertia * dy[OMEGA]
+        dy[Q] -= 2 * self.sizes[DriveReaction.id]["share"] * float(turning.sum()) / ch.pitch_inertia
+        return dy
 
 
 class ComOffset(Influence):
-    """A centre of mass elsewhere than in the robot's file."""
+    """A centre of mass elsewhere than in the robot's file, for something that stands on top."""
 
     id = "com_offset"
     title = "centre of mass shifted along the robot"
-    account = "(22) with another centre of mass"
+    account = "(22) with another centre of mass, higher by a third of the shift"
     declared = (Size("forward", "m", "shift, forward positive", 0.012, 0.03, -0.1, 0.1, signed=True),)
 
     @classmethod
@@ -41,8 +47,8 @@ class ComOffset(Influence):
         """Move the centre of mass."""
         if robot.chassis is None:
             return robot
-        place = robot.chassis.com_x + sizes["forward"]
-        return replace(robot, chassis=replace(robot.chassis, com_x=place))
+        x, z = robot.chassis.com_x + sizes["forward"], robot.chassis.com_z + abs(sizes["forward"]) / 3
+        return replace(robot, chassis=replace(robot.chassis, com_x=x, com_z=z))
 
 
 class PayloadMass(Influence):
@@ -72,13 +78,14 @@ class GroundSlope(Influence):
 
     id = "ground_slope"
     title = "ground that rises or falls"
-    account = "gravity turned by the slope in (20), (21); the wheels are held at rest"
+    account = "gravity turned by the slope in (20), (21), and by a third of it across; held at rest"
     declared = (Size("slope", "deg", "rise in the direction of travel", 0.5, 1.5, -15, 15, signed=True),)
 
     def setup(self) -> None:
         """Tilt the ground."""
         super().setup()
         self.rise = float(np.radians(self.sizes[GroundSlope.id]["slope"]))
+        self.bank = self.rise / 3
 
     def push(self, t: float, y: Array, wheel: Contact) -> Push:
         """Turn the weight; what holds it at rest acts at the axles."""
@@ -112,15 +119,13 @@ class ImuTilt(Influence):
 
     id = "imu_tilt"
     title = "IMU mounted at an angle"
-    account = "rotation of both triads about y"
+    account = "rotation of both triads about y, and by a quarter of it about x and z"
     declared = (Size("tilt", "deg", "nose down positive", 0.8, 2.0, -20, 20, signed=True),)
 
     def misreading(self) -> Misreading:
         """Turn the axes."""
-        turn, other = (
-            rotation(0.0, float(np.radians(self.sizes[ImuTilt.id]["tilt"])), 0.0),
-            super().misreading(),
-        )
+        tilt, other = float(np.radians(self.sizes[ImuTilt.id]["tilt"])), super().misreading()
+        turn = rotation(tilt / 4, tilt, tilt / 4)
         return replace(other, accel=other.accel @ turn, gyro=other.gyro @ turn)
 
 
@@ -129,13 +134,13 @@ class ClockOffset(Influence):
 
     id = "clock_offset"
     title = "stamps of encoders and currents late against the IMU's"
-    account = "constant delay of the stamps"
+    account = "constant delay of the stamps; the currents' message follows the angles', later by a tenth"
     declared = (Size("offset", "s", "by how much the stamps are late", 0.01, 0.03, -0.3, 0.3, signed=True),)
 
     def misreading(self) -> Misreading:
         """Delay the stamps."""
         other = super().misreading()
-        return replace(other, late=other.late + self.sizes[ClockOffset.id]["offset"])
+        return replace(other, late=other.late + self.sizes[ClockOffset.id]["offset"], later=1.1)
 
 
 class WheelRadiusError(Influence):
@@ -143,13 +148,14 @@ class WheelRadiusError(Influence):
 
     id = "wheel_radius_error"
     title = "wheel angles scaled by a wrong radius or count"
-    account = "factor on the logged angles"
+    account = "factor on the logged angles, an eighth larger on the left than on the right"
     declared = (Size("error", "-", "relative error of the reading", 0.01, 0.03, -0.2, 0.2, signed=True),)
 
     def misreading(self) -> Misreading:
         """Scale the angles."""
         other = super().misreading()
-        return replace(other, encoder=other.encoder * (1 + self.sizes[WheelRadiusError.id]["error"]))
+        sides = np.array([17, 15, 17, 15]) / 16
+        return replace(other, encoder=other.encoder * (1 + self.sizes[WheelRadiusError.id]["error"] * sides))
 
 
 class AccelScaleError(Influence):
@@ -157,7 +163,7 @@ class AccelScaleError(Influence):
 
     id = "accel_scale_error"
     title = "scale of the accelerometer off"
-    account = "factors on the sensor's own x and z"
+    account = "factors on the sensor's own x and z, each with a tenth of it across to the other"
     declared = (
         Size("x", "-", "relative error of the longitudinal axis", 0.015, 0.04, -0.3, 0.3, signed=True),
         Size("z", "-", "relative error of the vertical axis", 0.002, 0.006, -0.3, 0.3, signed=True),
@@ -166,4 +172,6 @@ class AccelScaleError(Influence):
     def misreading(self) -> Misreading:
         """Scale the axes."""
         sizes, other = self.sizes[AccelScaleError.id], super().misreading()
-        return replace(other, accel=np.diag([1 + sizes["x"], 1.0, 1 + sizes["z"]]) @ other.accel)
+        x, z = sizes["x"], sizes["z"]
+        wrong = np.array([[1 + x, 0, x / 10], [0, 1, 0], [z / 10, 0, 1 + z]])
+        return replace(other, accel=wrong @ other.accel)

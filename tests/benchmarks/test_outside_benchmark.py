@@ -1,4 +1,4 @@
-"""Trials of another program can be read, their answers are understood, rows and shares say what they should."""
+"""Trials of another program can be read; their answers are understood, rows and shares say what is right."""
 
 from __future__ import annotations
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -12,7 +14,13 @@ from scipy.integrate import quad
 from granite_lab.errors import UsageError
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, influence, model_of
 from granite_lab.hidden.command import Trapezoid
-from granite_lab.hidden.contact import contact
+from granite_lab.hidden.contact import (
+    NearRest,
+    clenshaw_curtis,
+    contact,
+    forces_by_loops,
+    forces_of_arrays,
+)
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, VX, Truth
 from granite_lab.hidden.parts import Stance, exponential_k92
 from granite_lab.hidden.simulator import Result, integrate
@@ -74,16 +82,15 @@ def widened(truth: Truth, y: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", sorted((LIBRARY | OUTSIDE).keys() - set(RESTRUCTURED)))
 def test_without_size_the_rates_are_those_of_the_plain_model(name: str) -> None:
     truth, base, r = model(name, scale=0.0), model(), plain()
-    # an arc in three panels, as under a soft tyre, differs by the error of the quadrature
-    tight = 1e-4 if name == "radial_tyre_compliance" else 1e-9
     for t in (-0.3, 0.05, 0.3, 1.5, 2.7, 3.3):
         y = r.state[np.searchsorted(r.t, t)]
         full = widened(truth, y)
-        assert truth.derivative(t, full)[:12] == pytest.approx(base.derivative(t, y), rel=tight, abs=tight)
+        assert truth.derivative(t, full)[:12] == pytest.approx(base.derivative(t, y), rel=1e-9, abs=1e-9)
     wrong = truth.misreading()
     assert (wrong.accel == np.eye(3)).all()
     assert (wrong.gyro == np.eye(3)).all()
-    assert (wrong.encoder, wrong.late, truth.rise) == (1.0, 0.0, 0.0)
+    assert (wrong.encoder == 1).all()
+    assert (wrong.late, truth.rise, truth.bank) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("name", RESTRUCTURED[:3])
@@ -170,17 +177,20 @@ def test_friction_costs_current_and_nothing_else() -> None:
 
 def test_a_wrong_torque_constant_scales_the_currents_alone() -> None:
     _, r = typical("torque_constant_error", error=-0.1)
-    assert mean(r, "current") == pytest.approx(mean(plain(), "current") / 0.9, rel=1e-3)
+    i = mean(r, "current")
+    passed_on = 1 - 0.1 * (0.8 + 0.4 * i / (i + 4.0))
+    assert i * passed_on == pytest.approx(mean(plain(), "current"), rel=1e-3)
     assert mean(r, "v") == pytest.approx(mean(plain(), "v"), abs=1e-5)
 
 
 def test_a_sagging_supply_lets_the_wheels_fall_behind() -> None:
     truth, r = typical("supply_sag", resistance=0.2)
-    d, late = truth.drive, steady(r)
-    bus = r.state[late, -1].mean()
-    needed = d.resistance * mean(r, "current") + d.emf_constant * d.gear_ratio * mean(r, "omega")
-    drawn = 2 * (needed / bus * mean(r, "current")).sum()  # power balance of ideal bridges
-    assert d.voltage_max - bus == pytest.approx(0.2 * drawn, rel=0.02)
+    late = np.flatnonzero(steady(r))
+    drawn = np.array([truth.drawn(r.t[k], r.state[k]) for k in late])  # type: ignore[attr-defined]
+    bus = truth.drive.voltage_max - 0.2 * (0.85 * drawn + 0.15 * r.state[late, -1])
+    power = 2 * (r.voltage * r.current)[late].sum(axis=1)  # of four motors: ideal bridges lose none
+    assert power == pytest.approx(bus * drawn, rel=1e-6)
+    assert r.state[late[-1], -1] == pytest.approx(drawn[-1], rel=0.15)  # polarised after some seconds
     behind, before = (x.s_d[late][-1] - x.rolled[late][-1] for x in (r, plain()))
     assert (behind > before).all()
 
@@ -264,7 +274,7 @@ def test_a_wheel_out_of_true_lifts_the_robot_once_a_revolution() -> None:
     truth = model("wheel_eccentricity", cos_front=1e-3, sin_front=0.0, cos_rear=1e-3, sin_rear=0.0)
     y = truth.rest()
     lifted = y[1] - model().rest()[1]
-    assert lifted == pytest.approx(-1e-3, abs=1e-5)  # the centre stands above the axle, so the axle is lower
+    assert lifted == pytest.approx(-1.25e-3, abs=1e-5)  # the radius is shorter below, so the axle is lower
     turned = y.copy()
     turned[ANGLE] = np.pi
     assert truth.stance(0.0, turned).z0 - truth.stance(0.0, y).z0 == pytest.approx(2e-3)
@@ -307,23 +317,60 @@ def test_a_soft_tyre_gives_by_its_load_and_sinks_less() -> None:
     assert (mean(r, "current") < mean(plain(), "current")).all()
 
 
-@pytest.mark.parametrize("flat", [1e-9, 2e-3])
-def test_a_level_underside_carries_what_adaptive_quadrature_says(flat: float) -> None:
-    truth = model()
-    g, z0, k92 = truth.ground, 0.012, 0.4
+def test_the_substitute_circle_is_as_long_in_the_soil_as_the_flattened_tyre() -> None:
+    truth = model("radial_tyre_compliance")
+    y = truth.rest()
+    y[12:14] = 2e-3
+    at, r = truth.stance(-1.0, y), truth.r
+    assert at.radius is not None
+    length = np.sqrt(2 * r * (at.z0 + 2e-3))  # ahead of the lowest point
+    assert np.sqrt(2 * at.radius * at.z0) == pytest.approx(length)
+    y[12:14] = 1e-9
+    assert truth.stance(-1.0, y).radius == pytest.approx(r, rel=1e-3)
+
+
+@pytest.mark.parametrize("harden", [0.0, 0.4])
+def test_the_forces_are_those_of_adaptive_quadrature_by_either_code(harden: float) -> None:
+    g = replace(model().ground, harden=harden, harden_speed=0.02)
+    z0, k92, v, slip, radius = 0.012, 0.4, 0.4, 0.2, 0.13
     one = np.ones(1)
-
     found = contact(
-        g, v_o=0 * one, v=0 * one, z0=z0 * one, dz0=0 * one, k92=k92, intervals=64, flat=flat * one
-    )
-    front = np.arccos(1 - (z0 + flat) / g.r)
-    k = g.k_c / g.b + g.k_phi
+        g, v_o=v / (1 - slip) * one, v=v * one, z0=z0 * one, dz0=0 * one, k92=k92, intervals=64,
+        radius=radius * one,
+    )  # fmt: skip
+    front = np.arccos(1 - z0 / radius)
 
-    def pressure(a: float) -> float:
-        return float(k * np.clip(z0 + flat - g.r * (1 - np.cos(a)), 0.0, z0) ** g.n)
+    def stresses(a: float) -> np.ndarray:
+        sigma = (g.k_c / g.b + g.k_phi) * max(z0 - radius * (1 - np.cos(a)), 0.0) ** g.n
+        sigma *= 1 + harden * np.log1p(v * max(np.sin(a), 0.0) / 0.02)
+        j = radius * ((front - a) - (1 - slip) * (np.sin(front) - np.sin(a)))
+        limit = min(g.mu_s * sigma, g.c + sigma * g.tan_phi)
+        return np.array([sigma, limit * (1 - np.exp(-j / g.K))])
 
-    carried = g.b * g.r * quad(lambda a: pressure(a) * np.cos(a), -k92 * front, front, limit=300)[0]
-    assert found.W[0] == pytest.approx(carried, rel=1e-4)
+    def over(f: Callable[[float], float]) -> float:
+        return quad(f, -k92 * front, front, limit=300, points=[0.0])[0]
+
+    area = g.b * radius
+    carried = over(lambda a: stresses(a) @ [np.cos(a), np.sin(a)])
+    assert found.W[0] == pytest.approx(area * carried, rel=1e-3)
+    assert found.R[0] == pytest.approx(-area * over(lambda a: stresses(a)[0] * np.sin(a)), rel=1e-3)
+    assert found.F[0] == pytest.approx(area * over(lambda a: stresses(a)[1] * np.cos(a)), rel=1e-3)
+    assert found.M[0] == pytest.approx(-area * g.r * over(lambda a: stresses(a)[1]), rel=1e-3)
+
+
+@pytest.mark.parametrize("law", ["floor", "parabola"])
+def test_compiled_loops_and_arrays_give_the_same_forces(law: Literal["floor", "parabola"]) -> None:
+    rng = np.random.default_rng(1)
+    g = replace(model().ground, k_phi=1.5e6 * rng.uniform(0.5, 2, 40), harden=0.3, harden_speed=0.02)
+    v = rng.choice([0.0, 0.001, 0.01, 0.3], 40) * rng.choice([-1, 1], 40)
+    given = (
+        *g.packed, np.full(40, 0.1), v + 0.02 * rng.standard_normal(40), v, rng.uniform(-0.005, 0.03, 40),
+        0.1 * rng.standard_normal(40), 0.5, 0.025 if law == "floor" else -0.025, *clenshaw_curtis(24),
+    )  # fmt: skip
+    by_arrays = forces_of_arrays(*given)
+    assert np.abs(by_arrays[1]).max() > 10
+    # the loops are run as they stand, without the compiler, so that this needs none
+    np.testing.assert_allclose(forces_by_loops(*given), by_arrays, rtol=1e-9, atol=1e-9)
 
 
 def test_moister_sand_carries_better_further_on() -> None:
@@ -423,10 +470,52 @@ def test_a_swinging_load_shares_the_force_by_newtons_law() -> None:
 
 def test_a_pair_holds_both() -> None:
     truth = model("tyre_windup", "drive_reaction", share=1.0, compliance=2e-3, retardation=0.02)
-    assert truth.order == 16
+    assert truth.order == 18
     y = widened(truth, plain().state[np.searchsorted(plain().t, 1.0)])
     y[14:16] = y[OMEGA]
-    alone = model("drive_reaction", share=1.0)
-    assert truth.derivative(1.0, y)[5] == pytest.approx(alone.derivative(1.0, y[:12])[5])
+    alone = model("tyre_windup", compliance=2e-3, retardation=0.02)
+    both, one = truth.derivative(1.0, y), alone.derivative(1.0, y)
+    assert both[6:] == pytest.approx(one[6:])
+    turned = 2 * (truth.torque(y) + 0.2 * truth.chassis.wheel_inertia * one[OMEGA]).sum()
+    assert one[5] - both[5] == pytest.approx(turned / truth.chassis.pitch_inertia)
     assert isinstance(truth.stance(1.0, y), Stance)
     assert (y[CURRENT] > 0).all()
+
+
+def test_rubber_that_relaxes_meets_a_fast_twist_with_twice_the_stiffness() -> None:
+    truth = model("tyre_windup", compliance=2e-3, retardation=0.02)
+    y = truth.rest()
+    y[12:14], y[16:18] = 0.01, 0.01  # a sudden twist strains both springs
+    assert truth.spring(y) == pytest.approx(np.full(2, 2 * 0.01 / 2e-3))  # type: ignore[attr-defined]
+    y[16:18] = 0.0  # the second has relaxed
+    assert truth.spring(y) == pytest.approx(np.full(2, 0.01 / 2e-3))  # type: ignore[attr-defined]
+
+
+def test_bristles_hold_more_at_creep_than_in_sliding() -> None:
+    truth = model("drivetrain_friction", coulomb=1.0, viscous=0.0)
+    y = truth.rest()
+    for rate, limit in ((1e-4, 1.3), (3.0, 1.0)):
+        y[OMEGA], y[12:14] = rate, limit
+        assert truth.derivative(1.0, y)[12:14] == pytest.approx(np.zeros(2), abs=1e-5)
+
+
+def test_a_gear_that_locks_holds_the_robot_where_it_stops() -> None:
+    truth = Truth(
+        load_robot(), load_soil(), Trapezoid(V, A, DISTANCE), exponential_k92(A_THETA),
+        near_rest=NearRest("parabola", 0.025, 0.004),
+    )  # fmt: skip
+    r = run_of(truth, after=1.5)
+    late = r.t > truth.command.end + 1.0
+    assert np.ptp(r.x[late]) < 1e-5
+    assert np.abs(r.current[late]).max() < 1e-6
+    fast = (np.abs(plain().v) > 0.05) & (plain().t < truth.command.end)
+    assert np.interp(plain().t, r.t, r.v)[fast] == pytest.approx(plain().v[fast], abs=3e-3)
+
+
+def test_wheels_of_another_radius_roll_further_by_it() -> None:
+    truth = Truth(
+        load_robot(), load_soil(), Trapezoid(V, A, DISTANCE), exponential_k92(A_THETA), radii=(1.01, 1.01)
+    )
+    r = run_of(truth)
+    assert mean(r, "omega") == pytest.approx(mean(plain(), "omega"), rel=1e-3)
+    assert mean(r, "v") == pytest.approx(1.01 * mean(plain(), "v"), rel=2e-3)
