@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting, wheel_signs
-from granite_lab.estimation.clean import clean_trial, moved_by
+from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock import slow_offset
 from granite_lab.estimation.faults import Faults, despike, find_faults
 from granite_lab.estimation.health import assess
@@ -18,7 +18,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.motion_noise import with_motion_noise
 from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
-from granite_lab.estimation.passes import Problem, find_offset, solve
+from granite_lab.estimation.passes import ClockOffset, Problem, find_offset, solve
 from granite_lab.estimation.process import SlipModel
 from granite_lab.estimation.referenced import refer
 from granite_lab.estimation.rest import Interval, find_rests, inside
@@ -106,11 +106,15 @@ def correct(
     speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
     noise = identify(imu, robot, still, ~inside(imu.t, still), speed)
     problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel())
-    offset = Estimate(0.0)
     if trial.info.clock_offset is not None:
         offset = Estimate(trial.info.clock_offset, 1e-3)
-    elif rolling is not None:
-        offset = slow_offset(imu, rolling) if far else find_offset(problem)
+        clock = ClockOffset(offset, offset)
+    elif far and rolling is not None:
+        offset = slow_offset(imu, rolling)
+        clock = ClockOffset(offset, offset)
+    else:
+        clock = find_offset(problem)
+        offset = clock.applied
     if rolling is not None and offset.value != 0.0:
         still = find_rests(imu, rolling, robot.imu_grade, offset=offset.value, by_hand=rests)
         noise = identify(imu, robot, still, ~inside(imu.t, still), speed)
@@ -131,9 +135,10 @@ def correct(
             problem = dataclasses.replace(problem, noise=with_motion_noise(problem, offset.value))
         problem = dataclasses.replace(problem, slip=identify_scatter(problem, offset.value))
     solution = solve(problem, offset, distance=distance_measured)
+    solution = dataclasses.replace(solution, offset=clock.found)
     health = assess(solution, imu.t, still, faults)
     motion = motion_of(trial, problem, solution, health, known, tuple(warnings))
-    motion = dataclasses.replace(motion, clock_applied=moved_by(trial, offset))
+    motion = dataclasses.replace(motion, clock_applied=0.0 if far else clock.applied.value)
     clean = clean_trial(
         trial, robot, motion, wheels=wheels, rolling=rolling, imu=imu, faults=faults, solution=solution
     )

@@ -23,23 +23,11 @@ from granite_lab.parameters import GRAVITY, WHEELS, Robot
 
 NAN = float("nan")
 
-LARGE, CLEAR = 0.01, 5.0
-"""An offset beyond this [s], and beyond this many of its std, is taken out of the stamps. Buses, filters and
-logging delay an IMU by up to 8 ms: that much is left to the stages that estimate a latency themselves."""
-
 OPPOSED = -0.5
 """A current that correlates with the other motors' by less than this has the opposite sign."""
 
 AMISS = 0.05
 """A wheel that was silent and comes back off the others' rotation by this share is put level with them."""
-
-
-def moved_by(trial: Trial, offset: Estimate) -> float:
-    """Return what is added to the stamps of encoders, currents and command [s]."""
-    if trial.info.clock_offset is not None:
-        return trial.info.clock_offset
-    large = np.isfinite(offset.std) and abs(offset.value) > max(LARGE, CLEAR * offset.std)
-    return offset.value if large else 0.0
 
 
 def clean_trial(

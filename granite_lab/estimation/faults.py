@@ -162,7 +162,7 @@ def inflate(
     """Let velocity, pitch and biases drift over the faults, in place, by as much as may go unseen.
 
     Args:
-        Q: (K, 13, 13) process noise.
+        Q: (K, 14, 14) process noise.
         t, dt: (K,) nodes and steps [s].
         moving: (K,) False where the step lies within a standstill.
         imu, rest: (N,) samples, and which of them are at rest.

@@ -10,7 +10,7 @@ from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.integration import Nominal
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.process import BA, BG, PD, SIZE, TAU, TH, D, G, P, S, V, X
+from granite_lab.estimation.process import BA, BG, PD, SIZE, TAU, TH, C, D, G, P, S, V, X
 from granite_lab.estimation.rolling import Rolling
 from granite_lab.logs.trial import Array
 
@@ -74,7 +74,7 @@ def add_rest(
 
 def add_wheels(
     updates: list[list[Update]], rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray,
-    offset: float, lost: Array, loss: Array, w: Array,
+    offset: float, lost: Array, loss: Array, w: Array, thrust: Array,
 ) -> float:  # fmt: skip
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 
@@ -83,6 +83,7 @@ def add_wheels(
     Args:
         offset: by which the encoders' clock lies behind [s].
         w: (K,) wheel speed that turns slip ratio into slip velocity [m/s].
+        thrust: (K,) thrust over mass, against that at rest [m/s^2].
         lost, loss: (K,) distance [m] and velocity [m/s] that the mean slip ratio loses.
 
     Returns:
@@ -103,6 +104,7 @@ def add_wheels(
     first = np.concatenate([[True], np.diff(place[order]) > 0])
     still = rest & np.concatenate([[True], rest[:-1]]) & np.concatenate([rest[1:], [True]])
     acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
+    jerk = np.gradient(thrust, t)
     origin = None
     for j in np.sort(order[first]):
         k, m = int(place[j]), int(samples[j])
@@ -112,7 +114,7 @@ def add_wheels(
         speed = float(rolling.speed[m])
         H = np.zeros((1, SIZE))
         if rolling.by_rate:
-            H[0, [V, PD, TAU, S, G]] = 1.0, -1.0, acceleration[m], w[k], w[k]
+            H[0, [V, PD, TAU, S, G, C]] = 1.0, -1.0, acceleration[m], w[k], w[k], jerk[k]
             z = speed + acceleration[m] * ahead - nominal.v[i] - loss[k]
             updates[k].append(Update("wheel", z, H, float(rolling.speed_std[m]) ** 2))
             continue
@@ -124,7 +126,7 @@ def add_wheels(
         if origin is None:
             origin, start = here, float(np.sqrt(R))
             continue
-        H[0, [X, D, P]] = 1.0, 1.0, -1.0
+        H[0, [X, D, P, C]] = 1.0, 1.0, -1.0, thrust[k]
         H[0, TAU] = speed - loss[k]  # an offset also moves the wheel speed that the mean slip goes by
         updates[k].append(Update("wheel", here - origin, H, R))
     return start

@@ -16,9 +16,10 @@ from granite_lab.estimation.lateral import Sideways
 from granite_lab.estimation.measurements import ZERO_VELOCITY, Update, add_rest, add_wheels
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.process import BA, BG, SIZE, TH, P, SlipModel, X
+from granite_lab.estimation.process import BA, BG, SIZE, TH, D, P, SlipModel, X
 from granite_lab.estimation.rolling import Rolling
 from granite_lab.logs.trial import Array
+from granite_lab.parameters import GRAVITY
 
 REST_STEP = 0.05
 """Spacing of the nodes at standstill [s]; the IMU's samples between two are averaged."""
@@ -28,6 +29,26 @@ GRID = 0.01
 
 TURN_TIME = 2.0
 """How long a turn goes on [s]."""
+
+QUICK = 0.05
+"""What changes faster than this [s] is no thrust."""
+
+RESISTANCE = 0.1 * GRAVITY
+"""What sand resists with, over mass [m/s^2]."""
+
+COMPLIANCE = 0.005
+"""Std of the displacement between wheels and body by thrust over mass [s^2], which is the reciprocal of the
+square of a natural frequency: a robot that rings at 2 Hz on its tyres, gears and mounts."""
+
+LOOSE = 1.0e-4
+"""The displacement follows thrust roughly only. It also walks by as much, and at least by this [s^2]: the
+compliance of a robot that rings at 16 Hz."""
+
+LOOSE_TIME = 0.1
+"""Time over which such a walk keeps its direction [s]."""
+
+SLOWEST = 0.01
+"""Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body."""
 
 MOST = 60_000
 """More nodes than this are thinned; the IMU is integrated at its own rate all the same."""
@@ -44,9 +65,9 @@ class Nodes:
         lost: (K,) rolled minus travelled distance by the mean slip ratio alone [m].
         mean_slip: (K,) that slip ratio, to which S and G are deviations.
         w: (K,) signed wheel speed [m/s], floor included, that turns slip ratio into slip velocity.
-        F, Q: (K, 13, 13) transition and noise into each node.
+        F, Q: (K, 14, 14) transition and noise into each node.
         updates: (K,) lists of measurements.
-        x0, P0: (13, 1) and (13, 13) initial state and covariance.
+        x0, P0: (14, 1) and (14, 14) initial state and covariance.
         thinned: nodes are sparser than the IMU's samples in motion.
     """
 
@@ -150,11 +171,27 @@ def lasting_speed(t: Array, speed: Array, moving: np.ndarray, memory: float) -> 
     return np.where(speed < 0, -1.0, 1.0) * np.maximum(np.interp(t, grid, pace), process.V_FLOOR)
 
 
-def push(imu: BodyImu) -> Array:
-    """(N,) specific force along x without what changes within a tenth of a second [m/s^2]."""
+def push(imu: BodyImu, width: float = 0.1) -> Array:
+    """(N,) specific force along x without what changes within `width` [s]: a tenth of a second [m/s^2]."""
     known = np.isfinite(imu.forward)
     force = np.interp(imu.t, imu.t[known], imu.forward[known])
-    return np.asarray(uniform_filter1d(force, max(round(0.1 / float(np.median(np.diff(imu.t)))), 1)))
+    return np.asarray(uniform_filter1d(force, max(round(width / float(np.median(np.diff(imu.t)))), 1)))
+
+
+def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, speed: Array) -> Array:
+    """(K,) thrust over mass at the nodes, against that at the first standstill [m/s^2].
+
+    Specific force along x is thrust less the ground's resistance, over mass; resistance in sand is about a
+    tenth of the weight, against the motion.
+
+    Args:
+        rest: (N,) True at standstill.
+        index: (K,) places of the nodes among the IMU's stamps.
+        speed: (K,) wheel speed [m/s].
+    """
+    force = push(imu, QUICK)
+    level = float(np.mean(force[rest])) if rest.any() else float(np.mean(force))
+    return np.asarray((force - level)[index] + RESISTANCE * np.tanh(speed / process.V_FLOOR))
 
 
 def build(
@@ -170,6 +207,8 @@ def build(
     roll_std: float,
     distance: Estimate | None = None,
     aside: Sideways | None = None,
+    compliance: float = LOOSE,
+    soft: float = COMPLIANCE,
 ) -> Nodes:
     """Lay out nodes, matrices and measurements.
 
@@ -182,6 +221,8 @@ def build(
         roll_std: std of the roll [rad].
         distance: measured total distance [m].
         aside: velocity to the left, as the nominal motion has it.
+        compliance: by which the displacement between wheels and body walks as thrust changes [s^2].
+        soft: std of the compliance itself [s^2].
     """
     index, thinned = choose(nominal)
     t = nominal.t[index]
@@ -197,7 +238,7 @@ def build(
         none = np.zeros(t.size)
         pace = Pace(nominal.v[index], nominal.v[index], none, none, none > 0)
     speed = pace.speed
-    w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), process.V_FLOOR)
+    w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), SLOWEST)
     mean_slip = slip.expected(pace.growth)
     if slip.memory:
         w = lasting_speed(t, speed, moving, slip.memory)
@@ -231,7 +272,10 @@ def build(
     add_rest(updates, imu, nominal, noise, faults, index, rest, speed)
     start = 0.0
     if rolling is not None:
-        start = add_wheels(updates, rolling, nominal, index, rest, offset, lost, loss, w)
+        pull = thrust(imu, nominal.rest, index, speed)
+        change = np.gradient(pull, t) if t.size > 1 else np.zeros(1)
+        Q[:, D, D] += moving * (compliance * change) ** 2 * LOOSE_TIME * dt
+        start = add_wheels(updates, rolling, nominal, index, rest, offset, lost, loss, w, pull)
     if distance is not None:
         H = np.zeros((1, SIZE))
         H[0, [X, P]] = 1.0, -1.0
@@ -245,7 +289,7 @@ def build(
         1e-6, np.hypot(1e-6, start), v_std, noise.pitch, noise.accel_bias,
         max(noise.gyro_bias, abs(nominal.gyro_bias)), 1e-7 if rest[0] else noise.motion_bias,
         1e-6 if rest[0] else slip.limit, 1e-6 if rest[0] else slip.scatter, offset_std, noise.accel_scale,
-        1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
+        1e-8 if slip.memory else soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
     return Nodes(
         index=index, t=t, moving=moving, lost=lost, mean_slip=mean_slip, w=w, F=F, Q=Q,

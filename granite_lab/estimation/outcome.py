@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import phases, slip
 from granite_lab.estimation.motion import Health, Motion
-from granite_lab.estimation.passes import Problem, Solution
+from granite_lab.estimation.nodes import QUICK
+from granite_lab.estimation.passes import LATENCY, Problem, Solution
 from granite_lab.estimation.process import PD, TH, D, P, V, X
 from granite_lab.estimation.rest import Interval, find_rests, inside
 from granite_lab.estimation.rolling import Rolling
@@ -45,6 +47,7 @@ def motion_of(
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
     v_std = np.hypot(spread(slip.velocity_std(found)), extra)
     x_std = np.hypot(spread(slip.distance_std(found)), extra / omega)
+    v_std = np.hypot(v_std, _by_latency(t, v, problem, offset))
     pitch = nominal.pitch + spread(found.x[:, TH])
     pitch_std = spread(np.sqrt(np.maximum(found.P[:, TH, TH], 0.0)))
     u, u_std = slip.slip_velocity(found, nodes.w, nodes.mean_slip)
@@ -82,6 +85,18 @@ def motion_of(
         variant=variant, variant_source=source, noise=problem.noise.as_dict(), health=health,
         warnings=(*trial.warnings, *warnings, *more),
     )  # fmt: skip
+
+
+def _by_latency(t: Array, v: Array, problem: Problem, offset: Estimate) -> Array:
+    """(N,) std of the velocity by not knowing whose stamps are late, the IMU's or the wheels' [m/s].
+
+    An IMU that lags by its latency shows a motion later than it was, by acceleration times latency.
+    """
+    if problem.slip.memory or not np.isfinite(offset.std):
+        return np.zeros(t.size)
+    late = float(np.hypot(offset.std, offset.value if abs(offset.value) < LATENCY else 0.0))
+    size = max(round(QUICK / float(np.median(np.diff(t)))), 1)
+    return np.asarray(late * np.abs(uniform_filter1d(np.gradient(v, t), size)))
 
 
 def rolled_std(P_end: Array) -> float:

@@ -17,7 +17,7 @@ from granite_lab.estimation.lateral import Sideways
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.process import BA, BG, TH, SlipModel
+from granite_lab.estimation.process import BA, BG, TH, C, SlipModel
 from granite_lab.estimation.quieting import quieten
 from granite_lab.estimation.rest import Interval, wheels_still
 from granite_lab.estimation.roll import roll_angle
@@ -39,6 +39,21 @@ SETTLED = 0.02
 """Pitch corrections below this need no other pass: its sine is linear to 2e-6 of g [rad]."""
 
 
+STIFF = 1.0
+"""A compliance beyond this many times what the walk allows for calls for another pass."""
+
+LATENCY = 0.01
+"""Filters, buses and logging delay one sensor against the other by up to this [s]. A smaller offset is not
+applied but left to the filter, with this std."""
+
+CLEAR = 5.0
+"""A larger offset is applied where it is clear by this many std."""
+
+UNUSUAL = 8.0
+"""And where it makes the trial more likely by this factor's logarithm than an ordinary latency does: one
+logger in a hundred is that far off, by an amount anywhere in 0.4 s, against 0.01 s for the others."""
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A trial ready for the filter; see `nodes.build` for the fields."""
@@ -51,16 +66,24 @@ class Problem:
     noise: Noise
     slip: SlipModel
     aside: Sideways | None = None
+    compliance: float = layout.LOOSE
+    soft: float = layout.COMPLIANCE
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The last pass: nominal motion, nodes and smoothed drift, and the offset all stamps were moved by."""
+    """The last pass: nominal motion, nodes and smoothed drift.
+
+    Attributes:
+        offset: of the encoders' clock, as it is reported [s].
+        compliance: by which the displacement between wheels and body walked [s^2].
+    """
 
     nominal: Nominal
     nodes: Nodes
     smoothed: Smoothed
     offset: Estimate
+    compliance: float = layout.LOOSE
 
 
 def lay_out(
@@ -71,6 +94,7 @@ def lay_out(
     return layout.build(
         problem.imu, problem.rolling, nominal, problem.noise, problem.faults, problem.slip,
         offset=offset, offset_std=offset_std, roll_std=roll_std, distance=distance, aside=problem.aside,
+        compliance=problem.compliance, soft=problem.soft,
     )  # fmt: skip
 
 
@@ -84,11 +108,18 @@ def first_velocity(problem: Problem, offset: float) -> float:
 
 
 def solve(
-    problem: Problem, offset: Estimate, *, distance: Estimate | None = None, passes: int = 3
+    problem: Problem, offset: Estimate, *, distance: Estimate | None = None, passes: int = 4
 ) -> Solution:
     """Filter and smooth, each pass about the last one's result.
 
-    Relinearising matters for gravity's share of a large pitch; one or two passes settle it.
+    Relinearising matters for gravity's share of a large pitch; one or two passes settle it. Another one
+    follows where the first shows that the wheels turn ahead of the body as thrust grows.
+
+    Args:
+        problem: the trial.
+        offset: by which all stamps of the wheels are moved; its std is that of what is left, a state.
+        distance: measured total distance [m].
+        passes: at most.
     """
     accel_bias, gyro_bias, pitch = 0.0, None, 0.0
     velocity = first_velocity(problem, offset.value)
@@ -104,13 +135,18 @@ def solve(
             nominal = quieten(nominal, steady, problem.noise.vibration_frequency)
         nodes = lay_out(problem, nominal, offset.value, std, distance)
         found = smoother.run(nodes)
-        middle = found.x[found.x.shape[0] // 2]
-        if i == passes - 1 or np.max(np.abs(found.x[:, TH])) < SETTLED:
+        level = float(np.max(np.abs(found.x[:, TH]))) < SETTLED
+        stiff = abs(found.x[-1, C]) < STIFF * problem.compliance
+        if i == passes - 1 or (level and stiff):
             break
-        accel_bias += float(middle[BA])
-        gyro_bias = nominal.gyro_bias + float(middle[BG])
-        pitch += float(found.x[0, TH])
-    return Solution(nominal, nodes, found, offset)
+        if not stiff:
+            problem = dataclasses.replace(problem, compliance=abs(float(found.x[-1, C])))
+        if not level:
+            middle = found.x[found.x.shape[0] // 2]
+            accel_bias += float(middle[BA])
+            gyro_bias = nominal.gyro_bias + float(middle[BG])
+            pitch += float(found.x[0, TH])
+    return Solution(nominal, nodes, found, offset, problem.compliance)
 
 
 def cut(problem: Problem, begin: float, end: float, offset: float) -> Problem:
@@ -146,16 +182,60 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
     return starts[:most] + stops[:most]
 
 
-def find_offset(problem: Problem) -> Estimate:
-    """Find the clock offset by correlation, then by the likelihood of onsets and stops."""
-    assert problem.rolling is not None
-    coarse = coarse_offset(problem.imu, problem.rolling)
-    windows = changes(problem, coarse.value) if np.isfinite(coarse.std) else []
+@dataclass(frozen=True)
+class ClockOffset:
+    """The offset of the encoders' clock.
+
+    Attributes:
+        found: as the trial shows it [s]; std NaN: nothing shows it.
+        applied: what the wheels' stamps are moved by: 0 for an ordinary latency [s]. Its std is that of what
+            is left to the filter.
+    """
+
+    found: Estimate
+    applied: Estimate
+
+
+def find_offset(problem: Problem) -> ClockOffset:
+    """Find the clock offset by correlation, then by the likelihood of onsets and stops.
+
+    A body that follows its wheels by tyres, play or a soft mount looks like an offset when it sets off. So
+    the whole trial must prefer a large offset to an ordinary latency, and where it shows such compliance the
+    moments of onset and stop are judged again with the displacement that it allows.
+    """
+    coarse = coarse_offset(problem.imu, problem.rolling) if problem.rolling is not None else Estimate(0.0)
+    if not np.isfinite(coarse.std):
+        return ClockOffset(coarse, coarse)
+    first = by_changes(problem, coarse)
+    if first is None:
+        return ClockOffset(coarse, coarse)
+    candidates = [Estimate(0.0, LATENCY)]
+    if abs(first.value) > max(LATENCY, CLEAR * first.std):
+        candidates.append(Estimate(first.value, LATENCY))
+    solved = [solve(problem, candidate) for candidate in candidates]
+    likely = [one.smoothed.innovations.log_likelihood for one in solved]
+    place = int(likely[-1] - likely[0] > UNUSUAL)
+    applied, compliance = candidates[place], solved[place].compliance
+    found = first
+    if compliance > problem.compliance:
+        about = Estimate(applied.value, coarse.std)
+        found = by_changes(dataclasses.replace(problem, compliance=compliance), about) or first
+    if applied.value == 0.0:  # an ordinary latency, then
+        weight = LATENCY**2 / (LATENCY**2 + found.std**2)
+        found = Estimate(weight * found.value, float(np.sqrt(weight)) * found.std)
+    return ClockOffset(found, applied)
+
+
+def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
+    """Refine an offset by the likelihood of onsets and stops; None where there are none."""
+    windows = changes(problem, coarse.value)
+    if not windows:
+        return None
     hidden = (*problem.faults.gaps, *problem.faults.plateaus)  # there the moment itself is not seen
     clear = [(a, b) for a, b in windows if not any(begin < b and end > a for begin, end in hidden)]
-    if not windows:
-        return coarse
     windows, doubt = (clear, 0.0) if clear else (windows, HIDDEN)
+    # these moments alone would take a part of any offset for compliance
+    problem = dataclasses.replace(problem, soft=problem.compliance)
     parts = [cut(problem, begin, end, coarse.value) for begin, end in windows]
     nominal = [
         integrate(p.imu, p.robot, p.rests, p.faults, velocity=first_velocity(p, coarse.value)) for p in parts

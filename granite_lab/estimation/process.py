@@ -13,6 +13,9 @@ The states are corrections to the nominal motion of `integration`, so they chang
                                                (what the onset's mean slip ratio makes is taken out)
     P'' + 2 zeta omega P' + omega^2 P = noise  vibration: bounded, so its integral is bounded too
 
+The rolled distance is x + D + C F: where tyres twist, gears have play or the mount is soft, the wheels turn
+ahead of the body by the compliance C [s^2] times the thrust over mass F [m/s^2].
+
 Slip velocity is (S + G) w: a slip ratio that wanders (S a random walk, G coloured about it) while
 the wheels turn, and no slip velocity at rest. It is not assumed to be small.
 """
@@ -25,10 +28,10 @@ import numpy as np
 
 from granite_lab.logs.trial import Array
 
-X, D, V, TH, BA, BG, BM, S, G, TAU, K, P, PD = range(13)
-SIZE = 13
+X, D, V, TH, BA, BG, BM, S, G, TAU, K, C, P, PD = range(14)
+SIZE = 14
 
-TINY = np.array([1e-8, 1e-8, 1e-7, 1e-9, 1e-9, 1e-10, 1e-8, 1e-7, 1e-7, 1e-8, 1e-9, 1e-9, 1e-8])
+TINY = np.array([1e-8, 1e-8, 1e-7, 1e-9, 1e-9, 1e-10, 1e-8, 1e-7, 1e-7, 1e-8, 1e-9, 1e-9, 1e-9, 1e-8])
 """Std added per step, so that no predicted covariance is singular, in each state's own unit."""
 
 V_FLOOR = 0.02
@@ -85,7 +88,7 @@ def transitions(
     zeta: float,
     gain: Array,
 ) -> Array:
-    """(K, 13, 13) transition matrices into each node from the one before.
+    """(K, 14, 14) transition matrices into each node from the one before.
 
     Args:
         dt: (K,) steps, dt[0] = 0 [s].
@@ -139,7 +142,7 @@ def noises(
     accel_walk: float,
     gyro_walk: float,
 ) -> Array:
-    """(K, 13, 13) process noise of the inertial states over each step.
+    """(K, 14, 14) process noise of the inertial states over each step.
 
     Args:
         dt, coupling, moving: as in `transitions`.

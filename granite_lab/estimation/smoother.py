@@ -45,9 +45,9 @@ class Smoothed:
     """Joint estimate of the drift.
 
     Attributes:
-        x: (K, 13) smoothed states.
-        P: (K, 13, 13) their covariance.
-        gains: (K, 13, 13) smoother gains; the covariance of nodes i < j is
+        x: (K, 14) smoothed states.
+        P: (K, 14, 14) their covariance.
+        gains: (K, 14, 14) smoother gains; the covariance of nodes i < j is
             gains[i] ... gains[j - 1] P[j].
         innovations: of the filter.
     """
@@ -58,7 +58,7 @@ class Smoothed:
     innovations: Innovations
 
     def cross(self, i: int, j: int) -> Array:
-        """(13, 13) covariance of the states at nodes i <= j."""
+        """(14, 14) covariance of the states at nodes i <= j."""
         total = np.eye(SIZE)
         for k in range(i, j):
             total = total @ self.gains[k]
