@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -105,9 +106,15 @@ def run_many(
 
 
 @lru_cache(maxsize=128)
-def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> ColumnFunction:
+def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> Callable[[Array, Array, Array], Array]:
     graph = build_graph(effects)
-    return ColumnFunction([graph.t, graph.x, graph.p], ca.vertcat(*(graph.outputs[name] for name in names)))
+    inputs, stacked = [graph.t, graph.x, graph.p], ca.vertcat(*(graph.outputs[name] for name in names))
+    try:
+        columns = ColumnFunction(inputs, stacked)
+    except NotImplementedError:  # an effect with a rare function: CasADi, sample by sample
+        function = ca.Function("outputs", inputs, [ca.densify(stacked)])
+        return lambda t, x, p: np.array(function(t[None], x, p))
+    return lambda t, x, p: columns(t[None], x, p, samples=t.size)
 
 
 def outputs(
@@ -122,4 +129,4 @@ def outputs(
         states: (S, N) at them.
         vector: (P,) parameters.
     """
-    return _columns(effects, names)(t[None], states, vector, samples=t.size)
+    return _columns(effects, names)(t, states, vector)

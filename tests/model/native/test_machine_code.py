@@ -1,0 +1,205 @@
+"""Machine code gives the numbers of the graph, and where there is none the graph is interpreted."""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from granite_lab.effects import get, library
+from granite_lab.model import engine, interpreted
+from granite_lab.model.effect import Effect, EffectParameter, activate
+from granite_lab.model.graph import build_graph
+from granite_lab.model.native import graphs, lowering, machine, program
+from granite_lab.model.simulator import integrate, parameter_vector, rest_state
+from granite_lab.model.symbols import ModelParameters, model_parameters
+from granite_lab.parameters import load_robot, load_soil, variant_of
+
+PAPER = model_parameters(load_robot(), load_soil(), variant_of(0.5), a_theta=4.919)
+
+
+class Strange(Effect):
+    """An effect with an operation that is not compiled."""
+
+    id = "strange"
+    title = equation = source = signature = ""
+    parameters = (EffectParameter("size", "", "", -1.0, 1.0, 0.0, 0.0, 1.0),)
+
+    def desired_velocity(self, v_desired: Any, v: Any, own: Any) -> Any:
+        return v_desired + own.p["size"] * ca.erf(v)
+
+
+def call(address: int, t: float, *arrays: np.ndarray) -> None:
+    kinds = [ctypes.c_double, *[ctypes.c_void_p] * len(arrays)]
+    ctypes.CFUNCTYPE(None, *kinds)(address)(t, *(a.ctypes.data for a in arrays))
+
+
+def near_rest(effects: tuple[Effect, ...], seed: int) -> tuple[ModelParameters, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    active = [
+        activate(e, {q.name: float(rng.uniform(q.prior_low, q.prior_high)) for q in e.parameters})
+        for e in effects
+    ]
+    x = rest_state(PAPER, active)
+    return (
+        PAPER,
+        x + rng.normal(0, 0.02, x.size) * np.r_[1, 0.05, 0.2, np.ones(x.size - 3)],
+        parameter_vector(PAPER, active),
+    )
+
+
+@pytest.mark.parametrize("name", ["", *sorted(library())])
+def test_rates_and_their_derivatives_are_those_of_the_graph(name: str) -> None:
+    effects = (get(name),) if name else ()
+    graph = build_graph(effects)
+    by_x, by_t = (ca.densify(ca.jacobian(graph.rates, z)) for z in (graph.x, graph.t))
+    truth = ca.Function("f", [graph.t, graph.x, graph.p], [ca.densify(graph.rates), by_x, by_t])
+    address, n = graphs._equations(effects).address, graph.x.numel()
+    for seed, t in enumerate((-0.5, 0.1, 0.9, 3.0)):
+        _, x, p = near_rest(effects, seed)
+        rates, jacobian, by_time = (np.array(part) for part in truth(t, x, p))
+        alone, together = np.zeros(n), np.zeros(n * (n + 2))
+        call(address["rates"], t, x, p, alone)
+        call(address["slopes"], t, x, p, together)
+        scale = np.abs(rates).max()
+        np.testing.assert_allclose(alone, rates[:, 0], rtol=1e-9, atol=1e-12 * scale)
+        np.testing.assert_allclose(together[n * n + n :], alone, rtol=1e-11, atol=1e-13 * scale)
+        got = together[: n * n].reshape(n, n).T
+        np.testing.assert_allclose(got, jacobian, rtol=1e-7, atol=1e-11 * np.abs(jacobian).max())
+        np.testing.assert_allclose(
+            together[n * n : n * n + n], by_time[:, 0], rtol=1e-7, atol=1e-11 * (1 + np.abs(by_time).max())
+        )
+
+
+def test_all_operations_and_their_derivatives_are_casadi_s() -> None:
+    x = ca.SX.sym("x", 3)
+    a, b, c = ca.vertsplit(x)
+    unary = [
+        -a, a**2, ca.sqrt(a), 2 * a, 1 / a, ca.fabs(a - 1), ca.sign(a - 1), ca.exp(a), ca.log(a), ca.log1p(a),
+        ca.expm1(a), ca.sin(a), ca.cos(a), ca.tan(a), ca.asin(a / 9), ca.acos(a / 9), ca.atan(a), ca.sinh(a),
+        ca.cosh(a), ca.tanh(a), ca.floor(a), ca.ceil(a), ca.logic_not(a),
+    ]  # fmt: skip
+    binary = [
+        a + b, a - b, a * b, a / b, a**b, a**3, ca.fmin(a, b), ca.fmax(a, b), ca.atan2(a, b), ca.hypot(a, b),
+        ca.copysign(a, -b), a < b, a <= b, ca.eq(a, b), ca.ne(a, b), ca.logic_and(a - 1, b),
+        ca.logic_or(a - 1, b - 2), ca.if_else(a < b, a * c, b * c), a + b + c + a * b + b * c + c * a,
+    ]  # fmt: skip
+    y = ca.vertcat(*unary, *binary)
+    t, p = ca.SX.sym("t"), ca.SX.sym("p")
+    f = ca.Function("f", [t, x, p], [y])
+    jacobian = ca.Function("j", [t, x, p], [ca.densify(ca.jacobian(y, x))])
+    rows = list(range(y.numel()))
+    graphs._routines()
+    n = y.numel()
+    code = lowering.declarations() + lowering.point("all", program.read(f), rows, n)
+    code += "\n" + lowering.column("lanes", program.read(f), rows)
+    library_ = machine.Library(machine.compiled(code, effort=0), ["all", "lanes"])
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0.2, 3.0, (3, 16))
+    lanes, times = np.empty((n, 16)), np.zeros(16)
+    kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 4
+    arrays = [times, points, np.zeros(1), lanes]
+    ctypes.CFUNCTYPE(None, *kinds)(library_.address["lanes"])(2, 16, *(z.ctypes.data for z in arrays))
+    for k in range(16):
+        point, out = points[:, k].copy(), np.zeros(n * (n + 2))
+        call(library_.address["all"], 0.0, point, np.zeros(1), out)
+        truth = np.array(f(0, point, 0))[:, 0]
+        np.testing.assert_allclose(out[n * n + n :], truth, rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(lanes[:, k], truth, rtol=1e-13, atol=1e-14)
+        got = out[: 3 * n].reshape(3, n).T
+        np.testing.assert_allclose(got, np.array(jacobian(0, point, 0)), rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["exp", "log", "sin", "cos"])
+def test_elementary_functions_are_right_to_a_few_units_in_the_last_place(name: str) -> None:
+    rng = np.random.default_rng(1)
+    x = {
+        "exp": np.r_[rng.uniform(-700, 700, 2000), rng.normal(0, 1e-3, 200), 0.0, -1e4, 1e4, np.nan],
+        "log": np.r_[
+            np.exp(rng.uniform(-700, 700, 2000)), rng.uniform(0.9, 1.1, 500), 1.0, 0.0, np.inf, -1.0
+        ],
+    }.get(name, np.r_[rng.uniform(-10, 10, 2000), rng.uniform(-1e5, 1e5, 2000), 0.0, np.nan])
+    x = x[: x.size // 8 * 8].copy() if name in ("sin", "cos") else np.r_[x, np.ones(-x.size % 8)]
+    symbol = ca.SX.sym("x")
+    f = ca.Function("f", [ca.SX.sym("t"), symbol, ca.SX.sym("p")], [getattr(ca, name)(symbol)])
+    graphs._routines()
+    code = lowering.declarations() + lowering.column("f", program.read(f), [0])
+    address = machine.Library(machine.compiled(code, effort=0), ["f"]).address["f"]
+    got = np.empty_like(x)
+    arrays = [x, x, np.zeros(1), got]
+    kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 4
+    ctypes.CFUNCTYPE(None, *kinds)(address)(x.size // 8, x.size, *(z.ctypes.data for z in arrays))
+    with np.errstate(all="ignore"):
+        want = getattr(np, name)(x)
+    np.testing.assert_allclose(got, want, rtol=2e-15, atol=4e-16 if name in ("sin", "cos") else 0)
+
+
+def test_powers_are_right_for_any_sign() -> None:
+    base = np.array([2.0, 0.5, 0.0, 0.0, 1e-12, -2.0, -2.0, -2.0, 3.0, 0.0, 7.0, -1.5, 1e9, 1e-300, 1.0, 9.0])
+    exponent = np.array([0.5, -3.0, 0.9, 0.0, 1.3, 3.0, 2.0, 0.5, 1e9, -1.0, 0.0, -1.0, 3.3, 1.0, 1e5, 0.5])
+    x = ca.SX.sym("x", 2)
+    f = ca.Function("f", [ca.SX.sym("t"), x, ca.SX.sym("p")], [x[0] ** x[1]])
+    graphs._routines()
+    code = lowering.declarations() + lowering.column("f", program.read(f), [0])
+    address = machine.Library(machine.compiled(code, effort=0), ["f"]).address["f"]
+    states, got = np.vstack([base, exponent]), np.empty(16)
+    arrays = [base, states, np.zeros(1), got]
+    kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 4
+    ctypes.CFUNCTYPE(None, *kinds)(address)(2, 16, *(z.ctypes.data for z in arrays))
+    with np.errstate(all="ignore"):
+        np.testing.assert_allclose(got, base**exponent, rtol=2e-13)
+
+
+def test_a_graph_that_cannot_be_compiled_is_interpreted() -> None:
+    strange = Strange()
+    assert engine.engine_of((strange,)) is interpreted
+    plain, same = integrate(PAPER), integrate(PAPER, [activate(strange, {})])
+    assert np.abs(plain["v_mps"] - same["v_mps"]).max() < 1e-4
+    assert np.abs(plain["v_mps"] - integrate(PAPER, [activate(strange, {"size": 0.5})])["v_mps"]).max() > 1e-3
+
+
+def test_on_request_nothing_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(engine.INTERPRETED, "1")
+    engine._compiler.cache_clear()
+    engine.engine_of.cache_clear()
+    try:
+        assert engine.engine_of(()) is interpreted
+    finally:
+        monkeypatch.undo()
+        engine._compiler.cache_clear()
+        engine.engine_of.cache_clear()
+    assert engine.engine_of(()) is graphs
+
+
+def test_code_is_kept_for_the_next_process_and_damaged_code_is_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(machine.FOLDER, str(tmp_path))
+    machine.keep("some", b"code")
+    assert machine.kept("some") == b"code"
+    file = tmp_path / "some.o"
+    file.write_bytes(file.read_bytes()[:-1])
+    assert machine.kept("some") is None
+    assert machine.kept("other") is None
+    monkeypatch.setenv(machine.FOLDER, "")
+    machine.keep("more", b"code")
+    assert machine.kept("more") is None
+    assert [path.name for path in tmp_path.iterdir()] == ["some.o"]
+
+
+def _velocity(_: int) -> np.ndarray:
+    return integrate(PAPER, [activate(get("bulldozing"), {"strength": 0.5})])["v_mps"]
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="the system cannot fork")
+def test_forked_processes_give_the_same_numbers_whoever_compiled() -> None:
+    graphs._equations.cache_clear()  # the children load the code themselves
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        there = pool.map(_velocity, range(2))
+    for velocity in there:
+        np.testing.assert_array_equal(velocity, _velocity(0))
