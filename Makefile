@@ -13,7 +13,7 @@ help:
 	@echo "make test              ruff, mypy and all tests"
 	@echo "make bench             measure speed and accuracy, up to 1,200 trials (an hour), write docs/bench-*.md"
 	@echo "make soak              the tests whose long parts are only sampled by make test, whole"
-	@echo "make blind             an hour of hidden sets for discover, adds to docs/blind.md"
+	@echo "make blind             hidden sets of a frozen range for discover (two hours), write docs/blind.md"
 	@echo "make outside DIR=...   judge discover by trials of other programs"
 	@echo "make samples           write the virtual sample trials again"
 	@echo "make clean             remove .venv and all caches"
@@ -59,7 +59,7 @@ bench-many: $(DEV)
 	$(BIN)/python -m benchmarks.many_trials --counts 12,120,1200 --out docs/bench-many.md
 
 blind: $(DEV)
-	$(BIN)/python -m benchmarks.blind --minutes 60 --jobs 2 --out docs/blind.md
+	$(BIN)/python -m benchmarks.blind --minutes 120 --jobs 2 --out docs/blind.md
 
 DIR ?= ../shared/outside
 

@@ -1,8 +1,11 @@
-"""Does `discover` find what it was never told? Hidden sets, judged by their sealed answers.
+"""Does `discover` find what it was never told? A frozen range of hidden sets, judged once by one code.
 
-Each run continues the schedule where the results file ends, so that the figures tighten with time.
+Each seed is a laboratory of its own (`hide --lab wild`). Its first set hides nothing: it is a null, and
+states the smallest sizes that can be seen there. The other sets of the seed hide effects of twice and
+five times those sizes, pairs, and influences outside the library. Some seeds are of the old laboratory.
+A run that was interrupted goes on where it ended; results of other code are refused.
 
-``python -m benchmarks.blind [--minutes 60] [--jobs 2] [--only KIND] [--again] [--all] [--out docs/blind.md]``
+``python -m benchmarks.blind [--minutes 60] [--jobs 2] [--afresh] [--out docs/blind.md]``
 """
 
 from __future__ import annotations
@@ -13,55 +16,224 @@ import os
 import signal
 import subprocess
 import sys
-import threading
+import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
-from benchmarks.blind_code import ROOT, code_hash, origin
-from benchmarks.blind_misses import misses
-from benchmarks.blind_schedule import LOUD, Task, schedule
-from benchmarks.blind_tables import report
+import numpy as np
+
+from benchmarks.blind_code import ROOT, code_hash, commit
+from benchmarks.blind_page import page
+from benchmarks.judging import Line, judged, searched, short
+from granite_lab.api.hidden import hide
+from granite_lab.effects import library
+from granite_lab.errors import EstimateError, LabError
 from granite_lab.files import write_text
+from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, influence
+from granite_lab.hidden.influence import Size
+from granite_lab.hidden.sealed import open_answer
+from granite_lab.hidden.wish import Wish, chosen
 
 RESULTS = ROOT / "benchmarks" / "results" / "blind.jsonl"
 
-HORIZON = 20_000
-"""Sets of the schedule that are looked through for what is asked."""
+FIRST_SEED, LABS, OLD = 60_000, 100, 5
+"""The frozen range: seeds of the wild laboratories, and after them of the old one."""
 
-LIMIT = 4 * 3600.0
+LIMIT = 1200.0
 """Longest that a set may take, on however busy a machine [s]."""
 
-TYPICAL = 60.0
+TYPICAL = 40.0
 """Expected time of a set before one was made [s]."""
 
+SENSIBLE = 3.0
+"""An effect is at most this many times as large as its library entry expects: a robot, not a wreck."""
 
-class Results:
-    """The results file: one line of JSON for each set, complete or not there at all."""
+SHRINK = 0.7
+"""Step by which an effect is made smaller under which the robot would dig itself in."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.lines: list[dict[str, Any]] = []
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
-        for row in text.splitlines():
-            try:
-                self.lines.append(json.loads(row))
-            except ValueError:  # the line on which an earlier run was killed
-                continue
-        self.torn = bool(text) and not text.endswith("\n")
 
-    def append(self, line: dict[str, Any]) -> None:
-        """Add a line and see it to the disk."""
-        self.lines.append(line)
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write("\n" * self.torn + json.dumps(line, allow_nan=False, separators=(",", ":")) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        self.torn = False
+@dataclass(frozen=True)
+class Task:
+    """One set.
+
+    Attributes:
+        kind: "null", "single", "pair", "outside", or "old" for a single effect in the old laboratory.
+        effect: ids joined by ``+``, or "none".
+        strength: multiple of the smallest size that can be seen in this laboratory; for what is outside the
+            library, of the size that `hide` draws.
+        seed, lab: of the set.
+    """
+
+    kind: str
+    effect: str
+    strength: float
+    seed: int
+    lab: str = "wild"
+
+    @property
+    def key(self) -> str:
+        """The set in one word."""
+        return f"{self.seed}/{self.lab}/{self.kind}/{self.effect}/{self.strength:g}"
+
+    @property
+    def reference(self) -> str:
+        """Key of the set without an effect in the same laboratory."""
+        return Task("null", "none", 0.0, self.seed, self.lab).key
+
+
+def schedule() -> list[Task]:
+    """Return all sets: each effect four times at either strength, outside influences four times."""
+    inside, outside, tasks = sorted(LIBRARY), sorted(OUTSIDE), []
+    for k in range(LABS):
+        seed, i = FIRST_SEED + k, 7 * k  # 7 has no factor in common with 25 or 9: no order of the alphabet
+        tasks.append(Task("null", "none", 0.0, seed))
+        tasks.append(Task("single", inside[i % 25], 2.0, seed))
+        tasks.append(Task("single", inside[(i + 12 + k // 25) % 25], 5.0, seed))
+        if k % 3 == 0:
+            beside = f"+{inside[(i + 5) % 25]}" if k % 4 == 0 else ""
+            tasks.append(Task("outside", outside[7 * (k // 3) % 9] + beside, 2.0, seed))
+        elif k % 3 == 1:
+            tasks.append(Task("pair", "+".join(chosen(Wish("pair", seed))), 5.0, seed))
+    for k in range(OLD):
+        seed = FIRST_SEED + 1000 + k
+        tasks.append(Task("null", "none", 0.0, seed, "bench"))
+        tasks += [Task("old", name, 5.0, seed, "bench") for name in inside[k::OLD]]
+    return tasks
+
+
+def sizes_of(task: Task, detectable: Mapping[str, float | None]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the sizes to hide, by ``id.name``, and the strength that each effect reaches.
+
+    Of an effect with two amounts either one is hidden, or both at strength/√2: with signatures at right
+    angles that is as easily seen. The strength is lower than asked where a size would leave what is
+    sensible.
+
+    Args:
+        task: which set.
+        detectable: smallest sizes that can be seen, by ``id.parameter`` of the library.
+
+    Raises:
+        ValueError: the design shows no size of an effect.
+    """
+    sizes: dict[str, float] = {}
+    reached: dict[str, float] = {}
+    for place, name in enumerate(n for n in task.effect.split("+") if n in LIBRARY):
+        rng = np.random.default_rng([task.seed, 77, place])
+        amounts = [size for size in influence(name).declared if size.kind != "shape"]
+        needed = {size.name: detectable.get(f"{name}.{counterpart(size)}") for size in amounts}
+        seen = [size for size in amounts if needed[size.name]]
+        if not seen:
+            raise ValueError(f"the design shows no size of '{name}'")
+        both = len(seen) == 1 or seen[0].kind == "amplitude"
+        used = seen if both else [seen, seen[:1], seen[1:]][int(rng.integers(3))]
+        factor, own = 1.0, dict.fromkeys((size.name for size in amounts), 0.0)
+        for size in used:
+            sign = float(rng.choice((-1.0, 1.0))) if size.signed else 1.0
+            value = sign * task.strength * float(needed[size.name] or 0.0) / float(np.sqrt(len(used)))
+            own[size.name] = value
+            factor = min(factor, limit(name, size, value) / abs(value))
+        sizes |= {f"{name}.{key}": factor * value for key, value in own.items()}
+        reached[name] = factor * task.strength
+    return sizes, reached
+
+
+def counterpart(size: Size) -> str:
+    """Return the parameter of the library's effect that a hidden size corresponds to."""
+    return size.name.replace("amplitude_", "cos_") if size.kind == "amplitude" else size.name
+
+
+def limit(name: str, size: Size, value: float) -> float:
+    """Return the largest sensible magnitude in the direction of a value."""
+    bound = abs(size.most if value > 0 else size.least)
+    own = next(p for p in library()[name].parameters if p.name == counterpart(size))
+    expected = SENSIBLE * max(abs(own.prior_low), own.prior_high)
+    return float(min(bound, 0.8 * (own.high if value > 0 else -own.low), expected))
+
+
+def made(task: Task, detectable: Mapping[str, float | None], folder: Path) -> dict[str, float]:
+    """Write the set of a task; return the strength that each effect reached.
+
+    Raises:
+        ValueError: the design shows no size of the effect.
+        EstimateError: the robot digs itself in whatever the size.
+    """
+    sizes, reached = sizes_of(task, detectable)
+    strength = task.strength or 1.0
+    for attempt in range(8):
+        factor = SHRINK**attempt
+        smaller = {key: factor * value for key, value in sizes.items()}
+        try:
+            hide(
+                task.effect, folder, seed=task.seed, lab=task.lab, sizes=smaller,
+                strength=factor * strength if task.kind == "outside" else 1.0,
+            )  # fmt: skip
+        except EstimateError:
+            if task.effect == "none" or attempt == 7:
+                raise
+            continue
+        return {name: round(factor * x, 2) for name, x in reached.items()}
+    raise AssertionError
+
+
+def one(task: Task, detectable: Mapping[str, float | None]) -> Line:
+    """Make, search and judge one set."""
+    line: Line = asdict(task) | {"key": task.key}
+    if task.kind not in ("null", "outside") and not detectable:
+        return judged(line | {"status": "crashed", "error": "the set without an effect has no sizes"}, {})
+    with tempfile.TemporaryDirectory(prefix="granite-blind-") as name:
+        folder, start = Path(name), time.monotonic()
+        try:
+            reached = made(task, detectable, folder)
+        except (LabError, ValueError) as error:
+            return line | {"status": "not made", "error": str(error)}
+        answer = open_answer(folder)
+        line |= {
+            "reached": reached,
+            "making": round(time.monotonic() - start, 1),
+            "lab_drawn": told(answer["lab"]),
+        }
+        line |= judged(searched(sorted(folder.glob("*.csv"))), answer)
+    line["truth"] = {
+        e["id"]: {name: short(p["value"]) for name, p in e["parameters"].items()} for e in answer["effects"]
+    }
+    if task.kind != "null":
+        line.pop("detectable", None)
+    return line
+
+
+def told(lab: Mapping[str, object]) -> dict[str, object]:
+    """Return what of a laboratory the page groups by."""
+    if lab["name"] != "wild":
+        return {}
+    imu, near_rest = lab["imu"], lab["near_rest"]
+    assert isinstance(imu, Mapping)
+    assert isinstance(near_rest, Mapping)
+    return {
+        "repetitions": lab["repetitions"],
+        "other robot": isinstance(lab["robot"], Mapping),
+        "other sand": lab["soil"] != "dry_sand",
+        "IMU more than 4 ms late": imu["late"] > 0.004,
+        "gears that lock": near_rest["holds_below"] > 0,
+    }
+
+
+def read(path: Path) -> list[Line]:
+    """Return the lines of a results file; one on which a run was killed is dropped."""
+    lines = []
+    for text in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        try:
+            lines.append(json.loads(text))
+        except ValueError:
+            continue
+    return lines
+
+
+def write(path: Path, lines: Sequence[Line]) -> None:
+    """Write the results, whole or not at all."""
+    write_text(path, "".join(json.dumps(x, allow_nan=False, separators=(",", ":")) + "\n" for x in lines))
 
 
 class Workers:
@@ -69,118 +241,74 @@ class Workers:
 
     def __init__(self) -> None:
         self.running: set[subprocess.Popen[str]] = set()
-        self.lock = threading.Lock()
         self.stopped = False
 
-    def run(self, asked: dict[str, Any]) -> dict[str, Any]:
-        """Run `benchmarks.blind_set`; whatever happens there becomes a line."""
-        one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-        with self.lock:
-            if self.stopped:
-                raise InterruptedError
-            process = subprocess.Popen(
-                [sys.executable, "-m", "benchmarks.blind_set", json.dumps(asked)],
-                cwd=ROOT, env=os.environ | one, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            )  # fmt: skip
-            self.running.add(process)
+    def run(self, task: Task, detectable: Mapping[str, float | None]) -> Line:
+        """Run one set; whatever happens there becomes a line."""
+        single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        asked = json.dumps({"task": asdict(task), "detectable": detectable})
+        process = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.blind", "--one", asked], cwd=ROOT, env=os.environ | single,
+            text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        self.running.add(process)
         try:
             printed, said = process.communicate(timeout=LIMIT)
+            line: Line = json.loads(printed)
         except subprocess.TimeoutExpired:
             process.kill()
-            printed, said = process.communicate()
-            said = f"longer than {LIMIT:.0f} s\n{said}"
+            line = judged({"status": "crashed", "error": f"longer than {LIMIT:.0f} s"}, {})
+        except ValueError:
+            line = judged({"status": "crashed", "error": said[-2000:]}, {})
         finally:
             self.running.discard(process)
         if self.stopped:
             raise InterruptedError
-        try:
-            line: dict[str, Any] = json.loads(printed)
-        except ValueError:
-            task = Task(**asked["task"]) if "task" in asked else None
-            line = {"key": task.key if task else "", **(asked.get("task") or {})}
-            line |= origin() | {"status": "crashed", "error": said[-2000:], "exit": process.returncode}
-        return line
+        return asdict(task) | {"key": task.key} | line
 
     def stop(self) -> None:
         """End all that runs."""
-        with self.lock:
-            self.stopped = True
-            for process in list(self.running):
-                process.kill()
+        self.stopped = True
+        for process in list(self.running):
+            process.kill()
 
 
-def detectable_sizes(path: Path, workers: Workers, *, again: bool) -> dict[str, dict[str, Any]]:
-    """Return the smallest detectable sizes by noise, as the tool computes them for a set without an effect.
-
-    They are found once for each design and kept, so that a strength means the same in all runs.
-    """
-    known: dict[str, dict[str, Any]] = {}
-    if path.exists() and not again:
-        known = json.loads(path.read_text(encoding="utf-8"))
-    for noise in (1.0, LOUD):
-        if f"{noise:g}" in known:
-            continue
-        print(f"smallest detectable sizes at {noise:g} times the noise", file=sys.stderr, flush=True)
-        found = workers.run({"detectable_at": noise})
-        if "sizes" not in found:
-            sys.exit(f"error: the smallest detectable sizes cannot be found\n{found.get('error')}")
-        known[f"{noise:g}"] = found
-        write_text(path, json.dumps(known, indent=1) + "\n")
-    return known
+def ready(
+    waiting: Sequence[Task], done: Mapping[str, Line]
+) -> Iterator[tuple[Task, dict[str, float | None]]]:
+    """Yield the sets that can be made now: the first of each laboratory, and those that have it."""
+    for task in waiting:
+        if task.kind == "null":
+            yield task, {}
+        elif task.reference in done:
+            yield task, done[task.reference].get("detectable") or {}
 
 
-def waiting(done: set[int], only: str | None) -> Iterator[Task]:
-    """Yield the sets of the schedule whose seeds are not spent, on whatever the schedule once had there."""
-    for _, task in zip(range(HORIZON), schedule(), strict=False):
-        words = (task.kind, task.effect, f"{task.strength:g}" if task.strength is not None else "drawn")
-        if task.seed not in done and all(word in words for word in (only or "").split(":") if word):
-            yield task
-
-
-def missed_before(
-    lines: Sequence[dict[str, Any]], again: Sequence[dict[str, Any]], code: str
-) -> Iterator[Task]:
-    """Yield the sets that older code missed and this code has not judged again.
-
-    Args:
-        lines: of the results file.
-        again: of the file of sets that were judged again.
-        code: hash of this code.
-    """
-    names = {field.name for field in fields(Task)}
-    done = {line["key"] for line in again if line["code"] == code}
-    for line in misses(lines):
-        if line["key"] not in done and line.get("code") != code and line["status"] != "not made":
-            yield Task(**{name: value for name, value in line.items() if name in names})
-
-
-def run(
-    results: Results, tasks: Iterator[Task], minutes: float, jobs: int, keep: Path | None, anew: bool
-) -> None:
+def run(path: Path, lines: list[Line], minutes: float, jobs: int, version: dict[str, str]) -> None:
     """Make and judge sets until there are none left or the time is up."""
     workers, begin, most = Workers(), time.monotonic(), TYPICAL
+    done = {line["key"]: line for line in lines}
+    waiting = [task for task in schedule() if task.key not in done]
+    running: dict[Future[Line], float] = {}
     pool = ThreadPoolExecutor(jobs)
     try:
-        sizes = detectable_sizes(results.path.with_name("detectable.json"), workers, again=anew)
-        running: dict[Future[dict[str, Any]], float] = {}
         while True:
             while len(running) < jobs and time.monotonic() - begin + most < 60 * minutes:
-                task = next(tasks, None)
-                if task is None:
+                found = next(ready(waiting, done), None)
+                if found is None:
                     break
-                noise = f"{LOUD if task.kind == 'loud' else 1.0:g}"
-                folder = str(keep / task.key.replace("/", "_")) if keep else None
-                asked = {"task": task.record(), "detectable": sizes[noise]["sizes"], "folder": folder}
-                running[pool.submit(workers.run, asked)] = time.monotonic()
+                waiting.remove(found[0])
+                running[pool.submit(workers.run, *found)] = time.monotonic()
             if not running:
                 return
-            ready, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in ready:
+            for future in wait(running, return_when=FIRST_COMPLETED)[0]:
                 most = max(0.9 * most, time.monotonic() - running.pop(future))
-                line = future.result()
-                results.append(line)
+                line = future.result() | version
+                lines.append(line)
+                done[line["key"]] = line
+                write(path, lines)
                 told = line.get("outcome") or line["status"]
-                print(f"{len(results.lines)} {line['key']}: {told}", file=sys.stderr, flush=True)
+                print(f"{len(lines)} {line['key']}: {told}", file=sys.stderr, flush=True)
     except KeyboardInterrupt:
         print("interrupted; what is done is kept", file=sys.stderr)
     finally:
@@ -189,31 +317,34 @@ def run(
 
 
 def main() -> None:
-    """Continue the benchmark and write its report."""
+    """Continue the benchmark and write its page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--minutes", type=float, default=60, help="0: only the report")
+    parser.add_argument("--minutes", type=float, default=60, help="0: only the page")
     parser.add_argument("--jobs", type=int, default=2, help="sets side by side")
-    parser.add_argument("--only", help="a kind, an effect or a strength, or several joined by colons")
+    parser.add_argument("--afresh", action="store_true", help="drop results of other code")
     parser.add_argument("--results", type=Path, default=RESULTS, help="one line for each set")
-    parser.add_argument("--out", type=Path, help="write the report here too")
-    parser.add_argument("--all", action="store_true", help="results of older code, too")
-    parser.add_argument("--again", action="store_true", help="only the sets that older code missed")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the sets in here")
-    parser.add_argument("--detectable", action="store_true", help="find the smallest detectable sizes again")
+    parser.add_argument("--out", type=Path, help="write the page here, too")
+    parser.add_argument("--one", help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.one:
+        asked = json.loads(options.one)
+        print(json.dumps(one(Task(**asked["task"]), asked["detectable"]), allow_nan=False))
+        return
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    results = Results(options.results)
-    again = Results(options.results.with_name("again.jsonl"))
-    if options.again:
-        tasks = missed_before(results.lines, again.lines, code_hash())
-    else:
-        tasks = waiting({line["seed"] for line in results.lines if "seed" in line}, options.only)
+    lines = read(options.results)
     if options.minutes > 0:
-        into = again if options.again else results
-        run(into, tasks, options.minutes, options.jobs, options.keep, options.detectable)
-    text = report(results.lines, every=options.all, again=again.lines)
+        version = {"code": code_hash(), "commit": commit()}
+        if options.afresh:
+            lines = [line for line in lines if line["code"] == version["code"]]
+        elif lines and lines[-1]["code"] != version["code"]:
+            sys.exit(
+                f"error: {options.results} is of code {lines[-1]['code']}, this is {version['code']}\n"
+                "hint: --afresh begins anew; --minutes 0 shows what there is"
+            )
+        run(options.results, lines, options.minutes, options.jobs, version)
+    text = page(lines, len(schedule()))
     print(text)
     if options.out is not None:
         write_text(options.out, text)

@@ -6,29 +6,22 @@ import ast
 import hashlib
 import subprocess
 from pathlib import Path
-from typing import Any
-
-from granite_lab import __version__
 
 ROOT = Path(__file__).parent.parent
 
-JUDGED = ("discovery", "model", "effects", "hidden")
-"""Packages that decide what is found, and what is hidden."""
-
-
-TEXTS = ("documentation.py",)
-"""Modules of theirs that only write pages."""
+LEFT_OUT = ("api", "cli.py", "commands", "planning", "reporting", "study.py", "verify.py", "documentation.py")
+"""Packages and modules that decide neither what is hidden nor what is found."""
 
 
 def code_hash(root: Path = ROOT) -> str:
     """Return a hash of the sources that decide a result, whatever their comments and docstrings say."""
-    digest = hashlib.sha256()
-    for package in JUDGED:
-        for path in sorted((root / "granite_lab" / package).rglob("*.py")):
-            if path.name not in TEXTS:
-                digest.update(
-                    f"{path.relative_to(root).as_posix()}\n{_bare(path.read_text('utf-8'))}".encode()
-                )
+    package, digest = root / "granite_lab", hashlib.sha256()
+    for path in sorted([*package.rglob("*.py"), *package.rglob("*.toml")]):
+        place = path.relative_to(package)
+        if place.parts[0] in LEFT_OUT or place.name in LEFT_OUT:
+            continue
+        text = path.read_text("utf-8")
+        digest.update(f"{place.as_posix()}\n{_bare(text) if path.suffix == '.py' else text}".encode())
     return digest.hexdigest()[:10]
 
 
@@ -59,8 +52,3 @@ def commit() -> str:
     except (OSError, subprocess.CalledProcessError):
         return "-"
     return found.stdout.strip()
-
-
-def origin() -> dict[str, Any]:
-    """Return version, commit and hash of the code."""
-    return {"version": __version__, "commit": commit(), "code": code_hash()}
