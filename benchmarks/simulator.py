@@ -1,107 +1,346 @@
-"""Speed and accuracy of the simulator, beside the paper's fixed-step method, in one run.
+"""Speed and accuracy of the simulator, beside CVODES and the paper's fixed-step method, in one run.
 
-    python -m benchmarks.simulator [--repeats N] [--out docs/bench-simulator.md]
+    python -m benchmarks.simulator [--repeats N] [--draws N] [--out docs/bench-simulator.md]
 
-Both methods integrate the same trials (standstill before, command, coasting after) on one core; the
-compiled code of the fixed-step method is warmed up first, and so is the simulator. Times are
-medians; compare ratios, not seconds.
+All methods integrate the same trials (standstill before, command, coasting after) on one core, in
+turn, warmed up. Times are medians; compare ratios, not seconds.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import os
 import platform
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
+from unittest.mock import patch
 
 import numpy as np
 
 from benchmarks import rk4
-from granite_lab.model import Accuracy, simulate
+from granite_lab.effects import get, library
+from granite_lab.errors import EstimateError
+from granite_lab.logs.trial import Array
+from granite_lab.model import Accuracy, interpreted, simulate, simulator
 from granite_lab.model.command import duration
-from granite_lab.model.instants import COAST
-from granite_lab.parameters import load_paper, load_robot, load_soil, variant_of
+from granite_lab.model.effect import activate
+from granite_lab.model.engine import INTERPRETED
+from granite_lab.model.instants import COAST, USUAL, instants
+from granite_lab.model.native import graphs, machine
+from granite_lab.model.simulator import integrate_many, parameter_vector, rest_state
+from granite_lab.model.symbols import model_parameters, names_of
+from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, variant_of
+from tests.model.box import draw
+
+T = TypeVar("T")
+
+LEAN = Accuracy(relative=5e-5, absolute=1e-7, travel=0.0018, lean=True, order=3)
+"""As the search for effects runs its simulations."""
+
+TOGETHER = (
+    ("tyre_windup", "contact_angle_lag"),
+    ("slip_sinkage", "drivetrain_friction", "supply_sag"),
+    ("radial_tyre_compliance", "rate_dependent_soil", "tyre_windup"),
+)
+"""Sets of two and three effects."""
+
+SIGNALS = {"v_mps": 1e3, "imu_ax_mps2": 1e3, "imu_az_mps2": 1e3, "cur_f_A": 1e3}
+"""What is compared, and the factor to mm/s, mm/s² and mA."""
 
 PAGE = """# Speed and accuracy of the simulator
 
 Written by `make bench-simulator` (`python -m benchmarks.simulator --out docs/bench-simulator.md`).
-One core, {machine}, Python {python}; medians, warm. Both methods ran in turn in one process, so
+One core, {machine}, Python {python}; medians, warm. All methods ran in turn in one process, so
 compare the ratios.
 
-The fixed-step method is the paper's: Runge–Kutta of fourth order at 0.05 ms, compiled with numba
-(`benchmarks/rk4.py`, written independently). The simulator integrates the same trial with CVODES
-at relative tolerance 10⁻⁴ and evaluates all outputs on a grid of 5 ms. Δv is the largest difference
-in velocity from the start of the command on, the last but one column that at tolerance 10⁻⁶.
+## How runs are computed
 
-| v [m/s] | trial [s] | this [ms] | fixed step [ms] | ratio | Δv [mm/s] | Δv at 10⁻⁶ [mm/s] | λ_R [%] |
-|---|---|---|---|---|---|---|---|
+The equations are a CasADi graph. Its list of instructions becomes machine code by LLVM (`llvmlite`),
+the derivatives by state and time with it; what the eight places of the contact arc have in common
+is one vector instruction. RODAS, a Rosenbrock method of order 4, integrates it and starts anew at
+each corner of the command. A graph is compiled once on a machine: the code stays in the user's
+folder for caches, or in the folder that `GRANITE_LAB_CACHE` names. Where `llvmlite` or an operation
+is missing, or with `GRANITE_LAB_INTERPRETED=1`, CasADi interprets the graph and CVODES integrates
+it, as "CVODES" below.
+
+## The paper's trials
+
+All outputs on a grid of 5 ms at relative tolerance 10⁻⁴. The fixed-step method is the paper's:
+Runge–Kutta of fourth order at 0.05 ms, compiled with numba (`benchmarks/rk4.py`, written
+independently). Δv is the largest difference in velocity from it, from the start of the command on.
+
+| v [m/s] | trial [s] | ms | CVODES | ratio | fixed step [ms] | Δv [mm/s] | CVODES | at 10⁻⁶ | λ_R |
+|---|---|---|---|---|---|---|---|---|---|
 {rows}
 
-Whole processes: `granite-lab --help` {help:.2f} s, `granite-lab simulate --variant 0.5` {whole:.2f} s.
+## With effects
+
+As the search for effects runs them (relative tolerance 5·10⁻⁵, absolute 10⁻⁷, fewer instants at
+rest and more at the corners), without the outputs; each effect with parameters three quarters up
+the range that the literature leads to expect. Times are medians of the four variants. Differences
+are the largest ones of all instants and variants from CVODES at 10⁻⁹. The last column is what an
+empty folder costs once: graph, code and compilation.
+
+| effects | ms | CVODES | ratio | Δv [mm/s] | CVODES | Δa [mm/s²] | CVODES | Δi [mA] | CVODES | first [ms] |
+|---|---|---|---|---|---|---|---|---|---|---|
+{effects}
+
+## Anywhere in the parameters
+
+{draws} random robots, soils, commands and effects within the bounds of the parameters
+(`tests/model/box.py`) at relative tolerance 10⁻⁴, beside CVODES at 10⁻⁹; {solved} of them have a
+solution that all three find, {refused} are refused by both with a reason, {compiled_only} only
+CVODES refuses and {cvodes_only} only the compiled graph does.
+
+| | median | 90 % | worst |
+|---|---|---|---|
+{box}
+
+## Derivatives
+
+`integrate_many` runs other numbers by the steps of the first run. One-sided differences with steps
+of 10⁻⁴ of {numbers} numbers of the sand and of one effect, beside central differences of CVODES at
+10⁻¹⁰: the rms error of the derivatives of velocity, accelerations and current is {shared:.1e} of
+their rms (median); with CVODES at the search's tolerance, each run by steps of its own, {alone:.2g}.
+A run more costs {more:.1f} ms.
+
+## Start
+
+First run in a new process: {cold:.2f} s with an empty folder, {warm:.2f} s with the code in it,
+{never:.2f} s with CVODES. Whole processes: `granite-lab --help` {help:.2f} s,
+`granite-lab simulate --variant 0.5` {whole:.2f} s.
 """
 
 
-def median_time(work: Callable[[], object], repeats: int) -> float:
-    """Return the median time of a call [s], after one that is not counted."""
-    work()
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - begin)
-    return statistics.median(times)
+def median_times(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+    """Return the median time of each call [s], in turn, after one round that is not counted."""
+    times: list[list[float]] = [[] for _ in works]
+    for _ in range(repeats + 1):
+        for own, work in zip(times, works, strict=True):
+            begin = time.perf_counter()
+            work()
+            own.append(time.perf_counter() - begin)
+    return [statistics.median(own[1:]) for own in times]
+
+
+def by_cvodes(work: Callable[[], T]) -> T:
+    """Do something without machine code."""
+    with patch.object(simulator, "engine_of", lambda _: interpreted):
+        return work()
 
 
 def process_time(arguments: list[str], repeats: int) -> float:
     """Return the median wall time of a whole process [s]."""
     command = [sys.executable, "-c", "from granite_lab.cli import main; main()", *arguments]
-    return median_time(lambda: subprocess.run(command, capture_output=True, check=True), repeats)
+    return median_times([lambda: subprocess.run(command, capture_output=True, check=True)], repeats)[0]
 
 
-def table(repeats: int) -> str:
-    """Measure and return the Markdown page."""
+FIRST = """
+import time
+from granite_lab.model import simulate
+from granite_lab.parameters import load_robot, load_soil, variant_of
+begin = time.perf_counter()
+simulate(variant_of(0.5), load_robot(), load_soil())
+print(time.perf_counter() - begin)
+"""
+
+
+def first_run(**environment: str) -> float:
+    """Return how long the first run of a new process takes [s]."""
+    done = subprocess.run(
+        [sys.executable, "-c", FIRST], capture_output=True, check=True, text=True,
+        env=os.environ | environment,
+    )  # fmt: skip
+    return float(done.stdout)
+
+
+def paper_table(repeats: int) -> str:
+    """Return the rows of the paper's trials."""
     robot, soil = load_robot(), load_soil()
     rows = []
     for column in load_paper().table3:
         variant = variant_of(column.velocity)
-
         fast = partial(simulate, variant, robot, soil, k92=column.k92)
         slow = partial(rk4.simulate, variant, robot, soil, k92=column.k92, after=COAST)
-        run, trace = fast(), slow()
+        run, other, trace = fast(), by_cvodes(fast), slow()
         tight = fast(accuracy=Accuracy(1e-6, 1e-8))
         slow_v = np.interp(run.t, trace.t, trace.v)
-        error, error_tight = (np.abs(slow_v - other["v_mps"])[run.t >= 0].max() for other in (run, tight))
-        seconds = median_time(fast, 4 * repeats), median_time(slow, max(3, repeats // 2))
+        errors = [1000 * np.abs(slow_v - r["v_mps"])[r.t >= 0].max() for r in (run, other, tight)]
+        seconds = median_times([fast, partial(by_cvodes, fast)], 4 * repeats)
+        seconds += median_times([slow], max(3, repeats // 2))
         rows.append(
             f"| {variant.velocity:g} | {1 + duration(variant) + COAST:.1f} | {1000 * seconds[0]:.1f} "
-            f"| {1000 * seconds[1]:.0f} | {seconds[1] / seconds[0]:.0f} | {1000 * error:.3f} "
-            f"| {1000 * error_tight:.4f} | {100 * run.slip_ratio:.2f} |"
+            f"| {1000 * seconds[1]:.1f} | {seconds[1] / seconds[0]:.1f} | {1000 * seconds[2]:.0f} "
+            f"| {errors[0]:.4f} | {errors[1]:.4f} | {errors[2]:.4f} | {100 * run.slip_ratio:.2f} % |"
         )
-    help_time = process_time(["--help"], repeats)
-    with tempfile.TemporaryDirectory() as folder:
-        whole = process_time(["simulate", "--variant", "0.5", "--out", f"{folder}/run.csv"], repeats)
-    return PAGE.format(
-        machine=platform.machine(),
-        python=platform.python_version(),
-        rows="\n".join(rows),
-        help=help_time,
-        whole=whole,
+    return "\n".join(rows)
+
+
+def compile_time(ids: tuple[str, ...]) -> float:
+    """Return how long a graph takes that is in no folder [s]."""
+    begin = time.perf_counter()
+    graphs.prepare(tuple(get(name) for name in ids))
+    return time.perf_counter() - begin
+
+
+def effects_table(repeats: int) -> str:
+    """Return the rows of the effects, and of their median and worst."""
+    robot, soil, a_theta = load_robot(), load_soil(), load_paper().a_theta
+    fine = dataclasses.replace(LEAN, relative=1e-9, absolute=1e-11, order=5)
+    moving = [(name,) for name in sorted(library()) if get(name).moves]
+    rows, figures = [], []
+    compile_time(("bulldozing",))  # with what all graphs share
+    graphs.forget()
+    for ids in ((), *moving, *TOGETHER):
+        effects = tuple(get(name) for name in ids)
+        first = compile_time(ids)
+        active = [
+            activate(e, {q.name: (q.prior_low + 3 * q.prior_high) / 4 for q in e.parameters}) for e in effects
+        ]
+        seconds, errors = [], []
+        for variant in load_variants():
+            p = model_parameters(robot, soil, variant, a_theta=a_theta)
+            start, vector, t = rest_state(p, active), parameter_vector(p, active), instants(variant, LEAN)
+            works = [
+                partial(engine.run, effects, variant, LEAN, start, vector) for engine in (graphs, interpreted)
+            ]
+            seconds.append(median_times(works, repeats))
+            truth, *found = (
+                interpreted.outputs(effects, tuple(SIGNALS), t, states, vector)
+                for states in (
+                    interpreted.run(effects, variant, fine, start, vector), works[0](), works[1](),
+                )
+            )  # fmt: skip
+            errors.append([np.abs(rows - truth).max(1) * list(SIGNALS.values()) for rows in found])
+        ms = 1000 * np.median(seconds, 0)
+        v, ax, az, i = np.max(errors, 0).T
+        figures.append([*ms, ms[1] / ms[0], *v, *np.maximum(ax, az), *i, 1000 * first])
+        rows.append(_row(" + ".join(ids) or "none", figures[-1]))
+    rows.append(_row("**median**", np.median(figures, 0)))
+    worst = np.max(figures, 0)
+    worst[2] = np.min(figures, 0)[2]
+    return "\n".join([*rows, _row("**worst**", worst)])
+
+
+def _row(name: str, f: Sequence[float] | Array) -> str:
+    return (
+        f"| {name} | {f[0]:.1f} | {f[1]:.1f} | {f[2]:.1f} | {f[3]:.4f} | {f[4]:.4f} | {f[5]:.2f} "
+        f"| {f[6]:.2f} | {f[7]:.2f} | {f[8]:.2f} | {f[9]:.0f} |"
     )
+
+
+def box(draws: int) -> dict[str, Any]:
+    """Return the figures of random robots."""
+    fine, counts, figures = Accuracy(1e-9, 1e-11), [0, 0, 0], []
+    graphs.prepare(())
+    for number in range(draws):
+        d = draw(5, number)
+        p = model_parameters(
+            d.robot, d.soil, d.variant, k92=d.k92,
+            a_theta=load_paper().a_theta if d.a_theta is None else d.a_theta,
+        )  # fmt: skip
+        effects = tuple(e.effect for e in d.effects)
+        try:
+            start, t = rest_state(p, d.effects), instants(d.variant, USUAL)
+        except EstimateError:
+            counts[0] += 1
+            continue
+        vector, found, seconds = parameter_vector(p, d.effects), [], []
+        graphs.prepare(effects)
+        for engine, accuracy in ((graphs, USUAL), (interpreted, USUAL), (interpreted, fine)):
+            begin = time.perf_counter()
+            try:
+                states = engine.run(effects, d.variant, accuracy, start, vector)
+                found.append(interpreted.outputs(effects, ("v_mps",), t, states, vector)[0])
+            except EstimateError:
+                found.append(None)
+            seconds.append(time.perf_counter() - begin)
+        compiled, cvodes, truth = found
+        if compiled is None or cvodes is None or truth is None:
+            counts[0 if compiled is None and cvodes is None else 1 if compiled is not None else 2] += 1
+            continue
+        largest = max(np.abs(truth).max(), 1e-3)
+        errors = [100 * np.abs(v - truth).max() / largest for v in (compiled, cvodes)]
+        figures.append([*errors, *(1000 * s for s in seconds[:2])])
+    names = (
+        "Δv compiled [% of the largest v]", "Δv CVODES [% of the largest v]", "compiled [ms]", "CVODES [ms]",
+    )  # fmt: skip
+    rows = [
+        f"| {name} | {np.median(f):.3g} | {np.quantile(f, 0.9):.3g} | {np.max(f):.3g} |"
+        for name, f in zip(names, np.transpose(figures), strict=True)
+    ]
+    return {
+        "draws": draws, "solved": len(figures), "refused": counts[0], "compiled_only": counts[1],
+        "cvodes_only": counts[2], "box": "\n".join(rows),
+    }  # fmt: skip
+
+
+def derivatives(repeats: int) -> dict[str, Any]:
+    """Return the figures of derivatives by differences."""
+    p = model_parameters(load_robot(), load_soil(), variant_of(0.7), a_theta=load_paper().a_theta)
+    active = [activate(get("slip_sinkage"), {})]
+    first, names = parameter_vector(p, active), names_of(p)
+    wanted = (
+        "a_theta", "soil.frictional_modulus", "soil.cohesion", "soil.shear_modulus", "soil.friction_angle",
+        "soil.exponent", "soil.tyre_friction",
+    )  # fmt: skip
+    places = [*map(names.index, wanted), len(names)]
+    count = len(places)
+    steps = 1e-4 * np.maximum(np.abs(first[places]), 0.1)
+    vectors = np.repeat(first[None], 2 * count, 0)
+    vectors[range(count), places] += steps
+    vectors[range(count, 2 * count), places] -= steps
+
+    def run(accuracy: Accuracy, others: Array) -> Array:
+        found = integrate_many(p, active, others, accuracy, tuple(SIGNALS))
+        return np.stack([found[name] for name in SIGNALS], axis=1)
+
+    def slopes(runs: Array) -> Array:
+        difference: Array = (runs[1 : count + 1] - runs[0]) / steps[:, None, None]
+        return difference
+
+    fine = dataclasses.replace(LEAN, relative=1e-10, absolute=1e-12, order=5)
+    exact = by_cvodes(partial(run, fine, vectors))
+    truth = (exact[1 : count + 1] - exact[count + 1 :]) / (2 * steps[:, None, None])
+    ours, theirs = run(LEAN, vectors[:count]), by_cvodes(partial(run, LEAN, vectors[:count]))
+    size = np.sqrt(np.mean(truth**2, axis=2))
+    shared, alone = (
+        float(np.median((np.sqrt(np.mean((slopes(runs) - truth) ** 2, axis=2)) / size)[size > 0]))
+        for runs in (ours, theirs)
+    )
+    many, one = median_times([partial(run, LEAN, vectors[:count]), partial(run, LEAN, vectors[:0])], repeats)
+    return {"numbers": count, "shared": shared, "alone": alone, "more": 1000 * (many - one) / count}
 
 
 def main() -> None:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=10)
+    parser.add_argument("--draws", type=int, default=400)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-    text = table(options.repeats)
+    with tempfile.TemporaryDirectory() as folder:
+        cold, warm = (first_run(**{machine.FOLDER: folder}) for _ in range(2))
+        never = first_run(**{INTERPRETED: "1"})
+        whole = ["simulate", "--variant", "0.5", "--out", f"{folder}/run.csv"]
+        figures = {
+            "machine": platform.machine(), "python": platform.python_version(), "cold": cold, "warm": warm,
+            "never": never, "help": process_time(["--help"], options.repeats),
+            "whole": process_time(whole, options.repeats), "rows": paper_table(options.repeats),
+            **derivatives(options.repeats), **box(options.draws),
+        }  # fmt: skip
+        os.environ[machine.FOLDER] = f"{folder}/empty"
+        graphs.forget()
+        figures["effects"] = effects_table(options.repeats)
+    text = PAGE.format(**figures)
     print(text)
     if options.out:
         options.out.write_text(text, encoding="utf-8")

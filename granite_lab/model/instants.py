@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -26,9 +27,9 @@ class Accuracy:
     """How finely a run is computed.
 
     Attributes:
-        relative, absolute: tolerances of CVODES.
-        order: highest of its backward differences. Of a lower order the errors of neighbouring runs are
-            more alike, and so their difference, a derivative, is better than either.
+        relative, absolute: tolerances of the integrator.
+        order: highest of CVODES' backward differences, where it integrates. Of a lower order the errors of
+            neighbouring runs are more alike, and so their difference, a derivative, is better than either.
         step: largest spacing of the output grid while the robot moves [s].
         travel: how far the robot may drive from one instant to the next [m]; lugs and run-outs
             shake it by distance, so that fast runs need closer instants.
@@ -63,6 +64,11 @@ def instants(variant: Variant, accuracy: Accuracy) -> Array:
     Raises:
         EstimateError: it would be too long.
     """
+    return _instants(variant, accuracy).copy()
+
+
+@lru_cache(maxsize=64)
+def _instants(variant: Variant, accuracy: Accuracy) -> Array:
     step = min(accuracy.step, accuracy.travel / peak_velocity(variant))
     samples = int(np.ceil((SETTLE + duration(variant) + COAST) / step)) + 1
     refuse_long(variant, samples, step)

@@ -98,6 +98,13 @@ def prepare(effects: tuple[Effect, ...]) -> None:
     _equations(effects)
 
 
+def forget() -> None:
+    """Let the next use of a graph compile it, or load its code, anew."""
+    _equations.cache_clear()
+    _columns.cache_clear()
+    build_graph.cache_clear()
+
+
 def run(
     effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
 ) -> Array:

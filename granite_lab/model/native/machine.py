@@ -13,7 +13,7 @@ from llvmlite import binding
 from platformdirs import user_cache_path
 
 FOLDER = "GRANITE_LAB_CACHE"
-"""Environment variable: folder for the machine code; empty for none."""
+"""Environment variable: folder for what is kept, as for results."""
 
 KEPT = 400
 """Files that stay in the folder, of about 50 kB each."""
@@ -91,18 +91,17 @@ def key(*parts: str | bytes) -> str:
     return digest.hexdigest()
 
 
-def _folder() -> Path | None:
+def _folder() -> Path:
     named = os.environ.get(FOLDER)
-    if named == "":
-        return None
-    return Path(named) if named else user_cache_path("granite-lab", appauthor=False) / "machine-code"
+    return (Path(named) if named else user_cache_path("granite-lab", appauthor=False)) / "machine-code"
 
 
 def kept(name: str) -> bytes | None:
-    """Return the machine code of that name from the folder; None if there is none."""
-    folder = _folder()
+    """Return the machine code of that name from the folder; None if there is none, or if it is damaged."""
+    file = _folder() / f"{name}.o"
     try:
-        content = b"" if folder is None else (folder / f"{name}.o").read_bytes()
+        content = file.read_bytes()
+        os.utime(file)  # what is used stays
     except OSError:
         return None
     check, code = content[:_CHECK], content[_CHECK:]
@@ -112,8 +111,6 @@ def kept(name: str) -> bytes | None:
 def keep(name: str, code: bytes) -> None:
     """Put machine code into the folder, whole or not at all; a folder that cannot be written is no fault."""
     folder = _folder()
-    if folder is None:
-        return
     try:
         folder.mkdir(parents=True, exist_ok=True)
         part = folder / f"{name}.{os.getpid()}"

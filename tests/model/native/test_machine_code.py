@@ -182,14 +182,14 @@ def test_code_is_kept_for_the_next_process_and_damaged_code_is_not_taken(
     monkeypatch.setenv(machine.FOLDER, str(tmp_path))
     machine.keep("some", b"code")
     assert machine.kept("some") == b"code"
-    file = tmp_path / "some.o"
+    file = tmp_path / "machine-code" / "some.o"
     file.write_bytes(file.read_bytes()[:-1])
     assert machine.kept("some") is None
     assert machine.kept("other") is None
-    monkeypatch.setenv(machine.FOLDER, "")
-    machine.keep("more", b"code")
+    monkeypatch.setenv(machine.FOLDER, str(file))
+    machine.keep("more", b"code")  # a file is no folder: nothing is kept, and nothing breaks
     assert machine.kept("more") is None
-    assert [path.name for path in tmp_path.iterdir()] == ["some.o"]
+    assert [path.name for path in file.parent.iterdir()] == ["some.o"]
 
 
 def _velocity(_: int) -> np.ndarray:
