@@ -30,8 +30,8 @@ GRID = 0.01
 TURN_TIME = 2.0
 """How long a turn goes on [s]."""
 
-QUICK = 0.05
-"""What changes faster than this [s] is no thrust."""
+QUICK, CALM = 0.05, 0.15
+"""What changes faster than this [s] is no thrust: in general, and while the wheels turn steadily."""
 
 RESISTANCE = 0.1 * GRAVITY
 """What sand resists with, over mass [m/s^2]."""
@@ -178,20 +178,22 @@ def push(imu: BodyImu, width: float = 0.1) -> Array:
     return np.asarray(uniform_filter1d(force, max(round(width / float(np.median(np.diff(imu.t)))), 1)))
 
 
-def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, speed: Array) -> Array:
-    """(K,) thrust over mass at the nodes, against that at the first standstill [m/s^2].
+def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Array:
+    """(K,) thrust over mass at the nodes, against that at standstill [m/s^2].
 
     Specific force along x is thrust less the ground's resistance, over mass; resistance in sand is about a
-    tenth of the weight, against the motion.
+    tenth of the weight, against the motion. While the wheels turn steadily, what is fast is vibration.
 
     Args:
         rest: (N,) True at standstill.
         index: (K,) places of the nodes among the IMU's stamps.
-        speed: (K,) wheel speed [m/s].
+        pace: of the wheels.
     """
-    force = push(imu, QUICK)
-    level = float(np.mean(force[rest])) if rest.any() else float(np.mean(force))
-    return np.asarray((force - level)[index] + RESISTANCE * np.tanh(speed / process.V_FLOOR))
+    force = np.where(pace.steady, push(imu, CALM)[index], push(imu, QUICK)[index])
+    level = (
+        float(np.mean(imu.forward[rest & np.isfinite(imu.forward)])) if rest.any() else float(np.mean(force))
+    )
+    return np.asarray(force - level + RESISTANCE * np.tanh(pace.speed / process.V_FLOOR))
 
 
 def build(
@@ -272,8 +274,8 @@ def build(
     add_rest(updates, imu, nominal, noise, faults, index, rest, speed)
     start = 0.0
     if rolling is not None:
-        pull = thrust(imu, nominal.rest, index, speed)
-        change = np.gradient(pull, t) if t.size > 1 else np.zeros(1)
+        pull = thrust(imu, nominal.rest, index, pace)
+        change = np.gradient(pull, t)
         Q[:, D, D] += moving * (compliance * change) ** 2 * LOOSE_TIME * dt
         start = add_wheels(updates, rolling, nominal, index, rest, offset, lost, loss, w, pull)
     if distance is not None:

@@ -1,15 +1,17 @@
-"""Kalman filter and Rauch-Tung-Striebel smoother over the nodes, by FilterPy."""
+"""Kalman filter and Rauch-Tung-Striebel smoother over the nodes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.process import SIZE
 from granite_lab.logs.trial import Array
+
+BLOCK = 2000
+"""Nodes whose matrices are inverted at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,40 +67,40 @@ class Smoothed:
         return np.asarray(total @ self.P[j])
 
 
-def scaled_inverse(matrix: Array) -> Array:
-    """Invert a covariance whose variances differ by many powers of ten."""
-    scale = 1.0 / np.sqrt(matrix.diagonal())
-    weight = np.outer(scale, scale)
-    return np.asarray(np.linalg.inv(matrix * weight) * weight)
-
-
 def forward(nodes: Nodes) -> tuple[Array, Array, Innovations]:
-    """Filter over all nodes; states and covariances after each, and the innovations as they came."""
+    """Filter over all nodes; states (K, 14) and covariances (K, 14, 14) after each, innovations as they came.
+
+    Measurements are scalar, so no matrix is inverted, and the covariance stays symmetric by construction.
+    """
     n = nodes.t.size
-    kf = KalmanFilter(dim_x=SIZE, dim_z=1)
-    kf.x, kf.P = nodes.x0.copy(), nodes.P0.copy()
-    xs, Ps = np.empty((n, SIZE, 1)), np.empty((n, SIZE, SIZE))
-    node: list[int] = []
-    kind: list[str] = []
-    innovation: list[float] = []
-    variance: list[float] = []
-    noise: list[float] = []
+    x, P = nodes.x0[:, 0].copy(), nodes.P0.copy()
+    xs, Ps = np.empty((n, SIZE)), np.empty((n, SIZE, SIZE))
+    came: list[tuple[int, str, float, float, float]] = []
     for k in range(n):
         if k:
-            kf.predict(F=nodes.F[k], Q=nodes.Q[k])
+            F = nodes.F[k]
+            x = F @ x
+            P = F @ P @ F.T + nodes.Q[k]
         for update in nodes.updates[k]:
-            kf.update(np.array([[update.z]]), R=np.array([[update.R]]), H=update.H)
-            node.append(k)
-            kind.append(update.kind)
-            innovation.append(float(kf.y[0, 0]))
-            variance.append(float(kf.S[0, 0]))
-            noise.append(update.R)
-        xs[k], Ps[k] = kf.x, kf.P
+            h = update.H[0]
+            Ph = P @ h
+            variance = float(h @ Ph) + update.R
+            innovation = update.z - float(h @ x)
+            x = x + Ph * (innovation / variance)
+            P = P - np.outer(Ph, Ph / variance)
+            came.append((k, update.kind, innovation, variance, update.R))
+        xs[k], Ps[k] = x, P
+    columns = list(zip(*came, strict=True)) if came else [(), (), (), (), ()]
+    node, kind, innovations, variances, noises = columns
     return (
         xs,
         Ps,
         Innovations(
-            np.array(node, dtype=int), tuple(kind), np.array(innovation), np.array(variance), np.array(noise)
+            node=np.array(node, dtype=int),
+            kind=tuple(str(name) for name in kind),
+            value=np.array(innovations, dtype=float),
+            variance=np.array(variances, dtype=float),
+            noise=np.array(noises, dtype=float),
         ),
     )
 
@@ -109,12 +111,22 @@ def filter_only(nodes: Nodes) -> float:
 
 
 def run(nodes: Nodes) -> Smoothed:
-    """Filter forwards, smooth backwards.
-
-    The method `rts_smoother` takes F and Q of the step *into* each node (it uses index k + 1), which
-    is how `Nodes` holds them; FilterPy's module function of that name would need them shifted by one.
-    """
-    xs, Ps, innovations = forward(nodes)
-    kf = KalmanFilter(dim_x=SIZE, dim_z=1)
-    x, P, gains, _ = kf.rts_smoother(xs, Ps, nodes.F, nodes.Q, inv=scaled_inverse)
-    return Smoothed(x=x[:, :, 0], P=P, gains=gains, innovations=innovations)
+    """Filter forwards, smooth backwards (Rauch, Tung & Striebel 1965); F and Q lead *into* each node."""
+    x, P, innovations = forward(nodes)
+    n = x.shape[0]
+    gains = np.zeros_like(P)
+    for end in range(n - 1, 0, -BLOCK):
+        begin = max(end - BLOCK, 0)
+        F = nodes.F[begin + 1 : end + 1]
+        lifted = P[begin:end] @ F.transpose(0, 2, 1)
+        ahead = F @ lifted + nodes.Q[begin + 1 : end + 1]
+        # variances differ by many powers of ten
+        scale = 1.0 / np.sqrt(np.diagonal(ahead, axis1=1, axis2=2))
+        weight = scale[:, :, None] * scale[:, None, :]
+        gains[begin:end] = lifted @ (np.linalg.inv(ahead * weight) * weight)
+        predicted = (F @ x[begin:end, :, None])[:, :, 0]
+        for k in range(end - 1, begin - 1, -1):
+            gain = gains[k]
+            x[k] += gain @ (x[k + 1] - predicted[k - begin])
+            P[k] += gain @ (P[k + 1] - ahead[k - begin]) @ gain.T
+    return Smoothed(x=x, P=P, gains=gains, innovations=innovations)
