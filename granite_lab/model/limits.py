@@ -38,8 +38,8 @@ _TROUBLE = {
 
 
 def most_steps(samples: int) -> int:
-    """Return how many steps of the compiled integrator a run of so many rows may take; usual: 400."""
-    return 20_000 + 20 * samples
+    """Return how many steps of the compiled integrator a run of so many rows may take; usual are 400."""
+    return 10_000 + 10 * samples
 
 
 def refuse_long(variant: Variant, samples: int, step: float) -> None:

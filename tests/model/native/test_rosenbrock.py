@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granite_lab.model.native import rosenbrock
+from granite_lab.model.native import elimination, rosenbrock
 from granite_lab.model.native.translate import Equations, Floats
 
 STIFF = 1e4
@@ -97,7 +97,7 @@ def test_a_matrix_is_factored_with_exchanges_and_a_singular_one_is_told() -> Non
         a, b = rng.normal(size=(n, n)), rng.normal(size=n)
         a[0, 0] = 0.0 if n > 1 else 2.0
         w, pivots, x = a.T.ravel().copy(), np.zeros(n), b.copy()
-        assert rosenbrock.factor(n, w, pivots) == 1
-        rosenbrock.solve(n, w, pivots, x)
+        assert elimination.factor(n, w, pivots) == 1
+        elimination.solve(n, w, pivots, x)
         np.testing.assert_allclose(a @ x, b, atol=1e-10)
-    assert rosenbrock.factor(2, np.ones(4), np.zeros(2)) == 0
+    assert elimination.factor(2, np.ones(4), np.zeros(2)) == 0
