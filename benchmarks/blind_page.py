@@ -60,7 +60,15 @@ def figures(lines: Lines) -> list[tuple[str, str, str, bool]]:
         name: str, some: Lines, hit: Callable[[Mapping[str, Any]], bool], low: float, high: float
     ) -> None:
         text, value = share(some, hit)
-        aim = f"≤ {high:g} %" if low <= 0 else f"≥ {low:g} %" if high >= 100 else f"{low:g}–{high:g} %"
+        aim = (
+            "none"
+            if high <= 0
+            else f"≤ {high:g} %"
+            if low <= 0
+            else f"≥ {low:g} %"
+            if high >= 100
+            else f"{low:g}–{high:g} %"
+        )
         rows.append((name, text, aim, not some or low <= value <= high))
 
     def right(line: Mapping[str, Any]) -> bool:

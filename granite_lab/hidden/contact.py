@@ -56,8 +56,9 @@ class Ground:
     @cached_property
     def packed(self) -> tuple[Array, Array]:
         """Return n, k of (8), c and K as (4, wheels) or (4, 1), and the other numbers as a vector."""
-        k = self.k_c / self.b + self.k_phi
-        soil = np.stack(np.broadcast_arrays(*np.atleast_1d(self.n, k, self.c, self.K)))
+        rows = self.n, self.k_c / self.b + self.k_phi, self.c, self.K
+        soil = np.empty((4, max(map(np.size, rows))))
+        soil[0], soil[1], soil[2], soil[3] = rows
         numbers = self.r, self.b, self.tan_phi, self.mu_s, self.c_t, self.harden, self.harden_speed
         return soil, np.array(numbers)
 

@@ -163,7 +163,7 @@ def _draw(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
     near_rest = NearRest(
         law="parabola",
         speed=between(V_FLOOR, 0.03),
-        holds_below=between(0.001, 0.005) if rng.random() < 0.5 else 0.0,
+        holds_below=spread(5e-4, 2.5e-3) if rng.random() < 0.5 else 0.0,
     )
     before, after = between(0.7, 3.5), between(0.7, 3.5)
     # An IMU's low-pass has a group delay of 1-6 ms (MPU-6050 register map: 1.9 ms at 188 Hz, 4.9 ms at 94 Hz,
