@@ -65,7 +65,7 @@ compare the ratios.
 
 The equations are a CasADi graph. Its list of instructions becomes machine code by LLVM (`llvmlite`),
 the derivatives by state and time with it; what the eight places of the contact arc have in common
-is one vector instruction. RODAS, a Rosenbrock method of order 4, integrates it and starts anew at
+is one vector instruction. RODASP2, a Rosenbrock method of order 4, integrates it and starts anew at
 each corner of the command. A graph is compiled once on a machine: the code stays in the user's
 folder for caches, or in the folder that `GRANITE_LAB_CACHE` names. Where `llvmlite` or an operation
 is missing, or with `GRANITE_LAB_INTERPRETED=1`, CasADi interprets the graph and CVODES integrates

@@ -197,8 +197,8 @@ def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy
     Raises:
         EstimateError: the integrator gave up, or the robot finds no rest.
     """
-    start, vector = rest_state(p, effects), parameter_vector(p, effects)
-    chosen = tuple(e.effect for e in effects)
+    chosen, vector = tuple(e.effect for e in effects), parameter_vector(p, effects)
+    start = _rest(p, chosen, vector)
     states = engine_of(chosen).run(chosen, p.variant, accuracy, start, vector)
     states.flags.writeable = False
     return states

@@ -224,9 +224,10 @@ def test_each_run_is_integrated_unless_sensors_with_faults_look_at_the_same_moti
     def evaluated(*args: object) -> object:
         nonlocal looked
         looked += 1
-        return rest_state(*args)  # type: ignore[arg-type]
+        return rest(*args)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(simulator, "rest_state", evaluated)
+    rest = simulator._rest
+    monkeypatch.setattr(simulator, "_rest", evaluated)
     simulator._remembered.cache_clear()  # another test may have looked at this motion
     for _ in range(2):
         integrate(p)

@@ -35,6 +35,9 @@ from granite_lab.parameters import Variant
 Array = npt.NDArray[np.float64]
 _POINTER, _WHOLE, _REAL = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
+LARGE = 3_000_000
+"""Numbers in a block of memory larger than those of any usual run."""
+
 
 @cache
 def _version() -> str:
@@ -56,6 +59,9 @@ def _library(name: str, names: Sequence[str], text: Callable[[], str], effort: i
 @cache
 def _routines() -> machine.Library:
     """Return what all graphs share: the integrator, and the elementary functions for their code."""
+    # the C library of Linux gives blocks back to the system, and new pages cost more than a run, until
+    # it has once seen a block as large as this one is freed; the block itself is never touched
+    np.empty(LARGE)
     mathematics = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
     for name in operations.LIBRARY:
         binding.add_symbol(name, ctypes.cast(getattr(mathematics, name), _POINTER).value)

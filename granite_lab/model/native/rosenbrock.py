@@ -1,7 +1,10 @@
-"""A stiff integrator: the Rosenbrock method RODAS, stiffly accurate, of order 4 with an estimate of order 3.
+"""A stiff integrator: the Rosenbrock method RODASP2, stiffly accurate, of order 4, estimate of order 3.
 
-Source: Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed., Springer 1996,
-section IV.7, and its dense output in VI.4. Without multiplications by the Jacobian J each stage u_i solves
+Sources: Steinebach, Improvement of Rosenbrock-Wanner method RODASP, in Progress in Differential-
+Algebraic Equations II, Springer 2020, 165-184 (coefficients: it keeps its order where a part is all
+but rigid, as gears without play are); Hairer and Wanner, Solving Ordinary Differential Equations II,
+2nd ed., Springer 1996, section IV.7 and for the dense output VI.4. Without multiplications by the
+Jacobian J each stage u_i solves
 
     (I/(h γ) − J) u_i = f(t + α_i h, y + Σ a_ij u_j) + Σ (c_ij / h) u_j + γ_i h ∂f/∂t
 
@@ -18,27 +21,27 @@ from granite_lab.model.native.translate import Equations, Floats, power, sqrt
 
 GAMMA = 0.25
 A = (
-    (1.544,),
-    (0.9466785280815826, 0.2557011698983284),
-    (3.314825187068521, 2.896124015972201, 0.9986419139977817),
-    (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950),
+    (3.0,),
+    (0.906377755268814, -0.189707390391685),
+    (3.758617027739064, 1.161741776019525, -0.849258085312803),
+    (7.089566927282776, 4.573591406461604, -8.423496976860259, -0.959280113459775),
 )
 """a_ij of the stages 2 to 5. Stage 6 starts where stage 5 did, plus u_5; plus u_6 that is the result."""
 
 C = (
-    (-5.6688,),
-    (-2.430093356833875, -0.2063599157091915),
-    (-0.1073529058151375, -9.594562251023355, -20.47028614809616),
-    (7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160),
-    (8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054),
+    (-12.0,),
+    (-6.354581592719008, 0.338972550544623),
+    (-8.575016317114033, -7.606483992117508, 12.22499765012482),
+    (-5.888975457523102, -8.157396617841821, 24.805546872612922, 12.790401512796979),
+    (-4.408651676063871, -6.692003137674639, 24.625568527593117, 16.627521966636085, -5.714285714285718),
 )
-ALPHA = (0.0, 0.386, 0.21, 0.63, 1.0, 1.0)
-TIMES = (0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0)
+ALPHA = (0.0, 0.75, 0.321448134013046, 0.519745732277726, 1.0, 1.0)
+TIMES = (0.25, -0.5, -0.189532918363016, 0.085612108792769, 0.0, 0.0)
 """γ_i, the weights of ∂f/∂t."""
 
 DENSE = (
-    (10.12623508344586, -7.487995877610167, -34.80091861555747, -7.992771707568823, 1.025137723295662),
-    (-0.6762803392806898, 6.087714651680606, 16.43084320892478, 24.76722511418386, -6.594389125716872),
+    (-5.323528268423303, -10.042123754867493, 17.175254928256965, -5.079931171878093, -0.016185991706112),
+    (6.984505741529879, 6.914061169603662, -0.849178943070653, 18.104410789349338, -3.516963011559032),
 )
 
 TABLE: Floats = np.zeros(84)
