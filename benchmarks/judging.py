@@ -46,8 +46,11 @@ def document_of(finding: Any) -> Line:
             for effect in finding.effects
         ],
         "gap": {
-            part: dict(zip(("before", "after", "floor"), map(short, getattr(finding.gap, part)), strict=True))
+            part: dict(
+                zip(("before", "after", "floor"), map(short, getattr(finding.gap, part)), strict=False)
+            )
             for part in ("train", "held_out")
+            if hasattr(finding.gap, part)
         },
         "detectable": {f"{d.effect}.{d.parameter}": short(d.size) for d in finding.detectable},
     }

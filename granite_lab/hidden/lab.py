@@ -34,6 +34,8 @@ class Lab:
         imu_jitter: std of the IMU's stamps [s].
         imu_gain: std of the scale of each axis in each trial.
         radius: relative std of each wheel's radius in each trial.
+        rolls: the wheels roll by these radii, and angles are logged as they are; otherwise the wheels are
+            alike and the logger counts their angles by these factors.
         ripple: relative std of the currents' fluctuation while the wheels turn.
         before, after: least and most of the standstills [s].
         near_rest: how the forces and the drive go on near rest.
@@ -55,6 +57,7 @@ class Lab:
     imu_jitter: float = 1e-4
     imu_gain: float = 5e-4
     radius: float = 0.0
+    rolls: bool = True
     ripple: float = 0.01
     before: tuple[float, float] = (1.5, 2.5)
     after: tuple[float, float] = (3.0, 3.5)

@@ -153,9 +153,10 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     rng, lab = np.random.default_rng([*plan.seed, 1]), plan.lab
     command = Trapezoid(plan.variant.velocity, plan.variant.acceleration, plan.variant.distance)
     radii = radii_of(plan)
+    rolling = radii if lab.rolls else np.ones(4)
     truth = model_of(
         plan.names, lab.robot, plan.soil, command, exponential_k92(plan.a_theta), plan.sizes,
-        near_rest=lab.near_rest, radii=(float(radii[:2].mean()), float(radii[2:].mean())),
+        near_rest=lab.near_rest, radii=(float(rolling[:2].mean()), float(rolling[2:].mean())),
     )  # fmt: skip
     before, after = rng.uniform(*lab.before), rng.uniform(*lab.after)
     steps = np.arange(-round(before / DT), round((command.end + after) / DT) + 1)
@@ -172,7 +173,7 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
         rng, body, rig, scale_error=lab.imu_gain, misreading=wrong,
         jitter=lab.imu_jitter, late=lab.late if lab.stamped_at_end else None,
     )  # fmt: skip
-    wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder)
+    wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else radii))
     currents = read_currents(rng, body, rig, -wrong.late * wrong.later, lab.ripple)
     info = TrialInfo(
         robot=lab.robot_name, soil=lab.soil_name, v_desired=plan.variant.velocity,

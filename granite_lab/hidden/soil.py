@@ -193,17 +193,32 @@ class ContactAngleLag(Influence):
 
 
 class ContactAngleActualSpeed(Influence):
-    """The ratio of the contact angles partly follows the actual speed."""
+    """The ratio of the contact angles partly follows the actual speed, averaged over the way."""
 
     id = "contact_angle_actual_speed"
     title = "rear contact angle that follows the actual speed"
-    account = "arithmetic mean, by weight, of (5) at the desired and at the actual speed"
+    account = (
+        "arithmetic mean, by weight, of (5) at the desired and at the actual speed, the latter averaged over "
+        "the last 2 cm, half of a contact patch: a rut takes its shape under the wheel (relaxation length, "
+        "Pacejka 2012, ch. 7)"
+    )
     declared = (Size("weight", "-", "share of the actual speed", 0.7, 1.0, -0.5, 1.5, kind="equivalent"),)
+
+    def setup(self) -> None:
+        """Claim the averaged speed."""
+        super().setup()
+        self.averaged = self.claim(1)
 
     def k92(self, t: float, y: Array) -> float:
         """Mix both."""
         weight = self.sizes[ContactAngleActualSpeed.id]["weight"]
-        return (1 - weight) * super().k92(t, y) + weight * self.law(abs(self.velocity(y)))
+        return (1 - weight) * super().k92(t, y) + weight * self.law(float(y[self.averaged][0]))
+
+    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
+        """Let the average follow with the way."""
+        dy, speed = super().rates(t, y, wheel), abs(self.velocity(y))
+        dy[self.averaged] = (speed - y[self.averaged]) * max(speed, V_FLOOR) / 0.02
+        return dy
 
 
 class SandThrow(Influence):

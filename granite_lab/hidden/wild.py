@@ -188,6 +188,7 @@ def _draw(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
         # tyre under load and sand that sticks to it: 0.05-0.4 %, as in the trials of another program;
         # Borenstein and Feng (1996): tenths of a percent at best
         radius=spread(5e-4, 4e-3),
+        rolls=rng.random() < 0.5,
         ripple=between(0.0, 0.02),
         before=(before, before + 0.5),
         after=(after, after + 0.5),
@@ -257,7 +258,8 @@ def _told(lab: Lab, size: Mapping[str, float], off: Mapping[str, float]) -> dict
             "accel_noise": grade.accel_noise, "gyro_noise": grade.gyro_noise,
             "accel_bias": grade.accel_bias, "gyro_bias": grade.gyro_bias,
         },
-        "wheels": {"rate": wheels.rate, "jitter": wheels.jitter, "radius": lab.radius},
+        "wheels": {"rate": wheels.rate, "jitter": wheels.jitter, "radius": lab.radius,
+                   "rolls": lab.rolls},
         "currents": {"rate": currents.rate, "noise": currents.noise, "offset": currents.offset,
                      "gain": currents.gain, "step": currents.step, "ripple": lab.ripple},
         "before": list(lab.before), "after": list(lab.after),

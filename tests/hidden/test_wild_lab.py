@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -14,6 +15,7 @@ from granite_lab.api.hidden import hide, reveal
 from granite_lab.cli import main
 from granite_lab.errors import UsageError
 from granite_lab.hidden.body import body_from_run
+from granite_lab.hidden.contact import faster, forces_by_loops, forces_of_arrays
 from granite_lab.hidden.lab import Lab, bench
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.sealed import open_answer
@@ -123,6 +125,27 @@ def test_the_trials_of_a_seed_share_the_laboratory_whatever_is_hidden() -> None:
     assert first is not None
     assert second is not None
     assert first.t.size == second.t.size  # it stands still as long
+
+
+def test_wheels_roll_by_their_radii_or_are_counted_by_them() -> None:
+    for rolls in (True, False):
+        seed = next(seed for seed, lab in enumerate(labs()) if lab.rolls == rolls and lab.radius > 0.002)
+        (trial,), answer = make_set(
+            Wish("none", seed, lab="wild"), load_robot(), load_soil(), repetitions=1, variants=SHORT
+        )
+        assert trial.wheels is not None
+        radii = np.array(answer["trials"]["hidden_v0.3_r1"]["radii"])
+        angle = trial.wheels.angle[-1]
+        apart = np.ptp(angle) / angle.mean()
+        assert apart == pytest.approx(0.0 if rolls else np.ptp(1 / radii), abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["numba", None])
+def test_without_a_compiler_arrays_are_used(name: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    if name:
+        monkeypatch.setitem(sys.modules, name, None)
+    chosen = faster.__wrapped__(forces_by_loops, forces_of_arrays)
+    assert (chosen is forces_of_arrays) == (name is not None)
 
 
 @pytest.fixture(scope="module")
