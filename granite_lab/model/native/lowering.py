@@ -253,7 +253,7 @@ def declarations(*, functions: bool = True) -> str:
     for lanes in (0, LANES):
         w = Writer(lanes)
         kind = f"v{lanes}f64" if lanes else "f64"
-        known = (("sqrt", 1), ("fabs", 1), ("floor", 1), ("ceil", 1), ("copysign", 2), ("fma", 3))
+        known = (("sqrt", 1), ("fabs", 1), ("floor", 1), ("ceil", 1), ("copysign", 2), ("fmuladd", 3))
         outside = [(f"llvm.{name}.{kind}", arity) for name, arity in known]
         if functions:
             outside += [(symbol(name, lanes), arity) for name, (_, arity) in ELEMENTARY.items()]

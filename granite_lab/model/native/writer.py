@@ -74,8 +74,8 @@ class Writer:
         return self.new(f"{name} {self.of('i64')} {a}, {other}")
 
     def fma(self, a: str, b: str, c: str) -> str:
-        """Return a b + c."""
-        return self.call("fma", a, b, c)
+        """Return a b + c, by one instruction where the machine has it."""
+        return self.call("fmuladd", a, b, c)
 
     def call(self, name: str, *arguments: str) -> str:
         """Return the result of one of LLVM's own functions."""
