@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granite_lab.api.found import finding_in, newest_in
 from granite_lab.errors import UsageError
 from granite_lab.files import sha256, write_bytes, write_text
 from granite_lab.hidden.making import make_set
@@ -155,6 +154,8 @@ def reveal(folder: str | Path, finding: str | Path | None = None) -> Revealed:
 
 
 def _finding(place: Path) -> Mapping[str, Any]:
+    from granite_lab.api.found import finding_in, newest_in  # noqa: PLC0415, heavy, and nothing to `hide`
+
     return finding_in(newest_in(place) if place.is_dir() else place, read_finding)
 
 
