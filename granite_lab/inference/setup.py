@@ -1,0 +1,122 @@
+"""From corrected trials to a fitted problem: bins of one width, and noise learnt on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from granite_lab.errors import EstimateError, InputError
+from granite_lab.estimation.motion import Motion
+from granite_lab.inference import noise
+from granite_lab.inference.fit import Fit, fit
+from granite_lab.inference.nuisances import TrialModel
+from granite_lab.inference.observation import bin_width, observe
+from granite_lab.inference.problem import Problem
+from granite_lab.logs.trial import Trial
+from granite_lab.parameters import Robot, Variant, load_variants
+
+TURNED = 0.005
+"""Wheel angle by which the command has certainly begun [rad]; half a millimetre on the circumference."""
+
+ROUGH, FINE = (8, 2), (12, 3)
+"""Most steps, and most derivatives, of a fit with nominal and of one with learnt noise."""
+
+
+def trial_models(
+    trials: Sequence[Trial], robot: Robot, motions: Sequence[Motion]
+) -> tuple[list[TrialModel], tuple[Variant, ...]]:
+    """Put all trials into bins of one width.
+
+    Args:
+        trials: as estimation corrected them.
+        robot: of all of them.
+        motions: their estimates, which know command and start.
+
+    Returns:
+        the trials, and the commands they are numbered by.
+
+    Raises:
+        InputError: there is no trial.
+        EstimateError: a trial has no sensor to compare with, or its start is unknown.
+    """
+    if not trials:
+        raise InputError("no trial to look at", "give at least one log")
+    starts = [start_of(t, m, m.variant, robot.wheels.radius) for t, m in zip(trials, motions, strict=True)]
+    variants = tuple(
+        sorted({m.variant for m in motions}, key=lambda v: (v.velocity, v.acceleration, v.distance))
+    )
+    width = max(bin_width(t, robot) for t in trials)
+    models = [
+        TrialModel(observe(t, robot, m.variant, s, width=width), variants.index(m.variant), robot)
+        for t, m, s in zip(trials, motions, starts, strict=True)
+    ]
+    return models, variants
+
+
+def baseline(problem: Problem) -> Fit:
+    """Fit the model as it is: with nominal noise, then twice with the noise that the residuals show.
+
+    Raises:
+        EstimateError: the robot cannot be simulated on the soil.
+    """
+    start = problem.neutral()
+    slopes = problem.slopes(start)
+    if slopes is None:
+        raise EstimateError(
+            "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
+        )
+    problem.weigh(noise.nominal(problem), start, slopes)
+    found = fit(problem, start, slopes=slopes, rounds=ROUGH[0], renew=ROUGH[1])
+    for _ in range(2):
+        problem.weigh(noise.learnt(problem, found.residuals), found.point, found.slopes)
+        found = fit(problem, found.point, found.scales, slopes=found.slopes, rounds=FINE[0], renew=FINE[1])
+    return found
+
+
+def variant_of_trial(trial: Trial, motion: Motion | None) -> Variant:
+    """Return what was commanded: as the estimate recognised it, as the log says, or by Table 2.
+
+    Raises:
+        InputError: nothing says it.
+    """
+    if motion is not None:
+        return motion.variant
+    info = trial.info
+    if info.v_desired is not None:
+        for known in load_variants():
+            if abs(known.velocity - info.v_desired) < 1e-6:
+                return Variant(
+                    velocity=known.velocity,
+                    acceleration=info.a_max or known.acceleration,
+                    distance=info.distance or known.distance,
+                )
+        if info.a_max is not None and info.distance is not None:
+            return Variant(velocity=info.v_desired, acceleration=info.a_max, distance=info.distance)
+    raise InputError(
+        f"trial '{trial.name}': velocity, acceleration and distance of the command are not known",
+        "add '# v_desired_mps = …', '# a_max_mps2 = …' and '# distance_m = …' to the log",
+    )
+
+
+def start_of(trial: Trial, motion: Motion | None, variant: Variant, radius: float) -> float:
+    """Return the start of the command [s, the log's time].
+
+    The wheels turn TURNED only some time after it, which the command's acceleration tells.
+
+    Raises:
+        EstimateError: neither command nor wheels show it.
+    """
+    if motion is not None and np.isfinite(motion.t_start.value):
+        return motion.t_start.value
+    if trial.command is not None:
+        driving = np.flatnonzero(np.nan_to_num(trial.command.value) > 0)
+        if driving.size and driving[0] > 0:
+            return float(trial.command.t[driving[0]] + trial.command.t[driving[0] - 1]) / 2
+    if trial.wheels is not None:
+        turned = np.nanmax(np.abs(trial.wheels.angle - np.nanmedian(trial.wheels.angle[:5], axis=0)), axis=1)
+        moving = np.flatnonzero(turned > TURNED)
+        if moving.size:
+            late = np.sqrt(2 * TURNED * radius / variant.acceleration)
+            return float(trial.wheels.t[moving[0]] - late)
+    raise EstimateError(f"trial '{trial.name}': the start of the command cannot be found", "check its wheels")
