@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from granite_lab.discovery.bench import Task, World
-from granite_lab.discovery.nuisance import TrialModel
 from granite_lab.effects.library import get
 from granite_lab.errors import InputError
+from granite_lab.inference.bench import Task, World
+from granite_lab.inference.nuisances import TrialModel
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.body import BodyLoad, BodyState
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
@@ -148,7 +148,7 @@ class StagedWorld(World):
     conditions: tuple[Conditions, ...] = ()
 
     def respond(self, task: Task) -> Array | None:
-        """Return the (7, M) signals of a run; None where it has no solution."""
+        """Return the (8, M) signals of a run; None where it has no solution."""
         under = self.conditions[task.variant]
         robot, soil, setting = self.robot, self.soil, dict(task.setting)
         if under.payload and robot.chassis is not None:
