@@ -3,7 +3,7 @@
     python -m benchmarks.simulator [--repeats N] [--draws N] [--out docs/bench-simulator.md]
 
 All methods integrate the same trials (standstill before, command, coasting after) on one core, in
-turn, warmed up. Times are medians; compare ratios, not seconds.
+turn, warmed up. Times are medians of CPU times; compare ratios, not seconds.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ SIGNALS = {"v_mps": 1e3, "imu_ax_mps2": 1e3, "imu_az_mps2": 1e3, "cur_f_A": 1e3}
 PAGE = """# Speed and accuracy of the simulator
 
 Written by `make bench-simulator` (`python -m benchmarks.simulator --out docs/bench-simulator.md`).
-One core, {machine}, Python {python}; medians, warm. All methods ran in turn in one process, so
-compare the ratios.
+One core, {machine}, Python {python}; medians of the CPU time, warm. All methods ran in turn in one
+process, so compare the ratios.
 
 ## How runs are computed
 
@@ -115,19 +115,19 @@ A run more costs {more:.1f} ms.
 ## Start
 
 First run in a new process: {cold:.2f} s with an empty folder, {warm:.2f} s with the code in it,
-{never:.2f} s with CVODES. Whole processes: `granite-lab --help` {help:.2f} s,
+{never:.2f} s with CVODES. Whole processes (wall time): `granite-lab --help` {help:.2f} s,
 `granite-lab simulate --variant 0.5` {whole:.2f} s.
 """
 
 
 def median_times(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
-    """Return the median time of each call [s], in turn, after one round that is not counted."""
+    """Return the median CPU time of each call [s], in turn, after one round that is not counted."""
     times: list[list[float]] = [[] for _ in works]
     for _ in range(repeats + 1):
         for own, work in zip(times, works, strict=True):
-            begin = time.perf_counter()
+            begin = time.thread_time()
             work()
-            own.append(time.perf_counter() - begin)
+            own.append(time.thread_time() - begin)
     return [statistics.median(own[1:]) for own in times]
 
 
@@ -140,16 +140,21 @@ def by_cvodes(work: Callable[[], T]) -> T:
 def process_time(arguments: list[str], repeats: int) -> float:
     """Return the median wall time of a whole process [s]."""
     command = [sys.executable, "-c", "from granite_lab.cli import main; main()", *arguments]
-    return median_times([lambda: subprocess.run(command, capture_output=True, check=True)], repeats)[0]
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        subprocess.run(command, capture_output=True, check=True)
+        times.append(time.perf_counter() - begin)
+    return statistics.median(times)
 
 
 FIRST = """
 import time
 from granite_lab.model import simulate
 from granite_lab.parameters import load_robot, load_soil, variant_of
-begin = time.perf_counter()
+begin = time.process_time()
 simulate(variant_of(0.5), load_robot(), load_soil())
-print(time.perf_counter() - begin)
+print(time.process_time() - begin)
 """
 
 
@@ -186,9 +191,9 @@ def paper_table(repeats: int) -> str:
 
 def compile_time(ids: tuple[str, ...]) -> float:
     """Return how long a graph takes that is in no folder [s]."""
-    begin = time.perf_counter()
+    begin = time.thread_time()
     graphs.prepare(tuple(get(name) for name in ids))
-    return time.perf_counter() - begin
+    return time.thread_time() - begin
 
 
 def effects_table(repeats: int) -> str:
@@ -256,13 +261,13 @@ def box(draws: int) -> dict[str, Any]:
         vector, found, seconds = parameter_vector(p, d.effects), [], []
         graphs.prepare(effects)
         for engine, accuracy in ((graphs, USUAL), (interpreted, USUAL), (interpreted, fine)):
-            begin = time.perf_counter()
+            begin = time.thread_time()
             try:
                 states = engine.run(effects, d.variant, accuracy, start, vector)
                 found.append(interpreted.outputs(effects, ("v_mps",), t, states, vector)[0])
             except EstimateError:
                 found.append(None)
-            seconds.append(time.perf_counter() - begin)
+            seconds.append(time.thread_time() - begin)
         compiled, cvodes, truth = found
         if compiled is None or cvodes is None or truth is None:
             counts[0 if compiled is None and cvodes is None else 1 if compiled is not None else 2] += 1
