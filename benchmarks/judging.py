@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from granite_lab import discover
+import granite_lab
 from granite_lab.errors import LabError
 from granite_lab.hidden.scoring import score
 
@@ -20,7 +20,7 @@ def searched(logs: list[Path], jobs: int = 1) -> Line:
     """Search some logs and return what came out, as JSON holds it; a failure becomes a line, too."""
     start = time.monotonic()
     try:
-        line = document_of(discover(logs, jobs=jobs)) | {"status": "judged"}
+        line = document_of(granite_lab.discover(logs, jobs=jobs)) | {"status": "judged"}
     except LabError as error:
         line = {"status": "refused", "error": f"{error.message} ({error.hint})"}
     except Exception:  # a crash is a result
