@@ -60,9 +60,9 @@ OFF = {
     "frictional_modulus": 0.15, "cohesion": 0.20,
 }  # fmt: skip
 """Relative std of the sand about its file. φ: half of the 5-11 % that Phoon and Kulhawy (Canadian
-Geotechnical Journal 36, 1999, 612-624) find in sand of one site. K: Wong's 10 to 25 mm for one kind of
-sand. Moduli and cohesion at low pressure: Senatore and Iagnemma (ISTVS 2011) find shear tests at 1 and
-15 kPa to differ by as much."""
+Geotechnical Journal 36, 1999, 612-624) find in sand of one site. K: 10 to 25 mm are published for dry sand.
+Moduli and cohesion: at the low pressure of light robots sand departs from the Mohr-Coulomb line that tests
+at higher pressure give (Senatore and Iagnemma, ISTVS 2011); how far is assumed."""
 
 
 def lab_of(name: str, seed: int, robot: Robot, soil: Soil) -> Lab:
@@ -127,7 +127,7 @@ def _draw(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
         rate=imu_rate,
         accel_noise=0.00098 * noise,
         gyro_noise=5.2e-5 * noise * spread(0.7, 1.4),
-        # turn-on bias after a factory calibration: 2 mg to 8 mg, 0.1 to 0.3 °/s (VN-100, MTi-3, BMI088)
+        # what a calibration leaves of the 20 mg and 1 °/s that makers state for bare chips (BMI088)
         accel_bias=spread(0.02, 0.08),
         gyro_bias=spread(0.0017, 0.005),
         accel_instability=2e-4 * spread(1.0, 4.0),
@@ -147,13 +147,12 @@ def _draw(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
     currents = replace(
         filed.currents,
         rate=current_rate,
-        noise=spread(0.03, 0.15),  # Hall sensors: 20-130 mA rms (Allegro ACS712, ACS724)
+        noise=spread(0.03, 0.15),  # tens of mA: Hall sensors (Allegro ACS712)
         offset=spread(0.02, 0.1),
-        gain=between(0.01, 0.04),  # ACS712: 1.5 % at 25 °C, up to 4 % over temperature; per sensor and trial
+        gain=between(0.01, 0.04),  # ACS712: 1.5 % at 25 °C, more as it warms; per sensor and trial
         step=one_of(0.005, 0.01, 0.02),
     )
-    # k_φ, c: penetrometer readings after raking scatter by 5-10 % (Iagnemma et al. 2004); a_θ: scatter of the
-    # paper's Fig. 4 about its line
+    # about the 8, 5 and 3 % of the trials by another program
     scatter = {
         "frictional_modulus": between(0.04, 0.10),
         "cohesion": between(0.03, 0.07),
@@ -166,8 +165,8 @@ def _draw(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
         holds_below=spread(5e-4, 2.5e-3) if rng.random() < 0.5 else 0.0,
     )
     before, after = between(0.7, 3.5), between(0.7, 3.5)
-    # An IMU's low-pass has a group delay of 1-6 ms (MPU-6050 register map: 1.9 ms at 188 Hz, 4.9 ms at 94 Hz,
-    # BMI160: 1.2-4 ms), a serial line adds 1-3 ms.
+    # An IMU's low-pass delays by 1.9 ms at 188 Hz and by 4.8 ms at 42 Hz (MPU-6050, register map, DLPF_CFG); a
+    # serial line adds 1-3 ms.
     lab = Lab(
         name="wild",
         filed=filed if not size else replace(filed, encoders=replace(filed.encoders, rate=wheel_rate),
