@@ -165,8 +165,8 @@ def _draw(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
         holds_below=spread(5e-4, 2.5e-3) if rng.random() < 0.5 else 0.0,
     )
     before, after = between(0.7, 3.5), between(0.7, 3.5)
-    # An IMU's low-pass delays by 1.9 ms at 188 Hz and by 4.8 ms at 42 Hz (MPU-6050, register map, DLPF_CFG); a
-    # serial line adds 1-3 ms.
+    # An IMU's low-pass delays by 1.9 ms at 188 Hz and by 4.8 ms at 42 Hz (MPU-6050, register map);
+    # a serial line adds 1-3 ms.
     lab = Lab(
         name="wild",
         filed=filed if not size else replace(filed, encoders=replace(filed.encoders, rate=wheel_rate),
