@@ -8,10 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from granite_lab.discovery.plan_signature import Imprint, Seen
-from granite_lab.discovery.plan_words import IN_WORDS, WHEN, WINDOW
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import steady_interval
+from granite_lab.planning.imprint import Imprint, Seen
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.rounding import significant, tidy_unit, with_unit
@@ -25,6 +24,27 @@ ROWS = (
     ("current_r", "rear current", "A", 1.0, 0.05),
 )
 """Channel, its name, unit and factor, and the smallest half height of its panels in that unit."""
+
+IN_WORDS = {
+    "accel_x": "the longitudinal acceleration",
+    "accel_z": "the vertical acceleration",
+    "pitch_rate": "the pitch rate",
+    "wheel": "the angle of the wheels",
+    "wheel_split": "the difference of front and rear wheels",
+    "current_f": "the front current",
+    "current_r": "the rear current",
+}
+
+WHEN = {
+    "rest": "at rest before the start",
+    "accelerate": "while accelerating",
+    "steady": "at constant speed",
+    "brake": "while braking",
+    "coast": "while coming to rest",
+}
+
+WINDOW = 15
+"""Number of bins over which the strongest place of a signal is sought."""
 
 WIDE, PANEL, LEFT, RIGHT, BELOW = 9.2, 1.02, 0.85, 0.12, 0.5
 

@@ -12,11 +12,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
 from granite_lab.cli import app
-from granite_lab.discovery.plan_signature import Imprint, imprint
 from granite_lab.effects import get
 from granite_lab.model.effect import Effect, EffectParameter, Own, activate
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, load_robot, load_soil, load_variants
+from granite_lab.planning.imprint import Imprint, imprint
 from granite_lab.reporting.plot_effect import ROWS, effect_drawing
 
 TWO = (load_variants()[1], load_variants()[3])

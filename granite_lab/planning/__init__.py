@@ -1,0 +1,1 @@
+"""Which trial to drive next: expected standard deviations and Bayes factors, by linear algebra."""
