@@ -1,204 +1,267 @@
-"""From fits to the Finding: gaps, residuals, named numbers and plain words."""
+"""From a search and its judgement to the Finding: numbers, gaps, residuals and words."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granite_lab.discovery.baseline import by_command, noise_floor, pure_error
-from granite_lab.discovery.bench import PER_TRIAL, SAND
-from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import (
     Candidate,
+    Confusion,
+    Detectable,
     Finding,
     FoundEffect,
     FoundParameter,
     Gap,
+    LeftOut,
     Residual,
+    Status,
 )
-from granite_lab.discovery.lackfit import disagreements, rows_of
-from granite_lab.discovery.observation import CHANNELS, UNITS
-from granite_lab.discovery.point import Fit
-from granite_lab.discovery.problem import Problem
-from granite_lab.discovery.refit import covariance, held_out
-from granite_lab.discovery.select import Choice
-from granite_lab.discovery.shown import Confusion, Detectable
-from granite_lab.discovery.slopes import blocks_at
-from granite_lab.discovery.unknown import Judgement
-from granite_lab.discovery.words import notes, sentence
+from granite_lab.discovery.search import Model, Search, is_empirical
+from granite_lab.discovery.verdict import Judgement, Named, holding
+from granite_lab.discovery.where import disagreements
+from granite_lab.discovery.words import notes, provisional, sentence
 from granite_lab.estimate import Estimate
-from granite_lab.logs.trial import Array
-from granite_lab.model.effect import Active
+from granite_lab.inference.bench import RAKED, SAND
+from granite_lab.inference.fit import Fit
+from granite_lab.inference.gap import Discrepancy, beyond, discrepancies
+from granite_lab.inference.observation import CHANNELS, UNITS
+from granite_lab.inference.problem import SHARED, Problem
+from granite_lab.logs.trial import Array, Correction
+from granite_lab.model.effect import Active, Effect
 from granite_lab.parameters import load_paper
 
-PHASES = ("rest", "accelerate", "steady", "brake")
+AT_BOUND = 1e-3
+"""Share of a parameter's range within which it counts as being at its bound."""
 
 
 def assemble(
     *,
     problem: Problem,
-    base: Fit,
-    choice: Choice,
+    search: Search,
     judgement: Judgement,
-    detectable: tuple[tuple[Detectable, ...], tuple[str, ...], Array],
-    threshold: float,
-    seed: int,
+    power: tuple[tuple[Detectable, ...], Confusion] | None,
+    effects: Mapping[str, Effect],
+    tolerance: float,
+    latency: float,
+    corrections: Mapping[str, Sequence[Correction]],
+    dropped: tuple[tuple[str, str], ...],
     virtual: bool,
-    self_check: Confusion | None = None,
 ) -> Finding:
-    """Gather everything under the noise as it was learnt last."""
-    world, after = problem.bench.world, judgement.fit
-    before = _under_present_noise(problem, base)
-    after = _under_present_noise(problem, after)
-    each = list(range(len(problem.trials)))
-    speeds = [t.variant for t in problem.trials]
-    many = len(each) > 1
-    predicted = [held_out(problem, f, each).white if many else f.white for f in (before, after)]
-    floor = noise_floor(problem, pure_error(problem, after.white))
-    gaps = _gaps(problem, [before.white, after.white, floor], [*predicted, floor])
-    found = effects_of(problem, after, choice, threshold)
-    # so that noise alone gives one for each number that was measured
-    unit = sum(float(e @ e) for e in floor) / problem.count
-    losses: list[tuple[float, float, float]] = []
-    if len(set(speeds)) > 1:
-        other = [held_out(problem, f, speeds).white for f in (before, after)]
-        for own in by_command(problem):
-            sums = [float(sum(w[i] @ w[i] for i in own)) / unit for w in other]
-            losses.append((problem.trials[own[0]].observation.variant.velocity, sums[0], sums[1]))
+    """Gather what was found.
+
+    Args:
+        problem: the trials.
+        search, judgement: of them.
+        power: what these trials could show; None where that failed.
+        effects: all effects by id.
+        tolerance: as a share of a channel's rms.
+        latency: largest that is no missing effect [s].
+        corrections: trial to what estimation changed in it.
+        dropped: trials that were left out, with the reason.
+        virtual: all trials were written by a simulator.
+    """
+    world = problem.bench.world
+    before, after = search.model(()), judgement.model
+    assert before is not None
+    late = _latency(after.fit, problem, corrections)
+    found = tuple(_effect(problem, after, n, effects) for n in judgement.named)
+    verdict, clock = judgement.verdict, _clock(late, latency, effects)
+    active = _active(problem, after.fit)
+    if clock is not None:
+        found = (*found, clock)
+        active = (*active, Active(effects[clock.id], (-late.value,)))
+        verdict = "named" if verdict == "none" else verdict
+    missing = [(d.share, d) for d in discrepancies(problem, after.fit)]
+    reasons = provisional(problem)
     return Finding(
-        verdict=judgement.verdict,
-        sentence=sentence(judgement, found, gaps[0]),
+        verdict=verdict,
+        sentence=sentence(verdict, found, judgement, reasons, tolerance),
+        probability=judgement.probability,
+        provisional=reasons,
         effects=found,
-        where=tuple(disagreements(problem, before.white, judgement.threshold)),
-        left=tuple(disagreements(problem, after.white, judgement.threshold)),
-        gap=gaps[0],
-        gaps=tuple(gaps[1:]),
-        rounds=tuple(
-            tuple(Candidate(t.effect, t.evidence, t.screened.evidence, t.status, t.bounds) for t in r)
-            for r in choice.rounds
-        ),
-        threshold=threshold,
-        map_threshold=judgement.threshold,
-        map_before=judgement.score_before,
-        map_after=judgement.score_after,
-        detectable=detectable[0],
-        confusion=detectable[2],
-        confusion_ids=detectable[1],
-        residuals=tuple(_residuals(problem, before, after)),
-        sand=_sand(problem, after),
-        sand_per_trial=tuple(_sand_of(problem, after, i) for i in each),
-        losses=tuple(losses),
-        trial_losses=tuple(
-            (t.observation.name, float(a @ a) / unit, float(b @ b) / unit)
-            for t, a, b in zip(problem.trials, *predicted, strict=True)
-            if many
-        ),
-        notes=notes(problem, judgement, choice, found),
+        small=tuple(_small(problem, search, n, effects) for n in judgement.small),
+        remainder=judgement.remainder,
+        tolerance=tolerance,
+        latency=late,
+        gap=_gap(problem, judgement, before.fit, after.fit, tolerance),
+        gaps=tuple(_gap(problem, judgement, before.fit, after.fit, tolerance, c) for c in _channels(problem)),
+        where=disagreements(problem, discrepancies(problem, before.fit), tolerance),
+        left=disagreements(problem, [d for _, d in missing], tolerance),
+        candidates=_candidates(problem, search, judgement, tolerance),
+        detectable=power[0] if power else (),
+        confusion=power[1] if power else None,
+        residuals=tuple(_residuals(problem, before.fit, after.fit)),
+        sand=_sand(after.fit),
+        sand_per_trial=tuple(_sand_of(problem, after.fit, i) for i in range(len(problem.trials))),
+        scales=dict(after.fit.scales.priors),
+        discrepancy=max((share for share, _ in missing), default=0.0),
+        trials_left_out=_trials_left_out(problem, judgement),
+        speeds_left_out=_speeds_left_out(problem, judgement),
+        dropped=dropped,
+        notes=notes(problem, judgement, found, dropped),
         robot=world.robot,
         soil=world.soil,
-        active=_active(problem, after),
-        seed=seed,
+        active=active,
         virtual=virtual,
         runs=problem.bench.runs,
-        unrepeated=judgement.unrepeated,
-        self_check=self_check,
     )
 
 
-def _under_present_noise(problem: Problem, fit: Fit) -> Fit:
-    white = problem.white(fit.residuals)
-    blocks = blocks_at(problem, fit.point, fit.slopes)
-    return Fit(
-        fit.point, fit.residuals, problem.chi2(white, fit.point), blocks, fit.slopes, fit.converged, white
+def _channels(problem: Problem) -> list[str]:
+    return [c for c in CHANNELS if any(c in t.channels for t in problem.trials)]
+
+
+def _latency(fit: Fit, problem: Problem, corrections: Mapping[str, Sequence[Correction]]) -> Estimate:
+    """Return the latency, with what estimation has taken out of the stamps put back (mean over trials)."""
+    k = SHARED.index("latency")
+    place = sum(x.size for x in fit.point.trials) + k
+    std = float(np.sqrt(max(fit.posterior.covariance[place, place], 0.0)))
+    moved = [
+        sum(c.value for c in corrections.get(t.observation.name, ()) if c.where.startswith("stamps"))
+        for t in problem.trials
+    ]
+    return Estimate(float(fit.point.shared[k]) + float(np.mean(moved)), std)
+
+
+def _clock(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> FoundEffect | None:
+    """Return the clocks' offset as an effect where the latency is beyond what loggers do."""
+    if abs(late.value) <= limit + 2 * late.std or "clock_offset" not in effects:
+        return None
+    effect = effects["clock_offset"]
+    number = FoundParameter("offset", "s", Estimate(-late.value, late.std))
+    return FoundEffect(effect.id, effect.title, (number,), (), 1.0, Estimate(float("nan")))
+
+
+def _effect(problem: Problem, model: Model, named: Named, effects: Mapping[str, Effect]) -> FoundEffect:
+    title = effects[named.id].title if named.id in effects else _term(named.id)
+    numbers = _numbers(problem, model.fit, named.id) if named.id in model.effects else ()
+    return FoundEffect(
+        named.id, title, numbers, named.twins, named.probability, named.closes, is_empirical(named.id)
     )
 
 
-def _gaps(problem: Problem, train: Sequence[Sequence[Array]], held: Sequence[Sequence[Array]]) -> list[Gap]:
-    """Return the gap over all, per channel, per phase, and per channel and phase."""
-    channels = [c for c in CHANNELS if any(c in t.channels for t in problem.trials)]
-    pairs = [("all", "all"), *((c, "all") for c in channels), *(("all", p) for p in PHASES)]
-    pairs += [(c, p) for c in channels for p in PHASES]
-    # sums of squares and counts of each cell, once
-    cells: dict[tuple[str, str], Array] = {}
-    for i, trial in enumerate(problem.trials):
-        phase = np.array(trial.observation.phase)
-        for k, c in enumerate(trial.channels):
-            known = problem.whiteners[i][k].known
-            rows = [rows_of(problem, i, c, w[i]) ** 2 for w in (*train, *held)]
-            for p in PHASES:
-                inside = known & (phase == p)
-                add = np.array([*(float(r[inside].sum()) for r in rows), float(inside.sum())])
-                cells[c, p] = cells.get((c, p), np.zeros(add.size)) + add
-    found = []
-    for channel, name in pairs:
-        own = [v for (c, p), v in cells.items() if channel in ("all", c) and name in ("all", p)]
-        total = np.sum(own, axis=0) if own else np.zeros(len(train) + len(held) + 1)
-        rms = np.sqrt(total[:-1] / total[-1]) if total[-1] > 0 else np.full(total.size - 1, np.nan)
-        a, b = (
-            (part / part[-1] if part[-1] > 0 else np.full(3, np.nan)).tolist() for part in np.split(rms, 2)
-        )
-        found.append(Gap(channel, name, (a[0], a[1], a[2]), (b[0], b[1], b[2])))
-    return found
+def _small(problem: Problem, search: Search, named: Named, effects: Mapping[str, Effect]) -> FoundEffect:
+    model = next(m for m in search.models if named.id in m.effects)
+    return _effect(problem, model, named, effects)
 
 
-def effects_of(problem: Problem, fit: Fit, choice: Choice, threshold: float) -> tuple[FoundEffect, ...]:
-    """Return the effects of a fit with their numbers."""
-    Σ = covariance(problem, fit)
-    place = len(SAND)
-    n_own = 0
+def _term(id_: str) -> str:
+    """Return the words for a term of the empirical law."""
+    target, _, term = id_.partition(".")[2].replace("torque_", "torque-").partition("_")
+    return f"empirical law: {target.replace('-', ' ')} by {term.replace('_', ' ')}"
+
+
+def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FoundParameter, ...]:
+    """Return the fitted numbers of an effect."""
+    common = problem.parameters(fit.point.effects, per_trial=False)
+    private = problem.parameters(fit.point.effects, per_trial=True)
+    variance = np.diag(fit.posterior.covariance)
+    first = np.cumsum([0, *(x.size for x in fit.point.trials)])
     found = []
-    for id_ in fit.point.effects:
-        effect, parameters = problem.effect(id_), []
-        for k in problem.places(id_):
-            p = effect.parameters[k]
-            if p.per_trial:
-                column = [t.size + n_own for t in problem.trials]
-                values = [float(x[c]) for x, c in zip(fit.point.trials, column, strict=True)]
-                variance = [
-                    float(b.solve(np.eye(b.normal.shape[0])[:, c])[c])
-                    for b, c in zip(fit.blocks, column, strict=True)
-                ]
-                rms = float(np.sqrt(np.mean(np.square(values))))
-                std = float(np.sqrt(np.mean(variance) / len(values)))
-                parameters.append(FoundParameter(p.name, p.unit, Estimate(rms, std), tuple(values)))
-                n_own += 1
-            else:
-                value = float(fit.point.common[place - len(SAND)])
-                parameters.append(
-                    FoundParameter(p.name, p.unit, Estimate(value, float(np.sqrt(max(Σ[place, place], 0)))))
-                )
-                place += 1
-        evidence = next(
-            (t.evidence for r in choice.rounds for t in r if t.effect == id_ and t.fit is not None), threshold
-        )
-        found.append(
-            FoundEffect(
-                id_,
-                effect.title,
-                tuple(parameters),
-                choice.twins.get(id_, ()),
-                evidence,
-                id_ == EmpiricalLaw.id,
-            )
-        )
+    for k, (e, p) in enumerate(common):
+        if e == id_:
+            place = int(first[-1]) + len(SHARED) + k
+            std = float(np.sqrt(max(variance[place], 0.0)))
+            found.append(FoundParameter(p.name, p.unit, Estimate(float(fit.point.common[k]), std)))
+    for k, (e, p) in enumerate(private):
+        if e == id_:
+            places = [int(first[i]) + t.size + k for i, t in enumerate(problem.trials)]
+            values = [float(fit.point.vector[place]) for place in places]
+            rms = float(np.sqrt(np.mean(np.square(values))))
+            std = float(np.sqrt(np.mean(variance[places]) / len(values)))
+            found.append(FoundParameter(p.name, p.unit, Estimate(rms, std), tuple(values)))
     return tuple(found)
 
 
 def _active(problem: Problem, fit: Fit) -> tuple[Active, ...]:
     point = fit.point
     own = np.mean([x[t.size :] for t, x in zip(problem.trials, point.trials, strict=True)], axis=0)
+    effects = problem.bench.world.effects
     return tuple(
-        Active(problem.effect(id_), values)
-        for id_, values in problem.setting(point.effects, point.common, own)
+        Active(effects[id_], values)
+        for id_, values in problem.setting(point.effects, point.common, np.asarray(own))
     )
+
+
+def _gap(
+    problem: Problem, judgement: Judgement, before: Fit, after: Fit, tolerance: float, channel: str = ""
+) -> Gap:
+    """Return the gap of all channels, or of one."""
+    if not channel:
+        expected = float(np.sum(np.fmin(judgement.before.expected, judgement.after.expected)))
+        held = [float(np.sum(p.left_out)) for p in (judgement.before, judgement.after)]
+        own = [beyond(problem, f, tolerance)[0] for f in (before, after)]
+        floor = min(beyond(problem, f, tolerance)[1] for f in (before, after))
+        return Gap("all", _ratio(own, floor), _ratio(held, expected))
+    shares = [
+        max((d.share for d in discrepancies(problem, f) if d.channel == channel), default=0.0)
+        for f in (before, after)
+    ]
+    nothing = (float("nan"), float("nan"))
+    return Gap(channel, (shares[0] / tolerance, shares[1] / tolerance), nothing)
+
+
+def _ratio(values: Sequence[float], floor: float) -> tuple[float, float]:
+    before, after = (float(np.sqrt(max(v, 0.0) / floor)) if floor > 0 else float("nan") for v in values)
+    return before, after
+
+
+def _candidates(
+    problem: Problem, search: Search, judgement: Judgement, tolerance: float
+) -> tuple[Candidate, ...]:
+    """Return every candidate as it fared beside the model alone, the likeliest first."""
+    alone = search.model(())
+    assert alone is not None
+    named = {n.id for n in judgement.named}
+    twins = {t for n in judgement.named for t in n.twins}
+    small = {n.id for n in judgement.small}
+    left, floor = beyond(problem, alone.fit, tolerance)
+    gains: dict[str, float] = {}
+    for look in search.looks.get((), ()):
+        for score in look.scores:
+            gains[score.candidate] = max(gains.get(score.candidate, -np.inf), score.gain)
+    found = []
+    no_bounds: tuple[str, ...] = ()
+    for id_, gain in gains.items():
+        model = search.model((id_,))
+        probability = search.probability(holding(id_))
+        closes, bounds = float("nan"), no_bounds
+        status: Status = "screened"
+        if model is not None:
+            gain = model.fit.evidence - alone.fit.evidence  # noqa: PLW2901, the full fit replaces the screen
+            status, bounds = "less likely", _at_bound(problem, model.fit)
+            if left > floor:
+                closes = (left - beyond(problem, model.fit, tolerance)[0]) / (left - floor)
+        if bounds and id_ not in named:
+            status = "at a bound"
+        status = "named" if id_ in named else "twin" if id_ in twins else "small" if id_ in small else status
+        found.append(Candidate(id_, gain, probability, closes, status, bounds))
+    return tuple(sorted(found, key=lambda c: (-c.probability, -c.gain)))
+
+
+def _at_bound(problem: Problem, fit: Fit) -> tuple[str, ...]:
+    """Name the effects' strengths that ended at a bound other than their neutral value."""
+    found = []
+    for (_, p), value in zip(
+        problem.parameters(fit.point.effects, per_trial=False), fit.point.common, strict=True
+    ):
+        margin = AT_BOUND * (p.high - p.low)
+        ends = [b for b in (p.low, p.high) if abs(b - p.neutral) > margin]
+        if not p.shape and any(abs(value - b) < margin for b in ends):
+            found.append(p.name)
+    return tuple(found)
 
 
 def _residuals(problem: Problem, before: Fit, after: Fit) -> list[Residual]:
     found = []
+    shared = [_by_place(discrepancies(problem, f)) for f in (before, after)]
     for i, trial in enumerate(problem.trials):
         o = trial.observation
+        command = next(c for c, own in enumerate(problem.commands) if i in own)
         for k, c in enumerate(trial.channels):
+            first, second = (of[command, c] for of in shared)
             found.append(
                 Residual(
                     trial=o.name,
@@ -211,22 +274,51 @@ def _residuals(problem: Problem, before: Fit, after: Fit) -> list[Residual]:
                     measured=trial.measured[k],
                     before=trial.measured[k] - before.residuals[i][k],
                     after=trial.measured[k] - after.residuals[i][k],
-                    white_before=rows_of(problem, i, c, before.white[i]),
-                    white_after=rows_of(problem, i, c, after.white[i]),
+                    discrepancy_before=first.value,
+                    discrepancy_after=second.value,
+                    std=second.std,
+                    size=second.size,
                 )
             )
     return found
 
 
-def _sand(problem: Problem, fit: Fit) -> dict[str, Estimate]:
-    std = np.sqrt(np.diag(covariance(problem, fit)))
-    return {name: Estimate(float(fit.point.sand[k]), float(std[k])) for k, name in enumerate(SAND)}
+def _by_place(found: Sequence[Discrepancy]) -> dict[tuple[int, str], Discrepancy]:
+    return {(d.command, d.channel): d for d in found}
+
+
+def _sand(fit: Fit) -> dict[str, Estimate]:
+    first = sum(x.size for x in fit.point.trials)
+    std = np.sqrt(np.fmax(np.diag(fit.posterior.covariance)[first:], 0.0))
+    return {name: Estimate(float(fit.point.shared[k]), float(std[k])) for k, name in enumerate(SAND)}
 
 
 def _sand_of(problem: Problem, fit: Fit, i: int) -> tuple[str, dict[str, float]]:
     soil = problem.bench.world.soil
-    base = {"a_theta": load_paper().a_theta} | {n: float(getattr(soil, n)) for n in SAND[1:]}
-    ratio = np.exp(fit.point.sand[:PER_TRIAL] + fit.point.trials[i][:PER_TRIAL])
+    base = {"a_theta": load_paper().a_theta} | {n: float(getattr(soil, n)) for n in SAND[1:RAKED]}
+    ratio = np.exp(fit.point.shared[:RAKED] + fit.point.trials[i][:RAKED])
     return problem.trials[i].observation.name, {
-        n: base[n] * float(r) for n, r in zip(SAND[:PER_TRIAL], ratio, strict=True)
+        n: base[n] * float(r) for n, r in zip(SAND[:RAKED], ratio, strict=True)
     }
+
+
+def _trials_left_out(problem: Problem, judgement: Judgement) -> tuple[LeftOut, ...]:
+    expected = np.fmin(judgement.before.expected, judgement.after.expected)
+    rows = zip(problem.trials, judgement.before.left_out, judgement.after.left_out, expected, strict=True)
+    return tuple(LeftOut(t.observation.name, *_ratio([a, b], e)) for t, a, b, e in rows if np.isfinite(a + b))
+
+
+def _speeds_left_out(problem: Problem, judgement: Judgement) -> tuple[LeftOut, ...]:
+    expected = np.fmin(judgement.before.expected, judgement.after.expected)
+    found = []
+    for own in problem.commands:
+        k = list(own)
+        a, b = (_sum(p.speed_left_out, k) for p in (judgement.before, judgement.after))
+        if np.isfinite(a + b):
+            speed = problem.trials[k[0]].observation.variant.velocity
+            found.append(LeftOut(f"{speed:g}", *_ratio([a, b], _sum(expected, k))))
+    return tuple(found)
+
+
+def _sum(values: Array, places: Sequence[int]) -> float:
+    return float(np.sum(values[list(places)]))

@@ -1,39 +1,38 @@
-"""`discover`: from trials to a Finding."""
+"""`discover`: from corrected trials to a Finding."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from granite_lab.discovery.assemble import assemble
-from granite_lab.discovery.baseline import baseline, from_weak_sand, pure_error
-from granite_lab.discovery.bench import Bench, Respond, World
-from granite_lab.discovery.chance import null_maximum
-from granite_lab.discovery.confusion import confusion
-from granite_lab.discovery.detect import detectability
+from granite_lab.discovery.candidates import screen
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import Finding
-from granite_lab.discovery.lackfit import largest_score
-from granite_lab.discovery.plan_conditions import under_conditions
-from granite_lab.discovery.problem import Problem
-from granite_lab.discovery.refit import enough
-from granite_lab.discovery.screen import scores
-from granite_lab.discovery.select import search
-from granite_lab.discovery.setup import trial_models
-from granite_lab.discovery.signature import signatures
-from granite_lab.discovery.unknown import LEAST, judge
+from granite_lab.discovery.power import detectable
+from granite_lab.discovery.search import search
+from granite_lab.discovery.verdict import judge
+from granite_lab.errors import EstimateError, LabError
 from granite_lab.estimation.motion import Motion
+from granite_lab.inference.bench import Bench, Respond, World
+from granite_lab.inference.conditions import under_conditions
+from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
+from granite_lab.inference.fit import Fit
+from granite_lab.inference.problem import Problem
+from granite_lab.inference.setup import baseline, trial_models
 from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Robot, Soil
 from granite_lab.processes import one_thread
 
-ALLOWANCE = 18.0
-"""Least evidence that counts. By chance alone 1 set of 100 exceeds about 12 over all candidates; the
-rest is for what the chance model leaves out (sand off the file, noise that is not quite as learnt)."""
+OUTLIER = 10.0
+"""Factor by which the residuals of a trial exceed those of the median trial where nothing fits it: another
+command, a wheel off the ground, another robot."""
 
-FALSE_ALARMS = 0.01
+LATENCY_EFFECT = "clock_offset"
+"""The effect that latency is; it is no candidate, for latency is fitted in any case."""
 
 
 def discover(
@@ -42,73 +41,109 @@ def discover(
     soil: Soil,
     *,
     effects: Mapping[str, Effect],
-    motions: Sequence[Motion] | None = None,
-    seed: int = 0,
+    motions: Sequence[Motion],
     jobs: int = 1,
     respond: Respond | None = None,
     progress: Callable[[str, int], None] = lambda *_: None,
+    tolerance: float = TOLERANCE,
+    latency: float = LATENCY_LIMIT,
 ) -> Finding:
     """Find out whether the model explains trials, and if not, what is missing.
 
     Args:
-        trials: the logs of one robot on one soil.
+        trials: of one robot on one soil, as estimation corrected them.
         robot, soil: the model's numbers.
         effects: candidates by id.
-        motions: estimates of the trials, in their order; without them the logs say what was
-            commanded and when.
-        seed: of the bootstrap that sets the thresholds.
+        motions: estimates of the trials, in their order; they know what was commanded and when.
         jobs: number of processes.
         respond: does the simulations in their place.
         progress: told what is being done and how many simulations are done so far.
+        tolerance: discrepancy that does not matter, as a share of a channel's rms in motion.
+        latency: largest delay between the stamps of two sensors that is no missing effect [s].
 
     Raises:
-        InputError: nothing says what was commanded, or the robot cannot be simulated.
-        EstimateError: a trial has no sensor to compare with, or the simulation fails.
+        InputError: the robot cannot be simulated for want of numbers.
+        EstimateError: a trial has no sensor to compare with, or the robot cannot be simulated on this soil.
     """
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
-    trials = [trials[i] for i in order]
-    motions = [motions[i] for i in order] if motions is not None else None
-    models, variants = trial_models(trials, robot, motions)
-    candidates = dict(sorted(effects.items()))
-    world = World(robot, soil, variants, candidates | {EmpiricalLaw.id: EmpiricalLaw()})
-    world = under_conditions(world, trials, models)
+    trials, motions = [trials[i] for i in order], [motions[i] for i in order]
+    candidates = dict(sorted((id_, e) for id_, e in effects.items() if id_ != LATENCY_EFFECT))
+    law = EmpiricalLaw()
+    library = tuple(candidates)
+    terms = tuple(f"{law.id}.{p.name}" for p in law.parameters)
+
     stage = ["fitting the model"]
 
     def tell(text: str) -> None:
         stage[0] = text
         progress(text, bench.runs)
 
+    models, variants = trial_models(trials, robot, motions)
+    world = under_conditions(World(robot, soil, variants, {**candidates, law.id: law}), trials, models)
     with one_thread(), Bench(world, jobs, lambda _: progress(stage[0], bench.runs), respond) as bench:
-        problem = Problem(models, bench)
         tell("fitting the model without effects")
+        problem = Problem(models, bench)
+        problem, dropped = _possible(problem)
         base = baseline(problem)
-        tell("screening every candidate")
-        signs = signatures(problem, base, candidates, small=enough(problem, base))
-        rng = np.random.default_rng(seed)
-        error = pure_error(problem, base.white)
-        chance = null_maximum(problem, base, signs, error, rng)
-        threshold = max(ALLOWANCE, float(np.quantile(chance, 1 - FALSE_ALARMS)))
-        promising = scores(problem, base, signs, candidates)[0].evidence > threshold
-        if promising or largest_score(problem, base.white) > LEAST:
-            tell("trying weaker sand")
-            other = from_weak_sand(problem, base)
-            if other is not base:
-                base = other
-                signs = signatures(problem, base, candidates)
-        detectable = detectability(base, signs, candidates, threshold)
-        tell("checking what these trials could show")
-        check = confusion(problem, base, signs, candidates, threshold, detectable=detectable[0], seed=seed)
-        choice = search(problem, base, signs, candidates, threshold, tell)
-        tell("looking at what is left")
-        judgement = judge(problem, choice.base, choice, threshold, rng, FALSE_ALARMS)
-        return assemble(
+        strange = _outliers(problem, base)
+        if strange:
+            dropped += tuple(
+                (problem.trials[i].observation.name, f"its residuals are {r:.0f} times those of the others")
+                for i, r in strange
+            )
+            problem = Problem([t for i, t in enumerate(problem.trials) if i not in dict(strange)], bench)
+            base = baseline(problem)
+        found = search(problem, base, (*library, *terms), tolerance, tell)
+        tell("predicting trials that are left out")
+        judgement = judge(problem, found, tolerance)
+        failures: list[str] = []
+        power = None
+        try:
+            tell("checking what these trials could show")
+            rest = [c for c in library if c not in judgement.model.effects]
+            fit = judgement.model.fit
+            power = detectable(problem, fit, screen(problem, fit, rest, most=2), tolerance)
+        except (LabError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+            failures.append(f"what these trials could show was not computed: {error}")
+        finding = assemble(
             problem=problem,
-            base=choice.base,
-            choice=choice,
+            search=found,
             judgement=judgement,
-            detectable=detectable,
-            threshold=threshold,
-            seed=seed,
-            self_check=check,
+            power=power,
+            effects=effects,
+            tolerance=tolerance,
+            latency=latency,
+            corrections={t.name: t.corrections for t in trials},
+            dropped=dropped,
             virtual=all(t.info.virtual for t in trials),
         )
+        return replace(finding, failures=tuple(failures))
+
+
+def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
+    """Leave out commands that the model cannot drive.
+
+    Raises:
+        EstimateError: it can drive none.
+    """
+    neutral = problem.neutral()
+    runs = problem.bench.run([problem.centre(neutral, c) for c in range(len(problem.commands))])
+    out = {i for own, run in zip(problem.commands, runs, strict=True) if run is None for i in own}
+    if len(out) == len(problem.trials):
+        raise EstimateError(
+            "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
+        )
+    if not out:
+        return problem, ()
+    reason = "its command has no solution in the model"
+    names = tuple((problem.trials[i].observation.name, reason) for i in sorted(out))
+    return Problem([t for i, t in enumerate(problem.trials) if i not in out], problem.bench), names
+
+
+def _outliers(problem: Problem, base: Fit) -> list[tuple[int, float]]:
+    """Return the trials that nothing fits, with how much larger their residuals are."""
+    if len(problem.trials) < 3:
+        return []
+    rms = np.array([np.sqrt(np.nanmean(w**2)) for w in problem.white(base.residuals)])
+    ratio = rms / np.median(rms)
+    return [(int(i), float(ratio[i])) for i in np.flatnonzero(ratio > OUTLIER)]

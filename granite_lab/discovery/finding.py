@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from granite_lab.discovery.lackfit import Disagreement
-from granite_lab.discovery.shown import Confusion, Detectable
 from granite_lab.estimate import Estimate
+from granite_lab.estimation.motion import PhaseName
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Verdict = Literal["none", "named", "unknown"]
-Status = Literal["evaluated", "at a bound", "not converged", "screened only", "related", "uneven"]
+Status = Literal["named", "twin", "small", "less likely", "screened", "at a bound"]
 
 
 @dataclass(frozen=True)
@@ -44,52 +44,126 @@ class FoundEffect:
         id, title: of the effect.
         parameters: as fitted together with everything else.
         twins: candidates that explain these trials as well in its place.
-        evidence: drop of chi2 that it brought, as of one number.
-        empirical: not a physical effect but a law that was fitted.
+        probability: posterior probability that it, or one of its twins, is in the model.
+        closes: share of the gap that it closes on trials that were left out, with its standard error.
+        empirical: not a physical effect but a term of an empirical law.
     """
 
     id: str
     title: str
     parameters: tuple[FoundParameter, ...]
     twins: tuple[str, ...]
-    evidence: float
+    probability: float
+    closes: Estimate
     empirical: bool = False
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """How one candidate fared in one round of the search.
+    """How one candidate fared.
 
     Attributes:
         id: of the effect.
-        evidence: drop of chi2 as of one number, from the full fit where there is one.
-        screened: the same from the screen alone.
-        status: how far it was looked at.
+        gain: logarithm of the Bayes factor against the model it was added to, from the full fit where there
+            is one, else from the screen.
+        probability: posterior probability that it is in the model.
+        closes: share of the gap that it closes alone, all trials in the fit; NaN where it was not fitted.
+        status: what became of it.
         bounds: parameters that ended at a bound.
     """
 
     id: str
-    evidence: float
-    screened: float
-    status: str
-    bounds: tuple[str, ...]
+    gain: float
+    probability: float
+    closes: float
+    status: Status
+    bounds: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean square of whitened residuals over that of the noise.
+    """Root mean square of the residuals over what noise and the tolerance explain.
 
     Attributes:
         channel: or "all".
-        phase: or "all".
-        train: before, after, and 1 for the noise, with all trials in the fit.
-        held_out: the same, each trial predicted by the fit to the others.
+        train: without and with the effects, all trials in the fit; 1 is a model that is as good as asked for.
+        held_out: the same, each trial predicted by the fit to the others; NaN where nothing was left out.
     """
 
     channel: str
-    phase: str
-    train: tuple[float, float, float]
-    held_out: tuple[float, float, float]
+    train: tuple[float, float]
+    held_out: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """An interval in which a channel disagrees with the model.
+
+    Attributes:
+        channel: as in `inference.observation.UNITS`.
+        phase: commanded phase in the interval's middle.
+        variant: desired velocity of the command [m/s].
+        start, end: since the start of the command [s].
+        frequency: where the disagreement is strongest [Hz].
+        share: rms of the disagreement over the channel's rms in motion.
+        score: rms of the disagreement over its std.
+    """
+
+    channel: str
+    phase: PhaseName
+    variant: float
+    start: float
+    end: float
+    frequency: float
+    share: float
+    score: float
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The smallest size of an effect that these trials can show.
+
+    Attributes:
+        effect, parameter, unit: which.
+        size: strength that is named with a probability of 80 % [unit]; NaN where these trials cannot.
+        limit: what sets it, "noise" or "tolerance".
+        confused_with: candidates whose signature is more than 95 % the same once the nuisances are refitted.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    size: float
+    limit: str
+    confused_with: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Confusion:
+    """What would come out of these trials if one candidate were in them, linear about the fit.
+
+    Attributes:
+        ids: the candidates, in the rows and columns of `matrix`.
+        cosines: (k, k) cosines between the candidates' signatures, nuisances projected out.
+        matrix: (k, k) share of the sets with the row's candidate in which the column's comes first; NaN in
+            the row of one that these trials cannot show.
+        missed: (k,) share in which nothing is named; with the row of `matrix` it sums to one.
+        factor: size that was put in, over the smallest that is detectable.
+        draws: sets a row.
+    """
+
+    ids: tuple[str, ...]
+    cosines: Array
+    matrix: Array
+    missed: Array
+    factor: float
+    draws: int
+
+    def taken_for(self, id_: str, share: float = 0.05) -> tuple[tuple[str, float], ...]:
+        """Return the wrong candidates that come first in more than `share` of the sets, likeliest first."""
+        row = self.matrix[self.ids.index(id_)]
+        wrong = [(o, float(x)) for o, x in zip(self.ids, row, strict=True) if o != id_ and x > share]
+        return tuple(sorted(wrong, key=lambda item: -item[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +175,12 @@ class Residual:
         variant: desired velocity [m/s].
         t: (n,) time since the start of the command [s]; `t_start` in the log's time [s].
         phase: (n,) commanded phase.
-        measured: (n,) bins; wheel angles are counted from the start [unit].
-        before, after: (n,) simulated with the nuisances fitted.
-        white_before, white_after: (n,) whitened residuals, zero where nothing was measured.
+        measured: (n,) bins, NaN where nothing was measured; wheel angles are counted from the start [unit].
+        before, after: (n,) simulated without and with the effects, nuisances fitted [unit].
+        discrepancy_before, discrepancy_after: (n,) what the repetitions share and the model does not
+            explain [unit].
+        std: (n,) of `discrepancy_after` [unit].
+        size: rms of the channel in motion [unit].
     """
 
     trial: str
@@ -116,35 +193,24 @@ class Residual:
     measured: Array
     before: Array
     after: Array
-    white_before: Array
-    white_after: Array
-
-
-CHANCE = 4.5
-"""Standard deviations above which it is no chance: among some eighty pairs and bands one set of a thousand
-reaches it, one of a hundred where the noise is learnt 20 % too low."""
+    discrepancy_before: Array
+    discrepancy_after: Array
+    std: Array
+    size: float
 
 
 @dataclass(frozen=True)
-class Unrepeated:
-    """The pair of channels whose pure errors go together most clearly.
+class LeftOut:
+    """What was predicted of trials that were left out.
 
     Attributes:
-        score: in standard deviations of what independent noise gives; 0 where nothing was repeated.
-        first, second: channels.
-        low, high: band of frequency [Hz].
+        name: of the trial, or the desired velocity [m/s] of the speed that was left out.
+        before, after: misfit over what noise and the tolerance explain, without and with the effects.
     """
 
-    score: float = 0.0
-    first: str = ""
-    second: str = ""
-    low: float = 0.0
-    high: float = 0.0
-
-    @property
-    def plain(self) -> bool:
-        """It is more than chance."""
-        return self.score > CHANCE
+    name: str
+    before: float
+    after: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,73 +220,70 @@ class Finding:
     Attributes:
         verdict: "none", "named" or "unknown".
         sentence: the verdict in plain words.
+        probability: posterior probability of the verdict.
+        provisional: why the verdict is provisional; empty where it is not.
         effects: what was named, or the empirical law.
-        where: intervals in which the model without effects disagrees.
+        small: effects that the trials may show and that do not matter, likeliest first.
+        remainder: share of the gap that is left on trials that were left out; NaN without a gap.
+        tolerance: discrepancy that does not matter, as a share of a channel's rms.
+        latency: by how much the stamps of the IMU come later than those of wheels and currents [s].
+        gap: over all channels.
+        gaps: per channel.
+        where: intervals in which the model without effects disagrees by more than the tolerance.
         left: the same with the effects.
-        gap: over all channels and phases.
-        gaps: per channel, per phase, and per channel and phase.
-        rounds: candidates per round of the search, best first.
-        threshold: evidence that chance exceeds in one set of a hundred.
-        map_threshold: the same for the scores behind `where`.
-        map_before, map_after: largest score on the map, without and with the effects.
-        detectable: per candidate.
-        confusion: (k, k) cosines between the candidates' signatures, nuisances projected out.
-        confusion_ids: the candidates in the rows of `confusion`.
+        candidates: best first.
+        detectable: per candidate and strength.
+        confusion: what these trials can tell apart.
         residuals: per trial and channel.
-        sand: number of the sand common to all trials to its logarithm over the file's value.
+        sand: parameter of the sand common to all trials to its logarithm over the file's value.
         sand_per_trial: per trial a_θ [s/m], k_φ and c as fitted.
-        losses: speed [m/s] and the sum of whitened squares on its trials when that speed was left out,
-            before and after.
-        trial_losses: name of each trial, and the sum of its whitened squares when it was left out, before and
-            after; empty with one trial.
+        scales: number that differs from trial to trial to its std as learnt from the trials.
+        discrepancy: share of each channel's rms that the model with the effects misses, as learnt.
+        trials_left_out, speeds_left_out: predictions; empty where nothing could be left out.
+        dropped: name of a trial that nothing fits, and why it was left out of the analysis.
         notes: what could not be told and why.
         robot, soil: of the baseline.
         active: the effects as they are switched on in a simulation.
-        seed: of the bootstrap.
         virtual: all trials were written by a simulator.
         runs: simulations that were needed.
-        unrepeated: what repetitions do not share and several sensors see, once the effects are in the model.
-        self_check: what would come out of these very trials if one candidate were in them.
+        failures: parts of the analysis that failed after the search, one line each.
     """
 
     verdict: Verdict
     sentence: str
+    probability: float
+    provisional: tuple[str, ...]
     effects: tuple[FoundEffect, ...]
-    where: tuple[Disagreement, ...]
-    left: tuple[Disagreement, ...]
+    small: tuple[FoundEffect, ...]
+    remainder: float
+    tolerance: float
+    latency: Estimate
     gap: Gap
     gaps: tuple[Gap, ...]
-    rounds: tuple[tuple[Candidate, ...], ...]
-    threshold: float
-    map_threshold: float
-    map_before: float
-    map_after: float
+    where: tuple[Disagreement, ...]
+    left: tuple[Disagreement, ...]
+    candidates: tuple[Candidate, ...]
     detectable: tuple[Detectable, ...]
-    confusion: Array
-    confusion_ids: tuple[str, ...]
+    confusion: Confusion | None
     residuals: tuple[Residual, ...]
-    sand: dict[str, Estimate]
-    sand_per_trial: tuple[tuple[str, dict[str, float]], ...]
-    losses: tuple[tuple[float, float, float], ...]
-    trial_losses: tuple[tuple[str, float, float], ...]
+    sand: Mapping[str, Estimate]
+    sand_per_trial: tuple[tuple[str, Mapping[str, float]], ...]
+    scales: Mapping[str, float]
+    discrepancy: float
+    trials_left_out: tuple[LeftOut, ...]
+    speeds_left_out: tuple[LeftOut, ...]
+    dropped: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
     robot: Robot
     soil: Soil
     active: tuple[Active, ...]
-    seed: int
     virtual: bool
     runs: int
-    unrepeated: Unrepeated
-    self_check: Confusion | None = None
+    failures: tuple[str, ...] = field(default=())
 
     def to_frame(self) -> pd.DataFrame:
-        """Return one row a candidate: its evidence beside what chance alone reaches, and its fate."""
+        """Return one row a candidate: its gain, its probability, the share of the gap it closes, its fate."""
         import pandas as pd  # noqa: PLC0415
 
-        named = {effect.id for effect in self.effects}
-        rows = [
-            (number, c.id, c.evidence, self.threshold, c.status, c.id in named)
-            for number, candidates in enumerate(self.rounds, 1)
-            for c in candidates
-        ]
-        return pd.DataFrame(rows, columns=["round", "effect", "evidence", "threshold", "status", "named"])
+        rows = [(c.id, c.gain, c.probability, c.closes, c.status) for c in self.candidates]
+        return pd.DataFrame(rows, columns=["effect", "log_bayes_factor", "probability", "closes", "status"])

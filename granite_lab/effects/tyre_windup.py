@@ -46,7 +46,7 @@ class TyreWindup(Effect):
     )
     parameters = (
         EffectParameter("compliance", "rad/(N m)", "twist of one tyre per torque, 1/k",
-                        0.0, 0.02, 0.0, 2e-4, 4e-3),
+                        0.0, 0.1, 0.0, 2e-4, 4e-3),
         EffectParameter("retardation", "s", "damping over stiffness, c/k",
                         5e-4, 0.2, 0.01, 0.002, 0.05, shape=True),
         EffectParameter("tread_share", "-", "share of the wheel's inertia that sits in the tread, J_t/J",

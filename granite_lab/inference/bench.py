@@ -11,7 +11,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from granite_lab.discovery.observation import SIGNALS
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect, activate
@@ -21,21 +20,25 @@ from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
 from granite_lab.processes import forked, spread
 
+SIGNALS = (
+    "imu_ax_mps2", "imu_az_mps2", "imu_gy_radps", "enc_f_rad", "enc_r_rad", "cur_f_A", "cur_r_A", "v_mps",
+)  # fmt: skip
+"""The simulated signals, in the order of the rows of a response: those that sensors read, then the velocity."""
+
 SAND = (
     "a_theta", "frictional_modulus", "cohesion",
     "shear_modulus", "friction_angle", "exponent", "tyre_friction",
 )  # fmt: skip
-"""Numbers of the sand that no file knows exactly, as logarithms of their ratio to the file's value."""
+"""Parameters of the sand that are fitted, as logarithms of their ratio to the file's value."""
 
-PER_TRIAL = 3
+RAKED = 3
 """The first of `SAND` change with the raking from trial to trial."""
 
 ACCURACY = Accuracy(relative=5e-5, absolute=1e-7, travel=0.0018, lean=True, order=3)
-"""Errors of a bin of at most 4e-4 m/s^2, 5e-6 rad/s, 3e-5 rad and 7e-4 A: at most a quarter of the noise's
-floor."""
+"""Errors of a bin of at most 4e-4 m/s^2, 5e-6 rad/s, 3e-5 rad and 7e-4 A."""
 
 KEPT = 200
-"""How many runs are remembered, of about 200 kB each."""
+"""Number of responses that are remembered, of about 200 kB each."""
 
 Values = tuple[float, ...]
 Setting = tuple[tuple[str, Values], ...]
@@ -67,7 +70,7 @@ class World:
     effects: Mapping[str, Effect]
 
     def respond(self, task: Task) -> Array | None:
-        """Return the (7, M) signals of a run; None where it has no solution."""
+        """Return the (8, M) signals of a run; None where it has no solution."""
         ratio = dict(zip(SAND, np.exp(task.sand).tolist(), strict=True))
         a_theta = load_paper().a_theta * ratio.pop("a_theta")
         soil = dataclasses.replace(
@@ -88,7 +91,7 @@ class World:
 
 
 Respond = Callable[[World, Sequence[Task]], list[Array | None]]
-"""Whoever does the simulations instead of this machine: the signals of each task, in their order."""
+"""Simulates tasks elsewhere: the signals of each task, in their order."""
 
 _world: World | None = None
 
@@ -146,7 +149,7 @@ class Bench:
             self._pool.shutdown(cancel_futures=True)
 
     def run(self, tasks: Sequence[Task], *, keep: bool = True) -> list[Array | None]:
-        """Return the (7, M) signals of each task, None where a run has no solution.
+        """Return the (8, M) signals of each task, None where a run has no solution.
 
         Args:
             tasks: what to simulate; the same task is simulated once.

@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from granite_lab.discovery.binning import Binning, Stream, at_edges_or_between
 from granite_lab.errors import EstimateError
+from granite_lab.inference.bench import SIGNALS
+from granite_lab.inference.binning import Binning, Stream, at_edges_or_between
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, phase_of
 from granite_lab.parameters import GRAVITY, Robot, Variant
@@ -27,11 +28,6 @@ BIN = 0.02
 
 BEFORE, AFTER = 0.5, 1.5
 """How much rest before the command and how much time after its end is compared [s]."""
-
-SIGNALS = (
-    "imu_ax_mps2", "imu_az_mps2", "imu_gy_radps", "enc_f_rad", "enc_r_rad", "cur_f_A", "cur_r_A",
-)  # fmt: skip
-"""The simulated signals that sensors read, in the order of a `(7, M)` response."""
 
 UNITS = {
     "accel_x": "m/s^2",
@@ -148,7 +144,8 @@ def _from_zero(stream: Stream, start: float) -> Stream:
 def _streams(trial: Trial, robot: Robot) -> dict[str, Stream]:
     found: dict[str, Stream] = {}
     if trial.imu is not None:
-        mounting = Rotation.from_euler("XYZ", robot.imu.rotation, degrees=True)
+        rotation = (0.0, 0.0, 0.0) if trial.imu.robot_axes else robot.imu.rotation
+        mounting = Rotation.from_euler("XYZ", rotation, degrees=True)
         force = mounting.apply(np.nan_to_num(trial.imu.specific_force))
         rate = mounting.apply(np.nan_to_num(trial.imu.angular_rate))
         if trial.imu.gravity_removed:

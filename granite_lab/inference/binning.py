@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
-Array = npt.NDArray[np.float64]
+from granite_lab.logs.trial import Array
 
 KEPT = 2
-"""For how many starts of the command the matrices are remembered: a fit tries one, and may go back."""
+"""Number of shifts for which the matrices are remembered: a fit tries one, and may go back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,9 +22,9 @@ class Stream:
     Attributes:
         t: (N,) stamps [s].
         value: (N,) in the unit of the channel.
-        weights: (7,) how the channel is composed of the simulated signals.
+        weights: (8,) how the channel is composed of the simulated signals.
         is_angle: read at the edges instead of averaged over the bins.
-        window: over which the sensor itself averages around each stamp [s].
+        window: time over which the sensor averages around each stamp [s].
     """
 
     t: Array
@@ -33,6 +32,11 @@ class Stream:
     weights: Array
     is_angle: bool
     window: float = 0.0
+
+    @property
+    def is_imu(self) -> bool:
+        """Whether the IMU stamped it."""
+        return bool(self.weights[:3].any())
 
 
 def means(t: Array, start: Array, end: Array) -> Any:
@@ -76,6 +80,7 @@ class _Group:
     weights: Array
     stamps: Array
     window: float
+    is_imu: bool
     to_bins: Any
 
     def to_stamps(self, t: Array, shift: float) -> Any:
@@ -103,7 +108,7 @@ class Binning:
             alike.setdefault((s.t.tobytes(), s.is_angle, s.window), []).append(name)
         self._groups = [self._group(names, streams, edges, t_start) for names in alike.values()]
         self._order = tuple(streams)
-        self._known: dict[tuple[float, int], list[Any]] = {}
+        self._known: dict[tuple[int, float, int], Any] = {}
 
     @staticmethod
     def _group(names: list[str], streams: Mapping[str, Stream], edges: Array, t_start: float) -> _Group:
@@ -111,24 +116,30 @@ class Binning:
         to_bins = at_edges_or_between(s, edges)
         used = np.unique(to_bins.indices)
         weights = np.stack([streams[name].weights for name in names])
-        return _Group(tuple(names), weights, s.t[used] - t_start, s.window, to_bins[:, used])
+        return _Group(tuple(names), weights, s.t[used] - t_start, s.window, s.is_imu, to_bins[:, used])
 
-    def __call__(self, t: Array, response: Array, shift: float) -> dict[str, Array]:
+    def __call__(self, t: Array, response: Array, start: float, latency: float = 0.0) -> dict[str, Array]:
         """Return channel to its (n,) bins, or to the (k, n) bins of k responses.
 
         Args:
             t: (M,) time since the start of the command [s], the same for each response of that length.
-            response: (7, M) or (k, 7, M) simulated signals.
-            shift: by how much the command starts later than `t_start` [s].
+            response: (8, M) or (k, 8, M) simulated signals.
+            start: by how much the command starts later than `t_start` [s].
+            latency: by how much the stamps of the IMU come later than those of the wheels [s].
         """
-        key = (shift, t.size)
-        if key not in self._known:
-            if len(self._known) >= KEPT:
-                del self._known[next(iter(self._known))]
-            self._known[key] = [g.to_bins @ g.to_stamps(t, shift) for g in self._groups]
         found: dict[str, Array] = {}
-        for group, matrix in zip(self._groups, self._known[key], strict=True):
+        for number, group in enumerate(self._groups):
+            matrix = self._matrix(number, t, start + latency if group.is_imu else start)
             signals = group.weights @ response
             bins = (matrix @ signals.reshape(-1, t.size).T).T.reshape(*signals.shape[:-1], matrix.shape[0])
             found |= {name: bins[..., place, :] for place, name in enumerate(group.names)}
         return {name: found[name] for name in self._order}
+
+    def _matrix(self, number: int, t: Array, shift: float) -> Any:
+        key = (number, shift, t.size)
+        if key not in self._known:
+            while len(self._known) >= KEPT * len(self._groups):
+                del self._known[next(iter(self._known))]
+            group = self._groups[number]
+            self._known[key] = group.to_bins @ group.to_stamps(t, shift)
+        return self._known[key]

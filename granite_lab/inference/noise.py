@@ -10,13 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import cholesky, solve_toeplitz, toeplitz
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg.lapack import dtrtri
 from scipy.optimize import nnls
 
 from granite_lab.logs.trial import Array
+from granite_lab.model.command import desired_velocity
+
+if TYPE_CHECKING:
+    from granite_lab.inference.problem import Problem
 
 ORDER = 16
 """Order of the autoregression that smooths a spectrum; frame and lugs vibrate in narrow peaks."""
@@ -38,22 +43,19 @@ class Whitener:
     """Makes the noise of one channel white with unit variance.
 
     Attributes:
-        factor: (k, k) lower Cholesky factor of the covariance of the bins that were measured, or
-            (k,) their std where the noise is white.
+        inverse: (k, k) inverse of the lower Cholesky factor of the covariance of the bins that were
+            measured, or (k,) inverse of their std where the noise is white.
         known: (n,) bins that were measured.
     """
 
-    factor: Array
+    inverse: Array
     known: Array
 
     def __call__(self, columns: Array) -> Array:
         """Return the whitened (n,) or (n, k) columns; zero where nothing was measured."""
         out = np.zeros_like(columns)
-        if self.factor.ndim == 1:
-            out[self.known] = (columns[self.known].T / self.factor).T
-            return out
-        if columns.size:
-            out[self.known] = dtrtrs(self.factor, columns[self.known], lower=1)[0]
+        own = columns[self.known]
+        out[self.known] = (own.T * self.inverse).T if self.inverse.ndim == 1 else self.inverse @ own
         return out
 
 
@@ -64,7 +66,7 @@ def white(level: float, known: Array) -> Whitener:
         level: its std.
         known: (n,) bins that were measured.
     """
-    return Whitener(np.full(int(known.sum()), level), known)
+    return Whitener(np.full(int(known.sum()), 1 / level), known)
 
 
 def errors(residuals: Sequence[Array]) -> Array:
@@ -130,7 +132,8 @@ def learn(
     factors: dict[bytes, Array] = {}
     for mask in known:
         if mask.tobytes() not in factors:
-            factors[mask.tobytes()] = cholesky(Σ[np.ix_(mask, mask)], lower=True)
+            L = cholesky(Σ[np.ix_(mask, mask)], lower=True)
+            factors[mask.tobytes()] = np.tril(dtrtri(L, lower=1)[0])
     return [Whitener(factors[mask.tobytes()], mask) for mask in known]
 
 
@@ -155,7 +158,7 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
     r[0] += floor**2
     a = solve_toeplitz(r[:-1], r[1:]) if order else np.zeros(0)
     variance = r[0] - a @ r[1 : order + 1]
-    response = 1 - sum(
+    response = np.ones(_GRID + 1) - sum(
         c * np.exp(-1j * np.pi * (k + 1) * np.arange(_GRID + 1) / _GRID) for k, c in enumerate(a)
     )
     return np.asarray(variance / np.abs(response) ** 2)
@@ -180,3 +183,89 @@ def _jitter(error: Array, explained: Array, slope: Array) -> Array:
         share, _ = nnls(basis, power[seen] / count[seen] * weight)
         variance = explained * max(share[0], 0.2) + steep * share[1]
     return np.asarray(steep * share[1])
+
+
+NOMINAL = {
+    "accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 0.003,
+    "wheel": 1e-3, "wheel_split": 3e-4, "current_f": 0.05, "current_r": 0.05,
+}  # fmt: skip
+"""Std of a bin with which the first fit weights the channels [unit of the channel]."""
+
+FLOOR = {
+    "accel_x": 2e-3, "accel_z": 2e-3, "pitch_rate": 1e-4,
+    "wheel": 1e-4, "wheel_split": 1e-4, "current_f": 5e-3, "current_r": 5e-3,
+}  # fmt: skip
+"""Std below which no agreement is believed, however quiet the sensor: a wheel angle of 1e-4 rad is
+10 µm on the circumference. It enters as white noise beside what the sensor shows."""
+
+STILL = 1e-3
+"""Share of the full speed below which a wheel counts as standing."""
+
+
+def nominal(problem: Problem) -> list[list[Whitener]]:
+    """Return the weights of `NOMINAL`."""
+    return [
+        [white(NOMINAL[c], np.isfinite(t.observation.values[c])) for c in t.channels] for t in problem.trials
+    ]
+
+
+def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]:
+    """Return the weights by the noise that residuals show, one command and channel at a time."""
+    whiteners = [list(w) for w in problem.whiteners]
+    speeds = [_speed(problem, residuals, own) for own in problem.commands]
+    rest: dict[tuple[str, int], list[Array]] = {}
+    for own, speed in zip(problem.commands, speeds, strict=True):
+        for c, having in _channels(problem, own):
+            rows = errors([residuals[i][problem.trials[i].channels.index(c)] for i in having])
+            rest.setdefault(_sensor(problem, having[0], c), []).extend(rows[:, speed == 0])
+    width = problem.trials[0].observation.width
+    spectra = {sensor: at_rest(rows, FLOOR[sensor[0]], width) for sensor, rows in rest.items()}
+    for own, speed in zip(problem.commands, speeds, strict=True):
+        for c, having in _channels(problem, own):
+            place = {i: problem.trials[i].channels.index(c) for i in having}
+            rows = [residuals[i][place[i]] for i in having]
+            shown = _predicted(problem, residuals, c, having)
+            strength = speed
+            if c.startswith("current"):  # its errors grow with the torque
+                level = float(np.median(np.abs(shown[speed >= FAST])))
+                strength = np.clip(np.abs(shown) / level, 0, 4) * (speed > 0) if level > 0 else speed
+            sensor = spectra[_sensor(problem, having[0], c)]
+            found = learn(rows, strength, np.gradient(shown), FLOOR[c], width, sensor)
+            for i, w in zip(having, found, strict=True):
+                whiteners[i][place[i]] = w
+    return whiteners
+
+
+def _channels(problem: Problem, own: Sequence[int]) -> list[tuple[str, list[int]]]:
+    """Return the channels of a command, each with the trials that have it."""
+    names = dict.fromkeys(c for i in own for c in problem.trials[i].channels)
+    return [(c, [i for i in own if c in problem.trials[i].channels]) for c in names]
+
+
+def _sensor(problem: Problem, trial: int, channel: str) -> tuple[str, int]:
+    """Tell sensors apart by what they show and how many samples they give a bin."""
+    o = problem.trials[trial].observation
+    return channel, round(o.width / float(np.median(np.diff(o.streams[channel].t))))
+
+
+def _predicted(problem: Problem, residuals: Sequence[Array], channel: str, having: Sequence[int]) -> Array:
+    """Return (n,) what the model shows of a channel, mean over trials; zero where nothing was measured."""
+    total = np.zeros(problem.trials[having[0]].observation.bins)
+    for i in having:
+        k = problem.trials[i].channels.index(channel)
+        total += np.nan_to_num(problem.trials[i].measured[k] - residuals[i][k])
+    return total / len(having)
+
+
+def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> Array:
+    """Return (n,) how fast the wheels turn over their largest rate; the command where none were logged."""
+    wheels = [i for i in own if "wheel" in problem.trials[i].channels]
+    if wheels:
+        rate = np.fmax(np.diff(_predicted(problem, residuals, "wheel", wheels), prepend=0.0), 0.0)
+        rate = np.minimum(rate, 1.2 * np.median(rate[rate > 0.5 * np.quantile(rate, 0.9)]))
+    else:
+        o = problem.trials[own[0]].observation
+        rate = np.array([float(desired_velocity(float(t), o.variant)) for t in o.t])
+    rate = rate / rate.max()
+    rate[rate < STILL] = 0.0
+    return np.asarray(rate)

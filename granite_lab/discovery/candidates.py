@@ -1,0 +1,234 @@
+"""Screening: how much each candidate would add to a model, by linear algebra about its fit."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.inference.bench import Task
+from granite_lab.inference.fit import Fit
+from granite_lab.inference.normal import Posterior, posterior
+from granite_lab.inference.problem import Problem, width_of
+from granite_lab.logs.trial import Array
+from granite_lab.model.effect import EffectParameter
+
+OWN_SCALES = (0.1, 0.3, 1.0)
+"""Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A size at which the response to a candidate was simulated.
+
+    Attributes:
+        candidate: id.
+        parameter: the strength that is not neutral.
+        place: of the parameter among those of the candidate.
+        size: how far it is from the neutral value.
+    """
+
+    candidate: str
+    parameter: EffectParameter
+    place: int
+    size: float
+
+    @property
+    def is_own(self) -> bool:
+        """Whether each trial has a value of its own."""
+        return self.parameter.per_trial
+
+
+@dataclass(frozen=True, eq=False)
+class Screen:
+    """All candidates about one fit.
+
+    Attributes:
+        probes: with one column each, those of `own` excepted.
+        own: candidates with numbers of their own in each trial, to their probes; these have a column a trial.
+        posterior: of the model without them; its `rest` holds the columns, first `probes`, then per trial
+            those of `own`, then the residual.
+        trials: number of trials.
+        raw: of the first trial of each command, its (C n, k) columns before whitening: the trial's own
+            parameters, the shared ones, `probes`, then the trial's columns of `own`.
+    """
+
+    probes: tuple[Probe, ...]
+    own: Mapping[str, tuple[Probe, ...]]
+    posterior: Posterior
+    trials: int
+    raw: Mapping[int, Array]
+
+    def columns_of(self, trial: int) -> Array:
+        """Return the places of the candidates' columns that a trial has, in the order of `raw`."""
+        each = sum(len(group) for group in self.own.values())
+        behind = len(self.probes) + trial * each + np.arange(each)
+        return np.asarray(np.concatenate([np.arange(len(self.probes)), behind]))
+
+    def places_of_own(self, id_: str) -> Array:
+        """Return the (trials, o) places of the columns of such a candidate."""
+        each = [p for group in self.own.values() for p in group]
+        first = [k for k, p in enumerate(each) if p.candidate == id_]
+        return np.asarray(len(self.probes) + np.arange(self.trials)[:, None] * len(each) + np.array(first))
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """What a candidate would bring.
+
+    Attributes:
+        candidate: id.
+        gain: logarithm of the Bayes factor, linear about the fit.
+        values: of all its parameters, where a fit may start.
+        own: (trials, o) of those that each trial has of its own.
+    """
+
+    candidate: str
+    gain: float
+    values: tuple[float, ...]
+    own: Array | None = None
+
+
+def sizes(p: EffectParameter) -> tuple[float, ...]:
+    """Return the distances from the neutral value at which a strength is probed."""
+    high, low = p.prior_high - p.neutral, p.prior_low - p.neutral
+    if p.per_trial:
+        return (high / 2,)
+    if low < 0 < high:
+        return (0.2 * high, 0.2 * low)
+    if p.moving:
+        return tuple(np.geomspace(low / 2, high, 8).tolist())
+    least = max(low, high / 30)
+    every = (least / 2, float(np.sqrt(least * high)), high, 4 * high)
+    return tuple(size for size in every if p.neutral + size <= p.high)
+
+
+def probes_of(problem: Problem, id_: str, most: int = 99) -> list[Probe]:
+    """List the sizes of a candidate, one strength at a time, `most` of each."""
+    return [
+        Probe(id_, p, k, size)
+        for k, p in enumerate(problem.parameters_of(id_))
+        if not p.shape
+        for size in sizes(p)[:most]
+    ]
+
+
+def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) -> Screen:
+    """Simulate the candidates at their sizes about a fit, and integrate everything else out.
+
+    Args:
+        problem: the trials.
+        fit: about which the screen is linear.
+        ids: the candidates.
+        most: sizes of a strength at most, the smallest first.
+    """
+    probes = [probe for id_ in ids for probe in probes_of(problem, id_, most)]
+    tasks: list[Task] = []
+    for command, _ in enumerate(problem.variants):
+        centre = problem.centre(fit.point, command)
+        tasks.append(centre)
+        for probe in probes:
+            values = [p.neutral for p in problem.parameters_of(probe.candidate)]
+            values[probe.place] += probe.size
+            moved = problem.with_effect(fit.point, probe.candidate, values)
+            tasks.append(problem.centre(moved, command))
+    found = problem.bench.run(tasks, keep=False)
+    n = len(probes) + 1
+    per_command = [found[j * n : (j + 1) * n] for j in range(len(problem.variants))]
+    sound = [
+        k for k in range(len(probes)) if all(r[0] is not None and r[k + 1] is not None for r in per_command)
+    ]
+    probes = [probes[k] for k in sound]
+    changes = [{j: r[k + 1] - r[0] for j, r in enumerate(per_command)} for k in sound]  # type: ignore[operator]
+    own: dict[str, list[int]] = {}
+    for k, probe in enumerate(probes):
+        if probe.is_own:
+            own.setdefault(probe.candidate, []).append(k)
+    raw = {
+        everyone[0]: problem.columns(
+            everyone[0], fit.point, fit.slopes, [c[command] for c in changes],
+            [k for k, p in enumerate(probes) if not p.is_own], [k for g in own.values() for k in g],
+        )
+        for command, everyone in enumerate(problem.commands)
+    }  # fmt: skip
+    normal = problem.normal(
+        fit.point, fit.slopes, fit.residuals,
+        candidates=changes, own_candidates=[tuple(g) for g in own.values()],
+    )  # fmt: skip
+    std, mean = problem.prior(fit.point, fit.scales)
+    post = posterior(*normal.marginal(fit.scales), std**-2.0, mean - fit.point.vector)
+    return Screen(
+        tuple(p for p in probes if not p.is_own),
+        {id_: tuple(probes[k] for k in group) for id_, group in own.items()},
+        post,
+        len(problem.trials),
+        raw,
+    )
+
+
+def gain(rest: Array, places: Sequence[int], variances: Array) -> tuple[float, Array]:
+    """Return the logarithm of the Bayes factor of further columns, and the posterior mean of their amplitudes.
+
+    Args:
+        rest: of `Posterior`.
+        places: of the columns.
+        variances: of the prior of each amplitude.
+    """
+    G, b = rest[np.ix_(places, places)], rest[places, -1]
+    root = np.sqrt(variances)
+    M = np.eye(root.size) + root[:, None] * G * root
+    L = np.linalg.cholesky(M)
+    x = np.linalg.solve(L, root * b)
+    mean = root * np.linalg.solve(L.T, x)
+    return float(0.5 * x @ x - np.log(np.diag(L)).sum()), np.asarray(mean)
+
+
+def scores(problem: Problem, screened: Screen) -> list[Score]:
+    """Return what each candidate would bring, the best first."""
+    ids = dict.fromkeys([*(p.candidate for p in screened.probes), *screened.own])
+    found = [_own(problem, screened, i) if i in screened.own else _shared(problem, screened, i) for i in ids]
+    return sorted(found, key=lambda s: -s.gain)
+
+
+def _shared(problem: Problem, screened: Screen, id_: str) -> Score:
+    """Try every combination of the sizes of a candidate's strengths."""
+    neutral = [p.neutral for p in problem.parameters_of(id_)]
+    best = Score(id_, -np.inf, tuple(neutral))
+    strengths: dict[int, list[int]] = {}
+    for k, probe in enumerate(screened.probes):
+        if probe.candidate == id_:
+            strengths.setdefault(probe.place, []).append(k)
+    for count in range(1, len(strengths) + 1):
+        for chosen in itertools.combinations(strengths.values(), count):
+            for places in itertools.product(*chosen):
+                probes = [screened.probes[k] for k in places]
+                variances = np.array([(width_of(p.parameter) / p.size) ** 2 for p in probes])
+                value, mean = gain(screened.posterior.rest, places, variances)
+                values = list(neutral)
+                allowed = True
+                for probe, amount in zip(probes, mean, strict=True):
+                    p, size = probe.parameter, probe.size * float(amount)
+                    allowed &= p.low <= p.neutral + size <= p.high or abs(size) > abs(p.high - p.neutral)
+                    allowed &= p.low < p.neutral or size > 0
+                    values[probe.place] = float(np.clip(p.neutral + size, p.low, p.high))
+                if allowed and value > best.gain:
+                    best = Score(id_, value, tuple(values))
+    return best
+
+
+def _own(problem: Problem, screened: Screen, id_: str) -> Score:
+    """Try the numbers that each trial has of its own, at several scales of them."""
+    places = screened.places_of_own(id_)
+    probes = screened.own[id_]
+    size = np.array([p.size for p in probes])
+    width = np.array([width_of(p.parameter) for p in probes])
+    best = Score(id_, -np.inf, ())
+    for scale in OWN_SCALES:
+        variances = np.tile((scale * width / size) ** 2, screened.trials)
+        value, mean = gain(screened.posterior.rest, [int(k) for k in places.ravel()], variances)
+        if value > best.gain:
+            own = mean.reshape(places.shape) * size
+            best = Score(id_, value, tuple(p.neutral for p in problem.parameters_of(id_)), own)
+    return best

@@ -1,0 +1,236 @@
+"""The posterior over sets of effects: screened by linear algebra, the leaders fitted in full."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from granite_lab.discovery.candidates import Score, Screen, scores, screen
+from granite_lab.discovery.empirical import EmpiricalLaw
+from granite_lab.errors import EstimateError
+from granite_lab.inference.bench import RAKED
+from granite_lab.inference.constants import EFFECT_ODDS, LEAST_SHARE, TOLERANCE
+from granite_lab.inference.fit import Fit, fit
+from granite_lab.inference.gap import beyond, discrepancies
+from granite_lab.inference.problem import Point, Problem
+
+MOST = 3
+"""Effects in a set at most."""
+
+TRIED = 3
+"""Candidates of a screen that are fitted in full."""
+
+WORTH = 3.0
+"""Least gain by the screen, in units of log likelihood, of a candidate that is fitted in full."""
+
+BAD = 1.3
+"""Factor of the noise from which on a fit is bad: what it leaves is not smooth, and no noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A set of effects with its fit.
+
+    Attributes:
+        effects: ids, sorted; terms of the empirical law are ``empirical.term``.
+        fit: the best that was found.
+        log_posterior: evidence and the prior of the set.
+    """
+
+    effects: tuple[str, ...]
+    fit: Fit
+    log_posterior: float
+
+    @property
+    def empirical(self) -> bool:
+        """Whether a term of the empirical law is in it."""
+        return any(is_empirical(e) for e in self.effects)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A screen of all candidates.
+
+    Attributes:
+        origin: the fit about which it is linear.
+        screened: the columns.
+        scores: what each candidate would bring, the best first.
+    """
+
+    origin: Fit
+    screened: Screen
+    scores: tuple[Score, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What a search has looked at.
+
+    Attributes:
+        models: fitted sets, the likeliest first.
+        looks: sets beside which candidates were screened, to the screens.
+    """
+
+    models: tuple[Model, ...]
+    looks: Mapping[tuple[str, ...], tuple[Look, ...]]
+
+    @property
+    def best(self) -> Model:
+        """The likeliest set."""
+        return self.models[0]
+
+    def model(self, effects: Sequence[str]) -> Model | None:
+        """Return the model of a set, None where it was not fitted."""
+        key = tuple(sorted(effects))
+        return next((m for m in self.models if m.effects == key), None)
+
+    def probability(self, wanted: Callable[[Model], bool]) -> float:
+        """Return the posterior probability of the models that fulfil a condition."""
+        weights = np.exp(np.array([m.log_posterior for m in self.models]) - self.best.log_posterior)
+        return float(weights[[wanted(m) for m in self.models]].sum() / weights.sum())
+
+
+def is_empirical(id_: str) -> bool:
+    """Tell a term of the empirical law from an effect."""
+    return id_.partition(".")[0] == EmpiricalLaw.id
+
+
+def search(
+    problem: Problem,
+    base: Fit,
+    candidates: Sequence[str],
+    tolerance: float = TOLERANCE,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Search:
+    """Extend the model effect by effect, then exchange each effect of the best set for its rivals.
+
+    Args:
+        problem: the trials, with the noise.
+        base: the fit without effects.
+        candidates: ids, terms of the empirical law among them.
+        tolerance: discrepancy that does not matter, as a share of a channel's rms.
+        tell: told what is being done.
+    """
+    found: dict[tuple[str, ...], Model] = {(): _model((), base, candidates)}
+    looks: dict[tuple[str, ...], tuple[Look, ...]] = {}
+
+    def extended(model: Model) -> list[Model]:
+        """Fit the promising candidates beside those of a model."""
+        if model.effects not in looks:
+            tell(f"screening candidates beside {_words(model.effects)}")
+            others = [c for c in candidates if c not in model.effects]
+            looks[model.effects] = tuple(_look(problem, f, others) for f in _origins(problem, model.fit))
+        made = []
+        for origin, score in _promising(looks[model.effects]):
+            effects = tuple(sorted((*model.effects, score.candidate)))
+            if effects not in found:
+                tell(f"fitting {_words(effects)}")
+                start = problem.with_effect(origin.point, score.candidate, score.values, score.own)
+                result = _try(problem, start, model.fit)
+                if result is not None:
+                    found[effects] = _model(effects, result, candidates)
+            if effects in found:
+                made.append(found[effects])
+        return made
+
+    current = found[()]
+    for _ in range(MOST):
+        options = extended(current)
+        best = max(options, key=lambda m: m.log_posterior, default=current)
+        if best.log_posterior <= current.log_posterior + WORTH:
+            break
+        current = best
+        if good(problem, current.fit, tolerance) or _little_left(problem, found[()], current, tolerance):
+            break
+    for id_ in current.effects if len(current.effects) > 1 else ():
+        rest = tuple(e for e in current.effects if e != id_)
+        if rest not in found:
+            tell(f"fitting {_words(rest)}")
+            left = _try(problem, problem.without_effect(current.fit.point, id_), current.fit)
+            if left is None:
+                continue
+            found[rest] = _model(rest, left, candidates)
+        extended(found[rest])
+    models = sorted(found.values(), key=lambda m: -m.log_posterior)
+    return Search(tuple(models), looks)
+
+
+def good(problem: Problem, result: Fit, tolerance: float) -> bool:
+    """Tell whether a fit leaves nothing that matters: no discrepancy beyond the tolerance, no louder noise."""
+    worst = max((d.share for d in discrepancies(problem, result)), default=0.0)
+    return worst <= tolerance and not _loud(result)
+
+
+def _little_left(problem: Problem, alone: Model, model: Model, tolerance: float) -> bool:
+    """Tell whether a model leaves less of the gap than an effect must close to be named."""
+    first, floor = beyond(problem, alone.fit, tolerance)
+    left, other = beyond(problem, model.fit, tolerance)
+    floor = min(floor, other)
+    return left - floor < LEAST_SHARE * (first - floor)
+
+
+def _loud(result: Fit) -> bool:
+    return max(result.scales.louder.values(), default=1.0) > BAD
+
+
+def _origins(problem: Problem, result: Fit) -> list[Fit]:
+    """Return where candidates are screened: at the fit, and at the files' sand where the fit is bad.
+
+    Where much is missing, the sand has moved to stand in for it.
+    """
+    if not _loud(result) and result.scales.share <= 2 * TOLERANCE:
+        return [result]
+    trials = []
+    for x in result.point.trials:
+        own = x.copy()
+        own[:RAKED] = 0.0
+        trials.append(own)
+    afresh = replace(result.point, shared=np.zeros_like(result.point.shared), trials=tuple(trials))
+    try:
+        return [result, fit(problem, afresh, result.scales, rounds=0)]
+    except EstimateError:
+        return [result]
+
+
+def _look(problem: Problem, origin: Fit, candidates: Sequence[str]) -> Look:
+    screened = screen(problem, origin, candidates)
+    return Look(origin, screened, tuple(scores(problem, screened)))
+
+
+def _promising(looks: Sequence[Look]) -> list[tuple[Fit, Score]]:
+    """Return the candidates to be fitted, each from where it promises most.
+
+    They are the best effects of the library, and the best term of the empirical law.
+    """
+    best: dict[str, tuple[float, Fit, Score]] = {}
+    first = looks[0].origin.posterior.evidence
+    for look in looks:
+        for score in look.scores:
+            promise = look.origin.posterior.evidence + score.gain - first
+            if score.candidate not in best or promise > best[score.candidate][0]:
+                best[score.candidate] = (promise, look.origin, score)
+    ranked = sorted((b for b in best.values() if b[0] > WORTH), key=lambda b: -b[0])
+    library = [b for b in ranked if not is_empirical(b[2].candidate)][:TRIED]
+    law = [b for b in ranked if is_empirical(b[2].candidate)][:1]
+    return [(origin, score) for _, origin, score in library + law]
+
+
+def _model(effects: tuple[str, ...], result: Fit, candidates: Sequence[str]) -> Model:
+    """Give a fit the prior of its set: each effect has the same odds, shared by the terms of the empirical law."""
+    terms = max(1, sum(is_empirical(c) for c in candidates))
+    library = max(1, len(candidates) - terms)
+    odds = [np.log(EFFECT_ODDS * (library / terms if is_empirical(e) else 1.0)) for e in effects]
+    return Model(effects, result, result.evidence + float(np.sum(odds)))
+
+
+def _try(problem: Problem, start: Point, base: Fit) -> Fit | None:
+    try:
+        return fit(problem, start, base.scales)
+    except EstimateError:
+        return None
+
+
+def _words(effects: Sequence[str]) -> str:
+    return " + ".join(effects) if effects else "the model alone"

@@ -1,0 +1,67 @@
+"""Numbers set by hand, each with its reason. Everything else is measured, learnt or taken from a file."""
+
+from __future__ import annotations
+
+TOLERANCE = 0.02
+"""Discrepancy that does not matter, as a share of a channel's rms in motion; the option `--tolerance`.
+
+Repeated single-wheel runs on prepared sand agree within 2 to 5 % of drawbar pull and torque (the runs of
+the K10-mini wheel at CMU: 2 % median), so that a smaller gap cannot be assigned to the model."""
+
+LEAST_SHARE = 0.1
+"""Share of the gap that an effect must close to be named; one that closes less is listed as small."""
+
+LATENCY_LIMIT = 0.02
+"""Largest delay between the stamps of two sensors that passes for latency [s]; the option `--latency`.
+
+Filters, integration, transport and stamping on arrival cause 1 to 20 ms (Furgale et al. 2013; Rehder et al.
+2016)."""
+
+LATENCY_STD = 0.006
+"""Std of the latency before a trial was seen [s]: half a period of a 100 Hz sensor plus its transport."""
+
+SMOOTH = (0.1, 0.5)
+"""Time over which the discrepancy of the model is smooth [s]: the pitch and slip transients of the robot last
+0.1 s, its way to steady slip 0.35 s."""
+
+REST_SPEED = 0.03
+"""Speed below which the model's laws are not defined [m/s]: (1) is 0/0 at rest, (11) is made for shear that
+goes on; continuations of both differ below 2 to 3 cm/s."""
+
+REST_SHARE = 0.3
+"""Std of the discrepancy near rest, as a share of a channel's rms in motion: the order of the signal itself."""
+
+FORMULA_ERROR = (0.1, 0.2)
+"""Median and largest error of an effect's formula, as a share of its own trace: semi-empirical terramechanics
+predicts forces within 10 to 30 % where its parameters are known (Ding et al. 2011; Wong 2008)."""
+
+SPREAD = 1.0
+"""Std of the logarithm of a scale about the value at which its search begins: a factor of 2.7 either way."""
+
+PSEUDO_TRIALS = 4.0
+"""Weight of a scale's first value, counted in trials."""
+
+SAND_STD = (0.20, 0.20, 0.20, 0.20, 0.12, 0.12, 0.20)
+"""Std of the logarithm of a_θ, k_φ, c, K, φ, n and μ_s about the soil's file. Dry sands of the literature
+differ by 10 to 20 % in moduli and by 2 to 4° in the angle of friction (Wong 2008, table 2.3)."""
+
+RAKING = (0.05, 0.08, 0.08)
+"""First value of the std of the logarithm of a_θ, k_φ and c from one raking to the next: cone indices of
+prepared sand scatter by 5 to 10 %."""
+
+SENSOR_STD = {
+    "tilt": 0.01,
+    "accel_x gain": 0.005,
+    "wheel gain": 0.002,
+    "wheel_split gain": 0.003,
+    "start": 0.02,
+    "arm": 0.01,
+}
+"""First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
+accelerometer [-], wheel radius [-], start of the command [s], place of the IMU [m]."""
+
+EFFECT_ODDS = 0.05
+"""Prior odds of one more effect in the model: of some 20 candidates about one is expected."""
+
+CREDIBLE = 0.9
+"""Posterior probability that a name, or a set that cannot be told apart, must hold."""

@@ -1,0 +1,88 @@
+r"""The discrepancy of the model: what every repetition of a command shares and no parameter explains.
+
+After Kennedy and O'Hagan (J. R. Statist. Soc. B 63, 2001, 425-464) the measurement is
+
+.. math:: y = h(θ) + δ(t) + ε
+
+with a Gaussian process δ for each command and channel. Here δ is a sum of bumps of two widths whose
+amplitudes are independent normal numbers, modulated by how large it may be at each time:
+
+* in motion: a share s of the channel's rms, the same share for all channels;
+* near rest, where the laws of the model are not defined: a share that is fixed and large;
+* for each effect in the model: a share ρ of the effect's own trace, since its formula is not exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from granite_lab.inference.constants import REST_SHARE, SMOOTH
+from granite_lab.logs.trial import Array
+
+MOTION, REST, FORMULA = 0, 1, 2
+"""Kinds of columns of a basis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """The discrepancy of one channel of one command.
+
+    Attributes:
+        columns: (n, m) values at the bins, for amplitudes of unit share [unit of the channel].
+        kind: (m,) MOTION, REST or FORMULA.
+    """
+
+    columns: Array
+    kind: npt.NDArray[np.int64]
+
+
+def variances(kind: npt.NDArray[np.int64], share: float, formula: float) -> Array:
+    """Return the (m,) variances of the amplitudes of columns of some kinds."""
+    return np.asarray(np.array([share**2, REST_SHARE**2, formula**2])[kind])
+
+
+@lru_cache(maxsize=64)
+def bumps(n: int, width: float, spacing: float) -> Array:
+    """Return (n, m) raised cosines that add up to one, a spacing apart.
+
+    Args:
+        n: number of bins.
+        width: of a bin [s].
+        spacing: between the centres of the bumps [s].
+    """
+    t = (np.arange(n) + 0.5) * width
+    centres = np.arange(0.0, n * width + spacing, spacing)
+    away = np.clip(np.abs(t[:, None] - centres) / spacing, 0, 1)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * away))
+
+
+@lru_cache(maxsize=32)
+def smooth(n: int, width: float, times: tuple[float, ...] = SMOOTH) -> Array:
+    """Return the (n, m) bumps of several widths; with unit variances their sum has about unit variance."""
+    fine = [bumps(n, width, max(spacing, 2 * width)) for spacing in times]
+    return np.asarray(np.hstack(fine) * np.sqrt(4 / 3 / len(fine)))  # cos^4 + sin^4 is 3/4 on average
+
+
+def modulated(size: Array, kind: int, width: float) -> Basis:
+    """Return the discrepancy of one kind of a channel.
+
+    Args:
+        size: (n,) how large it may be at each bin, for a share of one [unit of the channel].
+        kind: MOTION, REST or FORMULA.
+        width: of a bin [s].
+    """
+    times = (float(np.sqrt(np.prod(SMOOTH))),) if kind == FORMULA else SMOOTH
+    columns = smooth(size.size, width, times) * size[:, None]
+    power = np.sqrt((columns**2).sum(axis=0))
+    columns = columns[:, power > 1e-3 * max(float(power.max()), 1e-300)]
+    return Basis(columns, np.full(columns.shape[1], kind))
+
+
+def joined(parts: Sequence[Basis]) -> Basis:
+    """Return several bases as one."""
+    return Basis(np.hstack([p.columns for p in parts]), np.concatenate([p.kind for p in parts]))

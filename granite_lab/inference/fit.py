@@ -1,0 +1,247 @@
+"""Damped least squares that stays where the model has a solution, and the scales that go with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from granite_lab.errors import EstimateError
+from granite_lab.inference.constants import FORMULA_ERROR, PSEUDO_TRIALS, SPREAD, TOLERANCE
+from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
+from granite_lab.inference.problem import Point, Problem, Slopes, own_name, width_of
+from granite_lab.logs.trial import Array
+
+LEAST = 0.5
+"""Drop of the objective at which an iteration ends: a quarter of a unit of log likelihood."""
+
+TRUSTED = 0.6
+"""Share of the promised drop above which the derivatives are kept."""
+
+MOST_DAMPED = 1e3
+"""Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
+
+SHARES = tuple(TOLERANCE * 2.0**k for k in range(-5, 6))
+FORMULAS = tuple(FORMULA_ERROR[1] * 2.0**k for k in range(-4, 1))
+"""Grids over which the scales of the discrepancy are learnt."""
+
+FIRST = Scales(2 * TOLERANCE, FORMULA_ERROR[0])
+"""Scales with which a search begins."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where a fit ended.
+
+    Attributes:
+        point: where.
+        scales: learnt there.
+        slopes: derivatives of the responses near the point.
+        responses: per trial the (8, M) response.
+        residuals: per trial (C, n) measured minus predicted, NaN where nothing was measured.
+        normal: the normal equations at the point.
+        posterior: of the parameters.
+        evidence: logarithm of the marginal likelihood with the priors of the scales, up to a constant.
+        converged: the last step was small.
+    """
+
+    point: Point
+    scales: Scales
+    slopes: Slopes
+    responses: tuple[Array, ...]
+    residuals: tuple[Array, ...]
+    normal: Normal
+    posterior: Posterior
+    evidence: float
+    converged: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A point with what was simulated there; the normal equations' columns may be of a point nearby."""
+
+    point: Point
+    slopes: Slopes
+    responses: tuple[Array, ...]
+    residuals: tuple[Array, ...]
+    normal: Normal
+
+
+def fit(
+    problem: Problem,
+    start: Point,
+    scales: Scales = FIRST,
+    *,
+    slopes: Slopes | None = None,
+    rounds: int = 16,
+    renew: int = 4,
+) -> Fit:
+    """Iterate to convergence, by Levenberg and Marquardt; a simulation without a solution shortens the step.
+
+    Args:
+        problem: the trials, with the noise.
+        start: where to begin.
+        scales: to begin with.
+        slopes: derivatives near the start, if they are known.
+        rounds: most steps; with none the problem is made linear at the start, under the scales as given.
+        renew: how often the derivatives may be computed anew.
+
+    Raises:
+        EstimateError: a simulation at the start has no solution.
+    """
+    slopes = slopes or problem.slopes(start)
+    responses = simulated(problem, start)
+    if slopes is None or responses is None:
+        raise EstimateError(
+            "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
+        )
+    residuals = problem.residuals(start, responses)
+    state = _State(start, slopes, responses, residuals, problem.normal(start, slopes, residuals))
+    if rounds:
+        scales = learn(problem, state, scales)
+    damping, fresh, converged = 0.0, True, False
+    for _ in range(rounds):
+        M, _ = state.normal.marginal(scales)
+        std, mean = problem.prior(state.point, scales)
+        here = M[-1, -1] + float(np.sum(((state.point.vector - mean) / std) ** 2))
+        aim = problem.moved(state.point, _step(M, std, mean - state.point.vector, damping))
+        promised = here - _linear(M, std, mean, state.point, aim)
+        drop = np.nan
+        if promised >= LEAST:
+            drop = -np.inf
+            tried = simulated(problem, aim)
+            if tried is not None:
+                residuals = problem.residuals(aim, tried)
+                white = problem.white(residuals)
+                there = sum(state.normal.misfits(white, scales).values())
+                drop = here - there - float(np.sum(((aim.vector - mean) / std) ** 2))
+            if tried is not None and drop > 0:
+                state = _State(aim, state.slopes, tried, residuals, state.normal.at(white))
+                damping, fresh = damping / 10 if damping > 0.02 else 0.0, False
+            else:
+                damping = max(10 * damping, 0.1)
+                if damping > MOST_DAMPED:
+                    break
+        elif fresh or renew <= 0:
+            converged = True
+            break
+        if not drop >= TRUSTED * promised and not fresh and renew > 0:
+            new = problem.slopes(state.point)
+            if new is None:
+                break
+            normal = problem.normal(state.point, new, state.residuals)
+            state, fresh, renew = replace(state, slopes=new, normal=normal), True, renew - 1
+            scales = learn(problem, state, scales)
+    if rounds:
+        scales = learn(problem, state, scales)
+    post = _posterior(problem, state.point, state.normal, scales)
+    return Fit(
+        state.point, scales, state.slopes, state.responses, state.residuals, state.normal, post,
+        post.evidence + log_prior(problem, scales, bool(state.point.effects)), converged,
+    )  # fmt: skip
+
+
+def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:
+    """Return the response of every trial; None where one has no solution."""
+    found = problem.respond([problem.task(point, i) for i in range(len(problem.trials))])
+    return None if found is None else tuple(found)
+
+
+def _step(M: Array, std: Array, pull: Array, damping: float) -> Array:
+    p = std.size
+    N = M[:p, :p] + np.diag(std**-2.0)
+    g = M[:p, -1] + pull / std**2
+    scale = 1 / np.sqrt(np.diag(N))
+    return np.asarray(scale * np.linalg.solve(N * np.outer(scale, scale) + damping * np.eye(p), scale * g))
+
+
+def _linear(M: Array, std: Array, mean: Array, point: Point, aim: Point) -> float:
+    """Return the objective that the derivatives promise at another point."""
+    p = std.size
+    x = aim.vector - point.vector
+    squares = M[-1, -1] - 2 * x @ M[:p, -1] + x @ M[:p, :p] @ x
+    return float(squares + np.sum(((aim.vector - mean) / std) ** 2))
+
+
+def _posterior(problem: Problem, point: Point, normal: Normal, scales: Scales) -> Posterior:
+    std, mean = problem.prior(point, scales)
+    return posterior(*normal.marginal(scales), std**-2.0, mean - point.vector)
+
+
+def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
+    """Return the logarithm of the prior density of the scales, and of the noise being louder than learnt."""
+    away = [np.log(scales.share / (TOLERANCE / 2))]
+    if formula:
+        away.append(np.log(scales.formula / FORMULA_ERROR[0]))
+    noise = sum(n * np.log(scales.louder.get(c, 1.0)) for c, n in problem.counts.items())
+    return -0.5 * float(np.sum((np.array(away) / SPREAD) ** 2)) - float(noise)
+
+
+def learn(problem: Problem, state: _State, scales: Scales) -> Scales:
+    """Learn the scales at a point: of the discrepancy and the noise by the marginal likelihood, then the priors.
+
+    The scale of a number that differs from trial to trial is the mode of its posterior under an inverse
+    gamma prior whose weight is `PSEUDO_TRIALS` trials.
+    """
+    left = state.normal.misfits(problem.white(state.residuals), scales)
+    louder = {
+        c: max(1.0, scales.louder.get(c, 1.0) * float(np.sqrt(max(left[c], 0.0) / max(n, 1))))
+        for c, n in problem.counts.items()
+    }
+    scales = _discrepancy(problem, state.normal, state.point, replace(scales, louder=louder))
+    normal = state.normal
+    M, logdet = normal.marginal(scales)
+    for _ in range(2):
+        std, mean = problem.prior(state.point, scales)
+        post = posterior(M, logdet, std**-2.0, mean - state.point.vector)
+        at, variance = state.point.vector + post.step, np.diag(post.covariance)
+        scales = replace(scales, priors=_priors(problem, state.point, at, variance))
+    return scales
+
+
+def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales) -> Scales:
+    effects = bool(point.effects)
+    known: dict[tuple[float, float], float] = {}
+
+    def value(s: Scales) -> float:
+        key = (s.share, s.formula)
+        if key not in known:
+            known[key] = _posterior(problem, point, normal, s).evidence + log_prior(problem, s, effects)
+        return known[key]
+
+    def climb(options: Sequence[Scales], k: int) -> Scales:
+        while True:
+            near = [n for n in (k - 1, k, k + 1) if 0 <= n < len(options)]
+            best = near[int(np.argmax([value(options[n]) for n in near]))]
+            if best == k:
+                return options[k]
+            k = best
+
+    scales = climb([replace(scales, share=s) for s in SHARES], nearest(SHARES, scales.share))
+    if effects:
+        scales = climb([replace(scales, formula=s) for s in FORMULAS], nearest(FORMULAS, scales.formula))
+    return scales
+
+
+def nearest(grid: Sequence[float], value: float) -> int:
+    """Return the place of the value of a grid that is nearest in ratio."""
+    return int(np.argmin(np.abs(np.log(np.array(grid) / value))))
+
+
+def _priors(problem: Problem, point: Point, mean: Array, variance: Array) -> Mapping[str, float]:
+    squares: dict[str, list[float]] = {}
+    first: dict[str, float] = {}
+    private = problem.parameters(point.effects, per_trial=True)
+    k = 0
+    for t, x in zip(problem.trials, point.trials, strict=True):
+        named = [(n, s.name, s.std) for n, s in enumerate(t.slacks) if s.learnt]
+        named += [(t.size + n, own_name(id_), width_of(p) / 2) for n, (id_, p) in enumerate(private)]
+        for n, name, std in named:
+            squares.setdefault(name, []).append(float(mean[k + n] ** 2 + variance[k + n]))
+            first[name] = std
+        k += x.size
+    return {
+        name: float(np.sqrt((sum(q) + PSEUDO_TRIALS * first[name] ** 2) / (len(q) + PSEUDO_TRIALS)))
+        for name, q in squares.items()
+    }

@@ -1,0 +1,87 @@
+"""What a fit leaves: the discrepancy of each channel in its unit, and the misfit beyond what is tolerated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_solve, solve_triangular
+
+from granite_lab.inference.discrepancy import REST
+from granite_lab.inference.fit import FORMULAS, SHARES, Fit
+from granite_lab.inference.normal import ChannelPart, Scales, posterior
+from granite_lab.inference.problem import Problem
+from granite_lab.logs.trial import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Discrepancy:
+    """What all repetitions of a command share and the model does not explain.
+
+    Attributes:
+        command: its number.
+        channel: its name.
+        size: rms of the channel in motion [unit].
+        value: (n,) estimate at the bins, in motion; zero elsewhere [unit].
+        std: (n,) its standard deviation [unit].
+    """
+
+    command: int
+    channel: str
+    size: float
+    value: Array
+    std: Array
+
+    @property
+    def share(self) -> float:
+        """Its rms in motion over that of the channel."""
+        moving = self.std > 0
+        return float(np.sqrt(np.mean(self.value[moving] ** 2))) / self.size if moving.any() else 0.0
+
+
+def discrepancies(problem: Problem, fit: Fit) -> list[Discrepancy]:
+    """Return the discrepancy of each command and channel, the errors of the effects' formulas included."""
+    step = np.append(-fit.posterior.step, 1.0)
+    found = []
+    for command, part in enumerate(fit.normal.parts):
+        for c in part.channels:
+            size, moving = problem.size_of(command, c.name)
+            root, L, _ = c.factor(fit.scales)
+            left = root * (c.across @ step[part.place_in(step.size)])
+            amplitude = root * cho_solve((L, True), left)
+            own = np.flatnonzero(c.kind != REST)
+            columns = c.columns[:, own]
+            spread = solve_triangular(L, (root[:, None] * np.eye(root.size))[:, own], lower=True)
+            variance = np.einsum("nk,nk->n", columns @ spread.T, columns @ spread.T)
+            louder = fit.scales.louder.get(c.name, 1.0)
+            value = (columns @ amplitude[own]) * (moving > 0)
+            found.append(Discrepancy(command, c.name, size, value, louder * np.sqrt(variance) * (moving > 0)))
+    return found
+
+
+def tolerated(scales: Scales, share: float) -> Scales:
+    """Return scales under which a discrepancy of some share is taken for granted, and formulas for exact."""
+    return replace(scales, share=share, formula=FORMULAS[0], louder={})
+
+
+def beyond(problem: Problem, fit: Fit, tolerance: float) -> tuple[float, float]:
+    """Return the misfit under a discrepancy of the tolerated size, and what is expected if that is true.
+
+    The expectation is what an unlimited discrepancy leaves, and unit variance along each direction that the
+    tolerated one cannot take up.
+    """
+    std, mean = problem.prior(fit.point, fit.scales)
+    values, free = [], []
+    for share in (tolerance, SHARES[-1]):
+        scales = tolerated(fit.scales, share)
+        M, logdet = fit.normal.marginal(scales)
+        values.append(posterior(M, logdet, std**-2.0, mean - fit.point.vector).misfit)
+        free.append(sum(held(c, scales) for p in fit.normal.parts for c in p.channels))
+    return values[0], values[1] + free[0] - free[1]
+
+
+def held(channel: ChannelPart, scales: Scales) -> float:
+    """Return the number of directions along which the discrepancy of a channel is held by its prior."""
+    _, L, _ = channel.factor(scales)
+    inverse = solve_triangular(L, np.eye(L.shape[0]), lower=True, check_finite=False)
+    return float((inverse**2).sum())

@@ -1,0 +1,222 @@
+"""The normal equations of all trials, with the discrepancy integrated out; every question is algebra on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from granite_lab.inference.discrepancy import variances
+from granite_lab.logs.trial import Array
+
+Places = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """What is learnt by the marginal likelihood.
+
+    Attributes:
+        share: discrepancy of the model, as a share of each channel's rms in motion.
+        formula: error of the effects' formulas, as a share of their traces.
+        priors: name of a number that differs from trial to trial to the std of its prior.
+        louder: channel to how many times larger its noise is than the repetitions show; above one where
+            the model misses what is not smooth, so that a bad fit is not believed to the last digit.
+    """
+
+    share: float
+    formula: float
+    priors: Mapping[str, float] = field(default_factory=dict)
+    louder: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The bins of one channel of one trial, whitened.
+
+    Attributes:
+        trial: its number.
+        bins: place of the bins in the trial's whitened residual.
+        place: (k,) places of the columns among those of the command.
+        columns: (n, k).
+        basis: (n, m) of the discrepancy.
+    """
+
+    trial: int
+    bins: slice
+    place: Places
+    columns: Array
+    basis: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelPart:
+    """One channel of one command.
+
+    Attributes:
+        name: of the channel.
+        columns: (n, m) of its discrepancy [unit of the channel].
+        kind: (m,) their kinds.
+        rows: per trial that has the channel.
+        gram: (a, a) inner products of all columns, the residual's last.
+        basis: (m, m) inner products of the discrepancy's columns.
+        across: (m, a) products of both.
+    """
+
+    name: str
+    columns: Array
+    kind: Places
+    rows: tuple[Rows, ...]
+    gram: Array
+    basis: Array
+    across: Array
+
+    def factor(self, scales: Scales) -> tuple[Array, Array, float]:
+        """Return sqrt(Λ), the Cholesky factor of 1 + sqrt(Λ) G sqrt(Λ), and its log determinant."""
+        root = np.sqrt(variances(self.kind, scales.share, scales.formula)) / scales.louder.get(self.name, 1.0)
+        M = np.eye(root.size) + root[:, None] * self.basis * root
+        L = np.linalg.cholesky(M)
+        return root, L, 2 * float(np.log(np.diag(L)).sum())
+
+    def marginal(self, scales: Scales) -> tuple[Array, float]:
+        """Return the (a, a) matrix with the discrepancy integrated out, and the log determinant it brings."""
+        root, L, logdet = self.factor(scales)
+        X = solve_triangular(L, root[:, None] * self.across, lower=True, check_finite=False)
+        return (self.gram - X.T @ X) / scales.louder.get(self.name, 1.0) ** 2, logdet
+
+    def misfit(self, white: Sequence[Array], scales: Scales) -> float:
+        """Return the sum of squares of other whitened residuals once the discrepancy is refitted."""
+        root, L, _ = self.factor(scales)
+        b = np.sum([r.basis.T @ white[r.trial][r.bins] for r in self.rows], axis=0)
+        x = solve_triangular(L, root * b, lower=True, check_finite=False)
+        squares = sum(float(w @ w) for w in (white[r.trial][r.bins] for r in self.rows))
+        return (squares - float(x @ x)) / scales.louder.get(self.name, 1.0) ** 2
+
+    def at(self, white: Sequence[Array]) -> ChannelPart:
+        """Return the same with other whitened residuals."""
+        gram, across = self.gram.copy(), self.across.copy()
+        gram[-1], across[:, -1] = 0.0, 0.0
+        for r in self.rows:
+            w = white[r.trial][r.bins]
+            gram[-1, r.place] += r.columns.T @ w
+            gram[-1, -1] += w @ w
+            across[:, -1] += r.basis.T @ w
+        gram[:, -1] = gram[-1]
+        return replace(self, gram=gram, across=across)
+
+
+@dataclass(frozen=True, eq=False)
+class CommandPart:
+    """One command.
+
+    Attributes:
+        place: (a,) places of its columns among all columns, the residual's last.
+        channels: its channels.
+    """
+
+    place: Places
+    channels: tuple[ChannelPart, ...]
+
+    def place_in(self, size: int) -> Places:
+        """Return the places among `size` columns that begin and end as all columns, further ones left out."""
+        return np.where(self.place == self.place[-1], size - 1, self.place)
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """All commands; the columns are the parameters, then candidates, then the residual.
+
+    Attributes:
+        parts: per command.
+        size: number of columns, the residual included.
+        parameters: number of parameters.
+    """
+
+    parts: tuple[CommandPart, ...]
+    size: int
+    parameters: int
+
+    def at(self, white: Sequence[Array]) -> Normal:
+        """Return the same with other whitened residuals."""
+        parts = tuple(replace(p, channels=tuple(c.at(white) for c in p.channels)) for p in self.parts)
+        return replace(self, parts=parts)
+
+    def marginal(self, scales: Scales, only: Sequence[int] | None = None) -> tuple[Array, float]:
+        """Integrate the discrepancy out.
+
+        Args:
+            scales: learnt.
+            only: numbers of the parts that take part; all by default.
+
+        Returns:
+            the (size, size) matrix, and the log determinant of what was integrated out.
+        """
+        M = np.zeros((self.size, self.size))
+        logdet = 0.0
+        for number, part in enumerate(self.parts):
+            if only is not None and number not in only:
+                continue
+            G = np.zeros((part.place.size, part.place.size))
+            for channel in part.channels:
+                own, more = channel.marginal(scales)
+                G += own
+                logdet += more
+            M[np.ix_(part.place, part.place)] += G
+        return M, logdet
+
+    def misfits(self, white: Sequence[Array], scales: Scales) -> dict[str, float]:
+        """Return channel to the sum of squares of other whitened residuals once the discrepancy is refitted."""
+        total: dict[str, float] = {}
+        for part in self.parts:
+            for c in part.channels:
+                total[c.name] = total.get(c.name, 0.0) + c.misfit(white, scales)
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The linear posterior of the parameters about a point.
+
+    Attributes:
+        step: (p,) from the point to the mean.
+        covariance: (p, p).
+        evidence: logarithm of the marginal likelihood, up to a constant of the noise.
+        misfit: sum of squares left at the mean, priors included.
+        rest: (k+1, k+1) the matrix of the candidates and the residual, the parameters integrated out.
+        follow: (p, k) how far the parameters follow the candidates.
+    """
+
+    step: Array
+    covariance: Array
+    evidence: float
+    misfit: float
+    rest: Array
+    follow: Array
+
+
+def posterior(M: Array, logdet: float, precision: Array, pull: Array) -> Posterior:
+    """Return the posterior of the parameters.
+
+    Args:
+        M: of `Normal.marginal`.
+        logdet: of the discrepancy.
+        precision: (p,) inverse variances of the priors, 0 for a flat one.
+        pull: (p,) means of the priors minus the present values.
+    """
+    p = precision.size
+    N = M[:p, :p] + np.diag(precision)
+    right = M[:p, p:].copy()
+    right[:, -1] += precision * pull
+    scale = 1 / np.sqrt(np.fmax(np.diag(N), 1e-300))
+    factor = cho_factor(N * np.outer(scale, scale) + 1e-11 * np.eye(p), lower=True, check_finite=False)
+    solved = scale[:, None] * cho_solve(factor, scale[:, None] * right, check_finite=False)
+    rest = M[p:, p:] - right.T @ solved
+    rest[-1, -1] += float(precision @ pull**2)
+    given = precision > 0
+    logdet_N = 2 * float(np.log(np.diag(factor[0])).sum()) - 2 * float(np.log(scale).sum())
+    evidence = -0.5 * (rest[-1, -1] + logdet + logdet_N - float(np.log(precision[given]).sum()))
+    inverse = scale[:, None] * cho_solve(factor, np.diag(scale), check_finite=False)
+    return Posterior(solved[:, -1], inverse, evidence, float(rest[-1, -1]), rest, solved[:, :-1])

@@ -1,0 +1,184 @@
+"""What differs from trial to trial without being a missing effect: sand, start, tilt, offsets, gains.
+
+Each is a number with a prior around zero whose std is learnt from the trials; a file says where that
+begins. The sand enters through simulations; the rest is applied to a finished simulation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.inference.bench import ACCURACY, RAKED, SAND
+from granite_lab.inference.constants import LATENCY_STD, RAKING, SENSOR_STD
+from granite_lab.inference.observation import Observation
+from granite_lab.logs.trial import Array
+from granite_lab.model.instants import instants
+from granite_lab.parameters import Robot
+
+SENSORS = ("latency", "arm_x", "arm_z")
+"""Numbers of the sensors that all trials share: latency of the IMU's stamps [s], its place off the file [m]."""
+
+SENSORS_STD = np.array([LATENCY_STD, SENSOR_STD["arm"], SENSOR_STD["arm"]])
+
+_SHIFT_STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class Slack:
+    """One number per trial that is applied to a finished simulation.
+
+    Attributes:
+        name: for people.
+        std: first value of the std of its prior, in its unit.
+        unit: of the number.
+        learnt: the std is learnt from the trials; otherwise the standstill determines the number anyway.
+    """
+
+    name: str
+    std: float
+    unit: str
+    learnt: bool = False
+
+
+class TrialModel:
+    """How one trial depends on its own numbers.
+
+    A trial's numbers x are: the first `RAKED` of `SAND` (about the common sand), the shift of the start [s],
+    then the slacks.
+    """
+
+    def __init__(self, observation: Observation, variant: int, robot: Robot) -> None:
+        self.observation, self.variant = observation, variant
+        self.channels = tuple(observation.streams)
+        self.slacks = (
+            *(Slack(name, std, "", True) for name, std in zip(SAND[:RAKED], RAKING, strict=True)),
+            Slack("start", SENSOR_STD["start"], "s"),
+            *_slacks(observation, robot),
+        )
+        self._place = {s.name: k for k, s in enumerate(self.slacks)}
+        self.t = instants(observation.variant, ACCURACY)
+        self.radius = robot.wheels.radius
+        self.measured = np.stack([observation.values[c] for c in self.channels])
+
+    @property
+    def size(self) -> int:
+        """How many numbers the trial has."""
+        return len(self.slacks)
+
+    def bins_of(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
+        """Return channel to the (n,) bins of an (8, M) response, or the (k, n) bins of (k, 8, M) responses."""
+        return self.observation.binned(self.t, response, float(x[RAKED]), float(sensors[0]))
+
+    def predict(self, response: Array, x: Array, sensors: Array) -> Array:
+        """Return the (C, n) bins that the trial should show."""
+        b = self.bins_of(response, x, sensors)
+        out = dict(b)
+        if "accel_x" in b:
+            turning = self.bins_of(self._turning(response), x, sensors)
+            f_x = b["accel_x"] + sensors[2] * turning["accel_x"]
+            f_z = b["accel_z"] + sensors[1] * turning["accel_z"]
+            tilt = self._of(x, "tilt")
+            out["accel_x"] = (1 + self._of(x, "accel_x gain")) * (f_x - tilt * f_z)
+            out["accel_z"] = f_z + tilt * f_x
+        if "wheel" in b:
+            out["wheel"] = (1 + self._of(x, "wheel gain")) * b["wheel"]
+        if "wheel_split" in b:
+            out["wheel_split"] = b["wheel_split"] + self._of(x, "wheel_split gain") * b["wheel"]
+        for c in ("current_f", "current_r"):
+            if c in b:
+                out[c] = (1 + self._of(x, f"{c} gain")) * b[c]
+        return np.stack([out[c] + self._of(x, f"{c} offset") for c in self.channels])
+
+    def columns(self, response: Array, raked: Array, x: Array, sensors: Array) -> Array:
+        """Return the (C n, p) derivatives of `predict` by the trial's numbers.
+
+        Args:
+            response: (8, M) near the trial's own.
+            raked: (RAKED, 8, M) derivatives of the response by the sand.
+            x: the trial's numbers.
+            sensors: numbers of the sensors that all trials share.
+        """
+        started = self._later(response)
+        bins = self.bins_of(np.concatenate([response[None], raked, started[None]]), x, sensors)
+        b, *columns = ({c: bins[c][k] for c in self.channels} for k in range(RAKED + 2))
+        zero = {c: np.zeros(self.observation.bins) for c in self.channels}
+        for slack in self.slacks[RAKED + 1 :]:
+            own = dict(zero)
+            channel, _, kind = slack.name.partition(" ")
+            if slack.name == "tilt":
+                own |= {"accel_x": -b["accel_z"], "accel_z": b["accel_x"]}
+            elif kind == "offset":
+                own[channel] = np.ones(self.observation.bins)
+            else:  # a gain
+                own[channel] = b["wheel"] if channel == "wheel_split" else b[channel]
+            columns.append(own)
+        return np.stack([np.concatenate([own[c] for c in self.channels]) for own in columns], axis=1)
+
+    def sensor_columns(self, response: Array, x: Array, sensors: Array) -> Array:
+        """Return the (C n, 3) derivatives of `predict` by `SENSORS`."""
+        late = self._later(response)
+        late[3:] = 0.0  # only the IMU
+        turning = self._turning(response)
+        arm_x, arm_z = np.zeros_like(turning), np.zeros_like(turning)
+        arm_z[0], arm_x[1] = turning[0], turning[1]
+        b = self.bins_of(np.stack([late, arm_x, arm_z]), x, sensors)
+        return np.concatenate([b[c].T for c in self.channels])
+
+    def effect_columns(self, changes: Array, x: Array, sensors: Array) -> Array:
+        """Return the (C n, k) bins of k changes of the response, (k, 8, M)."""
+        b = self.bins_of(changes, x, sensors)
+        return np.concatenate([b[c].T for c in self.channels])
+
+    def _turning(self, response: Array) -> Array:
+        """Return how specific force changes with the place of the IMU: Θ̈ along x, −Θ̈ along z."""
+        pitching = np.gradient(response[2], self.t)
+        out = np.zeros_like(response)
+        out[0], out[1] = pitching, -pitching
+        return out
+
+    def _later(self, response: Array) -> Array:
+        """Return the (8, M) derivative of a response by a later start of the command."""
+        sooner, later = (
+            np.stack([np.interp(self.t + s * _SHIFT_STEP, self.t, signal) for signal in response])
+            for s in (1, -1)
+        )
+        return np.asarray((later - sooner) / (2 * _SHIFT_STEP))
+
+    def _of(self, x: Array, name: str) -> float:
+        return float(x[self._place[name]]) if name in self._place else 0.0
+
+
+def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
+    """List the slacks of the channels that were logged.
+
+    Offsets are wider than the sensors' data sheets say: the standstill fixes them in any case.
+    """
+    grade, currents = robot.imu_grade, robot.currents
+    bias, rate_bias = (grade.accel_bias, grade.gyro_bias) if grade else (0.2, 0.01)
+    accel_z = 1.0 if observation.gravity_removed else 3 * bias + 0.05
+    table = {
+        "accel_x": [
+            Slack("tilt", SENSOR_STD["tilt"], "rad", True),
+            Slack("accel_x offset", 2 * bias, "m/s^2"),
+            Slack("accel_x gain", SENSOR_STD["accel_x gain"], "", True),
+        ],
+        "accel_z": [Slack("accel_z offset", accel_z, "m/s^2")],
+        "pitch_rate": [Slack("pitch_rate offset", 3 * rate_bias, "rad/s")],
+        "wheel": [
+            Slack("wheel offset", 0.02, "rad"),
+            Slack("wheel gain", SENSOR_STD["wheel gain"], "", True),
+        ],
+        "wheel_split": [
+            Slack("wheel_split offset", 0.02, "rad"),
+            Slack("wheel_split gain", SENSOR_STD["wheel_split gain"], "", True),
+        ],
+    } | {
+        f"current_{axle}": [
+            Slack(f"current_{axle} offset", 2 * currents.offset, "A"),
+            Slack(f"current_{axle} gain", currents.gain, "", True),
+        ]
+        for axle in "fr"
+    }
+    return tuple(slack for c in observation.streams for slack in table[c])

@@ -1,0 +1,505 @@
+"""The least-squares problem: trials, simulations, noise and priors; the numbers come as arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from granite_lab.inference.bench import RAKED, SAND, Bench, Setting, Task, Values
+from granite_lab.inference.constants import REST_SPEED, SAND_STD
+from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated
+from granite_lab.inference.noise import Whitener
+from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
+from granite_lab.inference.nuisances import SENSORS, SENSORS_STD, TrialModel
+from granite_lab.logs.trial import Array
+from granite_lab.model.command import desired_distance
+from granite_lab.model.effect import EffectParameter
+
+SHARED = (*SAND, *SENSORS)
+
+STEP = np.array((0.01, 0.01, -0.03, 0.01, -0.01, 0.01, 0.005))
+"""Steps of the differences by `SAND`. In the sand of the file the friction on the tyre limits the shear stress,
+(10); the smaller steps in the strength show what the other limit does where both rule."""
+
+EFFECT_STEP = 0.02
+"""Step of a difference by an effect's parameter, as a share of its prior range."""
+
+MOVING_STEP = 0.03
+"""Step by a parameter whose trace moves in time, as a share of its value."""
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Where the numbers stand.
+
+    Attributes:
+        shared: numbers common to all trials, as `SHARED`.
+        effects: ids of the effects that are switched on.
+        common: (e,) parameters of those effects that all trials share, in order.
+        trials: per trial its numbers: those of `TrialModel`, then its own parameters of effects.
+    """
+
+    shared: Array
+    effects: tuple[str, ...]
+    common: Array
+    trials: tuple[Array, ...]
+
+    @property
+    def sensors(self) -> Array:
+        """The numbers of the sensors."""
+        return self.shared[len(SAND) :]
+
+    @property
+    def vector(self) -> Array:
+        """All numbers: the trials' own one after the other, then the shared ones."""
+        return np.concatenate([*self.trials, self.shared, self.common])
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivatives of the responses at one point.
+
+    Attributes:
+        response: per command the (8, M) response.
+        sand: per command (7, 8, M), by the logarithms of the sand.
+        common, own: per command (e, 8, M), by the effects' shared and per-trial parameters.
+        traces: per command (s, 8, M), what each effect changes.
+    """
+
+    response: tuple[Array, ...]
+    sand: tuple[Array, ...]
+    common: tuple[Array, ...]
+    own: tuple[Array, ...]
+    traces: tuple[Array, ...]
+
+
+class Problem:
+    """The trials, the simulations, the noise and the priors."""
+
+    def __init__(self, trials: Sequence[TrialModel], bench: Bench) -> None:
+        self.trials, self.bench = tuple(trials), bench
+        self.variants = sorted({t.variant for t in trials})
+        self.commands = tuple(tuple(i for i, t in enumerate(trials) if t.variant == v) for v in self.variants)
+        self.whiteners: list[list[Whitener]] = []
+        self._plain: list[dict[str, Basis]] = []
+        self._white_plain: dict[tuple[int, str], Array] = {}
+        self._sizes: list[dict[str, tuple[float, Array]]] = []
+        self.rows = tuple(
+            {c: slice(k * t.observation.bins, (k + 1) * t.observation.bins) for k, c in enumerate(t.channels)}
+            for t in self.trials
+        )
+
+    # --- parameters
+
+    def parameters_of(self, id_: str) -> tuple[EffectParameter, ...]:
+        """Return the parameters of a candidate; ``id.name`` stands for one parameter of an effect alone."""
+        id_, _, name = id_.partition(".")
+        return tuple(p for p in self.bench.world.effects[id_].parameters if name in ("", p.name))
+
+    def parameters(self, ids: Sequence[str], *, per_trial: bool) -> list[tuple[str, EffectParameter]]:
+        """Return the shared or the per-trial parameters of effects, each with its effect's id, in order."""
+        return [(id_, p) for id_ in ids for p in self.parameters_of(id_) if p.per_trial == per_trial]
+
+    def neutral(self) -> Point:
+        """Return the point of the files' values."""
+        return Point(np.zeros(len(SHARED)), (), np.zeros(0), tuple(np.zeros(t.size) for t in self.trials))
+
+    def with_effect(self, point: Point, id_: str, values: Sequence[float], own: Array | None = None) -> Point:
+        """Return the point with one more effect switched on.
+
+        Args:
+            point: without it.
+            id_: the effect.
+            values: of all its parameters.
+            own: (trials, o) its own parameters of each trial, in place of those among `values`.
+        """
+        pairs = list(zip(self.parameters_of(id_), values, strict=True))
+        private = np.array([v for p, v in pairs if p.per_trial])
+        table = np.tile(private, (len(self.trials), 1)) if own is None else own
+        return replace(
+            point,
+            effects=(*point.effects, id_),
+            common=np.concatenate([point.common, [v for p, v in pairs if not p.per_trial]]),
+            trials=tuple(np.concatenate([x, o]) for x, o in zip(point.trials, table, strict=True)),
+        )
+
+    def without_effect(self, point: Point, id_: str) -> Point:
+        """Return the point with an effect switched off."""
+        keep = [k for k, (e, _) in enumerate(self.parameters(point.effects, per_trial=False)) if e != id_]
+        own = [k for k, (e, _) in enumerate(self.parameters(point.effects, per_trial=True)) if e != id_]
+        return replace(
+            point,
+            effects=tuple(e for e in point.effects if e != id_),
+            common=point.common[keep],
+            trials=tuple(
+                np.concatenate([x[: t.size], x[t.size :][own]])
+                for t, x in zip(self.trials, point.trials, strict=True)
+            ),
+        )
+
+    def moved(self, point: Point, step: Array) -> Point:
+        """Return the point a step further, the effects' parameters within their bounds."""
+        whole = point.vector + step
+        trials, k = [], 0
+        private = [p for _, p in self.parameters(point.effects, per_trial=True)]
+        low, high = (np.array([getattr(p, side) for p in private]) for side in ("low", "high"))
+        for t, x in zip(self.trials, point.trials, strict=True):
+            own = whole[k : k + x.size].copy()
+            own[t.size :] = np.clip(own[t.size :], low, high) if private else own[t.size :]
+            trials.append(own)
+            k += x.size
+        shared = whole[k : k + len(SHARED)]
+        sand = np.array([*(3 * np.array(SAND_STD)), *np.full(len(SENSORS), np.inf)])
+        common = whole[k + len(SHARED) :]
+        bounds = [p for _, p in self.parameters(point.effects, per_trial=False)]
+        if bounds:
+            common = np.clip(common, [p.low for p in bounds], [p.high for p in bounds])
+        return Point(np.clip(shared, -sand, sand), point.effects, common, tuple(trials))
+
+    def prior(self, point: Point, scales: Scales) -> tuple[Array, Array]:
+        """Return standard deviations and means of the priors of `Point.vector`."""
+        private = self.parameters(point.effects, per_trial=True)
+        own = [scales.priors.get(own_name(id_), width_of(p)) for id_, p in private]
+        std = [np.array([*(scales.priors.get(s.name, s.std) for s in t.slacks), *own]) for t in self.trials]
+        common = self.parameters(point.effects, per_trial=False)
+        std += [np.array(SAND_STD), SENSORS_STD, np.array([width_of(p) for _, p in common])]
+        size = sum(s.size for s in std[:-1])
+        means = np.concatenate([np.zeros(size), [centre_of(p) for _, p in common]])
+        return np.concatenate(std), means
+
+    # --- simulations
+
+    def setting(self, ids: Sequence[str], common: Array, own: Array) -> Setting:
+        """Return the effects with their values, for the simulator."""
+        shared, private = iter(common.tolist()), iter(own.tolist())
+        values: dict[str, dict[str, float]] = {}
+        for id_ in ids:
+            given = {p.name: next(private if p.per_trial else shared) for p in self.parameters_of(id_)}
+            values.setdefault(id_.partition(".")[0], {}).update(given)
+        return tuple(
+            (id_, tuple(given.get(p.name, p.neutral) for p in self.parameters_of(id_)))
+            for id_, given in values.items()
+        )
+
+    def task(self, point: Point, trial: int) -> Task:
+        """Return the simulation of one trial at its own sand."""
+        x = point.trials[trial]
+        sand = point.shared[: len(SAND)].copy()
+        sand[:RAKED] += x[:RAKED]
+        own = x[self.trials[trial].size :]
+        return Task(
+            self.trials[trial].variant, as_values(sand), self.setting(point.effects, point.common, own)
+        )
+
+    def centre(self, point: Point, command: int) -> Task:
+        """Return the simulation of a command at the mean of its trials' own numbers."""
+        own = self.commands[command]
+        sand = point.shared[: len(SAND)].copy()
+        sand[:RAKED] += np.mean([point.trials[i][:RAKED] for i in own], axis=0)
+        setting = self.setting(point.effects, point.common, self._own_mean(point, command))
+        return Task(self.variants[command], as_values(sand), setting)
+
+    def _own_mean(self, point: Point, command: int) -> Array:
+        rows = [point.trials[i][self.trials[i].size :] for i in self.commands[command]]
+        return np.asarray(np.mean(rows, axis=0))
+
+    def respond(self, tasks: Sequence[Task]) -> list[Array] | None:
+        """Return the (8, M) response of each simulation; None where one has no solution."""
+        found = [r for r in self.bench.run(tasks) if r is not None]
+        return found if len(found) == len(tasks) else None
+
+    def slopes(self, point: Point, sand_from: Slopes | None = None) -> Slopes | None:
+        """Differentiate the responses at the centre of each command; None where a run has no solution.
+
+        Args:
+            point: where.
+            sand_from: slopes whose derivatives by the sand are good enough to be kept.
+        """
+        shared = [p for _, p in self.parameters(point.effects, per_trial=False)]
+        private = [p for _, p in self.parameters(point.effects, per_trial=True)]
+        tasks: list[Task] = []
+        steps: list[float] = []
+        for command, _ in enumerate(self.variants):
+            centre = self.centre(point, command)
+            tasks.append(centre)
+            if sand_from is None:
+                for k in range(len(SAND)):
+                    moved = np.array(centre.sand)
+                    moved[k] += STEP[k]
+                    tasks.append(Task(centre.variant, as_values(moved), centre.setting))
+                    steps.append(float(STEP[k]))
+            at = np.concatenate([point.common, self._own_mean(point, command)])
+            for k, p in enumerate([*shared, *private]):
+                values = at.copy()
+                h = step_of(p, float(values[k]))
+                values[k] += h
+                own = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
+                tasks.append(Task(centre.variant, centre.sand, own))
+                steps.append(h)
+            for id_ in point.effects:
+                left = self.without_effect(point, id_)
+                without = self.setting(left.effects, left.common, self._own_mean(left, command))
+                tasks.append(Task(centre.variant, centre.sand, without))
+        found = self.respond(tasks)
+        if found is None:
+            return None
+        count, h = len(found) // len(self.variants), len(steps) // len(self.variants)
+        parts: list[tuple[Array, ...]] = []
+        for j, _ in enumerate(self.variants):
+            base, *others = found[j * count : (j + 1) * count]
+            derived = [
+                (other - base) / s for other, s in zip(others[:h], steps[j * h : (j + 1) * h], strict=True)
+            ]
+            n = 0 if sand_from is not None else len(SAND)
+            sand = sand_from.sand[j] if sand_from is not None else np.stack(derived[:n])
+            effect = _stack(derived[n:], base)
+            traces = _stack([base - other for other in others[h:]], base)
+            parts.append((base, sand, effect[: len(shared)], effect[len(shared) :], traces))
+        return Slopes(*(tuple(p[k] for p in parts) for k in range(5)))  # type: ignore[arg-type]
+
+    def residuals(self, point: Point, responses: Sequence[Array]) -> tuple[Array, ...]:
+        """Return per trial (C, n) measured minus predicted."""
+        return tuple(
+            t.measured - t.predict(r, x[: t.size], point.sensors)
+            for t, r, x in zip(self.trials, responses, point.trials, strict=True)
+        )
+
+    def white(self, residuals: Sequence[Array]) -> tuple[Array, ...]:
+        """Return per trial the (C n,) whitened residuals."""
+        return tuple(self.whiten(i, r.ravel()) for i, r in enumerate(residuals))
+
+    def whiten(self, trial: int, columns: Array) -> Array:
+        """Return whitened (C n,) or (C n, k) columns of one trial."""
+        parts = np.split(columns, len(self.whiteners[trial]))
+        return np.concatenate([w(part) for w, part in zip(self.whiteners[trial], parts, strict=True)])
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Channel to how many bins were measured, over all trials."""
+        found: dict[str, int] = {}
+        for t, own in zip(self.trials, self.whiteners, strict=True):
+            for c, w in zip(t.channels, own, strict=True):
+                found[c] = found.get(c, 0) + int(w.known.sum())
+        return found
+
+    # --- normal equations
+
+    def weigh(self, whiteners: list[list[Whitener]], point: Point, slopes: Slopes) -> None:
+        """Set the noise, and how large the discrepancy of each channel may be, from the responses at a point."""
+        self.whiteners = whiteners
+        self._plain, self._white_plain, self._sizes = [], {}, []
+        for command, own in enumerate(self.commands):
+            t, x = self.trials[own[0]], point.trials[own[0]]
+            bins = t.bins_of(slopes.response[command], x, point.sensors)
+            size, moving, resting = scale_of(t, slopes.response[command], bins)
+            plain = {}
+            for c in dict.fromkeys(c for i in own for c in self.trials[i].channels):
+                level, width = size.get(c, 0.0), t.observation.width
+                parts = [modulated(level * moving, MOTION, width), modulated(level * resting, REST, width)]
+                plain[c] = joined(parts)
+            self._plain.append(plain)
+            self._sizes.append({c: (size.get(c, 0.0), moving) for c in plain})
+
+    def size_of(self, command: int, channel: str) -> tuple[float, Array]:
+        """Return the rms of a channel in motion, and (n,) 1 where the robot moves, else 0."""
+        return self._sizes[command][channel]
+
+    def normal(
+        self,
+        point: Point,
+        slopes: Slopes,
+        residuals: Sequence[Array],
+        *,
+        apart: bool = False,
+        candidates: Sequence[Mapping[int, Array]] = (),
+        own_candidates: Sequence[tuple[int, ...]] = (),
+    ) -> Normal:
+        """Return the normal equations at a point.
+
+        Args:
+            point: where.
+            slopes: there.
+            residuals: (C, n) per trial there.
+            apart: each trial has a discrepancy of its own instead of sharing it with its repetitions.
+            candidates: further columns of the response, each as command to (8, M).
+            own_candidates: of these, places of those that each trial has of its own; they become a column a
+                trial, behind the others.
+        """
+        white = self.white(residuals)
+        first = np.cumsum([0, *(x.size for x in point.trials)])
+        local = int(first[-1])
+        p = local + len(SHARED) + point.common.size
+        mine = {k for group in own_candidates for k in group}
+        common = [k for k in range(len(candidates)) if k not in mine]
+        each = [k for group in own_candidates for k in group]
+        size = p + len(common) + len(each) * len(self.trials) + 1
+        shared = np.arange(local, p + len(common))
+        parts = []
+        for command, everyone in enumerate(self.commands):
+            further = [c[command] for c in candidates]
+            rows: dict[int, tuple[Places, Array]] = {}
+            for i in everyone:
+                behind = p + len(common) + i * len(each) + np.arange(len(each))
+                place = np.concatenate([np.arange(first[i], first[i + 1]), shared, behind])
+                columns = self.columns(i, point, slopes, further, common, each)
+                rows[i] = (place, self.whiten(i, columns))
+            traces = self._traces(point, slopes, command)
+            for own in [(i,) for i in everyone] if apart else [everyone]:
+                at = np.unique(np.concatenate([*(rows[i][0] for i in own), [size - 1]]))
+                names = dict.fromkeys(c for i in own for c in self.trials[i].channels)
+                channels = tuple(self._channel(c, command, own, at, rows, white, traces) for c in names)
+                parts.append(CommandPart(at, channels))
+        return Normal(tuple(parts), size, p)
+
+    def _traces(self, point: Point, slopes: Slopes, command: int) -> dict[str, list[Array]]:
+        """Return channel to the (n,) trace of each effect in a command."""
+        if not point.effects:
+            return {}
+        i = self.commands[command][0]
+        bins = self.trials[i].bins_of(slopes.traces[command], point.trials[i], point.sensors)
+        return {c: list(values) for c, values in bins.items()}
+
+    def _channel(
+        self,
+        name: str,
+        command: int,
+        own: Sequence[int],
+        at: Places,
+        whitened: Mapping[int, tuple[Places, Array]],
+        white: Sequence[Array],
+        traces: Mapping[str, list[Array]],
+    ) -> ChannelPart:
+        width = self.trials[own[0]].observation.width
+        formula = [modulated(trace, FORMULA, width) for trace in traces.get(name, ())]
+        whole = joined([self._plain[command][name], *formula])
+        kind = whole.kind
+        gram, basis = np.zeros((at.size, at.size)), np.zeros((kind.size, kind.size))
+        across = np.zeros((kind.size, at.size))
+        rows = []
+        for i in (i for i in own if name in self.trials[i].channels):
+            number, bins = self.trials[i].channels.index(name), self.rows[i][name]
+            if (i, name) not in self._white_plain:
+                self._white_plain[i, name] = self.whiteners[i][number](self._plain[command][name].columns)
+            B = self._white_plain[i, name]
+            if formula:
+                B = np.hstack([B, self.whiteners[i][number](np.hstack([f.columns for f in formula]))])
+            place = np.searchsorted(at, whitened[i][0])
+            A, w = whitened[i][1][bins], white[i][bins]
+            full = np.column_stack([A, w])
+            k = np.append(place, at.size - 1)
+            gram[np.ix_(k, k)] += full.T @ full
+            basis += B.T @ B
+            across[:, k] += B.T @ full
+            rows.append(Rows(i, bins, place, A, B))
+        return ChannelPart(name, whole.columns, kind, tuple(rows), gram, basis, across)
+
+    def columns(
+        self,
+        i: int,
+        point: Point,
+        slopes: Slopes,
+        candidates: Sequence[Array] = (),
+        common: Sequence[int] = (),
+        each: Sequence[int] = (),
+    ) -> Array:
+        """Return the (C n, k) derivatives of what a trial should show.
+
+        Args:
+            i: the trial.
+            point: where.
+            slopes: there.
+            candidates: further columns of the response, (8, M) each.
+            common, each: places of those that all trials share, and of those that each has of its own.
+
+        Returns:
+            by the trial's own parameters, the shared ones, the common candidates, the others.
+        """
+        t, x = self.trials[i], point.trials[i]
+        command = self.variants.index(t.variant)
+        response, sand = slopes.response[command], slopes.sand[command]
+        further = _stack(candidates, response)
+        local = t.columns(response, sand[:RAKED], x[: t.size], point.sensors)
+        changes = np.concatenate(
+            [sand[RAKED:], slopes.own[command], slopes.common[command], further[[*common, *each]]]
+        )
+        effect = t.effect_columns(changes, x, point.sensors)
+        cut = np.cumsum([len(SAND) - RAKED, len(slopes.own[command])])
+        rest, own, shared = np.split(effect, cut, axis=1)
+        sensors = t.sensor_columns(response, x, point.sensors)
+        return np.column_stack([local, own, local[:, :RAKED], rest, sensors, shared])
+
+
+def scale_of(
+    trial: TrialModel, response: Array, bins: Mapping[str, Array]
+) -> tuple[dict[str, float], Array, Array]:
+    """Return the rms of each channel in motion, and (n,) where the robot moves and where it is near rest.
+
+    A wheel's angle follows the command; what the ground does to it is how far it lags behind, so that is
+    what its rms is taken of.
+
+    Args:
+        trial: gives the command.
+        response: (8, M) of it.
+        bins: channel to (n,).
+    """
+    o = trial.observation
+    radius = trial.radius
+    wheels = np.minimum(*(np.interp(o.t, trial.t, np.gradient(response[k], trial.t)) for k in (3, 4)))
+    body = np.interp(o.t, trial.t, response[7])
+    slowest = np.minimum(np.abs(wheels) * radius, np.abs(body))
+    begun = o.t > -o.width
+    resting = (begun & (slowest < REST_SPEED)).astype(float)
+    moving = (begun & (slowest >= REST_SPEED)).astype(float)
+    if not moving.any():
+        moving = begun.astype(float)
+    at = moving > 0
+    before = ~begun
+    size: dict[str, float] = {}
+    v = o.variant
+    desired = np.array([float(desired_distance(float(t) + o.width / 2, v)) for t in o.t]) / radius
+    for c, values in bins.items():
+        if c.startswith("wheel"):
+            own = values - desired if c == "wheel" else values
+        else:
+            own = values - (values[before].mean() if before.any() else 0.0)
+        size[c] = float(np.sqrt(np.mean(own[at] ** 2)))
+    if "wheel_split" in size and "wheel" in size:
+        size["wheel_split"] = size["wheel"]
+    return size, moving, resting
+
+
+def step_of(p: EffectParameter, value: float) -> float:
+    """Return the step of the difference by an effect's parameter."""
+    width = p.prior_high - p.prior_low
+    h = EFFECT_STEP * width
+    if p.moving:  # blows come at other times already with a little more of it
+        h = float(np.clip(MOVING_STEP * abs(value - p.neutral), 0.1 * h, h))
+    return h if value + h <= p.high else -h
+
+
+def own_name(id_: str) -> str:
+    """Return the name of the scale of the numbers that an effect has in each trial."""
+    return f"{id_} own"
+
+
+def width_of(p: EffectParameter) -> float:
+    """Return the std of the prior of an effect's parameter: the range that the literature leads to expect."""
+    if p.shape:
+        return (p.prior_high - p.prior_low) / 2
+    return max(abs(p.prior_high - p.neutral), abs(p.prior_low - p.neutral))
+
+
+def centre_of(p: EffectParameter) -> float:
+    """Return the mean of the prior of an effect's parameter."""
+    return (p.prior_high + p.prior_low) / 2 if p.shape else p.neutral
+
+
+def _stack(rows: Sequence[Array], like: Array) -> Array:
+    return np.stack(rows) if rows else np.zeros((0, *like.shape))
+
+
+def as_values(values: Array) -> Values:
+    """Return an array as the plain numbers of a task."""
+    return tuple(values.tolist())
