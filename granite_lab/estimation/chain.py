@@ -12,6 +12,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting, wheel_signs
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock import slow_offset
+from granite_lab.estimation.differentiation import MOVING
 from granite_lab.estimation.faults import Faults, despike, find_faults
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
@@ -21,7 +22,7 @@ from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.passes import ClockOffset, Problem, find_offset, solve
 from granite_lab.estimation.process import SlipModel
 from granite_lab.estimation.referenced import refer
-from granite_lab.estimation.rest import Interval, find_rests, inside
+from granite_lab.estimation.rest import Interval, find_rests, inside, refuse_moved
 from granite_lab.estimation.restarts import find_restarts, without_steps
 from granite_lab.estimation.rolling import Rolling, roll
 from granite_lab.estimation.slip_scatter import identify_scatter
@@ -30,6 +31,9 @@ from granite_lab.parameters import Robot, Variant, load_variants
 
 LONGEST_GAP = 0.5
 """IMU samples missing for longer than this in motion end the estimate [s]."""
+
+SPIN = 0.5
+"""Random walk of the slip ratio where it reached 100 % once, and may again within seconds [1/sqrt(s)]."""
 
 LONG = 60.0
 """Motion longer than this [s] without a standstill leans on the wheels; see `referenced`."""
@@ -80,7 +84,8 @@ def correct(
         motion.
 
     Raises:
-        EstimateError: no standstill to start from, samples missing in motion, or nothing to estimate.
+        EstimateError: no standstill to start from, one named by hand in which the robot moved, samples
+            missing in motion, or nothing to estimate.
     """
     known = load_variants() if variants is None else variants
     if trial.imu is None or trial.imu.t.size < 8:
@@ -97,6 +102,7 @@ def correct(
     wheels, rolling, signs = _roll(trial, imu, robot)
     warnings = [*signs]
     faults = find_faults(imu, stream, robot.imu_grade, spikes)
+    refuse_moved(imu, rests)
     still = find_rests(imu, rolling, robot.imu_grade, by_hand=rests)
     if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and still:
         imu = _orient(stream, imu, rolling, still)
@@ -133,7 +139,10 @@ def correct(
     else:
         if rolling is not None and imu.has_pitch_rate and imu.gravity:
             problem = dataclasses.replace(problem, noise=with_motion_noise(problem, offset.value))
-        problem = dataclasses.replace(problem, slip=identify_scatter(problem, offset.value))
+        slip = identify_scatter(problem, offset.value)
+        if _spun(problem, offset.value):
+            slip = dataclasses.replace(slip, walk=max(slip.walk, SPIN))
+        problem = dataclasses.replace(problem, slip=slip)
     solution = solve(problem, offset, distance=distance_measured)
     solution = dataclasses.replace(solution, offset=clock.found)
     health = assess(solution, imu.t, still, faults)
@@ -160,6 +169,15 @@ def _roll(
     if imu is None:
         rolling = dataclasses.replace(rolling, warnings=(*said, *rolling.warnings))
     return wheels, rolling, said
+
+
+def _spun(problem: Problem, offset: float) -> bool:
+    """Whether wheels turned during a standstill."""
+    if problem.rolling is None:
+        return False
+    resting = inside(problem.rolling.t + offset, problem.rests)
+    turning = np.abs(np.nan_to_num(problem.rolling.speed)) > MOVING
+    return float(np.sum(resting & turning)) > 0.1 * max(float(np.sum(resting)), 1.0)
 
 
 def _complete(imu: ImuStream) -> ImuStream:

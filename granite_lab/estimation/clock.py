@@ -21,8 +21,9 @@ STEP = 0.005
 TEMPER = 0.5
 """Weight of the likelihood of an offset: the slip model is an idealisation, exact to millimetres only."""
 
-LEFT_OVER = 1.5e-3
-"""Std of the offset by how the body really sets off and stops in the sand [s]."""
+LEFT_OVER = 2.5e-3
+"""Std of the offset by how the body really sets off and stops in the sand [s], and by play and tyres: a
+robot that rings at 10 Hz follows its wheels so much later."""
 
 LONGEST_LAG = 0.25
 """The body follows the wheels on sand by up to a quarter of a second, and never leads them [s]."""

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import gammaincc, gammaincinv
+from scipy.special import gammaincc
 
 from granite_lab.estimation.faults import Faults
-from granite_lab.estimation.motion import Health
-from granite_lab.estimation.passes import Solution
-from granite_lab.estimation.process import BA, BG
+from granite_lab.estimation.motion import Grade, Health
+from granite_lab.estimation.passes import Solution, usual
+from granite_lab.estimation.process import BA, BG, V
 from granite_lab.estimation.rest import Interval
 from granite_lab.logs.trial import Array
+
+ANCHORED, SLOW = 0.02, 0.004
+"""The velocity is anchored at an end where its std is below this share of the pace, or below this [m/s]."""
+
+VAGUE = 0.1
+"""A velocity whose std is beyond this share of the pace tells little of slip."""
 
 WHAT = {
     "zero_velocity": "the velocity that integration leaves at standstill",
@@ -54,7 +60,11 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     def spread(values: Array) -> Array:
         return np.interp(t, nodes.t, values)
 
-    good, verdict = judge_health(nis, counted, white, chance, wild, rests, t, faults)
+    ends = (float(std[0, V]), float(std[-1, V]))
+    grade, verdict = judge_health(
+        nis, counted, white, chance, wild, rests, faults, ends=ends, pace=float(np.max(np.abs(nodes.w))),
+        middle=float(np.median(std[nodes.moving, V])) if nodes.moving.any() else 0.0,
+    )  # fmt: skip
     return Health(
         t=nodes.t[came.node],
         kind=came.kind,
@@ -67,7 +77,8 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         gyro_bias_std=spread(std[:, BG]),
         rests=rests,
         verdict=verdict,
-        good=good,
+        good=grade == "good",
+        grade=grade,
         whiteness=white,
         ljung_box=chance,
         gaps=faults.gaps,
@@ -96,35 +107,35 @@ def ljung_box(ratio: Array, lags: int = 10) -> float:
     return float(gammaincc(0.5 * lags, 0.5 * statistic))
 
 
-def usual(n: int) -> float:
-    """Mean of n squared standard normal numbers that one in a thousand exceeds."""
-    return float(2.0 * gammaincinv(0.5 * n, 0.999) / n)
-
-
 def judge_health(
     nis: dict[str, float], counted: dict[str, int], white: dict[str, float], chance: dict[str, float],
-    wild: dict[str, float], rests: tuple[Interval, ...], t: Array, faults: Faults,
-) -> tuple[bool, str]:  # fmt: skip
-    """Return whether the filter's own checks passed, and one sentence that says so.
+    wild: dict[str, float], rests: tuple[Interval, ...], faults: Faults, *, ends: tuple[float, float],
+    pace: float, middle: float,
+) -> tuple[Grade, str]:  # fmt: skip
+    """Return a grade, and one sentence that says why.
+
+    It is "poor" where nothing anchors the velocity or its std is more than a tenth of the pace, "fair" where
+    the std had to be widened or grows for want of samples or of a standstill, and "good" otherwise.
 
     Args:
         nis, counted, white, chance, wild: per kind of update: mean NIS and of how many, correlation of
             successive innovations and its Ljung-Box probability, share beyond four std.
         rests: standstills [s].
-        t: (N,) the IMU's stamps [s].
         faults: of the IMU.
+        ends: std of the velocity at the start and at the end [m/s].
+        pace: of the wheels at their fastest [m/s].
+        middle: median std of the velocity in motion [m/s].
     """
     complaints = []
     for kind, value in nis.items():
         if value > max(3.0, usual(counted[kind])):
             complaints.append(
-                f"{WHAT[kind]} scatters {np.sqrt(value):.1f} times more than the noise explains"
+                f"{WHAT[kind]} scatters {np.sqrt(value):.1f} times more than the noise explains, "
+                "and the std is widened by as much"
             )
         elif wild[kind] > 0.02:
             complaints.append(f"{WHAT[kind]} has {100 * wild[kind]:.0f} % outliers")
-        elif white[kind] > 0.5 and kind in ("specific_force", "zero_rate"):
-            complaints.append(f"{WHAT[kind]} drifts while the robot stands")
-        elif kind == "wheel" and white[kind] > 0.5:
+        elif kind == "wheel" and white[kind] > 0.5 and value > 1.0:
             complaints.append(f"{WHAT[kind]} wander in a way that the slip model does not know")
     lost = sum(end - begin for begin, end in faults.gaps)
     if lost > 0:
@@ -133,23 +144,30 @@ def judge_health(
         complaints.append(f"the IMU was at its limit {len(faults.plateaus)} times")
     if faults.restarts:
         complaints.append("the IMU's biases changed while the robot moved")
-    ends = (bool(rests) and rests[0][0] < t[0] + 1.0, bool(rests) and rests[-1][1] > t[-1] - 1.0)
+    loose = [
+        side for side, std in zip(("start", "end"), ends, strict=True) if std > max(ANCHORED * pace, SLOW)
+    ]
     if not rests:
         anchored = (
-            "no standstill anchors the velocity: it leans on the wheels, with all the slip they may have"
+            "no standstill anchors the velocity: it leans on the wheels, with all the slip they may have, "
+            "and steady slip is assumed, not measured"
         )
-        complaints.append("steady slip is assumed, not measured")
-    elif all(ends):
-        anchored = f"velocity is anchored by {len(rests)} standstills, at both ends"
+    elif loose:
+        anchored = f"no standstill at the {' and '.join(loose)}: velocity drifts there, as its std shows"
     else:
-        side = "end" if ends[0] else "start" if ends[1] else "start and end"
-        anchored = f"no standstill at the {side}: velocity drifts there, as its std shows"
-    if not complaints and rests and all(ends):
-        remark = ""
-        if chance.get("wheel", 1.0) < 1e-3 and abs(white["wheel"]) > 0.1:
-            side = "on the safe side" if white["wheel"] < 0 else "short of the fastest changes"
-            remark = f" (the wheels' innovations correlate by {white['wheel']:+.2f}: the std is {side})"
-        return True, (
-            f"The estimate can be trusted: {anchored}, and all measurements agree with their noise{remark}."
+        anchored = (
+            f"velocity is anchored at both ends, by {len(rests)} standstills and the wheels' coming to rest"
         )
-    return False, "Look twice: " + "; ".join([anchored, *complaints]) + "."
+    if not rests or middle > VAGUE * max(pace, SLOW):
+        if rests:
+            complaints.append(f"the velocity is known to {1e3 * middle:.3g} mm/s only")
+        return "poor", "Look twice: " + "; ".join([anchored, *complaints]) + "."
+    if complaints or loose:
+        return "fair", "Usable, within its std: " + "; ".join([anchored, *complaints]) + "."
+    remark = ""
+    if chance.get("wheel", 1.0) < 1e-3 and abs(white["wheel"]) > 0.1:
+        side = "on the safe side" if white["wheel"] < 0 else "short of the fastest changes"
+        remark = f" (the wheels' innovations correlate by {white['wheel']:+.2f}: the std is {side})"
+    return "good", (
+        f"The estimate can be trusted: {anchored}, and all measurements agree with their noise{remark}."
+    )

@@ -74,7 +74,7 @@ def add_rest(
 
 def add_wheels(
     updates: list[list[Update]], rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray,
-    offset: float, lost: Array, loss: Array, w: Array, thrust: Array,
+    spinning: np.ndarray, offset: float, lost: Array, loss: Array, w: Array, thrust: Array,
 ) -> float:  # fmt: skip
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 
@@ -83,6 +83,7 @@ def add_wheels(
     Args:
         offset: by which the encoders' clock lies behind [s].
         w: (K,) wheel speed that turns slip ratio into slip velocity [m/s].
+        spinning: (K,) the wheels turn on the spot and tell nothing.
         thrust: (K,) thrust over mass, against that at rest [m/s^2].
         lost, loss: (K,) distance [m] and velocity [m/s] that the mean slip ratio loses.
 
@@ -108,7 +109,7 @@ def add_wheels(
     origin = None
     for j in np.sort(order[first]):
         k, m = int(place[j]), int(samples[j])
-        if still[k] and origin is not None:
+        if (still[k] or spinning[k]) and origin is not None:
             continue  # a constant reading at rest says nothing new
         i, ahead = index[k], t[k] - stamps[m]
         speed = float(rolling.speed[m])

@@ -11,6 +11,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS, Variant
 
+Grade = Literal["good", "fair", "poor"]
 PhaseName = Literal["rest", "accelerate", "steady", "brake"]
 
 
@@ -33,6 +34,7 @@ class Health:
         whiteness: correlation of successive normalised innovations per update kind (0 is ideal).
         ljung_box: probability per update kind that white innovations would correlate as much over ten
             lags by chance; NaN for too few.
+        grade: "good"; "fair": usable within a std that had to grow; "poor": look twice.
         gaps, plateaus: intervals [s] of missing and of saturated IMU samples.
     """
 
@@ -52,6 +54,7 @@ class Health:
     ljung_box: dict[str, float] = field(default_factory=dict)
     gaps: tuple[tuple[float, float], ...] = ()
     plateaus: tuple[tuple[float, float], ...] = ()
+    grade: Grade = "poor"
 
 
 @dataclass(frozen=True, eq=False)

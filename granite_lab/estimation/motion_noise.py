@@ -75,9 +75,12 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
         offset: of the encoders' clock [s].
     """
     noise, imu = problem.noise, problem.imu
+    period = float(np.median(np.diff(imu.t)))
+    if 0.5 / period < 2.0 * HIGH:
+        force, rate = (folded(problem, signal) for signal in (imu.forward, imu.pitch_rate))
+        return dataclasses.replace(noise, accel_motion=force, gyro_motion=rate)
     frequency, density = spectrum(problem, offset)
     density = density / (2.0 * noise.accel**2)
-    period = float(np.median(np.diff(imu.t)))
     peak = predicted_peak(noise, period, np.concatenate([[0.0], ADDED]))
     low = frequency < min(HIGH, BELOW * noise.vibration_frequency)
     ratio = (frequency[low] / noise.vibration_frequency) ** 2
@@ -96,6 +99,22 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
         noise, accel_motion=noise.accel * float(np.sqrt(added)), vibration=rms,
         vibration_frequency=frequent, vibration_damping=damping,
     )  # fmt: skip
+
+
+def folded(problem: Problem, signal: Array) -> float:
+    """White noise density that shaking makes in motion of an IMU too slow to show it, times sqrt(s).
+
+    Sampled below twice its frequency, it is as white as the samples' second differences say.
+
+    Args:
+        signal: (N,) specific force [m/s^2] or rate [rad/s].
+    """
+    moving = ~inside(problem.imu.t, problem.rests)
+    bend = np.diff(signal, n=2)[moving[1:-1]]
+    bend = bend[np.isfinite(bend)]
+    if bend.size < 8:
+        return 0.0
+    return float(np.sqrt(np.mean(bend**2) / 6.0 * float(np.median(np.diff(problem.imu.t)))))
 
 
 def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:

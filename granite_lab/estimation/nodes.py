@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
@@ -10,6 +11,7 @@ from scipy.signal import savgol_filter
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import process
+from granite_lab.estimation.differentiation import MOVING
 from granite_lab.estimation.faults import Faults, inflate
 from granite_lab.estimation.integration import Nominal
 from granite_lab.estimation.lateral import Sideways
@@ -49,6 +51,9 @@ LOOSE_TIME = 0.1
 
 SLOWEST = 0.01
 """Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body."""
+
+FREE = 10.0
+"""Distance that wheels which spin on the spot may roll between two nodes [m]."""
 
 MOST = 60_000
 """More nodes than this are thinned; the IMU is integrated at its own rate all the same."""
@@ -211,6 +216,7 @@ def build(
     aside: Sideways | None = None,
     compliance: float = LOOSE,
     soft: float = COMPLIANCE,
+    louder: Mapping[str, float] | None = None,
 ) -> Nodes:
     """Lay out nodes, matrices and measurements.
 
@@ -225,6 +231,7 @@ def build(
         aside: velocity to the left, as the nominal motion has it.
         compliance: by which the displacement between wheels and body walks as thrust changes [s^2].
         soft: std of the compliance itself [s^2].
+        louder: factors on the variance of kinds of measurements.
     """
     index, thinned = choose(nominal)
     t = nominal.t[index]
@@ -259,7 +266,7 @@ def build(
         accel = np.hypot(accel, aside.noise(nominal.heading_rate)[index])
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
     turn = roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
-    gyro = np.hypot(noise.gyro, turn)
+    gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
     Q = process.noises(
         dt, coupling, moving, accel=accel, gyro=gyro, accel_walk=noise.accel_walk, gyro_walk=noise.gyro_walk
     )
@@ -271,13 +278,16 @@ def build(
     Q[onset, process.BM, process.BM] += noise.motion_bias**2
     inflate(Q, t, dt, moving, faults, imu, nominal.rest, None if rolling is None else pace.growth)
     updates: list[list[Update]] = [[] for _ in range(t.size)]
-    add_rest(updates, imu, nominal, noise, faults, index, rest, speed)
+    # a standstill that was named: the wheels may spin while the body stands
+    spinning = rest & (np.abs(speed) > MOVING)
+    Q[spinning, D, D] += FREE**2
+    add_rest(updates, imu, nominal, noise, faults, index, rest, np.where(spinning, 0.0, speed))
     start = 0.0
     if rolling is not None:
         pull = thrust(imu, nominal.rest, index, pace)
         change = np.gradient(pull, t)
         Q[:, D, D] += moving * (compliance * change) ** 2 * LOOSE_TIME * dt
-        start = add_wheels(updates, rolling, nominal, index, rest, offset, lost, loss, w, pull)
+        start = add_wheels(updates, rolling, nominal, index, rest, spinning, offset, lost, loss, w, pull)
     if distance is not None:
         H = np.zeros((1, SIZE))
         H[0, [X, P]] = 1.0, -1.0
@@ -293,6 +303,8 @@ def build(
         1e-6 if rest[0] else slip.limit, 1e-6 if rest[0] else slip.scatter, offset_std, noise.accel_scale,
         1e-8 if slip.memory else soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
+    if louder:
+        updates = [[replace(u, R=u.R * louder.get(u.kind, 1.0)) for u in several] for several in updates]
     return Nodes(
         index=index, t=t, moving=moving, lost=lost, mean_slip=mean_slip, w=w, F=F, Q=Q,
         updates=tuple(tuple(u) for u in updates), x0=x0, P0=np.diag(std**2), thinned=thinned,

@@ -39,6 +39,7 @@ class Noise:
         vibration: rms of the frame's vibration along x in motion [m/s^2] at `vibration_speed` [m/s].
         vibration_frequency: its dominant frequency [Hz].
         vibration_damping: its damping ratio (relative bandwidth over two).
+        gyro_motion: white noise of the gyro that is there only in motion [rad/s sqrt(s)].
     """
 
     accel: float
@@ -56,6 +57,7 @@ class Noise:
     vibration_speed: float
     vibration_frequency: float
     vibration_damping: float
+    gyro_motion: float = 0.0
 
     def as_dict(self) -> dict[str, float]:
         """Return the figures by name, unit in the name, as the motion record keeps them."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import nodes as layout
@@ -39,6 +41,10 @@ SETTLED = 0.02
 """Pitch corrections below this need no other pass: its sine is linear to 2e-6 of g [rad]."""
 
 
+NOISY = ("wheel", "specific_force", "zero_rate")
+"""Measurements whose noise grows where they miss their prediction. A standstill or a tape is exact: there the
+prediction is to blame."""
+
 STIFF = 1.0
 """A compliance beyond this many times what the walk allows for calls for another pass."""
 
@@ -47,7 +53,7 @@ LATENCY = 0.01
 applied but left to the filter, with this std."""
 
 CLEAR = 5.0
-"""A larger offset is applied where it is clear by this many std."""
+"""An offset of more than twice that is applied where it is clear by this many std."""
 
 UNUSUAL = 8.0
 """And where it makes the trial more likely by this factor's logarithm than an ordinary latency does: one
@@ -68,6 +74,7 @@ class Problem:
     aside: Sideways | None = None
     compliance: float = layout.LOOSE
     soft: float = layout.COMPLIANCE
+    louder: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +101,7 @@ def lay_out(
     return layout.build(
         problem.imu, problem.rolling, nominal, problem.noise, problem.faults, problem.slip,
         offset=offset, offset_std=offset_std, roll_std=roll_std, distance=distance, aside=problem.aside,
-        compliance=problem.compliance, soft=problem.soft,
+        compliance=problem.compliance, soft=problem.soft, louder=problem.louder,
     )  # fmt: skip
 
 
@@ -108,18 +115,26 @@ def first_velocity(problem: Problem, offset: float) -> float:
 
 
 def solve(
-    problem: Problem, offset: Estimate, *, distance: Estimate | None = None, passes: int = 4
+    problem: Problem,
+    offset: Estimate,
+    *,
+    distance: Estimate | None = None,
+    passes: int = 4,
+    robust: bool = True,
 ) -> Solution:
     """Filter and smooth, each pass about the last one's result.
 
     Relinearising matters for gravity's share of a large pitch; one or two passes settle it. Another one
-    follows where the first shows that the wheels turn ahead of the body as thrust grows.
+    follows where the first shows that the wheels turn ahead of the body as thrust grows, or that a kind of
+    measurement misses its prediction by more than its noise, which then grows by as much. What is too large
+    in the last pass too widens the std of everything.
 
     Args:
         problem: the trial.
         offset: by which all stamps of the wheels are moved; its std is that of what is left, a state.
         distance: measured total distance [m].
         passes: at most.
+        robust: noise grows where measurements miss their prediction; not where likelihoods are compared.
     """
     accel_bias, gyro_bias, pitch = 0.0, None, 0.0
     velocity = first_velocity(problem, offset.value)
@@ -137,8 +152,12 @@ def solve(
         found = smoother.run(nodes)
         level = float(np.max(np.abs(found.x[:, TH]))) < SETTLED
         stiff = abs(found.x[-1, C]) < STIFF * problem.compliance
-        if i == passes - 1 or (level and stiff):
+        sizes = mismatch(found.innovations) if robust else {}
+        too_large = {kind: sizes[kind] for kind in NOISY if sizes.get(kind, 1.0) > 1.0}
+        if i == passes - 1 or (level and stiff and not too_large):
             break
+        louder = {kind: nis * problem.louder.get(kind, 1.0) for kind, nis in too_large.items()}
+        problem = dataclasses.replace(problem, louder={**problem.louder, **louder})
         if not stiff:
             problem = dataclasses.replace(problem, compliance=abs(float(found.x[-1, C])))
         if not level:
@@ -146,7 +165,30 @@ def solve(
             accel_bias += float(middle[BA])
             gyro_bias = nominal.gyro_bias + float(middle[BG])
             pitch += float(found.x[0, TH])
+    found = dataclasses.replace(found, P=found.P * max(mismatch(found.innovations).values(), default=1.0))
     return Solution(nominal, nodes, found, offset, problem.compliance)
+
+
+def mismatch(came: smoother.Innovations) -> dict[str, float]:
+    """Return how much larger than predicted the innovations of each kind are, squared; 1 within chance.
+
+    It is the mean normalised innovation squared without the largest hundredth; successive innovations
+    correlate, so one in ten counts.
+    """
+    kinds, found = np.array(came.kind, dtype=object), {}
+    for kind in dict.fromkeys(came.kind):
+        # at rest the state is frozen: updates after the first repeat it
+        counts = (kinds == kind) & ((kind != "zero_velocity") | (came.variance > 4.0 * came.noise))
+        ratio = np.sort(came.value[counts] ** 2 / came.variance[counts])
+        ratio = ratio[: ratio.size - ratio.size // 100]
+        nis = float(np.mean(ratio)) if ratio.size else 1.0
+        found[kind] = nis if nis > usual(max(ratio.size // 10, 1)) else 1.0
+    return found
+
+
+def usual(n: int) -> float:
+    """Mean of n squared standard normal numbers that one in a thousand exceeds."""
+    return float(2.0 * gammaincinv(0.5 * n, 0.999) / n)
 
 
 def cut(problem: Problem, begin: float, end: float, offset: float) -> Problem:
@@ -210,9 +252,9 @@ def find_offset(problem: Problem) -> ClockOffset:
     if first is None:
         return ClockOffset(coarse, coarse)
     candidates = [Estimate(0.0, LATENCY)]
-    if abs(first.value) > max(LATENCY, CLEAR * first.std):
+    if abs(first.value) > max(2.0 * LATENCY, CLEAR * first.std):
         candidates.append(Estimate(first.value, LATENCY))
-    solved = [solve(problem, candidate) for candidate in candidates]
+    solved = [solve(problem, candidate, robust=False) for candidate in candidates]
     likely = [one.smoothed.innovations.log_likelihood for one in solved]
     place = int(likely[-1] - likely[0] > UNUSUAL)
     applied, compliance = candidates[place], solved[place].compliance

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
+from granite_lab.errors import EstimateError
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rolling import Rolling, runs
 from granite_lab.logs.trial import Array
@@ -23,6 +24,9 @@ coasts out over seconds, and a zero-velocity update at 1 mm/s there shifts the w
 
 STEADY = 3.0
 """An IMU that is this many times as loud as its grade may be moving."""
+
+GAINED, TURNED = 0.15, 0.15
+"""A robot whose IMU gains this velocity [m/s] or angle [rad] in a second does not stand."""
 
 WINDOW = 0.2
 """Length of the window in which stillness is judged [s]."""
@@ -139,9 +143,42 @@ def find_rests(
     gap = 3.0 * float(np.median(np.diff(t)))
     for a, b in zip(*runs(_close(t, still, 0.06)), strict=True):
         given = any(begin <= t[a] <= end or begin <= t[b - 1] <= end for begin, end in by_hand)
-        if t[b - 1] - t[a] >= (gap if given else SHORTEST):
+        if t[b - 1] - t[a] >= (0.3 * gap if given else SHORTEST):
             found.append((float(t[a]), float(t[b - 1])))
     return tuple(found)
+
+
+def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:
+    """Refuse standstills named by hand in which the IMU shows that the robot moved.
+
+    Raises:
+        EstimateError: specific force, less its mean, gains a velocity there, or a gyro an angle.
+    """
+    for begin, end in by_hand:
+        at = (imu.t >= begin) & (imu.t <= end)
+        if np.count_nonzero(at) < 4:
+            continue
+        t = imu.t[at]
+        turned = _gained(t, np.nan_to_num(imu.pitch_rate[at]))
+        # it settles, which shows as gravity's share; the mean is bias and slope
+        speed = _gained(t, np.nan_to_num(imu.forward[at]) + imu.gravity * turned)
+        speed -= np.interp(t, t[[0, -1]], speed[[0, -1]])
+        for gained, limit, what in (
+            (speed, GAINED, "its velocity along x changes by {:.2f} m/s"),
+            (turned, TURNED, "it turns about y by {:.2f} rad"),
+            (_gained(t, np.nan_to_num(imu.yaw_rate[at])), TURNED, "it turns about z by {:.2f} rad"),
+        ):
+            if np.ptp(gained) > limit * max(1.0, float(np.sqrt(t[-1] - t[0]))):
+                raise EstimateError(
+                    f"the robot moved in the standstill named from {begin:g} s to {end:g} s: by the IMU "
+                    + what.format(np.ptp(gained)),
+                    "name the part in which the body stands; its wheels may spin",
+                )
+
+
+def _gained(t: Array, rate: Array) -> Array:
+    """(N,) integral by the trapezoidal rule."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
 
 
 def _close(t: Array, mask: np.ndarray, longest: float) -> np.ndarray:

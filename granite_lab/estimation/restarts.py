@@ -48,22 +48,26 @@ def find_restarts(
     """
     found = []
     level: list[tuple[Array, Array, float]] = []
+    doubts: list[tuple[float, float]] = []
     for rest in rests:
         at = inside(stream.t, [rest]) & ~doubt
         if not at.any():
             return ()
-        force, rate = (
-            np.nan_to_num(v[at].mean(axis=0)) for v in (stream.specific_force, stream.angular_rate)
+        (force, force_std), (rate, rate_std) = (
+            _level(v[at]) for v in (stream.specific_force, stream.angular_rate)
         )
         level.append((force, rate, float(rest[1] - rest[0])))
+        doubts.append((force_std, rate_std))
     for i in range(len(rests) - 1):
         (force, rate, time), (force_2, rate_2, time_2) = level[i], level[i + 1]
+        shaken = np.hypot(doubts[i], doubts[i + 1])
         begin, end = rests[i][1], rests[i + 1][0]
         share = np.sqrt(1.0 / max(time, 0.1) + 1.0 / max(time_2, 0.1))
         apart = np.sqrt(2.0 * (end - begin + 0.5 * (time + time_2)) / grade.instability_time)
         turn, size = rate_2 - rate, float(np.linalg.norm(force_2) - np.linalg.norm(force))
         usual_turn = np.hypot(grade.gyro_noise * share, grade.gyro_instability * min(apart, 1.5))
         usual_size = np.hypot(grade.accel_noise * share, 2.0 * grade.accel_instability * min(apart, 1.5))
+        usual_turn, usual_size = np.hypot(usual_turn, shaken[1]), np.hypot(usual_size, shaken[0])
         if np.abs(turn).max() < 6.0 * usual_turn and abs(size) < 6.0 * usual_size + 0.01:
             continue
         accel = max(grade.accel_bias, float(np.linalg.norm(force_2 - force)))
@@ -75,6 +79,13 @@ def find_restarts(
         for k, (a, b) in enumerate(places or [(begin, end)]):
             found.append(Restart(a, b, accel, gyro, step if k == 0 else (0.0, 0.0, 0.0), bool(places)))
     return tuple(found)
+
+
+def _level(values: Array) -> tuple[Array, float]:
+    """Return the mean (3,) of samples at standstill, and its std by the means of tenths of them."""
+    parts = np.array([part.mean(axis=0) for part in np.array_split(values, min(10, values.shape[0]))])
+    std = float(np.nanmax(np.std(parts, axis=0), initial=0.0))
+    return np.nan_to_num(values.mean(axis=0)), std / float(np.sqrt(max(parts.shape[0] - 1, 1)))
 
 
 def without_steps(stream: ImuStream, restarts: Sequence[Restart]) -> ImuStream:

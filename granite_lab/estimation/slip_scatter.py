@@ -24,7 +24,7 @@ FACTOR = 2.0
 REFERENCE = 0.01
 """Scatter to start from [-]."""
 
-LEAST, MOST = 0.002, 0.1
+LEAST, MOST = 0.002, 0.5
 """Bounds of the scatter [-]."""
 
 WANDER_TIME = 300.0

@@ -124,7 +124,7 @@ def test_health_holds_what_the_report_draws() -> None:
 def test_verdict_on_a_good_trial() -> None:
     assert plain().health.good
     assert plain().health.verdict.startswith(
-        "The estimate can be trusted: velocity is anchored by 2 standstills"
+        "The estimate can be trusted: velocity is anchored at both ends, by 2 standstills"
     )
 
 
@@ -142,7 +142,8 @@ def test_verdict_on_a_bias_that_drifts() -> None:
 def test_verdict_on_a_trial_without_final_standstill() -> None:
     health = run(faults.cut(truth().trial, stop=8.0)).health
     assert not health.good
-    assert health.verdict.startswith("Look twice: no standstill at the end: velocity drifts there")
+    assert health.grade != "good"
+    assert "no standstill at the end: velocity drifts there" in health.verdict
 
 
 def test_correlation_and_ljung_box_tell_white_from_coloured() -> None:

@@ -1,0 +1,115 @@
+"""Tyres that twist are no clock, wheels may spin while the body stands, and a std follows its residuals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from granite_lab.errors import EstimateError
+from granite_lab.estimation import Motion, correct, estimate
+from granite_lab.estimation.passes import mismatch
+from granite_lab.estimation.smoother import Innovations
+from granite_lab.logs.trial import Trial
+from granite_lab.parameters import load_robot
+from tests.truth.trials import TruthTrial, generate
+
+ROBOT = load_robot("granite", "industrial")
+
+
+@cache
+def good(velocity: float) -> TruthTrial:
+    return generate(91, velocity=velocity, duration=5.0, still=(1.5, 1.5), grade="industrial")
+
+
+@cache
+def plain(velocity: float) -> Motion:
+    return estimate(good(velocity).trial, ROBOT)
+
+
+def error(truth: TruthTrial, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    moving = (motion.t > truth.start) & (motion.t < truth.stop + 0.5)
+    return (motion.v - truth.at(motion.t, "v"))[moving], motion.v_std[moving]
+
+
+def twisted(truth: TruthTrial, compliance: float) -> Trial:
+    """Let the wheels turn ahead of the body by the compliance [s^2] times its acceleration and resistance."""
+    wheels = truth.trial.wheels
+    pace = truth.v_wheel.mean(axis=1)
+    thrust = np.gradient(truth.v, truth.t) + 0.8 * np.tanh(pace / 0.1)
+    ahead = compliance * np.interp(wheels.t, truth.t, thrust) / ROBOT.wheels.radius
+    return replace(truth.trial, wheels=replace(wheels, angle=wheels.angle + ahead[:, None]))
+
+
+@pytest.mark.parametrize("velocity", [0.2, 0.5])
+@pytest.mark.parametrize("compliance", [0.001, 0.004])
+def test_twisting_tyres_bend_no_velocity_and_make_no_offset(velocity: float, compliance: float) -> None:
+    truth = good(velocity)
+    clean, motion = correct(twisted(truth, compliance), ROBOT)
+    off, std = error(truth, motion)
+    assert np.sqrt(np.mean(off**2)) < 2.0 * np.sqrt(np.mean(error(truth, plain(velocity))[0] ** 2)) + 0.001
+    assert np.mean(np.abs(off) < 2.0 * std) > 0.88
+    assert motion.clock_applied == 0.0
+    assert not any("clock" in made.what for made in clean.corrections)
+    assert abs(motion.clock_offset.value) < 3.0 * motion.clock_offset.std
+
+
+def spinning(truth: TruthTrial) -> Trial:
+    """Let the wheels turn on when the body has stopped."""
+    wheels = truth.trial.wheels
+    on = np.clip(wheels.t - truth.stop, 0.0, None) * 0.3 / ROBOT.wheels.radius
+    return replace(truth.trial, wheels=replace(wheels, angle=wheels.angle + on[:, None]))
+
+
+def test_standstill_named_by_hand_is_believed_where_wheels_spin() -> None:
+    truth = good(0.5)
+    end = float(truth.trial.imu.t[-1])
+    motion = estimate(spinning(truth), ROBOT, rests=[(truth.stop + 0.7, end)])
+    off, std = error(truth, motion)
+    assert np.sqrt(np.mean(off**2)) < 0.02
+    assert np.mean(np.abs(off) < 2.0 * std) > 0.88
+    rest = motion.t > truth.stop + 0.8
+    assert np.abs(motion.v[rest]).max() < 0.001
+    assert np.array(motion.phase)[rest].tolist() == ["rest"] * int(rest.sum())
+
+
+def test_standstill_named_where_the_robot_moved_is_refused() -> None:
+    truth = good(0.5)
+    with pytest.raises(EstimateError, match="moved in the standstill named") as refusal:
+        estimate(truth.trial, ROBOT, rests=[(truth.start - 0.5, truth.start + 0.4)])
+    assert "spin" in refusal.value.hint
+
+
+def test_innovations_that_are_too_large_say_by_how_much() -> None:
+    rng = np.random.default_rng(0)
+    value = rng.normal(0.0, 3.0, 2000)
+    value[:5] = 1e3  # a few wild ones say nothing of the rest
+    ones = np.ones(2000)
+    kind = ("wheel",) * 1000 + ("zero_rate",) * 1000
+    came = Innovations(
+        np.arange(2000), kind, np.where(np.arange(2000) < 1000, value, value / 3.0), ones, ones
+    )
+    found = mismatch(came)
+    assert found["wheel"] == pytest.approx(9.0, rel=0.15)
+    assert found["zero_rate"] == 1.0
+
+
+def test_three_grades() -> None:
+    truth = good(0.5)
+    assert plain(0.5).health.grade == "good"
+    assert plain(0.5).health.good
+    imu = truth.trial.imu
+    keep = (imu.t < 3.0) | (imu.t > 3.2)
+    holes = replace(
+        imu, t=imu.t[keep], specific_force=imu.specific_force[keep], angular_rate=imu.angular_rate[keep]
+    )
+    assert estimate(replace(truth.trial, imu=holes), ROBOT).health.grade == "fair"
+    keep = (imu.t > truth.start + 1.0) & (imu.t < truth.stop - 0.5)
+    part = replace(
+        imu, t=imu.t[keep], specific_force=imu.specific_force[keep], angular_rate=imu.angular_rate[keep]
+    )
+    motion = estimate(replace(truth.trial, imu=part), ROBOT)
+    assert motion.health.grade == "poor"
+    assert "Look twice" in motion.health.verdict
