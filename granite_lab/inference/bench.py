@@ -13,7 +13,7 @@ import numpy as np
 
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.logs.trial import Array
-from granite_lab.model.effect import Effect, activate
+from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.instants import Accuracy
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
@@ -61,13 +61,14 @@ class Task:
 
 @dataclass(frozen=True)
 class World:
-    """What all simulations share."""
+    """What all simulations share; `fixed` are effects that are always switched on."""
 
     accuracy: ClassVar[Accuracy] = ACCURACY
     robot: Robot
     soil: Soil
     variants: tuple[Variant, ...]
     effects: Mapping[str, Effect]
+    fixed: tuple[Active, ...] = ()
 
     def respond(self, task: Task) -> Array | None:
         """Return the (8, M) signals of a run; None where it has no solution."""
@@ -78,7 +79,7 @@ class World:
         )
         p = model_parameters(self.robot, soil, self.variants[task.variant], a_theta=a_theta)
         try:
-            active = []
+            active = list(self.fixed)
             for id_, values in task.setting:
                 effect = self.effects[id_]
                 active.append(

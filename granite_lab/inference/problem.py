@@ -76,10 +76,18 @@ class Slopes:
 
 
 class Problem:
-    """The trials, the simulations, the noise and the priors."""
+    """The trials, the simulations, the noise and the priors.
 
-    def __init__(self, trials: Sequence[TrialModel], bench: Bench) -> None:
-        self.trials, self.bench = tuple(trials), bench
+    Args:
+        trials: in bins.
+        bench: runs the simulations.
+        sand_std: std of the common sand, as `SAND`.
+    """
+
+    def __init__(
+        self, trials: Sequence[TrialModel], bench: Bench, sand_std: Sequence[float] = SAND_STD
+    ) -> None:
+        self.trials, self.bench, self.sand_std = tuple(trials), bench, np.array(sand_std)
         self.variants = sorted({t.variant for t in trials})
         self.commands = tuple(tuple(i for i, t in enumerate(trials) if t.variant == v) for v in self.variants)
         self.whiteners: list[list[Whitener]] = []
@@ -151,7 +159,7 @@ class Problem:
             trials.append(own)
             k += x.size
         shared = whole[k : k + len(SHARED)]
-        sand = np.array([*(3 * np.array(SAND_STD)), *np.full(len(SENSORS), np.inf)])
+        sand = np.array([*(3 * self.sand_std), *np.full(len(SENSORS), np.inf)])
         common = whole[k + len(SHARED) :]
         bounds = [p for _, p in self.parameters(point.effects, per_trial=False)]
         if bounds:
@@ -164,7 +172,7 @@ class Problem:
         own = [scales.priors.get(own_name(id_), width_of(p)) for id_, p in private]
         std = [np.array([*(scales.priors.get(s.name, s.std) for s in t.slacks), *own]) for t in self.trials]
         common = self.parameters(point.effects, per_trial=False)
-        std += [np.array(SAND_STD), SENSORS_STD, np.array([width_of(p) for _, p in common])]
+        std += [self.sand_std, SENSORS_STD, np.array([width_of(p) for _, p in common])]
         size = sum(s.size for s in std[:-1])
         means = np.concatenate([np.zeros(size), [centre_of(p) for _, p in common]])
         return np.concatenate(std), means
