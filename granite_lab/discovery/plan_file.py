@@ -11,9 +11,9 @@ from typing import Any
 from granite_lab.discovery.finding import Finding
 from granite_lab.discovery.plan_conditions import Conditions, conditions_of
 from granite_lab.discovery.plan_design import Design, Driven, Noise, design_of
-from granite_lab.discovery.setup import variant_of_trial
 from granite_lab.errors import InputError
 from granite_lab.files import readable, write_text
+from granite_lab.inference.setup import variant_of_trial
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Robot, Soil, Variant
 from granite_lab.parameters.quantity import build, key_of

@@ -12,15 +12,15 @@ from typing import Any
 
 from granite_lab import __version__
 from granite_lab.discovery import Finding, discover
-from granite_lab.discovery.bench import Respond, Task, World
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.plan_file import NAME, save_design
-from granite_lab.discovery.setup import variant_of_trial
 from granite_lab.effects import library, load_effects
 from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
+from granite_lab.inference.bench import Respond, Task, World
+from granite_lab.inference.setup import variant_of_trial
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Robot, Soil, Variant, load_paper, load_robot, load_soil
