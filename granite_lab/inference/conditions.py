@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from granite_lab.effects.library import get
+from granite_lab.effects.multi_pass import MultiPass
 from granite_lab.errors import InputError
 from granite_lab.inference.bench import Task, World
 from granite_lab.inference.nuisances import TrialModel
@@ -132,6 +133,23 @@ class OnABlock(Effect):
         return dataclasses.replace(load, x=-m * load.gravity_x, z=-m * load.gravity_z, moment=0.0)
 
 
+class InTheRut(MultiPass):
+    """All wheels run where wheels have been, from the start."""
+
+    id = "in_the_rut"
+
+    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
+        """Stiffen the soil under every wheel."""
+        return super().soil(soil, dataclasses.replace(state, front=False, travel=FAR), own)
+
+
+FAR = 1e3
+"""Travel at which a wheel is in the rut of another one [m]."""
+
+STAGING: dict[str, Effect] = {e.id: e for e in (OnABlock(), InTheRut())}
+"""Effects that stand for conditions."""
+
+
 @dataclass(frozen=True)
 class StagedWorld(World):
     """A world in which each command is driven under conditions of its own.
@@ -158,13 +176,7 @@ class StagedWorld(World):
             own = setting.get("ground_slope", (0.0,))[0]
             setting["ground_slope"] = (under.slope + (-own if under.turned else own),)
         if under.same_rut and "multi_pass" in setting:
-            pressure, shear = setting.pop("multi_pass")
-            soil = dataclasses.replace(
-                soil,
-                cohesive_modulus=soil.cohesive_modulus * (1 + pressure),
-                frictional_modulus=soil.frictional_modulus * (1 + pressure),
-                shear_modulus=soil.shear_modulus / (1 + shear),
-            )
+            setting[InTheRut.id] = setting.pop("multi_pass")
         if under.wheels_up:  # on a level block
             setting.pop("ground_slope", None)
             setting[OnABlock.id] = ()
@@ -193,6 +205,6 @@ def under_conditions(world: World, trials: Sequence[Trial], models: Sequence[Tri
         world.robot,
         world.soil,
         tuple(world.variants[variant] for variant, _ in pairs),
-        {**world.effects, OnABlock.id: OnABlock(), "ground_slope": get("ground_slope")},
+        {**world.effects, **STAGING, "ground_slope": get("ground_slope")},
         conditions=tuple(conditions for _, conditions in pairs),
     )

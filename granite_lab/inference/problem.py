@@ -456,6 +456,8 @@ def scale_of(
     radius = trial.radius
     wheels = np.minimum(*(np.interp(o.t, trial.t, np.gradient(response[k], trial.t)) for k in (3, 4)))
     body = np.interp(o.t, trial.t, response[7])
+    if np.abs(body).max() < REST_SPEED:
+        body = wheels * radius  # on a block: only the wheels can tell
     slowest = np.minimum(np.abs(wheels) * radius, np.abs(body))
     begun = o.t > -o.width
     resting = (begun & (slowest < REST_SPEED)).astype(float)

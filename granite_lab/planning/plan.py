@@ -10,7 +10,7 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import SAND, Bench
-from granite_lab.inference.conditions import OnABlock, StagedWorld
+from granite_lab.inference.conditions import STAGING, StagedWorld
 from granite_lab.inference.problem import SHARED
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect
@@ -114,7 +114,7 @@ def plan_next(
         design.robot,
         design.soil,
         (*(d.variant for d in design.driven), *(o.variant for o in chosen)),
-        {**known, OnABlock.id: OnABlock()},
+        {**known, **STAGING},
         conditions=(*(d.conditions for d in design.driven), *(o.conditions for o in chosen)),
     )
     with Bench(world, jobs) as bench:
@@ -131,10 +131,8 @@ def plan_next(
             return _factors(stage, models, false, informations)
 
         targets = look(at_hand)
-        if sharpens:
-            worst = max(range(len(targets)), key=lambda k: targets[k].now)
-            targets = targets[worst : worst + 1]
-        proposals, failed = [], 0
+        looked: list[tuple[Option, list[float]]] = []
+        failed = 0
         for k, option in enumerate(chosen):
             progress(k, len(chosen))
             number, count = n + k, 1
@@ -149,15 +147,26 @@ def plan_next(
             except EstimateError:
                 failed += 1
                 continue
-            reached = look(after)
-            found = [next(t.now for t in reached if t.words == target.words) for target in targets]
-            proposals.append(_proposal(option, targets, found, sharpens=sharpens))
+            looked.append((option, [t.now for t in look(after)]))
         progress(len(chosen), len(chosen))
         runs = bench.runs
+    if sharpens:
+        k = _worst(targets, [after for _, after in looked])
+        targets, looked = [targets[k]], [(option, [after[k]]) for option, after in looked]
+    proposals = [_proposal(o, targets, after, sharpens=sharpens) for o, after in looked]
     left_out = (*LEFT_OUT, *([f"{failed} commands that cannot be simulated"] if failed else []))
     sign = 1.0 if sharpens else -1.0
     proposals.sort(key=lambda p: (not p.worth, sign * p.after[p.best], not p.option.repeats))
     return Plan(asked, models, tuple(targets), tuple(proposals), left_out, design, runs)
+
+
+def _worst(targets: Sequence[Target], after: Sequence[Sequence[float]]) -> int:
+    """Return the place of the number with the largest relative std, of those that a trial can improve if any.
+
+    What no trial can show, as the cohesion of sand that gives way along the tyre, no prediction needs.
+    """
+    helped = [k for k, t in enumerate(targets) if any(reached[k] <= FIFTH * t.now for reached in after)]
+    return max(helped or range(len(targets)), key=lambda k: targets[k].now)
 
 
 def _proposal(option: Option, targets: Sequence[Target], after: list[float], *, sharpens: bool) -> Proposal:
