@@ -1,49 +1,16 @@
-"""`plan_next`: the trial that would best tell apart what a discovery could not."""
+"""`plan_next`: the trial that would best answer what a search has left open."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from granite_lab.api.found import finding_in, newest_in
-from granite_lab.discovery.plan import Plan
-from granite_lab.discovery.plan import plan_next as rank
-from granite_lab.discovery.plan_design import Design
-from granite_lab.discovery.plan_file import NAME, load_design, load_document
-from granite_lab.discovery.plan_question import question
 from granite_lab.effects import library, load_effects
 from granite_lab.errors import InputError
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-
-@dataclass(frozen=True, eq=False)
-class Planned:
-    """Trials that could come next.
-
-    Attributes:
-        plan: what is open, and the proposals, best first.
-        design: the trials at hand.
-    """
-
-    plan: Plan
-    design: Design
-
-    def to_frame(self) -> pd.DataFrame:
-        """Return the proposals, one row each, best first; `probability` is that of the right answer then."""
-        import pandas as pd  # noqa: PLC0415
-
-        names = ["v_mps", "a_mps2", "distance_m", "repeats", "probability", "evidence", "channel", "phase"]
-        rows = []
-        for p in self.plan.proposals:
-            v = p.option.variant
-            motion = (v.velocity, v.acceleration, v.distance, p.option.repeats)
-            rows.append((*motion, p.after.chance, p.after.evidence, p.channel, p.phase))
-        return pd.DataFrame(rows, columns=names)
+from granite_lab.planning.design import NAME, load_design
+from granite_lab.planning.plan import Plan
+from granite_lab.planning.plan import plan_next as rank
 
 
 def plan_next(
@@ -54,13 +21,13 @@ def plan_next(
     effects: str | Path | None = None,
     jobs: int = 1,
     progress: Callable[[int, int], None] = lambda *_: None,
-) -> Planned:
-    """Propose the next trial: the one that best separates what the trials so far left open.
+) -> Plan:
+    """Propose the next trial: the one that best answers what the trials so far left open.
 
     Args:
         folder: written by ``granite-lab discover … --out DIR`` or ``granite-lab study … --out DIR``.
         room: longest way the sand allows [m]; the longest so far by default.
-        max_speed: fastest command [m/s].
+        max_speed: fastest command [m/s]; 1.25 times the fastest so far by default.
         effects: your own effect file (.py). It is run: use only code you trust.
         jobs: number of processes; 0 means one per core.
         progress: told how many trials are looked at, and of how many.
@@ -69,20 +36,18 @@ def plan_next(
         the proposals; the table has a row for each.
 
     Raises:
-        InputError: the folder holds no finding.
+        InputError: the folder holds no search.
+        UsageError: a named effect is neither in the library nor in the effect file.
         EstimateError: the trials at hand cannot be simulated.
     """
-    path = newest_in(Path(folder))
-    found = finding_in(path, load_document)
-    if not (Path(folder) / NAME).exists():
+    path = Path(folder) / NAME
+    if not path.is_file():
         raise InputError(
-            f"{folder}: holds no finding ('{NAME}' is missing)",
-            f"run 'granite-lab discover TRIALS… --out {folder}' first",
+            f"{folder}: holds no search for a missing effect ('{NAME}' is missing)",
+            f"run 'granite-lab discover TRIALS… --out {folder}', or 'study' without --no-discover, first",
         )
     known = library() | (load_effects(Path(effects)) if effects else {})
-    asked = question(found, known, str(path))
-    design = load_design(Path(folder) / NAME)
-    plan = rank(
-        design, asked, room=room, max_speed=max_speed, jobs=jobs or os.cpu_count() or 1, progress=progress
-    )
-    return Planned(plan, design)
+    return rank(
+        load_design(path), known,
+        room=room, max_speed=max_speed, jobs=jobs or os.cpu_count() or 1, progress=progress,
+    )  # fmt: skip

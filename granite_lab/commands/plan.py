@@ -1,8 +1,7 @@
-"""`granite-lab plan-next`: the trial that would best tell apart what a discovery could not."""
+"""`granite-lab plan-next`: the trial that would best answer what a search has left open."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,8 +20,7 @@ from granite_lab.commands.common import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from granite_lab.discovery.plan import Outlook, Plan, Proposal
-    from granite_lab.discovery.plan_design import Design
+    from granite_lab.planning.plan import Plan, Proposal
 
 
 def register(app: typer.Typer) -> None:
@@ -46,12 +44,12 @@ def plan(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Propose the next trial: the one that best separates what the trials so far left open."""
+    """Propose the next trial: the one that best answers what the trials so far left open."""
     from granite_lab.api.plan import plan_next
 
     with progress(quiet) as display:
         task = display.add_task("looking at trials", total=None)
-        planned = plan_next(
+        found = plan_next(
             folder,
             room=room,
             max_speed=max_speed,
@@ -59,42 +57,33 @@ def plan(
             jobs=jobs,
             progress=lambda done, all_: display.update(task, completed=done, total=all_),
         )
-    found, design = planned.plan, planned.design
     if as_json:
-        print_json(_document(found, design))
+        print_json(_document(found))
     else:
-        show_plan(found, design, most, console())
+        show_plan(found, most, console())
 
 
-def _document(plan: Plan, design: Design) -> dict[str, Any]:
+def _document(plan: Plan) -> dict[str, Any]:
     """Return a plan as it stands in JSON."""
-    from granite_lab.discovery.plan_words import how, why
-
     return {
-        "schema": "granite-lab/plan/1",
+        "schema": "granite-lab/plan/2",
         "question": plan.question.words,
         "kind": plan.question.kind,
-        "rivals": [
-            {
-                "id": r.id,
-                "values": {p.name: v for p, v in zip(r.effect.parameters, r.values, strict=True)}
-                if r.effect
-                else {},
-            }
-            for r in plan.rivals
-        ],
-        "virtual": design.virtual,
-        "now": _outlook(plan, plan.now),
+        "models": [{e.id: e.values for e in model} for model in plan.models],
+        "virtual": plan.design.virtual,
+        "measure": MEASURE[plan.question.kind == "sharpen"],
+        "now": {t.words: t.now for t in plan.targets},
+        "worth": plan.worth,
         "proposals": [
             {
                 "variant": p.option.variant,
                 "conditions": p.option.conditions,
                 "repeats": p.option.repeats,
-                "after": _outlook(plan, p.after),
-                "channel": p.channel or None,
-                "phase": p.phase or None,
-                "why": why(design, p.option.variant, p.option.conditions, repeats=p.option.repeats),
-                "how": how(p.option.conditions),
+                "after": {t.words: x for t, x in zip(plan.targets, p.after, strict=True)},
+                "improves": plan.targets[p.best].words,
+                "worth": p.worth,
+                "why": p.option.why,
+                "how": p.option.how,
                 "log_lines": p.option.conditions.lines,
             }
             for p in plan.proposals
@@ -103,101 +92,57 @@ def _document(plan: Plan, design: Design) -> dict[str, Any]:
     }
 
 
-def _outlook(plan: Plan, outlook: Outlook) -> dict[str, Any]:
-    return {
-        "probability": outlook.chance,
-        "evidence": outlook.evidence,
-        "std": dict(zip(_sharpened(plan), outlook.std, strict=True)) if outlook.std else None,
-    }
+MEASURE = ("expected log Bayes factor", "relative standard deviation")
 
 
-def _sharpened(plan: Plan) -> list[str]:
-    effect = plan.rivals[0].effect
-    return [p.name for p in effect.parameters if not p.shape] if effect else []
-
-
-HEADING = {"apart": "told\napart", "show": "shown", "sharpen": "std"}
-
-
-def show_plan(plan: Plan, design: Design, most: int, shown: Console) -> None:
+def show_plan(plan: Plan, most: int, shown: Console) -> None:
     """Print a plan so that it fits 80 columns."""
-    from granite_lab.discovery.plan_words import IN_WORDS, WHEN, how, trial_words, why
     from granite_lab.reporting.grid import grid, row_of, say
 
-    kind = plan.question.kind
-    say(shown, plan.question.words + (" (virtual data)" if design.virtual else ""), "bold")
-    count = sum(d.count for d in design.driven)
-    say(shown, _now(plan, count))
-    gains = kind != "sharpen"
-    heads = ("", "next trial", HEADING[kind], *(["evidence"] if gains else []), "because")
-    table = grid(*heads, words=(1, len(heads) - 1))
+    sharpens = plan.question.kind == "sharpen"
+    say(shown, plan.question.words + (" (virtual data)" if plan.design.virtual else ""), "bold")
+    say(shown, _now(plan))
+    if not plan.worth:
+        why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
+        say(shown, f"No trial is worth it: {why}.", "bold")
+    table = grid("", "next trial", "std" if sharpens else "log Bayes\nfactor", "because", words=(1, 3))
     for k, p in enumerate(plan.proposals[:most], 1):
-        table.add_row(
-            *row_of(
-                str(k),
-                trial_words(p.option.variant, p.option.conditions),
-                _chance(plan, p.after),
-                *([_gain(plan, p)] if gains else []),
-                why(design, p.option.variant, p.option.conditions, repeats=p.option.repeats),
-            )
-        )
+        table.add_row(*row_of(str(k), p.option.words, _change(plan, p), because(plan, p)))
     shown.print(table)
-    if plan.proposals:
-        best = plan.proposals[0]
-        say(shown, f"First choice: {how(best.option.conditions)}.")
-        if best.option.conditions.lines:
-            lines = ", ".join(f"'{line}'" for line in best.option.conditions.lines)
+    if plan.worth:
+        best = plan.proposals[0].option
+        say(shown, f"First choice: {best.how}.")
+        if best.conditions.lines:
+            lines = ", ".join(f"'{line}'" for line in best.conditions.lines)
             say(shown, f"Write {lines} into its log, so that discover knows.")
-        if best.channel:
-            most_seen = "they part" if kind == "apart" else "it shows"
-            say(shown, f"There {most_seen} most in {IN_WORDS[best.channel]} {WHEN[best.phase]}.")
-    if gains:
-        say(shown, "evidence: expected drop of χ² in favour of the true one, whichever it is, beyond now")
     for line in plan.left_out:
         say(shown, f"left out: {line}")
 
 
-def _now(plan: Plan, count: int) -> str:
+def because(plan: Plan, proposal: Proposal) -> str:
+    """Say what a proposal improves, where there are several things, and why."""
+    target = plan.targets[proposal.best].words
+    return f"{target}: {proposal.option.why}" if len(plan.targets) > 1 else proposal.option.why
+
+
+def _now(plan: Plan) -> str:
+    count = sum(int(d.count) for d in plan.design.driven)
     trials = f"the {count} trials at hand" if count > 1 else "the one trial at hand"
-    names, now = [r.id for r in plan.rivals], _chance(plan, plan.now)
-    if plan.question.kind == "apart":
-        return f"With {trials} {' and '.join(names)} are told apart with a probability of {now}."
-    if plan.question.kind == "show":
-        sizes = "; ".join(_values(plan, k) for k in range(1, len(names)))
-        weak = f"an effect just too weak to be named ({sizes})"
-        return f"With {trials} {weak} is shown with a probability of {now}."
-    return f"{names[0]} is named and alone; with {trials} its std is {now}."
+    if plan.question.kind == "sharpen":
+        target = plan.targets[0]
+        return f"With {trials} the std of {target.words} is {_figure(plan, target.now)}."
+    pairs = ", ".join(f"{t.words} {_figure(plan, t.now)}" for t in plan.targets)
+    return f"Expected log Bayes factors with {trials}: {pairs}."
 
 
-def _values(plan: Plan, k: int) -> str:
-    from granite_lab.reporting.rounding import significant, tidy_unit
-
-    rival = plan.rivals[k]
-    assert rival.effect is not None
-    sizes = [
-        f"{p.name} {significant(v, 2)} {tidy_unit(p.unit)}".rstrip()
-        for p, v in zip(rival.effect.parameters, rival.values, strict=True)
-        if not p.shape and v != p.neutral
-    ]
-    return f"{rival.id}: {', '.join(sizes)}"
+def _change(plan: Plan, proposal: Proposal) -> str:
+    before, after = plan.targets[proposal.best].now, proposal.after[proposal.best]
+    return f"{_figure(plan, before)} → {_figure(plan, after)}"
 
 
-def _chance(plan: Plan, outlook: Outlook) -> str:
-    from granite_lab.reporting.rounding import significant, tidy_unit
+def _figure(plan: Plan, value: float) -> str:
+    from granite_lab.reporting.rounding import significant
 
     if plan.question.kind == "sharpen":
-        effect = plan.rivals[0].effect
-        assert effect is not None
-        units = [p.unit for p in effect.parameters if not p.shape]
-        return ", ".join(
-            f"{significant(s, 2)} {tidy_unit(u)}".rstrip() for s, u in zip(outlook.std, units, strict=True)
-        )
-    if math.isnan(outlook.chance):
-        return "–"
-    percent = 100 * outlook.chance
-    return "> 99 %" if percent > 99.5 else "< 1 %" if percent < 0.5 else f"{percent:.0f} %"
-
-
-def _gain(plan: Plan, proposal: Proposal) -> str:
-    gain = proposal.after.evidence - plan.now.evidence
-    return f"+{gain:.0f}" if gain >= 9.5 else f"+{max(gain, 0.0):.1f}"
+        return f"{significant(100 * value, 2)} %"
+    return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"

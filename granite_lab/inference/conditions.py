@@ -18,6 +18,7 @@ from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
 from granite_lab.model.effect import Axle, Effect, Own
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Soil
+from granite_lab.parameters.quantity import key_of, quantity
 
 
 @dataclass(frozen=True, order=True)
@@ -32,9 +33,9 @@ class Conditions:
         wheels_up: the robot stands on a block and its wheels turn in the air.
     """
 
-    payload: float = 0.0
+    payload: float = quantity("kg", 0, 1e4, "mass on the robot", default=0.0)
     turned: bool = False
-    slope: float = 0.0
+    slope: float = quantity("deg", -45, 45, "by which the ground is raised", default=0.0)
     same_rut: bool = False
     wheels_up: bool = False
 
@@ -65,13 +66,7 @@ class Conditions:
 
 PLAIN = Conditions()
 
-KEYS = {
-    "payload_kg": "payload",
-    "turned": "turned",
-    "slope_deg": "slope",
-    "same_rut": "same_rut",
-    "wheels_up": "wheels_up",
-}
+KEYS = {key_of(f): f.name for f in dataclasses.fields(Conditions)}
 """Key of a log's own metadata to the field of `Conditions`."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from granite_lab.planning.options import LEFT_OUT, Option, options
 from granite_lab.planning.question import DECISIVE, Question, explanations, question
 from granite_lab.planning.stage import Model, Stage, against, integrated
 from granite_lab.processes import one_thread
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FIFTH = 0.8
 """A standard deviation that falls to this share, or less, is worth a trial."""
@@ -47,12 +51,14 @@ class Proposal:
         after: as `Target.now`, of each target.
         best: place of the target that it improves most.
         worth: a standard deviation falls by a fifth or more, or a Bayes factor becomes 20 times larger.
+        rank: the smaller, the better.
     """
 
     option: Option
     after: tuple[float, ...]
     best: int
     worth: bool
+    rank: tuple[float, float, bool]
 
 
 @dataclass(frozen=True)
@@ -81,6 +87,18 @@ class Plan:
     def worth(self) -> bool:
         """Whether any trial is worth driving."""
         return any(p.worth for p in self.proposals)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the proposals, one row each, best first, with the target that each improves most."""
+        import pandas as pd  # noqa: PLC0415
+
+        rows = []
+        for p in self.proposals:
+            v, target = p.option.variant, self.targets[p.best]
+            motion = (v.velocity, v.acceleration, v.distance, p.option.conditions.words, p.option.repeats)
+            rows.append((*motion, target.words, target.now, p.after[p.best], p.worth, p.option.why))
+        names = ["v_mps", "a_mps2", "distance_m", "conditions", "repeats"]
+        return pd.DataFrame(rows, columns=[*names, "target", "before", "after", "worth", "why"])
 
 
 @one_thread()
@@ -155,8 +173,7 @@ def plan_next(
         targets, looked = [targets[k]], [(option, [after[k]]) for option, after in looked]
     proposals = [_proposal(o, targets, after, sharpens=sharpens) for o, after in looked]
     left_out = (*LEFT_OUT, *([f"{failed} commands that cannot be simulated"] if failed else []))
-    sign = 1.0 if sharpens else -1.0
-    proposals.sort(key=lambda p: (not p.worth, sign * p.after[p.best], not p.option.repeats))
+    proposals.sort(key=lambda p: (not p.worth, p.rank))
     return Plan(asked, models, tuple(targets), tuple(proposals), left_out, design, runs)
 
 
@@ -170,11 +187,14 @@ def _worst(targets: Sequence[Target], after: Sequence[Sequence[float]]) -> int:
 
 
 def _proposal(option: Option, targets: Sequence[Target], after: list[float], *, sharpens: bool) -> Proposal:
+    """Judge a trial; of several pairs those count that it decides."""
     if sharpens:
-        return Proposal(option, tuple(after), 0, after[0] <= FIFTH * targets[0].now)
+        rank = (after[0], 0.0, not option.repeats)
+        return Proposal(option, tuple(after), 0, after[0] <= FIFTH * targets[0].now, rank)
     gained = [a - t.now for a, t in zip(after, targets, strict=True)]
     best = int(np.argmax(gained))
-    return Proposal(option, tuple(after), best, gained[best] >= DECISIVE)
+    rank = (-sum(min(g, DECISIVE) for g in gained), -gained[best], not option.repeats)
+    return Proposal(option, tuple(after), best, gained[best] >= DECISIVE, rank)
 
 
 def _stds(stage: Stage, named: Model, information: Array) -> list[Target]:
