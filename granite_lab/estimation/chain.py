@@ -32,8 +32,8 @@ from granite_lab.parameters import Robot, Variant, load_variants
 LONGEST_GAP = 0.5
 """IMU samples missing for longer than this in motion end the estimate [s]."""
 
-SPIN = 0.5
-"""Random walk of the slip ratio where it reached 100 % once, and may again within seconds [1/sqrt(s)]."""
+SPIN = 0.2
+"""Random walk of the slip ratio where it reached 100 % once, in a trial of half a minute [1/sqrt(s)]."""
 
 LONG = 60.0
 """Motion longer than this [s] without a standstill leans on the wheels; see `referenced`."""
