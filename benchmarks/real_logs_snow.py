@@ -116,11 +116,11 @@ def page(folder: Path) -> str:
                 rows[named].append(run)
     text = [
         "# A rover on snow", "",
-        "A four-wheeled rover in straight runs on snow, drawn back until it is stuck: slip up to 100 %, IMU and",
-        "wheels at 10 Hz, against the velocity of its inertial navigation (A. Lines, thesis; GitHub,",
+        "A four-wheeled rover in straight runs on snow, drawn back until it is stuck: slip up to 100 %, IMU",
+        "and wheels at 10 Hz, against the velocity of its inertial navigation (A. Lines, thesis; GitHub,",
         "austinlines/PhD). The data come without a licence and are not kept here; written by",
-        "`python -m benchmarks.real_logs_snow FOLDER`. By hand: which gyro measures pitch, the wheel radius, and",
-        "the standstills of the body, in which the wheels spin. They were taken from the reference.",
+        "`python -m benchmarks.real_logs_snow FOLDER`. By hand: which gyro measures pitch, the wheel radius,",
+        "and the standstills of the body, in which the wheels spin. They were taken from the reference.",
         f"Coverage allows for {REFERENCE_STD:g} m/s of scatter of the reference.", "",
         "## Both standstills named", "", head, "|---|---|---|---|---|---|",
     ]  # fmt: skip
@@ -134,8 +134,8 @@ def page(folder: Path) -> str:
     if rows[False]:
         text.append(line("**all**", rows[False]))
     text += [
-        "", "Without a standstill the estimate leans on the wheels and an assumed slip of 3 ± 15 %, which is not",
-        "enough here: the std is too small above 40 % slip. Name the standstills.",
+        "", "Without a standstill the estimate leans on the wheels and an assumed slip of 3 ± 15 %, which is",
+        "not enough here: the std is too small above 40 % slip. Name the standstills.",
     ]  # fmt: skip
     return "\n".join(text + (["", "## Refused", "", *refused] if refused else [])) + "\n"
 
