@@ -46,7 +46,7 @@ def test_what_was_commanded_is_taken_from_the_log_or_recognised_and_remembered(
     how = Execution(1, cache=Cache(tmp_path / "cache"))
     said = to_search([LOG], Options(), how)[0]
     assert isinstance(said, tuple)
-    assert said[1] is None
+    assert said[1].variant.velocity == 0.7
     recognised = to_search([silent], Options(), how)[0]
     assert isinstance(recognised, tuple)
     trial, motion = recognised
@@ -58,7 +58,7 @@ def test_what_was_commanded_is_taken_from_the_log_or_recognised_and_remembered(
     def again(*_: object, **__: object) -> None:
         raise AssertionError("estimated again")
 
-    monkeypatch.setattr("granite_lab.estimation.chain.estimate", again)
+    monkeypatch.setattr("granite_lab.estimation.chain.correct", again)
     assert isinstance(to_search([silent], Options(), how)[0], tuple)
 
 
