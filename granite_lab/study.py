@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from granite_lab import __version__
@@ -21,6 +22,7 @@ from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult
 from granite_lab.running import Execution, Options, each_trial
 from granite_lab.running.fingerprint import code, fingerprint
+from granite_lab.running.guard import Guard, tell
 from granite_lab.running.options import NOTHING_SAID
 from granite_lab.running.reading import ingest
 from granite_lab.running.search import save_found, search
@@ -163,22 +165,44 @@ def source_of(
     )
 
 
-def write(result: StudyResult, options: Options, folder: Path, jobs: int = 1) -> Path:
-    """Write the report of a study, and the model with what was found; return its first page.
+def write(
+    result: StudyResult, options: Options, folder: Path, jobs: int = 1, guard: Guard | None = None
+) -> Path | None:
+    """Write the report of a study, and the model with what was found.
+
+    Args:
+        result: the study.
+        options: of it.
+        folder: to write into.
+        jobs: number of processes that draw.
+        guard: told what fails; without one that is an error in the end.
+
+    Returns:
+        the report's first page, None where it could not be written.
 
     Raises:
-        LabError: a file cannot be written.
+        LabError: without a guard, something could not be written.
     """
-    from granite_lab.reporting import write_report  # noqa: PLC0415, heavy
-    from granite_lab.reporting.discovery import section  # noqa: PLC0415, heavy
+    from granite_lab.reporting import write_finding, write_report  # noqa: PLC0415, heavy
+    from granite_lab.reporting.discovery import bare_section, section  # noqa: PLC0415, heavy
 
-    if result.finding is None:
-        return write_report(result, folder, jobs=jobs)
-    trials = [r.trial for r in result.trials]
-    motions = [r.comparison.motion for r in result.trials]
-    save_found(result.finding, options, trials, folder / "model.toml", motions)
-    known = library() | (load_effects(options.effects) if options.effects else {})
-    return write_report(result, folder, section(result.finding, "model.toml", effects=known), jobs=jobs)
+    own = guard or Guard(folder)
+    finding, shown, model = result.finding, None, None
+    if finding is not None:
+        trials = [r.trial for r in result.trials]
+        motions = [r.comparison.motion for r in result.trials]
+        known = library() | (load_effects(options.effects) if options.effects else {})
+        saved = save_found(finding, options, trials, motions, own)
+        model = saved.name if saved else None
+        finding = replace(finding, failures=(*finding.failures, *own.lines))
+        shown = own.run("section", partial(section, finding, model, effects=known))
+        shown = shown or bare_section(finding, model)
+    page = own.run("report", partial(write_report, result, folder, shown, jobs=jobs))
+    if page is None and finding is not None:
+        own.run("finding", partial(write_finding, finding, folder, model))
+    if guard is None:
+        tell(own.lines)
+    return page
 
 
 def record(result: StudyResult, folder: Path, *, done: Callable[[str], None] = lambda _: None) -> list[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.running.options import Options
 
 
@@ -16,6 +17,8 @@ def options_of(
     topics: Mapping[str, str] | None = None,
     model: str | Path | None = None,
     effects: str | Path | None = None,
+    tolerance: float = TOLERANCE,
+    latency: float = LATENCY_LIMIT,
 ) -> Options:
     """Return the options; what is None is left to the logs and the catalogue."""
     return Options(
@@ -25,4 +28,6 @@ def options_of(
         topics=tuple((topics or {}).items()),
         model=None if model is None else Path(model),
         effects=None if effects is None else Path(effects),
+        tolerance=tolerance,
+        latency=latency,
     )

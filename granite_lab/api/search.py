@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from granite_lab import __version__
 from granite_lab.api.options import options_of
 from granite_lab.api.records import all_good
-from granite_lab.discovery import Finding
+from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library, load_effects
 from granite_lab.estimation.motion import Motion
+from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters.catalogue import in_force
@@ -18,6 +21,7 @@ from granite_lab.reporting.content import Source
 from granite_lab.running import Execution, Options
 from granite_lab.running.fingerprint import code
 from granite_lab.running.folder import claimed
+from granite_lab.running.guard import Guard
 from granite_lab.running.reading import to_search
 from granite_lab.running.search import names_of, save_found, search
 
@@ -33,7 +37,8 @@ def discover(
     topics: Mapping[str, str] | None = None,
     effects: str | Path | None = None,
     out: str | Path | None = None,
-    seed: int = 0,
+    tolerance: float = TOLERANCE,
+    latency: float = LATENCY_LIMIT,
     jobs: int = 1,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Finding:
@@ -48,44 +53,86 @@ def discover(
             It is run: use only code you trust.
         out: folder for the report, finding.json, design.json (for `plan_next`) and model.toml; without it
             nothing is written.
-        seed: of the bootstrap that sets the thresholds.
+        tolerance: discrepancy that does not matter, as a share of a channel's rms in motion.
+        latency: largest delay between the stamps of two sensors that passes for latency [s].
         jobs: number of processes; 0 means one per core.
         progress: told what is being done and how many simulations are done so far.
 
     Returns:
-        the finding; its table has a row for each candidate.
+        the finding; its table has a row for each candidate. Its `failures` say what could not be written.
 
     Raises:
         InputError: a log cannot be used, or nothing says what was commanded.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
-    options = options_of(robot=robot, soil=soil, column_map=column_map, topics=topics, effects=effects)
+    options = options_of(
+        robot=robot, soil=soil, column_map=column_map, topics=topics, effects=effects,
+        tolerance=tolerance, latency=latency,
+    )  # fmt: skip
     files = trial_files(logs)
     execution = Execution(jobs)
-    trials, motions = split(all_good(to_search(files, options, execution)))
-    finding = search(trials, options, motions=motions, seed=seed, execution=execution, progress=progress)
+    read = all_good(to_search(files, options, execution))
+    trials, motions = [trial for trial, _ in read], [motion for _, motion in read]
+    finding = search(trials, options, motions=motions, execution=execution, progress=progress)
     if out is not None:
-        from granite_lab.reporting import write_discovery  # noqa: PLC0415, heavy
-
-        folder = Path(out)
-        known = library() | (load_effects(Path(effects)) if effects else {})
-        with claimed(folder):
-            save_found(finding, options, trials, folder / "model.toml", motions)
-            source = source_of(files, trials, options, seed)
-            write_discovery(finding, folder, source, model=folder / "model.toml", effects=known, jobs=jobs)
+        with claimed(Path(out)):
+            finding = write_found(finding, options, trials, motions, Path(out), files, jobs).finding
     return finding
 
 
-def split(read: Sequence[tuple[Trial, Motion | None]]) -> tuple[list[Trial], list[Motion] | None]:
-    """Return trials, and their estimates where all have one."""
-    motions = [motion for _, motion in read if motion is not None]
-    return [trial for trial, _ in read], motions if len(motions) == len(read) else None
+class Written(NamedTuple):
+    """What `write_found` wrote: the finding, first page and model file, None where one failed."""
+
+    finding: Finding
+    page: Path | None
+    model: Path | None
 
 
-def source_of(files: Sequence[Path], trials: Sequence[Trial], options: Options, seed: int) -> Source:
+def write_found(
+    finding: Finding,
+    options: Options,
+    trials: Sequence[Trial],
+    motions: Sequence[Motion],
+    folder: Path,
+    files: Sequence[Path],
+    jobs: int,
+) -> Written:
+    """Write model, design and report; what fails costs nothing of the others.
+
+    Args:
+        finding: of a search.
+        options: of it.
+        trials, motions: that were searched.
+        folder: to write into.
+        files: the logs.
+        jobs: number of processes that draw.
+
+    Returns:
+        the finding, with what could not be written among its `failures`, and the paths.
+    """
+    from granite_lab.reporting import write_discovery, write_finding  # noqa: PLC0415, heavy
+
+    known = library() | (load_effects(options.effects) if options.effects else {})
+    guard = Guard(folder)
+    model = save_found(finding, options, trials, motions, guard)
+
+    def told() -> Finding:
+        return replace(finding, failures=(*finding.failures, *guard.lines))
+
+    source = source_of(files, trials, options)
+    page = guard.run(
+        "report",
+        lambda: write_discovery(told(), folder, source, model=model, effects=known, jobs=jobs),
+    )
+    if page is None:
+        guard.run("finding", lambda: write_finding(told(), folder, model))
+    return Written(told(), page, model)
+
+
+def source_of(files: Sequence[Path], trials: Sequence[Trial], options: Options) -> Source:
     """Return where a finding comes from: command, inputs, parameters and code."""
     rows = in_force(*names_of(trials, options))
-    given = (*options.given(), *((("seed", str(seed)),) if seed else ()))
+    given = options.given()
     return Source(
         version=__version__,
         command=" ".join(["granite-lab discover", *map(str, files), *(f"--{k} {v}" for k, v in given)]),

@@ -12,6 +12,7 @@ from granite_lab.errors import UsageError
 from granite_lab.fitting import fit_a_theta as fit_over_trials
 from granite_lab.fitting import published_fit
 from granite_lab.fitting.fit import AThetaFit, K92Fit
+from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.named import trial_files
 from granite_lab.reporting.content import StudyResult, TrialResult
 from granite_lab.study import Options, analyse, each_trial, write
@@ -154,6 +155,8 @@ def study(
     topics: Mapping[str, str] | None = None,
     model: str | Path | None = None,
     effects: str | Path | None = None,
+    tolerance: float = TOLERANCE,
+    latency: float = LATENCY_LIMIT,
     jobs: int = 1,
     done: Callable[[Path], None] = lambda _: None,
 ) -> StudyResult:
@@ -168,6 +171,7 @@ def study(
         discover: search for an effect that the model lacks.
         recordings: with `out`, also write a Rerun recording of each trial.
         robot, soil, column_map, topics, model, effects, jobs, done: as in `fit_k92`.
+        tolerance, latency: of that search, as in `discover`.
 
     Returns:
         the results; the table has a row for each trial.
@@ -176,8 +180,9 @@ def study(
         LabError: no trial went through, or a file cannot be written.
     """
     options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects
-    )
+        robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects,
+        tolerance=tolerance, latency=latency,
+    )  # fmt: skip
     folder = None if out is None else Path(out)
     result = run(
         trial_files(logs), folder.name if folder else name, options, jobs=jobs, discover=discover, done=done

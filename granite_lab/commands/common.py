@@ -68,6 +68,14 @@ TopicOption = Annotated[
     list[str] | None,
     typer.Option("--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated."),
 ]
+ToleranceOption = Annotated[
+    float,
+    typer.Option(help="Discrepancy that does not matter, as a share of a channel's rms in motion."),
+]
+LatencyOption = Annotated[
+    float,
+    typer.Option(help="Largest delay between the stamps of two sensors that passes for latency [ms]."),
+]
 JobsOption = Annotated[int, typer.Option("--jobs", "-j", min=0, help="Processes; 0 means one per core.")]
 
 

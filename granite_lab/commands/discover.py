@@ -11,10 +11,12 @@ from granite_lab.commands.common import (
     EffectsOption,
     JobsOption,
     JsonOption,
+    LatencyOption,
     MapOption,
     QuietOption,
     RobotOption,
     SoilOption,
+    ToleranceOption,
     TopicOption,
     TrialsArgument,
     console,
@@ -49,7 +51,8 @@ def discover(
     soil: SoilOption = None,
     column_map: MapOption = None,
     topic: TopicOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the thresholds' bootstrap.")] = 0,
+    tolerance: ToleranceOption = 0.02,
+    latency: LatencyOption = 20.0,
     strict: StrictOption = False,
     jobs: JobsOption = 0,
     scheduler: SchedulerOption = None,
@@ -58,47 +61,44 @@ def discover(
     as_json: JsonOption = False,
 ) -> None:
     """Find the physical effect that the model lacks; write the case for it and the model with it."""
-    from granite_lab.api.search import source_of, split
-    from granite_lab.discovery import finding_as_json
-    from granite_lab.effects import library, load_effects
-    from granite_lab.reporting import write_discovery
+    from granite_lab.api.search import write_found
+    from granite_lab.discovery.as_json import finding_as_json
     from granite_lab.reporting.findings import show_finding
     from granite_lab.running.folder import claimed
+    from granite_lab.running.guard import tell
     from granite_lab.running.options import Options
     from granite_lab.running.reading import to_search
-    from granite_lab.running.search import save_found, search
+    from granite_lab.running.search import search
 
     options = Options(
         robot=robot, soil=soil, column_map=column_map, effects=effects,
-        topics=tuple(topics_of(topic).items()),
+        topics=tuple(topics_of(topic).items()), tolerance=tolerance, latency=latency / 1e3,
     )  # fmt: skip
     execution = execution_of(jobs, scheduler, cache)
     files = trial_files(trials)
-    known = library() | (load_effects(effects) if effects is not None else {})
-    read, motions = split(good(files, to_search(files, options, execution), strict))
-    for trial in read:
+    read = good(files, to_search(files, options, execution), strict)
+    clean, motions = [trial for trial, _ in read], [motion for _, motion in read]
+    for trial in clean:
         warn([f"{trial.name}: {line}" for line in trial.warnings])
-    model = out / "model.toml"
     with claimed(out), progress(quiet) as display:
         task = display.add_task("discovering", total=None)
         finding = search(
-            read,
+            clean,
             options,
             motions=motions,
-            seed=seed,
             execution=execution,
             progress=lambda text, runs: display.update(
                 task, description=f"{text}: simulations", completed=runs
             ),
         )
         display.update(task, description="writing the report")
-        save_found(finding, options, read, model, motions)
-        source = source_of(files, read, options, seed)
-        page = write_discovery(finding, out, source, model=model, effects=known, jobs=execution.jobs)
+        found, page, model = write_found(finding, options, clean, motions, out, files, execution.jobs)
     tidy(execution)
     if as_json:
-        print_json(finding_as_json(finding, model))
+        print_json(finding_as_json(found, model))
     else:
-        show_finding(finding, console())
-        console().print(f"report: {page}", soft_wrap=True)
-        console().print(f"model with what was found: {model}", soft_wrap=True)
+        show_finding(found, console())
+        for what, path in (("report", page), ("model with what was found", model)):
+            if path is not None:
+                console().print(f"{what}: {path}", soft_wrap=True)
+    tell(found.failures)

@@ -12,11 +12,13 @@ from granite_lab.commands.common import (
     EffectsOption,
     JobsOption,
     JsonOption,
+    LatencyOption,
     MapOption,
     ModelOption,
     QuietOption,
     RobotOption,
     SoilOption,
+    ToleranceOption,
     TopicOption,
     TrialsArgument,
     console,
@@ -63,6 +65,8 @@ def study(
         Path | None,
         typer.Option("--verify", metavar="REPORT", help="Compute a report again and say what differs."),
     ] = None,
+    tolerance: ToleranceOption = 0.02,
+    latency: LatencyOption = 20.0,
     strict: StrictOption = False,
     jobs: JobsOption = 0,
     scheduler: SchedulerOption = None,
@@ -71,9 +75,11 @@ def study(
     as_json: JsonOption = False,
 ) -> None:
     """Run the whole chain over trials, from raw logs to a report and Rerun timelines."""
-    from granite_lab.discovery import finding_as_json
+    from granite_lab.discovery.as_json import finding_as_json
     from granite_lab.reporting.terminal import show_study
     from granite_lab.running.folder import claimed
+    from granite_lab.running.guard import Guard, tell
+    from granite_lab.running.search import MODEL
     from granite_lab.study import Options, record, write
     from granite_lab.study import study as run
 
@@ -84,7 +90,7 @@ def study(
     files = trial_files(trials)
     options = Options(
         robot=robot, soil=soil, column_map=column_map, model=model, effects=effects,
-        topics=tuple(topics_of(topic).items()),
+        topics=tuple(topics_of(topic).items()), tolerance=tolerance, latency=latency / 1e3,
     )  # fmt: skip
     with claimed(out), progress(quiet) as display:
         task = display.add_task("trials", total=len(files))
@@ -101,15 +107,19 @@ def study(
         )
         display.remove_task(searching)
         warn([f"{failure.trial}: left out: {failure.message}" for failure in result.failures])
+        guard = Guard(out)
         if recordings:
             task = display.add_task("recordings", total=len(result.trials) + 1)
-            record(result, out / "recordings", done=lambda _: display.advance(task))
+            guard.run(
+                "recordings", lambda: record(result, out / "recordings", done=lambda _: display.advance(task))
+            )
         task = display.add_task("report", total=1)
-        page = write(result, options, out, execution.jobs)
+        page = write(result, options, out, execution.jobs, guard)
         display.advance(task)
     tidy(execution)
     found = result.finding
     if as_json:
+        model = out / MODEL if (out / MODEL).exists() else None
         print_json(
             {
                 "schema": "granite-lab/study/1",
@@ -117,12 +127,14 @@ def study(
                 "trials": len(result.trials),
                 "failures": result.failures,
                 "a_theta": result.a_theta.a_theta if result.a_theta else None,
-                "discovery": finding_as_json(found, out / "model.toml") if found is not None else None,
+                "discovery": finding_as_json(found, model) if found is not None else None,
             }
         )
     else:
         show_study(result, console())
-        console().print(f"report: {page}", soft_wrap=True)
+        if page is not None:
+            console().print(f"report: {page}", soft_wrap=True)
+    tell([*(found.failures if found is not None else ()), *guard.lines])
 
 
 def _tell(display: Progress, task: TaskID, text: str, runs: int) -> None:

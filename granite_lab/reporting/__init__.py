@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from granite_lab.lazily import lazily
 
 if TYPE_CHECKING:
-    from granite_lab.reporting.write import write_comparison, write_discovery, write_report
+    from granite_lab.reporting.write import write_comparison, write_discovery, write_finding, write_report
 
-__all__ = ["write_comparison", "write_discovery", "write_report"]
+__all__ = ["write_comparison", "write_discovery", "write_finding", "write_report"]
 
 
 # they need matplotlib and Jinja

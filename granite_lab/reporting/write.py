@@ -12,7 +12,7 @@ from markupsafe import Markup
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
-from granite_lab.files import readable
+from granite_lab.files import readable, write_text
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.assemble import assemble
 from granite_lab.reporting.canvas import Drawing
@@ -96,6 +96,17 @@ def write_discovery(
         _write(new / "report.md", to_markdown(report))
         _write(new / "index.html", to_html(report, pictures))
     return folder / "index.html"
+
+
+def write_finding(finding: Finding, folder: Path, model: Path | str | None = None) -> Path:
+    """Write ``finding.json`` alone and return its path; arguments as in `write_discovery`.
+
+    Raises:
+        LabError: it cannot be written.
+    """
+    path = folder / "finding.json"
+    write_text(path, dumps(finding_as_json(finding, model)))
+    return path
 
 
 def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Path]:

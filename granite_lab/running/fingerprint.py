@@ -7,6 +7,7 @@ import importlib.metadata
 import json
 import platform
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import granite_lab
 from granite_lab.errors import LabError
 from granite_lab.files import sha256
 from granite_lab.running.codec import encode
-from granite_lab.running.options import Options
+from granite_lab.running.options import NOTHING_SAID, Options
 
 PACKAGE = Path(granite_lab.__file__).parent
 LIBRARIES = ("casadi", "filterpy", "numpy", "pandas", "scipy")
@@ -68,19 +69,20 @@ def trial_key(what: str, path: Path, options: Options) -> str:
     """
     direct = (path, *options.files())
     files = [(str(p), fingerprint(p), fingerprint(p.with_suffix(".toml"))) for p in direct]
-    return digest_of(code(), what, files, hashlib.sha256(encode(options)).hexdigest())
+    mine = replace(options, tolerance=NOTHING_SAID.tolerance, latency=NOTHING_SAID.latency)  # of searches
+    return digest_of(code(), what, files, hashlib.sha256(encode(mine)).hexdigest())
 
 
-def search_key(inputs: Sequence[bytes], effects: Path | None, seed: int) -> str:
+def search_key(inputs: Sequence[bytes], options: Options) -> str:
     """Return the name under which a finding is remembered.
 
     Args:
         inputs: everything the search works on, encoded.
-        effects: the user's own effect file.
-        seed: of the search.
+        options: of the search: the user's own effect file, tolerance and latency.
     """
-    own = fingerprint(effects) if effects else None
-    return digest_of(code(search=True), [hashlib.sha256(data).hexdigest() for data in inputs], own, seed)
+    own = fingerprint(options.effects) if options.effects else None
+    hashes = [hashlib.sha256(data).hexdigest() for data in inputs]
+    return digest_of(code(search=True), hashes, own, options.tolerance, options.latency)
 
 
 def digest_of(*parts: Any) -> str:

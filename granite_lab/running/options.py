@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granite_lab.estimate import Estimate
+from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.trial import TrialInfo
 
 
@@ -24,6 +25,8 @@ class Options:
         rests: intervals in which the robot stood still (start, end) [s, the log's time].
         distance_measured: total distance by tape measure [m].
         topics: of a bag, what a topic is taken for (imu, joints, odom) and its name.
+        tolerance: of a search, discrepancy that does not matter, as a share of a channel's rms in motion.
+        latency: of a search, largest delay between the stamps of two sensors that passes for latency [s].
     """
 
     robot: str | None = None
@@ -40,6 +43,8 @@ class Options:
     rests: tuple[tuple[float, float], ...] = ()
     distance_measured: Estimate | None = None
     topics: tuple[tuple[str, str], ...] = ()
+    tolerance: float = TOLERANCE
+    latency: float = LATENCY_LIMIT
 
     def files(self) -> tuple[Path, ...]:
         """Return the files that these options name, those of the catalogue left out."""
@@ -57,6 +62,8 @@ class Options:
             "map": self.column_map,
             "model": self.model,
             "effects": self.effects,
+            "tolerance": None if self.tolerance == TOLERANCE else f"{self.tolerance:.9g}",
+            "latency": None if self.latency == LATENCY_LIMIT else f"{1e3 * self.latency:.9g}",
         }
         topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
         return (*((key, str(value)) for key, value in named.items() if value is not None), *topics)
@@ -74,6 +81,8 @@ class Options:
             model=None if model is None else Path(model),
             effects=None if effects is None else Path(effects),
             topics=tuple((role, topic) for role, _, topic in topics),
+            tolerance=float(said.get("tolerance", TOLERANCE)),
+            latency=float(said.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,
         )
 
 

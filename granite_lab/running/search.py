@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,60 +12,65 @@ from pathlib import Path
 from typing import Any
 
 from granite_lab import __version__
-from granite_lab.discovery import Finding, discover
+from granite_lab.discovery.discover import discover
 from granite_lab.discovery.empirical import EmpiricalLaw
-from granite_lab.discovery.plan_file import NAME, save_design
+from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library, load_effects
 from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
-from granite_lab.errors import InputError, LabError, UsageError
+from granite_lab.errors import LabError, UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import Respond, Task, World
-from granite_lab.inference.setup import variant_of_trial
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Robot, Soil, Variant, load_paper, load_robot, load_soil
 from granite_lab.running.codec import decode, encode
 from granite_lab.running.execution import HERE, Execution
 from granite_lab.running.fingerprint import fingerprint, search_key
+from granite_lab.running.guard import Guard
 from granite_lab.running.options import Options
+
+MODEL = "model.toml"
+"""Name of the file with what was found."""
 
 
 def search(
     trials: Sequence[Trial],
     options: Options,
     *,
-    motions: Sequence[Motion] | None = None,
-    seed: int = 0,
+    motions: Sequence[Motion],
     execution: Execution = HERE,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Finding:
     """Find the effect that the model lacks, or remember what was found before in the same trials.
 
     Args:
-        trials: of one robot on one soil.
-        options: robot, soil and the user's own effect file.
-        motions: estimates of the trials; they are asked what was commanded where a log does not say it.
-        seed: of the search.
+        trials: of one robot on one soil, as estimation corrected them.
+        options: robot, soil, the user's own effect file, tolerance and latency.
+        motions: estimates of the trials.
         execution: where the simulations are done.
         progress: as in `discovery.discover`.
 
     Raises:
-        UsageError: trials of several robots or soils, or options that cannot be used together.
+        UsageError: trials of several robots or soils, or options that cannot be used.
         LabError: of `discovery.discover`.
     """
     if options.model:
         raise UsageError("no search starts from a model with effects", "leave out --model")
+    if not (0 < options.tolerance < 1 and 0 <= options.latency < math.inf):
+        raise UsageError(
+            f"tolerance {options.tolerance:g} or latency {1e3 * options.latency:g} ms cannot be used",
+            "the tolerance is a share between 0 and 1, the latency 0 or more",
+        )
     robot, soil = names_of(trials, options)
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
-    trials = [trials[i] for i in order]
-    known = [motions[i] for i in order] if motions is not None and not all_say(trials) else None
+    trials, motions = [trials[i] for i in order], [motions[i] for i in order]
     candidates = library() | (load_effects(options.effects) if options.effects else {})
     effects = candidates | {EmpiricalLaw.id: EmpiricalLaw()}
     cache, key = execution.cache, ""
     if cache is not None:
-        parts = (*trials, *(known or ()), load_robot(robot), load_soil(soil))
-        key = search_key([encode(part) for part in parts], options.effects, seed)
+        parts = (*trials, *motions, load_robot(robot), load_soil(soil))
+        key = search_key([encode(part) for part in parts], options)
         found = cache.get(key, effects)
         if isinstance(found, Finding):
             return found
@@ -74,14 +80,15 @@ def search(
             load_robot(robot),
             load_soil(soil),
             effects=candidates,
-            motions=known,
-            seed=seed,
+            motions=motions,
             jobs=execution.jobs or os.cpu_count() or 1,
             respond=respond,
             progress=progress,
+            tolerance=options.tolerance,
+            latency=options.latency,
         )
     data = encode(((), finding))
-    if cache is not None:
+    if cache is not None and not finding.failures:
         cache.put(key, data)
     remembered = decode(data, effects)[1]
     assert isinstance(remembered, Finding)
@@ -105,35 +112,32 @@ def names_of(trials: Sequence[Trial], options: Options) -> tuple[str, str]:
     return robots.pop(), soils.pop()
 
 
-def all_say(trials: Sequence[Trial]) -> bool:
-    """Whether each log says itself what was commanded."""
-    try:
-        for trial in trials:
-            variant_of_trial(trial, None)
-    except InputError:
-        return False
-    return True
-
-
 def save_found(
     finding: Finding,
     options: Options,
     trials: Sequence[Trial],
-    path: Path,
-    motions: Sequence[Motion] | None = None,
-) -> None:
+    motions: Sequence[Motion],
+    guard: Guard,
+) -> Path | None:
     """Write the baseline with the physical effects that were named, and beside it what a plan needs.
 
     Args:
         finding: the record.
         options: of the search.
         trials: that were searched.
-        path: of the model file.
-        motions: their estimates, which know what was commanded where a log does not say it.
+        motions: their estimates, which know what was commanded.
+        guard: of the folder; told what fails.
 
-    Raises:
-        LabError: the file cannot be written.
+    Returns:
+        path of the model file, None where it could not be written.
     """
+    path = guard.folder / MODEL
+    saved = guard.run("model", partial(_save_model, finding, options, trials, path))
+    guard.run("design", partial(_save_design, finding, trials, motions, guard.folder))
+    return saved
+
+
+def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], path: Path) -> Path:
     active = {item.id: item for item in finding.active}
     fitted = []
     for found in finding.effects:
@@ -146,7 +150,6 @@ def save_found(
     files = sorted((file.path.name, file.sha256) for t in trials for file in t.inputs)
     provenance: dict[str, Any] = {
         "version": __version__,
-        "seed": finding.seed,
         "verdict": finding.verdict,
         "virtual": finding.virtual,
         "inputs": [f"{name} sha256 {sha}" for name, sha in files],
@@ -154,9 +157,14 @@ def save_found(
     robot, soil = names_of(trials, options)
     law = Estimate(load_paper().a_theta)
     save_model(ModelFile(robot, soil, "exponential", law, tuple(fitted), provenance), path)
-    if motions is not None and not all_say(trials):
-        trials = [_saying(trial, motion.variant) for trial, motion in zip(trials, motions, strict=True)]
-    save_design(finding, trials, path.with_name(NAME))
+    return path
+
+
+def _save_design(finding: Finding, trials: Sequence[Trial], motions: Sequence[Motion], folder: Path) -> None:
+    from granite_lab.planning.design import NAME, save_design  # noqa: PLC0415, a defect there is guarded
+
+    said = [_saying(trial, motion.variant) for trial, motion in zip(trials, motions, strict=True)]
+    save_design(finding, said, folder / NAME)
 
 
 def _saying(trial: Trial, variant: Variant) -> Trial:

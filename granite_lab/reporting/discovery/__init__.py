@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from granite_lab.lazily import lazily
 
 if TYPE_CHECKING:
-    from granite_lab.reporting.discovery.evidence import section
+    from granite_lab.reporting.discovery.evidence import bare_section, section
 
-__all__ = ["section"]
+__all__ = ["bare_section", "section"]
 
 
 # recordings need the names only, not matplotlib

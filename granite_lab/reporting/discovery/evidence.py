@@ -1,4 +1,4 @@
-"""The case for a finding, step by step, each with a picture."""
+"""The case for a finding, step by step."""
 
 from __future__ import annotations
 
@@ -10,21 +10,11 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import plot_gap, plot_sizes, plot_where, plot_which, tables
-from granite_lab.reporting.discovery.answers import closed, missing_answer, share_in_words
-from granite_lab.reporting.discovery.names import (
-    either,
-    in_plain_words,
-    listed,
-    plain,
-    what_found,
-    with_found,
-)
+from granite_lab.reporting.discovery.answers import missing_answer, percent
+from granite_lab.reporting.discovery.names import in_plain_words, latency_in_words, with_found
 from granite_lab.reporting.discovery.next_steps import next_steps
-from granite_lab.reporting.discovery.plot_closer import closer_drawings
 from granite_lab.reporting.discovery.plot_history import history_drawings
 from granite_lab.reporting.discovery.plot_law import law_drawing, law_formulas
-from granite_lab.reporting.discovery.plot_left import left_drawing
-from granite_lab.reporting.discovery.sizes import untried
 from granite_lab.reporting.document import (
     Block,
     Discovery,
@@ -37,17 +27,22 @@ from granite_lab.reporting.document import (
 )
 from granite_lab.reporting.table import Table
 
-HOW = (
-    "How it works: the model is fitted to what the sensors read, not to the estimated motion; the sand of "
-    "each trial, the start of the command and the sensors' offsets and gains are fitted along, so that "
-    "they cannot pass for a missing effect. All differences are given as multiples of the noise, which the "
-    "standstill and the repetitions show."
+SYMBOLS = (
+    "The empirical law is a description, no physics: it says what to look for, and holds for trials like "
+    "these only. As formulas, while the wheels turn; v is the speed of the robot, s the slip ratio of the "
+    "wheel, x the way and t the time since the start, θ the angle of the wheel, and z its sinkage:"
 )
 
-SYMBOLS = (
-    "As formulas, while the wheels turn; v is the speed of the robot, s the slip ratio of the wheel, x the "
-    "way and t the time since the start, θ the angle of the wheel, and z its sinkage:"
-)
+
+def how(finding: Finding) -> str:
+    """Say in a paragraph how the search works."""
+    return (
+        "How it works: the model is fitted to what the sensors read, not to the estimated motion; the sand "
+        "of each trial, the start of the command, the latency of the IMU and the sensors' offsets and gains "
+        "are fitted along, so that they cannot pass for a missing effect. What all repetitions of a command "
+        "share and no parameter explains is the discrepancy of the model; up to "
+        f"{percent(finding.tolerance)} of a channel's rms in motion (--tolerance) it does not matter."
+    )
 
 
 def section(
@@ -61,14 +56,21 @@ def section(
         effects: the candidates by id, of which the report tells the meaning and the expected sizes;
             those of the package by default.
     """
-    blocks: list[Block] = [Words(HOW)]
+    blocks: list[Block] = [Words(how(finding))]
     for step in steps(finding, model, effects=effects):
         blocks += [Heading(step.title), *step.blocks]
-    return Discovery(
-        missing_answer(finding),
-        Section("discovery", "The missing effect", tuple(blocks)),
-        finding_as_json(finding, model),
-    )
+    return _discovery(finding, model, blocks)
+
+
+def bare_section(finding: Finding, model: Path | str | None = None) -> Discovery:
+    """Return a section in words alone, for a report whose evidence could not be drawn."""
+    lines = [finding.sentence, *finding.provisional, *finding.notes, *finding.failures]
+    return _discovery(finding, model, [Listing(tuple(lines))])
+
+
+def _discovery(finding: Finding, model: Path | str | None, blocks: list[Block]) -> Discovery:
+    shown = Section("discovery", "The missing effect", tuple(blocks))
+    return Discovery(missing_answer(finding), shown, finding_as_json(finding, model))
 
 
 def steps(
@@ -76,29 +78,22 @@ def steps(
 ) -> tuple[Section, ...]:
     """Return the steps of the case, numbered; arguments as in `section`."""
     known = candidates_of(finding, effects)
-    nothing = finding.verdict == "none"
     parts: list[tuple[str, str, list[Block]]] = [
-        ("where", "Where do model and trials disagree?", _where(finding)),
-        (
-            "which",
-            "Would any effect explain them better?" if nothing else "Which effect explains it?",
-            _which(finding, known),
-        ),
-        ("held-out", "Does it hold on trials that were left out?", _held_out(finding)),
-        ("twins", "What cannot be told apart?", _twins(finding)),
-        ("sizes", "How large is it?", _sizes(finding, model)),
-        ("law", "What does the missing quantity look like?", _law(finding, model)),
-        ("gap", "How much of the gap closes?" if finding.effects else "How large is the gap?", _gap(finding)),
-        (
-            "histories",
-            "Before and after, over time" if finding.effects else "Model and trials over time",
-            _histories(finding),
-        ),
-        ("left", "What is left, and is it noise?", _left(finding)),
-        ("could-show", "What could these trials show?", _could_show(finding, known)),
-        ("limits", "What could not be told", _limits(finding)),
-        ("next", "What next?", [Listing(next_steps(finding, model))]),
-    ]
+        ("verdict", "What do these trials say?", _verdict(finding, known, model)),
+        ("small", "Effects that do not matter here", _table(tables.effects_table(
+            finding, known, finding.small, small=True))),
+        ("where", "Where does the model disagree?", _where(finding)),
+        ("candidates", "Which candidates were tried?", _candidates(finding, known)),
+        ("could-show", "What could these trials have shown?", _could_show(finding, known)),
+        ("latency", "How late are the stamps of the IMU?", _latency(finding)),
+        ("scales", "What was learnt of sand and sensors?",
+         [*_table(tables.scales_table(finding)), *_table(tables.sand_table(finding))]),
+        ("held-out", "Does it hold on trials and speeds that were left out?", _held_out(finding)),
+        ("dropped", "Which trials could not be used?", _table(tables.dropped_table(finding))),
+        ("limits", "What could not be told?", _listing([in_plain_words(n, finding) for n in finding.notes])),
+        ("failures", "What failed?", _listing(finding.failures)),
+        ("next", "What next?", _listing(next_steps(finding, model))),
+    ]  # fmt: skip
     full = [(id_, title, blocks) for id_, title, blocks in parts if blocks]
     return tuple(
         Section(f"found-{id_}", f"{k}. {title}", tuple(blocks))
@@ -121,150 +116,84 @@ def _gallery(*drawings: Drawing | None) -> Iterator[Block]:
         yield Gallery(there)
 
 
-def _folded(title: str, table: Table | None) -> Iterator[Block]:
-    if table is not None:
-        yield Fold(title, (table,))
+def _table(table: Table | None) -> list[Block]:
+    return [] if table is None else [table]
+
+
+def _listing(lines: tuple[str, ...] | list[str]) -> list[Block]:
+    return [Listing(tuple(lines))] if lines else []
+
+
+def _folded(title: str, *found: Table | None) -> Iterator[Block]:
+    there = tuple(t for t in found if t is not None)
+    if there:
+        yield Fold(title, there)
+
+
+def _verdict(finding: Finding, known: Mapping[str, Effect], model: Path | str | None) -> list[Block]:
+    probability = f"Posterior probability of this verdict: {percent(finding.probability)}."
+    blocks: list[Block] = [
+        Words(f"{in_plain_words(finding.sentence, finding)} {probability}"),
+        *_listing([in_plain_words(reason, finding) for reason in finding.provisional]),
+        *_table(tables.effects_table(finding, known, finding.effects)),
+        *_gallery(plot_sizes.sizes_drawing(finding)),
+    ]
+    formulas = law_formulas(finding)
+    if formulas:
+        blocks += [Words(SYMBOLS), Listing(formulas), *_gallery(law_drawing(finding))]
+    if model and any(not e.empirical for e in finding.effects):
+        blocks.append(Words(f"The model with these numbers is in {model}."))
+    return blocks
 
 
 def _where(finding: Finding) -> list[Block]:
-    if finding.where:
-        text = (
-            "The model of the paper, without any effect, beside the trials. The first picture shows in which "
-            "channel, phase of the motion and band of frequency it is off, the second one when."
-        )
-    else:
-        text = (
-            "The model of the paper, without any effect, beside the trials: nowhere is it further off than "
-            "noise and chance explain."
-        )
+    text = "What the sensors read, and what the model says they should have read: without an effect"
+    text += f" (before), and {with_found(finding)} (after)." if finding.effects else "."
     return [
+        *_gallery(plot_gap.gap_drawing(finding), plot_gap.discrepancy_drawing(finding)),
+        *_gallery(plot_where.intervals_drawing(finding)),
+        *_folded(
+            "All channels, and the largest intervals in seconds",
+            tables.gaps_table(finding),
+            tables.intervals_table(finding, finding.where),
+            tables.intervals_table(finding, finding.left, after=True) if finding.effects else None,
+        ),
         Words(text),
-        *_gallery(plot_where.map_drawing(finding), plot_where.intervals_drawing(finding)),
-        *_folded("The strongest intervals, in seconds", tables.intervals_table(finding)),
+        *_gallery(*history_drawings(finding)),
     ]
 
 
-def _which(finding: Finding, known: Mapping[str, Effect]) -> list[Block]:
-    drawings = plot_which.candidate_drawings(finding)
-    if not drawings:
-        return []
-    text = (
-        "Each candidate is put into the model in turn. Its evidence is how much better the model then meets "
-        "the trials, counted so that candidates with many numbers have no advantage. The dashed line is what "
-        "chance alone reaches, with all candidates tried, in one set of trials in a hundred. What wins is "
-        "put into the model, and the rest are tried again."
-    )
+def _candidates(finding: Finding, known: Mapping[str, Effect]) -> list[Block]:
     return [
-        Words(text),
-        *_gallery(*drawings),
+        *_gallery(plot_which.candidates_drawing(finding)),
         *_folded("Every candidate, and what it means", tables.candidates_table(finding, known)),
     ]
 
 
+def _could_show(finding: Finding, known: Mapping[str, Effect]) -> list[Block]:
+    found = [
+        *_gallery(plot_sizes.detectable_drawing(finding, known), plot_which.confusion_drawing(finding)),
+        *_folded("Smallest sizes, with units", tables.detectable_table(finding, known)),
+        *_folded("What would come first, and what it would be taken for", tables.confusion_table(finding)),
+    ]
+    text = (
+        "A search that finds nothing says little unless it would have found something. Noise, tolerance and "
+        "design of these trials say how small each candidate may be and still be named."
+    )
+    return [Words(text), *found] if found else []
+
+
+def _latency(finding: Finding) -> list[Block]:
+    text = latency_in_words(finding.latency)
+    return [Words(f"{text}.")] if text else []
+
+
 def _held_out(finding: Finding) -> list[Block]:
-    drawing = plot_gap.held_out_drawing(finding) if finding.effects else None
+    drawing = plot_gap.held_out_drawing(finding)
     if drawing is None:
         return []
     text = (
         "An effect that only fits the noise of the trials it was found on fails on others. Each trial, and "
         "then all trials of one speed, were left out of the fit and predicted from the rest."
     )
-    return [Words(text), *_gallery(drawing)]
-
-
-def _twins(finding: Finding) -> list[Block]:
-    if finding.verdict != "named":
-        return []
-    parts = [
-        f"On these trials {plain(e.id)} cannot be told from {either([plain(t) for t in e.twins])}: put in "
-        "its place, it explains them as well."
-        for e in finding.effects
-        if e.twins
-    ]
-    if parts:
-        parts.append("The command plan-next proposes a trial that tells them apart.")
-    alone = [plain(e.id) for e in finding.effects if not e.twins]
-    if alone:
-        parts.append(f"No other candidate explains the trials as well as {listed(alone)}.")
-    return [Words(" ".join(parts)), *_gallery(plot_which.confusion_drawing(finding))]
-
-
-def _sizes(finding: Finding, model: Path | str | None) -> list[Block]:
-    table = tables.effects_table(finding)
-    if table is None:
-        return []
-    saved = f"The model with these numbers is in {model}." if model else ""
-    return [*_gallery(plot_sizes.sizes_drawing(finding)), table, *([Words(saved)] if saved else [])]
-
-
-def _law(finding: Finding, model: Path | str | None) -> list[Block]:
-    table = tables.law_table(finding)
-    if table is None:
-        return []
-    share = share_in_words(closed(finding.gap.held_out if finding.trial_losses else finding.gap.train))
-    closes = f" It closes {share.removesuffix(' of it')} of the gap" if share else ""
-    if closes:
-        closes += " on trials that were left out." if finding.trial_losses else " on the trial of the fit."
-    text = (
-        "No candidate explains the trials, so the missing force, moment and torque were fitted as a sum of "
-        "simple terms: an empirical law. It is not physics. It says what to look for, not why it is there, "
-        f"and holds for trials like these only.{closes}"
-    )
-    saved = f"{model} holds the paper's model alone: a law is not put into it." if model else ""
-    return [
-        Words(text), *_gallery(law_drawing(finding)),
-        Words(SYMBOLS),
-        Listing(law_formulas(finding)), table, *([Words(saved)] if saved else []),
-    ]  # fmt: skip
-
-
-def _gap(finding: Finding) -> list[Block]:
-    return [
-        *_gallery(plot_gap.gap_drawing(finding)),
-        *_folded("All channels and phases", tables.gaps_table(finding)),
-    ]
-
-
-def _histories(finding: Finding) -> list[Block]:
-    text = "What the sensors read, and what the model says they should have read: without an effect"
-    if not finding.effects:
-        return [Words(f"{text}."), *_gallery(*history_drawings(finding))]
-    closer = closer_drawings(finding)
-    text += f" (before), and {with_found(finding)} (after)."
-    if closer:
-        text += (
-            f" First the moments in which {what_found(finding)} makes the most difference, then whole runs."
-        )
-    return [Words(text), *_gallery(*closer), *_gallery(*history_drawings(finding))]
-
-
-def _limits(finding: Finding) -> list[Block]:
-    notes = [in_plain_words(note, finding) for note in finding.notes]
-    notes += [
-        f"{plain(i)[0].upper()}{plain(i)[1:]} was not tried: the model with it could not be simulated here."
-        for i in untried(finding)
-    ]
-    return [Listing(tuple(notes))] if notes else []
-
-
-def _left(finding: Finding) -> list[Block]:
-    after = plot_where.map_drawing(finding, after=True) if finding.effects else None
-    return list(_gallery(left_drawing(finding), after))
-
-
-def _could_show(finding: Finding, known: Mapping[str, Effect]) -> list[Block]:
-    drawing = plot_sizes.detectable_drawing(finding, dict(known))
-    alike = None if finding.verdict == "named" else plot_which.confusion_drawing(finding)
-    text = (
-        "A search that finds nothing says little unless it would have found something. From the noise of "
-        "these very trials follows how small each candidate may be and still be seen."
-    )
-    found = list(_gallery(drawing, alike))
-    if not found:
-        return []
-    return [
-        Words(text),
-        *found,
-        *_folded("Smallest sizes, with units", tables.detectable_table(finding, known)),
-        *_folded("What would be named, and what it would be taken for", tables.self_check_table(finding)),
-    ]
+    return [Words(text), *_gallery(drawing), *_folded("The numbers", tables.left_out_table(finding))]

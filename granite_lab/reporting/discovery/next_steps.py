@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from granite_lab.discovery.finding import Finding
-from granite_lab.reporting.discovery.names import either, listed, plain
+from granite_lab.reporting.discovery.answers import MUCH
+from granite_lab.reporting.discovery.names import capital, listed, plain
 
 SENSORS = ("accel_scale_error", "clock_offset", "encoder_eccentricity", "imu_tilt", "wheel_radius_error")
 """Effects that are faults of the measurement, not of the model."""
 
 PLAN = "granite-lab plan-next with the folder of this report"
+OWN = "granite-lab discover --effects my_effect.py"
 
 
 def next_steps(finding: Finding, model: Path | str | None = None) -> tuple[str, ...]:
@@ -26,27 +28,33 @@ def next_steps(finding: Finding, model: Path | str | None = None) -> tuple[str, 
             f"To learn which trial would show the effects that stay hidden here: {PLAN}.",
         )
     if finding.verdict == "unknown":
-        return _unknown(finding)
+        look = "The pictures of the disagreement show where and when to look for a cause."
+        if finding.effects:
+            look = (
+                "The law shows which quantity is missing and what it goes with: look for a cause of that "
+                "kind on the robot, in the sand and in the sensors."
+            )
+        own = f"Let the cause that you suspect compete with the others, as an effect of your own: {OWN}."
+        return look, own, f"To learn which trial would tell more: {PLAN}."
     parts = []
     faults = [plain(e.id) for e in finding.effects if e.id in SENSORS]
     if faults:
         parts.append(
-            f"{_capital(listed(faults))} is a fault of the measurement, not of the model: mend it on the "
+            f"{capital(listed(faults))} is a fault of the measurement, not of the model: mend it on the "
             "robot or correct the logs by the number found, and search again."
         )
     twins = [e for e in finding.effects if e.twins]
     parts += [
-        f"To tell {plain(e.id)} from {either([plain(t) for t in e.twins])}: {PLAN} proposes the trial that "
-        "separates them best."
+        f"To tell {plain(e.id)} from {listed([plain(t) for t in e.twins], 'or')}: {PLAN} proposes the trial "
+        "that separates them best."
         for e in twins
     ]
     if not twins:
         parts.append(f"To sharpen the numbers: {PLAN} proposes the trial that does so best.")
-    if finding.map_after > finding.map_threshold:
+    if finding.remainder > MUCH:
         parts.append(
-            "What is left is more than noise: the formula may differ from nature's, or something small is "
-            "missing besides. The map of what is left shows where to look; an effect of your own is tried "
-            "with granite-lab discover --effects my_effect.py."
+            "What is left is more than noise and tolerance: the formula may differ from nature's, or "
+            f"something is missing besides. An effect of your own is tried with {OWN}."
         )
     if model and len(faults) < len(finding.effects):
         parts.append(
@@ -54,25 +62,3 @@ def next_steps(finding: Finding, model: Path | str | None = None) -> tuple[str, 
             "speeds and on sand that were not driven here it is a guess until a trial confirms it."
         )
     return tuple(parts)
-
-
-def _unknown(finding: Finding) -> tuple[str, ...]:
-    look = (
-        "The law shows which quantity is missing and what it goes with: look for a cause of that kind on the "
-        "robot, in the sand and in the sensors."
-        if finding.effects
-        else "The first two pictures show where and when to look for a cause."
-    )
-    own = (
-        "Write the cause that you suspect as an effect of your own, and let it compete with the others: "
-        "granite-lab discover --effects my_effect.py."
-    )
-    return (
-        look,
-        own,
-        f"To learn which trial would tell more: {PLAN}.",
-    )
-
-
-def _capital(text: str) -> str:
-    return text[0].upper() + text[1:]

@@ -1,4 +1,4 @@
-"""Time histories of the sensors, measured and simulated without and with what was found."""
+"""Time histories of the sensors: measured, simulated before and after, and the discrepancy with its band."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
-from granite_lab.reporting.discovery.names import channel_name, spoken, with_found
-from granite_lab.reporting.discovery.residue import Mean, channels_of, means
+from granite_lab.reporting.discovery.names import capital, channel_name, channels_of, spoken, with_found
+from granite_lab.reporting.discovery.residue import Mean, means
 from granite_lab.reporting.rounding import significant, tidy_unit
 
 SHOWN = 3
@@ -21,75 +21,86 @@ SHOWN = 3
 CLOSER = 1.1
 """A channel in which the model comes closer by this factor is worth a word."""
 
-SCALE = {"pitch_rate": (1e3, "mrad/s"), "wheel": (1e3, "mrad"), "wheel_split": (1e3, "mrad")}
-"""Channel to the factor and unit in which it is drawn, where not in its own."""
+SCALE = {"rad/s": (1e3, "mrad/s"), "rad": (1e3, "mrad")}
+"""Unit to the factor and unit in which a channel is drawn, where not in its own."""
 
 
 def history_drawings(finding: Finding) -> list[Drawing]:
     """Draw the channels with the largest gap, one figure per speed."""
-    known = {g.channel: g.train[0] for g in finding.gaps if g.phase == "all" and g.channel != "all"}
+    known = {g.channel: g.train[0] for g in finding.gaps}
     ranked = sorted(channels_of(finding), key=lambda c: -known.get(c, 0.0))[:SHOWN]
-    chosen = [c for c in channels_of(finding) if c in ranked]
-    groups: dict[float, list[Mean]] = {}
+    groups: dict[float, dict[str, Mean]] = {}
     for mean in means(finding):
-        if mean.channel in chosen:
-            groups.setdefault(mean.velocity, []).append(mean)
-    return [_speed(finding, velocity, own) for velocity, own in sorted(groups.items())]
+        if mean.channel in ranked:
+            groups.setdefault(mean.velocity, {})[mean.channel] = mean  # of two commands at one speed the last
+    return [_speed(finding, velocity, own) for velocity, own in groups.items()]
 
 
-def _speed(finding: Finding, velocity: float, own: list[Mean]) -> Drawing:
-    by_channel = {m.channel: m for m in own}  # of two commands at one speed the last is drawn
-    figure, axes = canvas.stacked([1.05] * len(by_channel), [2] + [1] * (len(by_channel) - 1))
+def _speed(finding: Finding, velocity: float, own: dict[str, Mean]) -> Drawing:
+    figure, axes = canvas.stacked([0.95, 0.6] * len(own), [2] + [1] * (2 * len(own) - 1))
     with canvas.styled():
-        for axis, mean in zip(axes, by_channel.values(), strict=True):
-            _panel(axis, mean, finding)
+        for k, mean in enumerate(own.values()):
+            _readings(axes[2 * k], mean, finding)
+            _discrepancy(axes[2 * k + 1], mean, finding)
         rows.legend_on_top(figure, axes[0], 4, left=canvas.LEFT - 0.1)
         axes[-1].set_xlabel("time since the start of the command [s]")
-        first = next(iter(by_channel.values()))
-        axes[0].set_xlim(float(first.t[0]), float(first.t[-1]))
+        t = next(iter(own.values())).t
+        axes[0].set_xlim(float(t[0]), float(t[-1]))
         canvas.align_labels(axes)
         canvas.mark_virtual(figure, finding.virtual)
     data = canvas.data_tag(finding.virtual)
+    what = "measured, and the model before and after" if finding.effects else "measured and simulated"
     return Drawing(
         f"found_history_{velocity:.2f}".replace(".", "p"),
-        f"{velocity:g} m/s: {_titled(finding)}{data}",
-        _describe(finding, by_channel),
+        f"{velocity:g} m/s: {what}{data}",
+        _describe(finding, own),
         f"Sensor readings over time at {velocity:g} m/s, measured and simulated without and with what was "
-        f"found{data}.",
+        f"found, and the discrepancy of the model with its 95 % band{data}.",
         figure,
     )
 
 
-def _titled(finding: Finding) -> str:
-    return "measured, and the model before and after" if finding.effects else "measured and simulated"
-
-
-def _panel(axis: Axes, mean: Mean, finding: Finding) -> None:
-    scale, unit = SCALE.get(mean.channel, (1.0, tidy_unit(mean.unit)))
-    name = channel_name(mean.channel)
-    angle = mean.channel.startswith("wheel")
-    name += ": simulated − measured" if angle else ""
-    zero = mean.measured if angle else np.zeros_like(mean.measured)
+def _readings(axis: Axes, mean: Mean, finding: Finding) -> None:
+    scale, unit = _unit(mean)
+    angle = mean.unit == "rad"  # an angle grows all the time: only differences show
+    zero = mean.before if angle else np.zeros_like(mean.before)
     for d in finding.where:
         if d.channel == mean.channel and d.variant == mean.velocity:
             axis.axvspan(d.start, d.end, color=canvas.SHADE, linewidth=0, zorder=0)
-    axis.plot(
-        mean.t, scale * (mean.measured - zero), color=canvas.MEASURED_LIGHT, linewidth=2.2, label="measured"
-    )
-    axis.plot(
-        mean.t,
-        scale * (mean.before - zero),
-        color=rows.BEFORE,
-        linewidth=1.0,
-        label="before" if finding.effects else "model",
-    )
+    lines = [
+        (mean.measured, canvas.MEASURED_LIGHT, 2.2, "measured"),
+        (mean.before, rows.BEFORE, 1.0, "before" if finding.effects else "model"),
+    ]
     if finding.effects:
-        axis.plot(mean.t, scale * (mean.after - zero), color=rows.AFTER, linewidth=1.0, label="after")
+        lines.append((mean.after, rows.AFTER, 1.0, "after"))
+    for values, colour, width, label in lines:
+        axis.plot(mean.t, scale * (values - zero), color=colour, linewidth=width, label=label)
     if finding.where:
-        axis.fill_between([], [], color=canvas.SHADE, linewidth=0, label="beyond chance")
+        axis.fill_between([], [], color=canvas.SHADE, linewidth=0, label="beyond the tolerance")
+    less = " less before" if finding.effects else " less the model"
+    _frame(axis, f"{channel_name(mean.channel)}{less if angle else ''}", unit)
+
+
+def _discrepancy(axis: Axes, mean: Mean, finding: Finding) -> None:
+    scale, unit = _unit(mean)
+    centre, half = scale * mean.discrepancy_after, 2 * scale * mean.std
+    colour = rows.AFTER if finding.effects else rows.BEFORE
+    axis.fill_between(mean.t, centre - half, centre + half, color=colour, alpha=0.25, linewidth=0)
+    axis.axhline(0, color=canvas.INK, linewidth=0.5)
+    if finding.effects:
+        axis.plot(mean.t, scale * mean.discrepancy_before, color=rows.BEFORE, linewidth=1.0)
+    axis.plot(mean.t, centre, color=colour, linewidth=1.0)
+    _frame(axis, f"{channel_name(mean.channel)}: discrepancy ± 2 std", unit)
+
+
+def _frame(axis: Axes, name: str, unit: str) -> None:
     axis.text(0, 1.03, name, transform=axis.transAxes, fontsize=8, va="bottom")
     axis.set_ylabel(f"[{unit}]")
     axis.yaxis.set_major_locator(MaxNLocator(4))
+
+
+def _unit(mean: Mean) -> tuple[float, str]:
+    return SCALE.get(mean.unit, (1.0, tidy_unit(mean.unit)))
 
 
 def _describe(finding: Finding, shown: dict[str, Mean]) -> str:
@@ -102,7 +113,7 @@ def _describe(finding: Finding, shown: dict[str, Mean]) -> str:
     if not better:
         return f"{what}, the channels with the largest gap: none of them comes closer."
     closer = ", ".join(f"{spoken(c)} {significant(f, 2)} times" for c, f in better.items())
-    return f"{what}. {with_found(finding).capitalize()}, the model is closer: {closer}."
+    return f"{what}. {capital(with_found(finding))}, the model is closer: {closer}."
 
 
 def _rms(values: Array) -> float:

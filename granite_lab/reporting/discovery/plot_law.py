@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.discovery.empirical import TARGETS, TERMS
-from granite_lab.discovery.finding import Finding, FoundEffect
+from granite_lab.discovery.finding import Finding, FoundParameter
 from granite_lab.errors import LabError
 from granite_lab.logs.trial import Array
 from granite_lab.model import simulate
@@ -17,21 +17,9 @@ from granite_lab.model.run import Run
 from granite_lab.parameters import Variant, load_variants
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
-from granite_lab.reporting.discovery.names import LAW as NAMES
+from granite_lab.reporting.discovery.names import LAW, term_of
 from granite_lab.reporting.rounding import significant, with_unit
 
-BY = {
-    "motion": "constant while moving",
-    "velocity": "with the speed of the robot",
-    "velocity_squared": "with the square of that speed",
-    "slip": "with slip",
-    "sinking": "with the rate of sinking",
-    "start": "over the first 0.2 m",
-    "distance": "with the distance",
-    "cos_angle": "with the cosine of the wheel's angle",
-    "sin_angle": "with the sine of the wheel's angle",
-    "time": "with time",
-}
 FORMULAS = {
     "motion": "",
     "velocity": "v / (0.5 m/s)",
@@ -47,56 +35,51 @@ FORMULAS = {
 COLOURS = (canvas.MEASURED_LIGHT, canvas.SIMULATED_LIGHT, canvas.FITTED, canvas.PAPER, canvas.MEASURED)
 
 
-def law_of(finding: Finding) -> FoundEffect | None:
-    """Return the empirical law of a finding, if it holds one."""
-    return next((e for e in finding.effects if e.empirical), None)
-
-
-def split(name: str) -> tuple[str, str]:
-    """Return target and term of a parameter of the law, as in "torque_f_slip"."""
-    target = next(t for t in TARGETS if name.startswith(f"{t}_"))
-    return target, name.removeprefix(f"{target}_")
+def law_of(finding: Finding) -> dict[str, dict[str, FoundParameter]]:
+    """Return target to term to amount of the empirical law; empty where a finding holds none."""
+    law: dict[str, dict[str, FoundParameter]] = {}
+    for e in finding.effects:
+        term = term_of(e.id) if e.empirical else None
+        if term is not None and e.parameters:
+            law.setdefault(term[0], {})[term[1]] = e.parameters[0]
+    return {target: law[target] for target in TARGETS if target in law}
 
 
 def law_formulas(finding: Finding) -> tuple[str, ...]:
     """Return the law as one formula per quantity, with its numbers."""
-    law = law_of(finding)
-    if law is None:
-        return ()
-    sums: dict[str, str] = {}
-    for p in law.parameters:
-        if p.estimate.value == 0:
-            continue
-        target, term = split(p.name)
-        number = with_unit(significant(abs(p.estimate.value), 3), p.unit)
-        sign = "−" if p.estimate.value < 0 else "+"
-        part = f"{number} · {FORMULAS.get(term, term)}" if FORMULAS.get(term, term) else number
-        sums[target] = f"{sums[target]} {sign} {part}" if target in sums else f"{sign.strip('+')}{part}"
-    return tuple(f"{NAMES[target]} = {text}" for target, text in sums.items())
+    lines = []
+    for target, terms in law_of(finding).items():
+        text = ""
+        for term, p in terms.items():
+            number = with_unit(significant(abs(p.estimate.value), 3), p.unit)
+            sign = "−" if p.estimate.value < 0 else "+"
+            part = f"{number} · {FORMULAS[term]}" if FORMULAS.get(term) else number
+            text += f" {sign} {part}" if text else f"{sign.strip('+')}{part}"
+        lines.append(f"{LAW[target]} = {text}")
+    return tuple(lines)
 
 
 def law_drawing(finding: Finding) -> Drawing | None:
     """Draw the law over time at each speed; None where there is none or it cannot be simulated."""
     law = law_of(finding)
-    if law is None:
+    if not law:
         return None
-    targets = [t for t in TARGETS if any(split(p.name)[0] == t for p in law.parameters)]
     try:
-        runs = [_run(v, finding) for v in _variants(finding)]
+        runs = [simulate(v, finding.robot, finding.soil) for v in _variants(finding)]
     except LabError:
         return None
-    if not targets or not runs:
+    if not runs:
         return None
-    figure, axes = canvas.stacked([1.05] * len(targets), [2] + [1] * (len(targets) - 1))
+    figure, axes = canvas.stacked([1.05] * len(law), [2] + [1] * (len(law) - 1))
     largest: dict[str, float] = {}
     with canvas.styled():
-        for axis, target in zip(axes, targets, strict=True):
-            own = {split(p.name)[1]: p.estimate.value for p in law.parameters if split(p.name)[0] == target}
+        for axis, (target, terms) in zip(axes, law.items(), strict=True):
+            own = {term: p.estimate.value for term, p in terms.items()}
             for run, colour in zip(runs, COLOURS, strict=False):
                 values = _evaluate(run, own, "r" if target == "torque_r" else "f")
                 largest[target] = max(largest.get(target, 0.0), float(np.abs(values).max()))
                 axis.plot(run.t, values, color=colour, label=f"{run.variant.velocity:g} m/s")
-            axis.text(0, 1.03, NAMES[target], transform=axis.transAxes, fontsize=8, va="bottom")
+            axis.text(0, 1.03, LAW[target], transform=axis.transAxes, fontsize=8, va="bottom")
             axis.set_ylabel(f"[{TARGETS[target][0]}]")
             axis.yaxis.set_major_locator(MaxNLocator(4))
         axes[-1].set_xlabel("time since the start of the command [s]")
@@ -107,7 +90,7 @@ def law_drawing(finding: Finding) -> Drawing | None:
         legend.set_bbox_to_anchor((-0.02, 1.0 + canvas.LEGEND_ROW / 1.05))
         canvas.align_labels(axes)
         canvas.mark_virtual(figure, finding.virtual)
-    sizes = ", ".join(f"{NAMES[t]} up to {significant(v, 2)} {TARGETS[t][0]}" for t, v in largest.items())
+    sizes = ", ".join(f"{LAW[t]} up to {significant(v, 2)} {TARGETS[t][0]}" for t, v in largest.items())
     return Drawing(
         "found_law",
         f"What is missing, as an empirical law{canvas.data_tag(finding.virtual)}",
@@ -121,10 +104,6 @@ def _variants(finding: Finding) -> list[Variant]:
     """Return the commands of Table 2 at the speeds of the trials."""
     speeds = {round(r.variant, 2) for r in finding.residuals}
     return [v for v in load_variants() if round(v.velocity, 2) in speeds][: len(COLOURS)]
-
-
-def _run(variant: Variant, finding: Finding) -> Run:
-    return simulate(variant, finding.robot, finding.soil)
 
 
 def _evaluate(run: Run, amounts: dict[str, float], axle: str) -> Array:

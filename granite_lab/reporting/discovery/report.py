@@ -9,7 +9,7 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.content import Source
 from granite_lab.reporting.discovery import answers
-from granite_lab.reporting.discovery.evidence import HOW, candidates_of, steps
+from granite_lab.reporting.discovery.evidence import how, steps
 from granite_lab.reporting.discovery.names import listed
 from granite_lab.reporting.document import Report, Words
 from granite_lab.reporting.provenance import provenance_section
@@ -32,17 +32,20 @@ def assemble(
         model: path of the model file, as the report shall name it.
         effects: the candidates by id; those of the package by default.
     """
-    known = candidates_of(finding, effects)
+    virtual = (
+        "A simulator wrote the sensor logs of these trials, no robot was driven. What is missing here was "
+        "left out of the model or put into the simulator; it says nothing about real sand."
+    )
     return Report(
         name=name,
         lead=_lead(finding),
-        virtual=_virtual(finding),
+        virtual=virtual if finding.virtual else "",
         answers=(
-            answers.missing_answer(finding), answers.sure_answer(finding, known), answers.gap_answer(finding),
+            answers.missing_answer(finding), answers.sure_answer(finding), answers.gap_answer(finding),
             answers.where_answer(finding),
         ),
-        first_page=(Words(HOW),),
-        sections=(*steps(finding, model, effects=known), provenance_section(source)),
+        first_page=(Words(how(finding)),),
+        sections=(*steps(finding, model, effects=effects), provenance_section(source)),
         version=source.version,
         command=source.command,
         numbers="finding.json",
@@ -59,13 +62,4 @@ def _lead(finding: Finding) -> str:
     return (
         f"{n} trial{'s' if n > 1 else ''} of {robot} on {soil} at {listed([f'{v:g}' for v in speeds])} m/s, "
         "searched for an effect that the model of the paper leaves out."
-    )
-
-
-def _virtual(finding: Finding) -> str:
-    if not finding.virtual:
-        return ""
-    return (
-        "A simulator wrote the sensor logs of these trials, no robot was driven. What is missing here was "
-        "left out of the model or put into the simulator; it says nothing about real sand."
     )

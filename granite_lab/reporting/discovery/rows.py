@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
+import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -71,6 +73,32 @@ def legend_on_top(figure: Figure, axis: Axes, columns: int = 3, left: float = 0.
         bbox_to_anchor=(left / canvas.WIDTH, 1 - 0.05 / figure_height), bbox_transform=figure.transFigure,
     )  # fmt: skip
     legend.set_in_layout(False)
+
+
+def colour_bar(
+    figure: Figure, image: Any, label: str, ticks: Sequence[float] | None = None, names: Sequence[str] = ()
+) -> None:
+    """Put the scale of a picture's colours along the lower edge of the figure.
+
+    Args:
+        figure: with room for it.
+        image: with colours and their norm.
+        label: of the scale, with its unit.
+        ticks: where numbers stand.
+        names: what they say.
+    """
+    height = figure.get_size_inches()[1]
+    wide = canvas.WIDTH - LEFT - RIGHT
+    bar = figure.add_axes((LEFT / canvas.WIDTH, 0.4 / height, wide / canvas.WIDTH, 0.09 / height))
+    shown = mpl.cm.ScalarMappable(image.norm, image.cmap)
+    scale = figure.colorbar(shown, cax=bar, orientation="horizontal", ticks=ticks)
+    if names:
+        scale.ax.set_xticklabels(names)
+    scale.ax.minorticks_off()
+    assert scale.solids is not None
+    scale.solids.set(rasterized=False, edgecolor="face", linewidth=0.3)  # no image inside the SVG
+    scale.set_label(label, fontsize=8)
+    scale.outline.set_linewidth(0.4)
 
 
 def times(value: float) -> str:

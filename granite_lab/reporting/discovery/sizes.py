@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter
 from granite_lab.model.effect import Effect, EffectParameter
@@ -12,30 +13,38 @@ LIKELY = 1.96
 """Standard deviations on either side of a value that make its 95 % interval."""
 
 
+@dataclass(frozen=True)
+class Share:
+    """Smallest sizes of a candidate, as shares of the largest that is expected [%].
+
+    Attributes:
+        low, high: over its strengths; infinite where these trials cannot show it.
+        limit: what sets the least of them, "noise" or "tolerance".
+    """
+
+    low: float
+    high: float
+    limit: str
+
+
 def reach(p: EffectParameter) -> float:
     """Return how far from its neutral value a strength may be expected to be, or a shape from zero."""
     start = 0.0 if p.shape else p.neutral
     return max((p.prior_high - start, p.prior_low - start), key=abs) or 1.0
 
 
-def shares(finding: Finding, known: Mapping[str, Effect]) -> dict[str, tuple[float, float]]:
-    """Return per candidate the least and the largest of its smallest sizes, of what is expected [%].
-
-    Infinite where these trials cannot show the effect.
-
-    Args:
-        finding: the record.
-        known: candidates by id; one that is not there is left out.
-    """
+def shares(finding: Finding, known: Mapping[str, Effect]) -> dict[str, Share]:
+    """Return per candidate its smallest sizes; one that is not in `known` is left out."""
     declared = {id_: {p.name: p for p in e.parameters} for id_, e in known.items()}
-    found: dict[str, tuple[float, float]] = {}
+    found: dict[str, Share] = {}
     for d in finding.detectable:
         p = declared.get(d.effect, {}).get(d.parameter)
         if p is None or p.shape:
             continue
         share = 100 * d.size / abs(reach(p)) if math.isfinite(d.size) else math.inf
-        low, high = found.get(d.effect, (math.inf, 0.0))
-        found[d.effect] = min(low, share), max(high, share)
+        old = found.get(d.effect, Share(math.inf, 0.0, d.limit))
+        limit = d.limit if share < old.low else old.limit
+        found[d.effect] = Share(min(old.low, share), max(old.high, share), limit)
     return found
 
 
@@ -47,24 +56,3 @@ def multiple(finding: Finding, effect: FoundEffect, parameter: FoundParameter) -
     neutral = declared[parameter.name].neutral if parameter.name in declared else 0.0
     away = abs(parameter.estimate.value - neutral)
     return away / smallest if math.isfinite(smallest) and smallest > 0 else math.nan
-
-
-def untried(finding: Finding) -> list[str]:
-    """Return the candidates that the search could not simulate, so that it says nothing of them."""
-    tried = {c.id for found in finding.rounds for c in found}
-    named = {e.id for e in finding.effects}
-    return [i for i in dict.fromkeys(d.effect for d in finding.detectable) if i not in tried | named]
-
-
-def unseen(finding: Finding, effect_id: str) -> str:
-    """Say why a candidate has no smallest size."""
-    return "could not be tried" if effect_id in untried(finding) else "cannot be seen"
-
-
-def picked(finding: Finding, number: int) -> str | None:
-    """Return the candidate that a round of the search put into the model: the next no longer tries it."""
-    if number + 1 >= len(finding.rounds):
-        return None
-    later = {c.id for c in finding.rounds[number + 1]}
-    gone = [c for c in finding.rounds[number] if c.id not in later]
-    return max(gone, key=lambda c: c.evidence).id if gone else None

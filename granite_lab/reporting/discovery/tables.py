@@ -1,235 +1,263 @@
-"""Tables of a discovery: effects, intervals, candidates, gaps, smallest sizes, terms of a law."""
+"""Tables of a discovery: effects, gaps, intervals, candidates, smallest sizes, scales, trials left out."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from granite_lab.discovery.finding import Candidate, Finding
+import numpy as np
+
+from granite_lab.discovery.finding import Disagreement, Finding, FoundEffect, FoundParameter
+from granite_lab.estimate import Estimate
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.discovery.amounts import amount, meaning, scale_of
-from granite_lab.reporting.discovery.names import LAW, STATUS, channel_name, plain
-from granite_lab.reporting.discovery.plot_law import BY, law_of, split
-from granite_lab.reporting.discovery.sizes import LIKELY, multiple, unseen
-from granite_lab.reporting.rounding import NONE, evidence, interval, plus_minus, significant, tidy_unit
+from granite_lab.reporting.discovery.answers import percent, percent_of
+from granite_lab.reporting.discovery.names import SAND, SCALES, STATUS, channel_name, plain
+from granite_lab.reporting.discovery.residue import discrepancies
+from granite_lab.reporting.discovery.sizes import LIKELY, multiple
+from granite_lab.reporting.rounding import NONE, interval, significant
 from granite_lab.reporting.study_tables import data_cell
-from granite_lab.reporting.summary import IN_PHASE
-from granite_lab.reporting.table import Cell, Table, columns, fixed, number, words
+from granite_lab.reporting.table import Cell, Column, Table, columns, fixed, number, words
 
 MOST = 25
 """Intervals that are listed."""
 
+BEFORE_AFTER = (("before [–]", ("before",)), ("after [–]", ("after",)))
 
-def effects_table(finding: Finding) -> Table | None:
-    """List what was named, each number with its interval and its multiple of the smallest size seen."""
+
+def _table(
+    finding: Finding,
+    id_: str,
+    title: str,
+    sentence: str,
+    head: Sequence[Column],
+    rows: Sequence[Sequence[Cell]],
+) -> Table | None:
+    """Return a table whose last column says whether the data are virtual; None without rows."""
+    data = data_cell(finding.virtual)
+    full = tuple((*row, data) for row in rows)
+    return Table(f"found_{id_}", title, sentence, (*head, *columns("data")), full) if full else None
+
+
+def effects_table(
+    finding: Finding, known: Mapping[str, Effect], effects: Sequence[FoundEffect], *, small: bool = False
+) -> Table | None:
+    """List effects, each number with its interval and its multiple of the smallest size seen.
+
+    Args:
+        finding: the record.
+        known: candidates by id, for what their numbers mean.
+        effects: of the finding, those that were named or the small ones.
+        small: they are the small ones.
+    """
     rows = []
-    known = {a.effect.id: a.effect for a in finding.active}
-    for e in finding.effects:
-        if e.empirical:
-            continue
-        for p in e.parameters:
+    for e in effects:
+        for p in e.parameters or (FoundParameter(NONE, "", Estimate(math.nan)),):
             half, value = LIKELY * p.estimate.std, p.estimate.value
             unit, scale = scale_of(e.id, p.name, p.unit, value)
             times = multiple(finding, e, p)
             rows.append(
                 (
                     words(plain(e.id)),
-                    words(p.name.replace("_", " ")),
-                    words(meaning(e.id, p.name, known) or NONE),
+                    words("amount" if e.empirical else p.name.replace("_", " ")),
+                    words(
+                        "term of an empirical law" if e.empirical else meaning(e.id, p.name, known) or NONE
+                    ),
                     Cell(amount(e, p), (value, p.estimate.std, p.unit)),
                     Cell(interval(value - half, value + half, unit, scale), (value - half, value + half)),
-                    Cell(significant(times, 2), (times,)) if math.isfinite(times) else Cell(NONE, (None,)),
+                    number(times, 2),
                     words(", ".join(map(plain, e.twins)) or "none"),
-                    data_cell(finding.virtual),
+                    _percent(e.probability),
+                    Cell(percent_of(e.closes), (e.closes.value, e.closes.std)),
                 )
             )
-    if not rows:
-        return None
-    return Table(
-        "found_effects", "What is missing, with sizes",
-        "Value ± standard deviation, fitted together with the sand and the sensors' errors; the multiple "
-        "is the size over the smallest that these trials show.",
-        columns(
-            "effect", "number", "what it is", ("value", ("value", "std", "unit")), ("95 %", ("low", "high")),
-            ("multiple [–]", ("multiple",)), "cannot be told from", "data",
-        ),
-        tuple(rows),
+    head = columns(
+        "effect", "number", "what it is", ("value", ("value", "std", "unit")), ("95 %", ("low", "high")),
+        ("multiple [–]", ("multiple",)), "cannot be told from", ("probability", ("probability",)),
+        ("closes of the gap", ("closes", "closes_std")),
     )  # fmt: skip
+    if small:
+        sentence = "These trials may show them, but they close little of the gap or stay below the tolerance."
+        return _table(finding, "small", "Small effects", sentence, head, rows)
+    sentence = (
+        "Value ± standard deviation, fitted together with the sand and the sensors' errors. The multiple is "
+        "the size over the smallest that these trials show; the share of the gap is that on trials left out, "
+        "± its standard error."
+    )
+    return _table(finding, "effects", "What is missing, with sizes", sentence, head, rows)
 
 
-def intervals_table(finding: Finding) -> Table | None:
-    """List the strongest intervals of disagreement."""
-    if not finding.where:
-        return None
-    strongest = sorted(finding.where, key=lambda d: -d.strength)[:MOST]
-    more = len(finding.where) - len(strongest)
-    rest = f" {more} weaker ones stand in the JSON file." if more else ""
-    rows = tuple(
+def gaps_table(finding: Finding) -> Table | None:
+    """List per channel the gap, in the fit and on trials left out, and the discrepancy."""
+    shares = discrepancies(finding)
+    out = any(math.isfinite(v) for g in (finding.gap, *finding.gaps) for v in g.held_out)
+    rows = []
+    for g in (finding.gap, *finding.gaps):
+        whole = g.channel == "all"
+        share = shares.get(g.channel, (math.nan, math.nan))
+        values = [number(v, 3) for v in (*g.train, *(g.held_out if out else ()))]
+        row = [words("all channels" if whole else channel_name(g.channel)), *values]
+        rows.append([*row, *(number(s, 2, "%", 100) for s in share)])
+    left_out = (("left out: before [–]", ("held_out_before",)), ("after [–]", ("held_out_after",)))
+    head = columns(
+        "channel", ("in the fit: before [–]", ("train_before",)), ("after [–]", ("train_after",)),
+        *(left_out if out else ()),
+        ("discrepancy: before", ("discrepancy_before",)), ("after", ("discrepancy_after",)),
+    )  # fmt: skip
+    sentence = (
+        "Gap: root mean square of the residuals over what noise and tolerance explain; 1 is as good as asked "
+        "for. Discrepancy: what the repetitions share and the model does not explain, over the rms of the "
+        "channel in motion."
+    )
+    return _table(finding, "gaps", "The gap of every channel", sentence, head, rows)
+
+
+def intervals_table(finding: Finding, found: Sequence[Disagreement], *, after: bool = False) -> Table | None:
+    """List the intervals in which the model without or with the effects disagrees most."""
+    strongest = sorted(found, key=lambda d: -d.share)[:MOST]
+    more = len(found) - len(strongest)
+    rest = f" {more} smaller ones stand in the JSON file." if more else ""
+    rows = [
         (
             words(channel_name(d.channel)), words(d.phase), Cell(f"{d.variant:g}", (d.variant,)),
             fixed(d.start, 2), fixed(d.end, 2),
             number(d.frequency, 2) if d.frequency > 0 else Cell("constant", (d.frequency,)),
-            number(d.strength, 2),
-            data_cell(finding.virtual),
+            number(d.share, 2, "%", 100), number(d.score, 2),
         )
         for d in strongest
+    ]  # fmt: skip
+    head = columns(
+        "channel", "phase", ("speed [m/s]", ("speed_mps",)), ("from [s]", ("start_s",)),
+        ("to [s]", ("end_s",)), ("frequency [Hz]", ("frequency_hz",)),
+        ("share of the channel's rms", ("share",)), ("over its std [–]", ("score",)),
     )  # fmt: skip
-    return Table(
-        "found_intervals", "The strongest intervals of disagreement",
-        f"Times count from the start of the command; the frequency is where it is strongest.{rest}",
-        columns(
-            "channel", "phase", ("speed [m/s]", ("speed_mps",)), ("from [s]", ("start_s",)),
-            ("to [s]", ("end_s",)), ("frequency [Hz]", ("frequency_hz",)),
-            ("strength over noise [–]", ("strength",)), "data",
-        ),
-        rows,
-    )  # fmt: skip
+    sentence = f"Times count from the start of the command; the frequency is where it is strongest.{rest}"
+    title = "Where the model with the effects still disagrees" if after else "Where the model disagrees most"
+    return _table(finding, "left" if after else "intervals", title, sentence, head, rows)
 
 
 def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table | None:
-    """List every candidate with its evidence in each round."""
-    if not finding.rounds or not finding.rounds[0]:
-        return None
-    by_round = [{c.id: c for c in found} for found in finding.rounds]
-    rows = []
-    for c in finding.rounds[0]:
-        cells = [_evidence(found[c.id]) if c.id in found else Cell(NONE, (None,)) for found in by_round]
-        title = known[c.id].title if c.id in known else ""
-        rows.append(
-            (
-                words(plain(c.id)), words(title or NONE), *cells, words(STATUS.get(c.status, c.status)),
-                data_cell(finding.virtual),
-            )
-        )  # fmt: skip
-    n = len(finding.rounds)
-    titles = [(f"round {k + 1} [–]" if n > 1 else "evidence [–]", (f"evidence_{k + 1}",)) for k in range(n)]
-    return Table(
-        "found_candidates", "Every candidate, its meaning and its evidence",
-        f"Chance alone reaches {significant(finding.threshold, 2)} in one set of trials in a hundred. A "
-        "dash: already in the model, or a fit that did not converge.",
-        columns("candidate", "what it is", *titles, "how far it was tried", "data"),
-        tuple(rows),
+    """List every candidate with its probability, the share of the gap it closes, and its fate."""
+    rows = [
+        (
+            words(plain(c.id)), words(known[c.id].title if c.id in known else NONE),
+            _percent(c.probability), number(c.closes, 2, "%", 100), number(c.gain, 3),
+            words(f"{STATUS[c.status]}{_bounds(c.bounds)}"),
+        )
+        for c in finding.candidates
+    ]  # fmt: skip
+    head = columns(
+        "candidate", "what it is", ("probability", ("probability",)), ("closes alone", ("closes",)),
+        ("ln Bayes factor [–]", ("log_bayes_factor",)), "status",
     )  # fmt: skip
+    sentence = (
+        "Probability that the candidate is in the model, share of the gap that it closes alone with all "
+        "trials in the fit, and logarithm of the Bayes factor against the model it was added to."
+    )
+    return _table(finding, "candidates", "Every candidate, and what it means", sentence, head, rows)
 
 
-def _evidence(candidate: Candidate) -> Cell:
-    """Return the evidence; a fit that did not converge has none."""
-    if candidate.status == "not converged":
-        return Cell(NONE, (candidate.evidence,))
-    return Cell(evidence(candidate.evidence), (candidate.evidence,))
-
-
-def gaps_table(finding: Finding) -> Table:
-    """List the gap of every channel and phase, on trials of the fit and on trials left out."""
-    rows = []
-    for g in (finding.gap, *finding.gaps):
-        if not any(math.isfinite(v) for v in (*g.train, *g.held_out)):
-            continue
-        name = "all channels" if g.channel == "all" else channel_name(g.channel)
-        phase = "all phases" if g.phase == "all" else IN_PHASE.get(g.phase, g.phase)
-        cells = [number(v, 3) for v in (*g.train[:2], *g.held_out[:2], g.train[2])]
-        rows.append((words(name), words(phase), *cells, data_cell(finding.virtual)))
-    return Table(
-        "found_gaps", "The gap of every channel and phase",
-        "Root mean square of what is left over the noise, before and after what was found is added; the "
-        "floor is what repetitions of one command do not have in common.",
-        columns(
-            "channel", "phase", ("in the fit: before [–]", ("train_before",)),
-            ("after [–]", ("train_after",)), ("left out: before [–]", ("held_out_before",)),
-            ("after [–]", ("held_out_after",)), ("floor [–]", ("floor",)), "data",
-        ),
-        tuple(rows),
-    )  # fmt: skip
+def _bounds(bounds: Sequence[str]) -> str:
+    return f" ({', '.join(b.replace('_', ' ') for b in bounds)})" if bounds else ""
 
 
 def detectable_table(finding: Finding, known: Mapping[str, Effect]) -> Table | None:
-    """List the smallest size of each candidate that these trials show, and what it is alike."""
+    """List the smallest size of each candidate that these trials show, and what limits it."""
     rows = []
     for d in finding.detectable:
         own = {p.name: p for p in known[d.effect].parameters} if d.effect in known else {}
         p = own.get(d.parameter)
         largest = max(abs(p.prior_low), abs(p.prior_high)) if p else d.size
         unit, scale = scale_of(d.effect, d.parameter, d.unit, largest)
-        expected = f"{_short(p.prior_low * scale)} to {_short(p.prior_high * scale)}" if p else NONE
+        low, high = (p.prior_low, p.prior_high) if p else (None, None)
+        expected = " to ".join(f"{v * scale:.4g}".replace("-", "−") for v in (low, high) if v is not None)
         alike = [plain(i) for i in d.confused_with]
         text = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
         seen = math.isfinite(d.size)
         rows.append(
             (
                 words(plain(d.effect)), words(d.parameter.replace("_", " ")),
-                number(d.size, 2, scale=scale) if seen else Cell(unseen(finding, d.effect), (None,)),
-                Cell(expected, (p.prior_low, p.prior_high) if p else (None, None)),
-                Cell(unit or "–", (d.unit or "–",)), words(text or "none"), data_cell(finding.virtual),
+                number(d.size, 2, scale=scale) if seen else Cell("cannot be seen", (None,)),
+                Cell(expected or NONE, (low, high)), Cell(unit or "–", (d.unit or "–",)),
+                words(d.limit if seen else NONE), words(text or "none"),
             )
         )  # fmt: skip
-    if not rows:
-        return None
-    return Table(
-        "found_detectable", "Smallest sizes that these trials show",
-        "A size that is found four times out of five, beside what the literature leads to expect.",
-        columns(
-            "candidate", "number", ("smallest size", ("smallest",)),
-            ("expected", ("expected_low", "expected_high")), "unit", "looks like", "data",
-        ),
-        tuple(rows),
+    head = columns(
+        "candidate", "number", ("smallest size", ("smallest",)),
+        ("expected", ("expected_low", "expected_high")), "unit", "limited by", "looks like",
     )  # fmt: skip
+    sentence = "A size that is named four times out of five, beside what the literature leads to expect."
+    return _table(finding, "detectable", "Smallest sizes that these trials show", sentence, head, rows)
 
 
-def _short(value: float) -> str:
-    return f"{value:.4g}".replace("-", "−")
-
-
-def self_check_table(finding: Finding) -> Table | None:
-    """List what would be named if one candidate at a time were in the trials."""
-    check = finding.self_check
+def confusion_table(finding: Finding) -> Table | None:
+    """List what would come first if one candidate at a time were in the trials."""
+    check = finding.confusion
     if check is None:
         return None
     rows = []
     for k, id_ in enumerate(check.ids):
         if not math.isfinite(check.missed[k]):
             continue
-        wrong = ", ".join(f"{plain(other)} ({100 * share:.0f} %)" for other, share in check.taken_for(id_))
+        wrong = ", ".join(f"{plain(other)} ({percent(share)})" for other, share in check.taken_for(id_))
+        first = float(check.matrix[k, k])
         rows.append(
-            (
-                words(plain(id_)), fixed(100 * check.kept[k], 0), fixed(100 * check.alone[k], 0),
-                fixed(100 * check.missed[k], 0), words(wrong or "none"), data_cell(finding.virtual),
-            )
-        )  # fmt: skip
-    if not rows:
-        return None
-    return Table(
-        "found_self_check", "What these trials would say of each candidate",
+            (words(plain(id_)), _percent(first), _percent(float(check.missed[k])), words(wrong or "none"))
+        )
+    head = columns(
+        "candidate", ("comes first", ("first",)), ("nothing named", ("missed",)), "something else comes first"
+    )
+    sentence = (
         f"Each candidate in turn at {check.factor:g} times the smallest size that is seen, {check.draws} "
-        "times with other noise: how often it is named, alone or with what cannot be told from it, how "
-        "often alone, and how often nothing is named.",
-        columns(
-            "candidate", ("named [%]", ("named",)), ("named alone [%]", ("named_alone",)),
-            ("nothing named [%]", ("missed",)), "something else comes first", "data",
-        ),
-        tuple(rows),
-    )  # fmt: skip
+        "times with other noise."
+    )
+    return _table(finding, "confusion", "What these trials would say of each candidate", sentence, head, rows)
 
 
-def law_table(finding: Finding) -> Table | None:
-    """List the terms of the empirical law."""
-    law = law_of(finding)
-    if law is None:
-        return None
+def scales_table(finding: Finding) -> Table | None:
+    """List what differs from trial to trial, with its std as learnt."""
     rows = []
-    for p in law.parameters:
-        if p.estimate.value == 0:
-            continue
-        target, term = split(p.name)
-        rows.append(
-            (
-                words(LAW[target]), words(BY.get(term, plain(term))),
-                Cell(plus_minus(p.estimate), (p.estimate.value, p.estimate.std)), words(tidy_unit(p.unit)),
-                data_cell(finding.virtual),
-            )
-        )  # fmt: skip
-    return Table(
-        "found_law", "The terms of the empirical law",
-        "Each amount at a typical state: 0.5 m/s, slip 0.2, 1 m of way, 5 s, 20 mm/s of sinking.",
-        columns("what is missing", "how it goes", ("amount", ("amount", "std")), "unit", "data"),
-        tuple(rows),
+    for name, std in finding.scales.items():
+        text, unit, scale = SCALES.get(name, (name, "", 1.0))
+        rows.append((words(text), Cell(f"± {significant(std * scale, 2)} {unit}".strip(), (std,))))
+    head = columns("number", ("std from trial to trial", ("std",)))
+    sentence = (
+        "Standard deviations that the trials themselves show; the robot's file only says where to begin."
+    )
+    return _table(finding, "scales", "What differs from trial to trial", sentence, head, rows)
+
+
+def sand_table(finding: Finding) -> Table | None:
+    """List the sand common to all trials over its file."""
+    rows = []
+    for name, log in finding.sand.items():
+        ratio = Estimate(float(np.expm1(log.value)), float(np.exp(log.value) * log.std))
+        rows.append((words(SAND.get(name, name)), Cell(percent_of(ratio), (ratio.value, ratio.std))))
+    head = columns("parameter", ("off the file's value", ("off", "std")))
+    sentence = "Fitted along with everything else, common to all trials."
+    return _table(finding, "sand", f"The sand, beside {finding.soil.title}", sentence, head, rows)
+
+
+def left_out_table(finding: Finding) -> Table | None:
+    """List how well each trial and each speed is predicted by a fit that did not see it."""
+    rows = [(words(x.name), number(x.before, 3), number(x.after, 3)) for x in finding.trials_left_out]
+    rows += [
+        (words(f"all at {x.name} m/s"), number(x.before, 3), number(x.after, 3))
+        for x in finding.speeds_left_out
+    ]
+    sentence = "Misfit over what noise and tolerance explain, without and with what was found."
+    head = columns("left out", *BEFORE_AFTER)
+    return _table(finding, "left_out", "Trials and speeds left out", sentence, head, rows)
+
+
+def dropped_table(finding: Finding) -> Table | None:
+    """List the trials that nothing fits."""
+    rows = [(words(name), words(why)) for name, why in finding.dropped]
+    return _table(
+        finding, "dropped", "Trials that nothing fits", "They are in no fit and no figure.",
+        columns("trial", "why"), rows,
     )  # fmt: skip
+
+
+def _percent(share: float) -> Cell:
+    return Cell(percent(share), (share,))

@@ -36,14 +36,22 @@ TITLES = {
     "accel_bias": "Estimated bias of the accelerometer, tilt included [m/s²]",
     "gyro_bias": "Estimated bias of the gyroscope [rad/s]",
     "innovation": "Innovations of the filter over their predicted std [σ]",
-    "found_accel_x": "Forward acceleration read by the IMU [m/s²]",
-    "found_accel_z": "Vertical acceleration read by the IMU [m/s²]",
-    "found_pitch_rate": "Pitch rate read by the IMU [rad/s]",
-    "found_wheel": "Wheel angle, mean of all: simulated − measured [rad]",
-    "found_wheel_split": "Wheel angle, front − rear: simulated − measured [rad]",
-    "found_current_f": "Motor current, front [A]",
-    "found_current_r": "Motor current, rear [A]",
 }
+FOUND = {
+    "accel_x": "Forward acceleration read by the IMU{} [m/s²]",
+    "accel_z": "Vertical acceleration read by the IMU{} [m/s²]",
+    "pitch_rate": "Pitch rate read by the IMU{} [rad/s]",
+    "wheel": "Wheel angle, mean of all{} [rad]",
+    "wheel_split": "Wheel angle, front − rear{} [rad]",
+    "current_f": "Motor current, front{} [A]",
+    "current_r": "Motor current, rear{} [A]",
+}
+"""Channels of a search for the missing effect."""
+
+TITLES |= {
+    f"found_{c}": title.format(": measured − simulated" if c.startswith("wheel") else "")
+    for c, title in FOUND.items()
+} | {f"discrepancy_{c}": title.format(": discrepancy of the model") for c, title in FOUND.items()}
 TABS = {
     "Motion": ("velocity", "slip", "torque", "pitch"),
     "Residuals": (
@@ -56,15 +64,8 @@ TABS = {
     "Wheels": ("wheel_velocity", "wheel_slip", "current"),
     "Sensors": ("specific_force", "residual_accel", "pitch_rate", "residual_pitch_rate"),
     "Filter": ("innovation", "accel_bias", "gyro_bias", "imu"),
-    "Missing effect": (
-        "found_accel_x",
-        "found_accel_z",
-        "found_pitch_rate",
-        "found_wheel",
-        "found_wheel_split",
-        "found_current_f",
-        "found_current_r",
-    ),
+    "Missing effect": tuple(f"found_{c}" for c in FOUND),
+    "Discrepancy": tuple(f"discrepancy_{c}" for c in FOUND),
 }
 Extent = Mapping[str, tuple[float, float]]
 """Plot to the range of values it shows at first, where the data alone would choose a bad one."""
@@ -97,7 +98,9 @@ def plot(root: str, key: str, extent: Extent, *, legend: bool) -> Any:
         name=TITLES[key],
         axis_x=TIME_AXIS,
         axis_y=rrb.ScalarAxis(range=extent[key]),
-        plot_legend=rrb.PlotLegend("RightTop" if key.startswith("found") else "LeftTop", visible=legend),
+        plot_legend=rrb.PlotLegend(
+            "RightTop" if key.startswith(("found", "discrepancy")) else "LeftTop", visible=legend
+        ),
     )
 
 
