@@ -102,7 +102,9 @@ def discover(
             tell("checking what these trials could show")
             rest = [c for c in library if c not in judgement.model.effects]
             fit = judgement.model.fit
-            power = detectable(problem, fit, screen(problem, fit, rest, most=2), tolerance)
+            looks = found.looks.get((), ()) if not judgement.model.effects else ()
+            screened = looks[0].screened if looks else screen(problem, fit, rest, most=2)
+            power = detectable(problem, fit, screened, tolerance)
         except (LabError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
             failures.append(f"what these trials could show was not computed: {error}")
         finding = assemble(

@@ -8,6 +8,7 @@ import numpy as np
 
 from granite_lab.discovery.candidates import Probe, Screen
 from granite_lab.discovery.finding import Confusion, Detectable
+from granite_lab.discovery.search import is_empirical
 from granite_lab.inference.constants import CREDIBLE, EFFECT_ODDS
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.problem import Problem, width_of
@@ -38,7 +39,7 @@ def detectable(
         tolerance: as a share of a channel's rms.
     """
     own = {id_: [p for p in group] for id_, group in screened.own.items()}
-    probes = _smallest(screened.probes)
+    probes = [(k, p) for k, p in _smallest(screened.probes) if not is_empirical(p.candidate)]
     gram = screened.posterior.rest[:-1, :-1]
     cosines = _cosines(gram, [k for k, _ in probes])
     shares = _shares(problem, fit, screened)

@@ -123,7 +123,8 @@ def search(
             others = [c for c in candidates if c not in model.effects]
             looks[model.effects] = tuple(_look(problem, f, others) for f in _origins(problem, model.fit))
         made = []
-        for origin, score in _promising(looks[model.effects]):
+        most = 1 if fine and not model.effects else TRIED
+        for origin, score in _promising(looks[model.effects], most):
             effects = tuple(sorted((*model.effects, score.candidate)))
             if effects not in found:
                 tell(f"fitting {_words(effects)}")
@@ -136,7 +137,8 @@ def search(
         return made
 
     current = found[()]
-    for _ in range(MOST):
+    fine = good(problem, base, tolerance)  # nothing can be named; what is likeliest is fitted to be listed
+    for _ in range(1 if fine else MOST):
         options = extended(current)
         best = max(options, key=lambda m: m.log_posterior, default=current)
         if best.log_posterior <= current.log_posterior + WORTH:
@@ -199,10 +201,10 @@ def _look(problem: Problem, origin: Fit, candidates: Sequence[str]) -> Look:
     return Look(origin, screened, tuple(scores(problem, screened)))
 
 
-def _promising(looks: Sequence[Look]) -> list[tuple[Fit, Score]]:
+def _promising(looks: Sequence[Look], most: int) -> list[tuple[Fit, Score]]:
     """Return the candidates to be fitted, each from where it promises most.
 
-    They are the best effects of the library, and the best term of the empirical law.
+    They are the `most` best effects of the library, and the best term of the empirical law.
     """
     best: dict[str, tuple[float, Fit, Score]] = {}
     first = looks[0].origin.posterior.evidence
@@ -212,8 +214,8 @@ def _promising(looks: Sequence[Look]) -> list[tuple[Fit, Score]]:
             if score.candidate not in best or promise > best[score.candidate][0]:
                 best[score.candidate] = (promise, look.origin, score)
     ranked = sorted((b for b in best.values() if b[0] > WORTH), key=lambda b: -b[0])
-    library = [b for b in ranked if not is_empirical(b[2].candidate)][:TRIED]
-    law = [b for b in ranked if is_empirical(b[2].candidate)][:1]
+    library = [b for b in ranked if not is_empirical(b[2].candidate)][:most]
+    law = [b for b in ranked if is_empirical(b[2].candidate)][: most // 2]
     return [(origin, score) for _, origin, score in library + law]
 
 

@@ -17,6 +17,7 @@ from scipy.linalg import cholesky, solve_toeplitz, toeplitz
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import nnls
 
+from granite_lab.inference.constants import REST_SHARE
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import desired_velocity
 
@@ -106,6 +107,7 @@ def learn(
     floor: float,
     width: float,
     rest: Array | None = None,
+    more: Array | None = None,
 ) -> list[Whitener]:
     """Identify the noise of one channel from the trials of one command.
 
@@ -118,6 +120,7 @@ def learn(
         floor: smallest std worth telling from zero.
         width: of a bin [s].
         rest: what `at_rest` found; by default it looks at these trials alone.
+        more: (n,) variance of what is neither noise nor smooth: blows of a robot that comes to rest.
     """
     table, error = np.stack(residuals), errors(residuals)
     cut = 0.0 if len(residuals) > 1 else CUT
@@ -128,6 +131,8 @@ def learn(
     n = speed.size
     Σ = _covariance(rest, n) + np.outer(speed, speed) * _covariance(vibration, n)
     Σ[np.diag_indices(n)] += _jitter(error, np.diag(Σ), slope)
+    if more is not None:
+        Σ[np.diag_indices(n)] += more
     known = np.isfinite(table)
     factors: dict[bytes, Array] = {}
     for mask in known:
@@ -220,7 +225,7 @@ def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]
             rest.setdefault(_sensor(problem, having[0], c), []).extend(rows[:, speed == 0])
     width = problem.trials[0].observation.width
     spectra = {sensor: at_rest(rows, FLOOR[sensor[0]], width) for sensor, rows in rest.items()}
-    for own, speed in zip(problem.commands, speeds, strict=True):
+    for command, (own, speed) in enumerate(zip(problem.commands, speeds, strict=True)):
         for c, having in _channels(problem, own):
             place = {i: problem.trials[i].channels.index(c) for i in having}
             rows = [residuals[i][place[i]] for i in having]
@@ -230,7 +235,8 @@ def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]
                 level = float(np.median(np.abs(shown[speed >= FAST])))
                 strength = np.clip(np.abs(shown) / level, 0, 4) * (speed > 0) if level > 0 else speed
             sensor = spectra[_sensor(problem, having[0], c)]
-            found = learn(rows, strength, np.gradient(shown), FLOOR[c], width, sensor)
+            blows = (REST_SHARE * problem.resting(command, c)) ** 2
+            found = learn(rows, strength, np.gradient(shown), FLOOR[c], width, sensor, blows)
             for i, w in zip(having, found, strict=True):
                 whiteners[i][place[i]] = w
     return whiteners

@@ -93,7 +93,7 @@ class Problem:
         self.whiteners: list[list[Whitener]] = []
         self._plain: list[dict[str, Basis]] = []
         self._white_plain: dict[tuple[int, str], Array] = {}
-        self._sizes: list[dict[str, tuple[float, Array]]] = []
+        self._sizes: list[dict[str, tuple[float, Array, Array]]] = []
         self.rows = tuple(
             {c: slice(k * t.observation.bins, (k + 1) * t.observation.bins) for k, c in enumerate(t.channels)}
             for t in self.trials
@@ -308,11 +308,16 @@ class Problem:
                 parts = [modulated(level * moving, MOTION, width), modulated(level * resting, REST, width)]
                 plain[c] = joined(parts)
             self._plain.append(plain)
-            self._sizes.append({c: (size.get(c, 0.0), moving) for c in plain})
+            self._sizes.append({c: (size.get(c, 0.0), moving, resting) for c in plain})
 
     def size_of(self, command: int, channel: str) -> tuple[float, Array]:
         """Return the rms of a channel in motion, and (n,) 1 where the robot moves, else 0."""
-        return self._sizes[command][channel]
+        return self._sizes[command][channel][:2]
+
+    def resting(self, command: int, channel: str) -> Array:
+        """Return (n,) the rms of a channel in motion where the robot is near rest, else 0."""
+        size, _, at = self._sizes[command][channel]
+        return size * at
 
     def normal(
         self,

@@ -11,7 +11,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.inference import noise
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.nuisances import TrialModel
-from granite_lab.inference.observation import bin_width, observe
+from granite_lab.inference.observation import BIN, bin_width, observe
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Robot, Variant, load_variants
@@ -19,12 +19,13 @@ from granite_lab.parameters import Robot, Variant, load_variants
 TURNED = 0.005
 """Wheel angle by which the command has certainly begun [rad]; half a millimetre on the circumference."""
 
-ROUGH, FINE = (8, 2), (12, 3)
-"""Most steps, and most derivatives, of a fit with nominal and of one with learnt noise."""
+QUICK, ROUGH, FINE = (2, 0), (8, 2), (12, 3)
+"""Most steps, and how often the derivatives are renewed: of the first fit of one trial, whose noise follows
+from the fast part of its residuals; of the first fit of several; of those with learnt noise."""
 
 
 def trial_models(
-    trials: Sequence[Trial], robot: Robot, motions: Sequence[Motion]
+    trials: Sequence[Trial], robot: Robot, motions: Sequence[Motion], *, least: float = BIN
 ) -> tuple[list[TrialModel], tuple[Variant, ...]]:
     """Put all trials into bins of one width.
 
@@ -32,6 +33,7 @@ def trial_models(
         trials: as estimation corrected them.
         robot: of all of them.
         motions: their estimates, which know command and start.
+        least: least width of a bin [s].
 
     Returns:
         the trials, and the commands they are numbered by.
@@ -46,7 +48,7 @@ def trial_models(
     variants = tuple(
         sorted({m.variant for m in motions}, key=lambda v: (v.velocity, v.acceleration, v.distance))
     )
-    width = max(bin_width(t, robot) for t in trials)
+    width = max(least, *(bin_width(t, robot) for t in trials))
     models = [
         TrialModel(observe(t, robot, m.variant, s, width=width), variants.index(m.variant), robot)
         for t, m, s in zip(trials, motions, starts, strict=True)
@@ -55,11 +57,16 @@ def trial_models(
 
 
 def baseline(problem: Problem) -> Fit:
-    """Fit the model as it is: with nominal noise, then twice with the noise that the residuals show.
+    """Fit the model as it is: with nominal noise, then with the noise that the residuals show.
+
+    Args:
+        problem: gets the noise, which is learnt twice, that of a trial alone once.
 
     Raises:
         EstimateError: the robot cannot be simulated on the soil.
     """
+    alone = len(problem.trials) == 1
+    rounds, renew = QUICK if alone else ROUGH
     start = problem.neutral()
     slopes = problem.slopes(start)
     if slopes is None:
@@ -67,8 +74,8 @@ def baseline(problem: Problem) -> Fit:
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     problem.weigh(noise.nominal(problem), start, slopes)
-    found = fit(problem, start, slopes=slopes, rounds=ROUGH[0], renew=ROUGH[1])
-    for _ in range(2):
+    found = fit(problem, start, slopes=slopes, rounds=rounds, renew=renew)
+    for _ in range(1 if alone else 2):
         problem.weigh(noise.learnt(problem, found.residuals), found.point, found.slopes)
         found = fit(problem, found.point, found.scales, slopes=found.slopes, rounds=FINE[0], renew=FINE[1])
     return found
