@@ -47,7 +47,7 @@ LARGEST_SET = 3
 REMAINDER = 0.1
 """Share of the gap from which on a discovery must say that it is left: what closes less is small."""
 
-SCHEMA = "granite-lab/discovery/1"
+SCHEMA = "granite-lab/discovery/2"
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Score:
         hidden: ids that were hidden.
         set_size: names in the largest set that holds a hidden effect.
         parameters: of the effects named rightly.
-        gap_closed: share of the gap above the floor that closed, for "train" and "held_out".
+        gap_closed: share of the gap that closed, for "train" and "held_out".
     """
 
     outcome: Outcome
@@ -214,9 +214,8 @@ def _parameter(effect: str, name: str, true: Mapping[str, Any], found: Mapping[s
 
 
 def _closed(gap: Mapping[str, Any], part: str) -> float | None:
-    """Return (before - after) / (before - floor) where there was a gap."""
-    numbers = [_number((gap.get(part) or {}).get(name)) for name in ("before", "after", "floor")]
-    before, after, floor = numbers
-    if before is None or after is None or floor is None or before <= floor:
+    """Return (before - after) / (before - 1) where there was a gap; 1 is what noise and tolerance explain."""
+    before, after = (_number((gap.get(part) or {}).get(name)) for name in ("before", "after"))
+    if before is None or after is None or before <= 1:
         return None
-    return (before - after) / (before - floor)
+    return (before - after) / (before - 1)

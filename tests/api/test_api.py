@@ -265,22 +265,24 @@ def test_discover_takes_the_command_s_path(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(home, "search", search)
     with pytest.raises(EstimateError, match="enough"):
-        gl.discover([SAMPLE, OTHER], robot="granite", seed=7)
+        gl.discover([SAMPLE, OTHER], robot="granite", tolerance=0.05, latency=0.03)
     trials, options, rest = calls[0]
     assert [trial.name for trial in trials] == ["virtual_v0.3_r1", "virtual_v0.7_r2"]  # type: ignore[attr-defined]
     assert options.robot == "granite"  # type: ignore[attr-defined]
-    assert rest["seed"] == 7
+    assert (options.tolerance, options.latency) == (0.05, 0.03)  # type: ignore[attr-defined]
+    assert len(rest["motions"]) == 2  # type: ignore[arg-type]
 
 
 def test_a_finding_is_a_table_of_candidates() -> None:
     finding = object.__new__(Finding)
-    rounds = ((Candidate("a", 50.0, 49.0, "evaluated", ()), Candidate("b", 3.0, 3.0, "screened only", ())),)
-    for name, value in {"rounds": rounds, "threshold": 18.0, "effects": ()}.items():
-        object.__setattr__(finding, name, value)
+    candidates = (
+        Candidate("a", 50.0, 0.98, 0.9, "named"), Candidate("b", -1.0, 0.0, float("nan"), "screened"),
+    )  # fmt: skip
+    object.__setattr__(finding, "candidates", candidates)
     frame = finding.to_frame()
     assert list(frame["effect"]) == ["a", "b"]
-    assert list(frame["evidence"]) == [50.0, 3.0]
-    assert set(frame["threshold"]) == {18.0}
+    assert list(frame["probability"]) == [0.98, 0.0]
+    assert list(frame["status"]) == ["named", "screened"]
 
 
 def test_view_refuses_what_is_no_recording(tmp_path: Path) -> None:

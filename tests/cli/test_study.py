@@ -44,7 +44,7 @@ def test_a_failing_trial_is_told_and_left_out(folder: Path) -> None:
 
 def test_it_ends_with_the_search_for_a_missing_effect(folder: Path) -> None:
     found = json.loads((folder / "stdout").read_text(encoding="utf-8"))["discovery"]
-    assert found["schema"] == "granite-lab/discovery/1"
+    assert found["schema"] == "granite-lab/discovery/2"
     report = json.loads((folder / "reports" / "mine" / "report.json").read_bytes())
     for key in ("verdict", "sentence", "effects", "gap"):
         assert report["discovery"][key] == found[key]

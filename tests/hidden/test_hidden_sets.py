@@ -262,7 +262,7 @@ def test_a_set_is_not_overwritten_unasked(folder: Path) -> None:
 def test_reveal_judges_a_finding(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (name,) = (effect["id"] for effect in open_answer(folder)["effects"])
     finding = tmp_path / "finding.json"
-    told = {"schema": "granite-lab/discovery/1", "verdict": "named", "effects": [{"id": name}]}
+    told = {"schema": "granite-lab/discovery/2", "verdict": "named", "effects": [{"id": name}]}
     finding.write_text(json.dumps(told))
     lab("reveal", folder, "--finding", finding, "--json")
     document = json.loads(capsys.readouterr().out)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from granite_lab.discovery import Finding
+from granite_lab.discovery.finding import Finding
 from granite_lab.reporting.content import TrialResult
 from granite_lab.reporting.recording import record_study, record_trial
 from tests.recording.made_up import made_up_study, made_up_trial
@@ -47,7 +48,7 @@ def test_rerun_accepts_it(path: Path) -> None:
 
 def test_disagreements_are_bars_on_the_trials_own_clock(back: ReadBack) -> None:
     lane = "/bars/simulation_differs/pitch_rate"
-    assert back.texts(lane, "StateChange:state") == ["none", "7.0 × noise", "none"]
+    assert back.texts(lane, "StateChange:state") == ["none", "35\u00a0% of the rms", "none"]
     np.testing.assert_allclose(back.t(lane), [-2.0, BUMP[0] + LATE, BUMP[1] + LATE], atol=NANOSECOND)
     colours = back.fixed(lane, "StateConfiguration:colors")
     assert colours[0] != colours[1]
@@ -70,8 +71,19 @@ def test_simulations_before_and_after_stand_beside_what_was_measured(
     assert names == ["measured [rad/s]", "before [rad/s]", "after [rad/s]"]
     r = own["wheel"]
     np.testing.assert_array_equal(
-        back.scalars("/found_wheel/lines"), np.column_stack([r.before - r.measured, r.after - r.measured])
+        back.scalars("/found_wheel/lines"), np.column_stack([r.measured - r.before, r.measured - r.after])
     )
+
+
+def test_the_discrepancy_stands_with_its_band(trial: TrialResult, finding: Finding, back: ReadBack) -> None:
+    r = next(r for r in finding.residuals if r.trial == trial.trial.name and r.channel == "pitch_rate")
+    after, half = r.discrepancy_after, 2 * r.std
+    np.testing.assert_array_equal(
+        back.scalars("/discrepancy_pitch_rate/lines"),
+        np.column_stack([r.discrepancy_before, after, after - half, after + half]),
+    )
+    names = back.fixed("/discrepancy_pitch_rate/lines", "SeriesLines:names")
+    assert names[:2] == ["discrepancy before [rad/s]", "discrepancy after [rad/s]"]
 
 
 def test_a_gap_in_the_log_is_a_gap_in_the_line(back: ReadBack) -> None:
@@ -84,8 +96,9 @@ def test_log_lines_name_what_is_missing_and_where(back: ReadBack) -> None:
     lines = back.texts("/events", "TextLog:text")
     (missing,) = [line for line in lines if "missing from the model" in line]
     assert "rear wheels in the compacted rut (pressure 0.300 ± 0.004" in missing
-    (where,) = [line for line in lines if "× noise" in line]
-    assert "pitch rate: 7.0 × noise, 0.53 s to 1.53 s" in where
+    (where,) = [line for line in lines if "% of the rms" in line]
+    assert "pitch rate: 35\u00a0% of the rms, 0.53 s to 1.53 s" in where
+    assert [line for line in lines if "IMU stamps 4.0 ± 1.0\u00a0ms behind those of wheels" in line]
     levels = dict(zip(lines, back.texts("/events", "TextLog:level"), strict=True))
     assert levels[missing] == levels[where] == "WARN"
 
@@ -103,6 +116,14 @@ def test_a_trial_that_was_not_searched_is_recorded_as_without(trial: TrialResult
     path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=finding)
     entities = ReadBack(path).entities()
     assert not [e for e in entities if "found_" in e or "simulation_differs" in e]
+
+
+def test_a_trial_that_was_dropped_says_why(trial: TrialResult, tmp_path: Path) -> None:
+    finding = made_up_finding(names="another_{speed}_{repetition}")
+    finding = dataclasses.replace(finding, dropped=((trial.trial.name, "no model fits it"),))
+    path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=finding)
+    lines = ReadBack(path).texts("/events", "TextLog:text")
+    assert [line for line in lines if "left out of the search: no model fits it" in line]
 
 
 def test_a_study_shows_it_in_every_trial(tmp_path: Path, finding: Finding) -> None:

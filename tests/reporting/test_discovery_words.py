@@ -1,32 +1,34 @@
-"""A discovery in words: signs said as directions, laws as formulas, moments that are looked at, what next."""
+"""A discovery in words: signs said as directions, laws as formulas, what next."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import re
 
-import numpy as np
 import pytest
 
-from granite_lab.discovery import Finding
-from granite_lab.discovery.finding import FoundEffect, FoundParameter, Gap, Unrepeated
+from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
 from granite_lab.reporting.answers import law_answer
-from granite_lab.reporting.discovery.answers import missing_answer, sure_answer, where_answer
+from granite_lab.reporting.discovery.answers import missing_answer, percent, sure_answer
 from granite_lab.reporting.discovery.evidence import steps
-from granite_lab.reporting.discovery.names import describe, in_plain_words
+from granite_lab.reporting.discovery.names import describe, in_plain_words, latency_in_words
 from granite_lab.reporting.discovery.next_steps import next_steps
-from granite_lab.reporting.discovery.plot_closer import closer_drawings
 from granite_lab.reporting.discovery.plot_law import law_formulas
 from granite_lab.reporting.discovery.plot_sizes import detectable_drawing
-from granite_lab.reporting.discovery.plot_which import candidate_drawings
-from granite_lab.reporting.discovery.tables import detectable_table, effects_table, intervals_table
+from granite_lab.reporting.discovery.plot_which import candidates_drawing
+from granite_lab.reporting.discovery.tables import (
+    candidates_table,
+    confusion_table,
+    detectable_table,
+    effects_table,
+    intervals_table,
+)
 from granite_lab.reporting.document import Gallery, Listing, Words
 from tests.reporting.made_up import made_up_study
-from tests.reporting.made_up_finding import BUMP, STRENGTH, made_up_finding
+from tests.reporting.made_up_finding import made_up_finding
 from tests.reporting.test_figures import texts
 
 
@@ -34,7 +36,7 @@ def found(effect_id: str, **values: tuple[float, float]) -> FoundEffect:
     effect = library()[effect_id]
     units = {p.name: p.unit for p in effect.parameters}
     numbers = tuple(FoundParameter(n, units[n], Estimate(*v)) for n, v in values.items())
-    return FoundEffect(effect.id, effect.title, numbers, (), 5000.0)
+    return FoundEffect(effect.id, effect.title, numbers, (), 0.97, Estimate(0.9, 0.02))
 
 
 def naming(effect: FoundEffect) -> Finding:
@@ -88,7 +90,8 @@ def test_cosine_and_sine_of_each_trial_are_said_as_the_amplitude_they_share() ->
 
 
 def test_the_table_keeps_sign_and_si_unit_and_says_which_way_it_goes() -> None:
-    table = effects_table(naming(found("clock_offset", offset=(-0.0035, 0.0001))))
+    finding = naming(found("clock_offset", offset=(-0.0035, 0.0001)))
+    table = effects_table(finding, library(), finding.effects)
     assert table is not None
     row = table.rows[0]
     assert row[3].text.replace("\u00a0", " ") == "−3.50 ± 0.10 ms"
@@ -96,65 +99,33 @@ def test_the_table_keeps_sign_and_si_unit_and_says_which_way_it_goes() -> None:
     assert "below zero: stamps of encoders and currents early" in row[2].text
 
 
-def test_the_closer_look_is_where_the_effect_is() -> None:
-    # The bump of the pitch rate is 12 times the noise of one trial, which is 3 mrad/s.
-    finding = made_up_finding()
-    first = closer_drawings(finding)[0]
-    low, high = first.figure.axes[0].get_xlim()
-    assert low < np.mean(BUMP) < high
-    assert high - low == pytest.approx(1.2, abs=0.05)
-    named = [text for text, _ in texts(first.figure)]
-    assert "pitch rate" in named
-    assert "pitch rate: simulated − measured" in named
-    assert not any("acceleration" in name for name in named)  # nothing is missing there
-    before, after = (float(v) for v in re.findall(r"([\d.]+)\u00a0mrad/s", first.sentence))
-    # rms of a Gaussian of 0.2 s over 1.2 s; afterwards the noise of three trials is left
-    assert before == pytest.approx(3 * STRENGTH * math.sqrt(0.2 * math.sqrt(math.pi / 2) / 1.2), rel=0.05)
-    assert after == pytest.approx(3 / math.sqrt(3), rel=0.2)
+@pytest.mark.parametrize(
+    ("value", "std", "said"),
+    [
+        (0.004, 0.001, "IMU stamps 4.0 ± 1.0 ms behind those of wheels and currents"),
+        (-0.0123, 0.0004, "IMU stamps 12.3 ± 0.4 ms ahead of those of wheels and currents"),
+        (math.nan, math.nan, ""),
+    ],
+)
+def test_latency_is_said_with_its_direction(value: float, std: float, said: str) -> None:
+    assert latency_in_words(Estimate(value, std)).replace("\u00a0", " ") == said
 
 
-def test_two_closer_looks_are_at_two_events() -> None:
-    finding = made_up_finding()
-    again = []
-    for r in finding.residuals:
-        if r.channel == "accel_x":  # something smaller while the wheels begin to turn
-            early = 6 * np.exp(-(((r.t - 0.1) / 0.05) ** 2))
-            changed = dataclasses.replace(
-                r, measured=r.measured + 0.05 * early, after=r.after + 0.05 * early,
-                white_before=r.white_before + early,
-            )  # fmt: skip
-            again.append(changed)
-        else:
-            again.append(r)
-    first, second = closer_drawings(dataclasses.replace(finding, residuals=tuple(again)))
-    assert first.title != second.title
-    assert {t.title.split(", ")[1].split(" (")[0] for t in (first, second)} == {
-        "at the start", "in steady motion",
-    }  # fmt: skip
-
-
-def test_nothing_is_looked_at_closer_where_nothing_was_found() -> None:
-    assert closer_drawings(made_up_finding("none")) == []
-
-
-def test_the_law_stands_as_formulas_is_no_physics_and_says_how_much_it_closes() -> None:
+def test_the_law_stands_as_formulas_and_is_no_physics() -> None:
     finding = made_up_finding("unknown")
     assert [f.replace("\u00a0", " ") for f in law_formulas(finding)] == [
         "force along the robot = −2.90 N · exp(−x / 0.2 m)",
         "moment on the body, nose down = 1.20 N m · v / (0.5 m/s)",
         "torque against each rear wheel = 0.0500 N m · s / 0.2",
     ]
-    assert (
-        "a force along the robot, a moment on the body and a torque against each rear wheel: a description"
-        in missing_answer(finding).text
-    )
-    step = next(s for s in steps(finding, "model.toml") if s.id == "found-law")
-    text = " ".join(block.text for block in step.blocks if isinstance(block, Words))
-    assert "It is not physics." in text
-    # (3.10 - 1.85) / (3.10 - 1)
-    assert "closes 60 % of the gap on trials that were left out" in text
-    assert "model.toml holds the paper's model alone" in text
-    assert any(isinstance(b, Listing) and b.items == law_formulas(finding) for b in step.blocks)
+    answer = missing_answer(finding)
+    assert answer.verdict == "not known"
+    assert "Force along the robot, over the first 0.2 m (−2.90" in answer.text
+    first = steps(finding, "model.toml")[0]
+    said = " ".join(block.text for block in first.blocks if isinstance(block, Words))
+    assert "no physics" in said
+    assert "model.toml" not in said  # a law is not put into it
+    assert any(isinstance(b, Listing) and b.items == law_formulas(finding) for b in first.blocks)
 
 
 def test_a_law_is_not_called_what_was_found() -> None:
@@ -165,79 +136,64 @@ def test_a_law_is_not_called_what_was_found() -> None:
             assert "with what was found" not in [text for text, _ in texts(drawing.figure)], drawing.id
 
 
-def test_a_candidate_that_could_not_be_simulated_is_not_said_to_be_invisible() -> None:
+def test_what_limits_a_size_is_said_and_what_cannot_be_seen() -> None:
     finding = made_up_finding()
-    rounds = tuple(tuple(c for c in r if c.id != "imu_tilt") for r in finding.rounds)
-    failed = dataclasses.replace(finding, rounds=rounds)  # it has no smallest size, and was never tried
-    drawing, table = detectable_drawing(failed, library()), detectable_table(failed, library())
-    assert drawing is not None
+    table = detectable_table(finding, library())
     assert table is not None
-    assert "Of IMU tilt nothing is known" in drawing.sentence
-    assert "cannot show" not in drawing.sentence
-    assert "could not be tried" in {row[2].text for row in table.rows}
-    limits = next(s for s in steps(failed) if s.id == "found-limits")
-    listing = next(b for b in limits.blocks if isinstance(b, Listing))
-    assert "IMU tilt was not tried: the model with it could not be simulated here." in listing.items
-    whole = detectable_drawing(finding, library())
-    assert whole is not None
-    assert "These trials cannot show IMU tilt." in whole.sentence
+    limits = {row[0].text: (row[2].text, row[5].text) for row in table.rows}
+    assert limits["payload mass"][1] == "tolerance"
+    assert limits["bulldozing"][1] == "noise"
+    assert limits["IMU tilt"][0] == "cannot be seen"
+    drawing = detectable_drawing(finding, library())
+    assert drawing is not None
+    assert "These trials cannot show IMU tilt." in drawing.sentence
 
 
-def test_others_beyond_the_line_are_explained() -> None:
-    # com offset (800), slip sinkage (300) and clock offset (20) are beyond 18; the second round has 9 at most
-    drawing = candidate_drawings(made_up_finding())[0]
-    assert "3 more beyond the line explain part of the same" in drawing.sentence
-    assert "once it is in the model, none adds more than chance" in drawing.sentence
+def test_what_a_candidate_would_be_taken_for_stands_in_percent() -> None:
+    table = confusion_table(made_up_finding())
+    assert table is not None
+    assert [cell.text.replace("\u00a0", " ") for cell in table.rows[0]] == [
+        "multi pass", "85 %", "5 %", "centre-of-mass offset (10 %)", "virtual",
+    ]  # fmt: skip
+    assert "clock offset" not in {row[0].text for row in table.rows}  # these trials cannot show it
 
 
-@pytest.mark.parametrize(
-    ("status", "why"),
-    [
-        ("uneven", "it would need another size in each trial, not only another phase"),
-        ("related", "it is like what is in the model already"),
-        ("at a bound", "its fit ended at a bound"),
-        ("evaluated", "it explains too little"),
-    ],
-)
-def test_the_reader_is_told_why_the_strongest_candidate_is_not_named(status: str, why: str) -> None:
-    finding = made_up_finding("unknown")
-    best, *others = finding.rounds[0]
-    finding = dataclasses.replace(finding, rounds=((dataclasses.replace(best, status=status), *others),))
-    sentence = candidate_drawings(finding)[0].sentence
-    assert f"but it does not count: {why}" in sentence
+def test_candidates_stand_with_probability_share_and_fate() -> None:
+    finding = made_up_finding()
+    table = candidates_table(finding, library())
+    assert table is not None
+    rows = {row[0].text: [c.text.replace("\u00a0", " ") for c in row[2:6]] for row in table.rows}
+    assert rows["multi pass"] == ["97 %", "93 %", "300", "named"]
+    assert rows["gear backlash"][3] == "ended at a bound (backlash)"
+    assert rows["payload mass"][1] == "–"
+    drawing = candidates_drawing(finding)
+    assert drawing is not None
+    said = drawing.sentence.replace("\u00a0", " ")
+    assert "Multi pass is in the model with a probability of 97 % and closes 93 % of the gap" in said
+
+
+def test_a_probability_is_never_rounded_to_certainty() -> None:
+    assert percent(0.9999).replace("\u00a0", " ") == "over 99 %"
+    assert percent(1.0).replace("\u00a0", " ") == "100 %"
 
 
 def test_names_to_type_do_not_stand_in_sentences() -> None:
-    finding = made_up_finding()
+    finding = made_up_finding("unknown")
     note = "multi_pass was not evaluated: with it the simulation or the fit fails here."
     assert in_plain_words(note, finding).startswith("Multi pass was not evaluated: with it")
     assert in_plain_words("pitch_rate and current_f go together", finding) == (
         "Pitch rate and front motor current go together"
     )
-    assert in_plain_words("The best candidates (com_offset) close 34 %.", finding) == (
-        "The best candidates (centre-of-mass offset) close 34 %."
+    assert in_plain_words("The likeliest candidates (com_offset) do not explain enough.", finding) == (
+        "The likeliest candidates (centre-of-mass offset) do not explain enough."
+    )
+    assert in_plain_words("empirical.force_start is large.", finding) == (
+        "Force along the robot, over the first 0.2 m is large."
     )
 
 
-def test_what_differs_from_trial_to_trial_is_said_with_the_sensors_that_show_it() -> None:
-    seen = Unrepeated(9.3, "pitch_rate", "current_f", 0.0, 2.0)
-    quiet = dataclasses.replace(
-        made_up_finding("unknown"),
-        effects=(),
-        map_after=3.0,
-        gap=Gap("all", "all", (1, 1, 1), (1, 1, 1)),
-        unrepeated=seen,
-    )
-    text = missing_answer(quiet).text
-    assert "not the same in each trial" in text
-    assert "pitch rate and front motor current go together between 0 Hz and 2 Hz (9.3 standard" in text
-    assert "What repeats is explained" in text
-    assert where_answer(dataclasses.replace(quiet, where=())).verdict == "elsewhere each time"
-    assert "What is left is more than noise" in sure_answer(quiet, library()).text
-    assert "candidates" not in text
-    besides = missing_answer(dataclasses.replace(made_up_finding("unknown"), unrepeated=seen)).text
-    assert "candidates" in besides
-    assert "It is not the same in each trial" in besides
+def test_one_trial_proves_nothing_by_leaving_out() -> None:
+    assert "Nothing was left out" in sure_answer(made_up_finding(speeds=(0.3,), repetitions=1)).text
 
 
 def test_advice_fits_the_verdict() -> None:
@@ -250,6 +206,9 @@ def test_advice_fits_the_verdict() -> None:
     fault = " ".join(next_steps(naming(found("clock_offset", offset=(0.01, 0.001))), "model.toml"))
     assert "Clock offset is a fault of the measurement, not of the model" in fault
     assert "simulate" not in fault
+    assert "What is left is more" in " ".join(
+        next_steps(dataclasses.replace(made_up_finding(), remainder=0.4))
+    )
     assert "effect of your own" in " ".join(next_steps(made_up_finding("unknown")))
     assert "Nothing needs to be added" in " ".join(next_steps(made_up_finding("none")))
 
@@ -257,19 +216,9 @@ def test_advice_fits_the_verdict() -> None:
 def test_seconds_before_the_start_have_a_true_minus_and_no_zero_has_one() -> None:
     finding = made_up_finding()
     where = tuple(dataclasses.replace(d, start=-0.14, end=-0.001) for d in finding.where)
-    table = intervals_table(dataclasses.replace(finding, where=where))
+    table = intervals_table(finding, where)
     assert table is not None
     assert [cell.text for cell in table.rows[0]][3:5] == ["−0.14", "0.00"]
-
-
-def test_long_numbers_are_grouped() -> None:
-    effect = dataclasses.replace(made_up_finding().effects[0], evidence=27712.0)
-    rounds = tuple(
-        tuple(dataclasses.replace(c, evidence=27712.0) if c.id == effect.id else c for c in r)
-        for r in made_up_finding().rounds
-    )
-    text = missing_answer(dataclasses.replace(made_up_finding(), effects=(effect,), rounds=rounds)).text
-    assert "The evidence for it is 27\u00a0700;" in text
 
 
 def test_a_law_of_k92_that_differs_is_put_beside_what_is_missing() -> None:

@@ -43,9 +43,10 @@ def test_colours_appear_on_a_terminal() -> None:
 def test_a_named_effect_comes_with_size_twins_gap_and_place() -> None:
     text = " ".join(printed("named", twins=("slip_sinkage",)).replace("\u00a0", " ").split())
     for needed in (
-        "One effect. Rear wheels in the compacted rut", "pressure 0.300 ± 0.004 slip sinkage",
-        "everything 3.00 1.10 3.10 1.15", "pitch rate steady 0.7 0.50 1.50 0.50 9.0",
-        "multi pass 5000 fitted in full", "chance alone exceeds 18 in 1 set of 100",
+        "One effect. Missing from the model: multi pass.", "Rear wheels in the compacted rut",
+        "pressure 0.300 ± 0.004 97 % 93.0 ± 2.0 %", "cannot tell multi pass from slip sinkage",
+        "everything 3.00 1.10 3.10 1.15", "pitch rate steady 0.7 0.50 1.50 0.50 45",
+        "multi pass 97 % 93 % named", "IMU stamps 4.0 ± 1.0 ms behind", "left out: crashed: no model fits it",
         "note: One thing could not be told.",
     ):  # fmt: skip
         assert needed in text, needed
@@ -53,7 +54,7 @@ def test_a_named_effect_comes_with_size_twins_gap_and_place() -> None:
 
 def test_nothing_found_has_no_after() -> None:
     text = " ".join(printed("none").split())
-    assert "Nothing. These trials show no missing effect." in text
+    assert "Nothing. The model explains the trials within noise and tolerance." in text
     assert "everything 1.00 – 1.10 –" in text
     assert "missing effect number" not in text
 
@@ -76,7 +77,7 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_command_writes_page_model_and_numbers(searched: Path) -> None:
     for name in ("index.html", "report.md", "finding.json", "model.toml"):
         assert (searched / "found" / name).stat().st_size > 100, name
-    assert list((searched / "found" / "figures").glob("found_map_before.*"))
+    assert list((searched / "found" / "figures").glob("found_gap.*"))
     assert list((searched / "found" / "tables").glob("found_*.csv"))
     assert (searched / "found" / "mine.txt").read_text() == "kept"
     assert not [p for p in searched.rglob("*") if p.name.startswith(".")]
@@ -90,19 +91,21 @@ def test_the_command_prints_one_document_with_all_that_was_promised(searched: Pa
 
     document = json.loads((searched / "stdout").read_text(encoding="utf-8"), parse_constant=refuse)
     assert document == json.loads((searched / "found" / "finding.json").read_text(encoding="utf-8"))
-    assert document["schema"] == "granite-lab/discovery/1"
+    assert document["schema"] == "granite-lab/discovery/2"
     assert document["verdict"] in ("none", "named", "unknown")
     for effect in document["effects"]:
-        assert set(effect) >= {"id", "parameters", "indistinguishable_from"}
+        assert set(effect) >= {"id", "parameters", "indistinguishable_from", "probability", "closes"}
         for parameter in effect["parameters"].values():
-            assert set(parameter) == {"value", "std", "unit"}
+            assert set(parameter) >= {"value", "std", "unit"}
     for place in document["where"]:
         assert set(place) == {
-            "channel", "phase", "variant_mps", "t_start_s", "t_end_s", "frequency_hz", "strength",
+            "channel", "phase", "variant_mps", "t_start_s", "t_end_s", "frequency_hz", "share",
+            "score",
         }  # fmt: skip
         assert place["phase"] in ("rest", "accelerate", "steady", "brake")
     for part in ("train", "held_out"):
-        assert set(document["gap"][part]) == {"before", "after", "floor"}
+        assert set(document["gap"][part]) == {"before", "after"}
+    assert document["provisional"]  # one speed
     assert document["model"] == "found/model.toml"
     assert "virtual_v0.7_r1" in (searched / "found" / "index.html").read_text(encoding="utf-8")
 

@@ -12,16 +12,17 @@ from typing import Any
 import pytest
 
 import granite_lab as gl
-from granite_lab.api import plan as planning
-from granite_lab.discovery import Finding, finding_as_json
-from granite_lab.discovery.bench import SAND
-from granite_lab.discovery.plan_file import load_design
+from granite_lab.api.search import write_found
+from granite_lab.discovery.as_json import finding_as_json
+from granite_lab.discovery.finding import Finding
 from granite_lab.effects.documentation import EXAMPLE
-from granite_lab.errors import InputError
-from granite_lab.estimate import Estimate
+from granite_lab.errors import InputError, UsageError
+from granite_lab.planning.design import load_design
 from granite_lab.running import Cache, Execution, Options
+from granite_lab.running.fingerprint import search_key, trial_key
+from granite_lab.running.guard import Guard
 from granite_lab.running.reading import to_search
-from granite_lab.running.search import save_found
+from granite_lab.running.search import save_found, search
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
 from tests.running.processes import SAMPLES
@@ -40,32 +41,27 @@ def silent(tmp_path: Path) -> Path:
     return path
 
 
-def test_what_was_commanded_is_taken_from_the_log_or_recognised_and_remembered(
+def test_what_was_commanded_is_recognised_and_remembered(
     silent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     how = Execution(1, cache=Cache(tmp_path / "cache"))
-    said = to_search([LOG], Options(), how)[0]
-    assert isinstance(said, tuple)
-    assert said[1].variant.velocity == 0.7
     recognised = to_search([silent], Options(), how)[0]
     assert isinstance(recognised, tuple)
     trial, motion = recognised
     assert (trial.info.v_desired, trial.info.a_max, trial.info.distance) == (None, None, None)
-    assert motion is not None
     variant = motion.variant
     assert (variant.velocity, variant.acceleration, variant.distance) == (0.7, 2.4, 3.0)
 
     def again(*_: object, **__: object) -> None:
         raise AssertionError("estimated again")
 
-    monkeypatch.setattr("granite_lab.estimation.chain.correct", again)
+    monkeypatch.setattr("granite_lab.estimation.correct", again)
     assert isinstance(to_search([silent], Options(), how)[0], tuple)
 
 
 def found_in_made_up_study() -> Finding:
     """Return a finding in the trials of `made_up_study(speeds=(0.5,), repetitions=2)`."""
-    finding = made_up_finding("named", speeds=(0.5,), repetitions=2, names="v{speed:g}_r{repetition}")
-    return replace(finding, sand=dict.fromkeys(SAND, Estimate(0.01, 0.005)))
+    return made_up_finding("named", speeds=(0.5,), repetitions=2, names="v{speed:g}_r{repetition}")
 
 
 def test_a_plan_can_start_from_trials_whose_command_was_recognised(tmp_path: Path) -> None:
@@ -75,10 +71,38 @@ def test_a_plan_can_start_from_trials_whose_command_was_recognised(tmp_path: Pat
     motions = [r.comparison.motion for r in study.trials]
     names = {r.trial for r in finding.residuals}
     assert names <= {t.name for t in trials}
-    save_found(finding, Options(), trials, tmp_path / "model.toml", motions)
+    guard = Guard(tmp_path)
+    save_found(finding, Options(), trials, motions, guard)
+    assert guard.lines == []
     driven = {d.variant for d in load_design(tmp_path / "design.json").driven}
     assert driven <= {m.variant for m in motions}
     assert driven
+
+
+def test_study_and_discover_leave_the_same_for_a_plan_and_a_simulation(tmp_path: Path) -> None:
+    finding = found_in_made_up_study()
+    study = replace(made_up_study(speeds=(0.5,), repetitions=2), finding=finding)
+    trials = [r.trial for r in study.trials]
+    motions = [r.comparison.motion for r in study.trials]
+    write_found(finding, Options(), trials, motions, tmp_path / "discover", [], 1)
+    chain.write(study, Options(), tmp_path / "study")
+    for name in ("design.json", "model.toml"):
+        assert (tmp_path / "discover" / name).read_bytes() == (tmp_path / "study" / name).read_bytes()
+
+
+def test_another_tolerance_or_latency_is_another_search_but_not_another_estimate() -> None:
+    plain, *others = Options(), Options(tolerance=0.05), Options(latency=0.03)
+    for other in others:
+        assert search_key([b"x"], other) != search_key([b"x"], plain)
+        assert trial_key("w", LOG, other) == trial_key("w", LOG, plain)
+        assert Options.from_given(other.given()) == other
+    assert plain.given() == ()
+
+
+@pytest.mark.parametrize("options", [Options(tolerance=0.0), Options(tolerance=1.5), Options(latency=-1e-3)])
+def test_a_tolerance_or_latency_that_makes_no_sense_is_refused(options: Options) -> None:
+    with pytest.raises(UsageError, match="cannot be used"):
+        search([], options, motions=[])
 
 
 def documents(folder: Path) -> dict[str, Any]:
@@ -108,20 +132,6 @@ def test_reveal_judges_what_either_wrote(folder: Path, place: str) -> None:
     assert opened.score.named == tuple(e.id for e in made_up_finding("named").effects)
 
 
-@pytest.mark.parametrize("place", ["discover", "study"])
-def test_plan_next_asks_what_either_left_open(
-    folder: Path, place: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = []
-    monkeypatch.setattr(planning, "load_design", lambda path: path)
-    monkeypatch.setattr(planning, "rank", lambda _, question, **__: asked.append(question))
-    (folder / place / "design.json").write_text("{}")
-    gl.plan_next(folder / place)
-    gl.plan_next(folder / place)
-    expected = planning.question(finding_as_json(made_up_finding("named")), planning.library(), "here")
-    assert [q.words for q in asked] == [expected.words] * 2
-
-
 def test_the_newer_of_two_counts(folder: Path) -> None:
     study = folder / "study"
     (study / "finding.json").write_text("{")
@@ -136,10 +146,9 @@ def test_the_newer_of_two_counts(folder: Path) -> None:
 def test_a_study_that_did_not_search_is_refused_with_what_to_do(tmp_path: Path) -> None:
     text = json.dumps({"schema": "granite-lab/report/1", "discovery": None})
     (tmp_path / "report.json").write_text(text)
-    for use in (gl.plan_next, lambda place: gl.reveal(SAMPLES, place)):
-        with pytest.raises(InputError, match="did not search") as refused:
-            use(tmp_path)
-        assert "--no-discover" in refused.value.hint
+    with pytest.raises(InputError, match="did not search") as refused:
+        gl.reveal(SAMPLES, tmp_path)
+    assert "--no-discover" in refused.value.hint
 
 
 def test_the_report_of_a_study_knows_the_user_s_own_effects(
