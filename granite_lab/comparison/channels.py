@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from granite_lab.errors import EstimateError
-from granite_lab.estimation import mounting
 from granite_lab.estimation.motion import Motion
-from granite_lab.fitting.bins import AXLES, standstill_mean
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model import Run
 from granite_lab.model.command import V_FLOOR
 from granite_lab.parameters import WHEELS, Robot
+
+AXLES = {"f": (0, 1), "r": (2, 3)}
+"""Columns of WHEELS that form a pair; the model's pairs are symmetric (section 3.3)."""
 
 UNITS = {
     "velocity": "m/s",
@@ -47,7 +47,7 @@ def measured_channels(motion: Motion, trial: Trial, robot: Robot, t: Array) -> C
 
     Args:
         motion: the estimate.
-        trial: the log with IMU and currents.
+        trial: as estimation corrected it.
         robot: with the sensors' figures.
         t: (N,) the motion's stamps as time since the start of the command [s].
     """
@@ -60,7 +60,7 @@ def measured_channels(motion: Motion, trial: Trial, robot: Robot, t: Array) -> C
         std[f"slip_{axle}"] = _mean_known(motion.slip_std[:, columns])
     value["pitch"], std["pitch"] = motion.pitch, motion.pitch_std
     _add_torques(value, std, motion, trial, robot, t)
-    _add_imu(value, std, motion, trial, robot)
+    _add_imu(value, std, motion, trial)
     known = [name for name in UNITS if name in value and np.isfinite(value[name]).any()]
     return Channels({name: value[name] for name in known}, {name: std[name] for name in known})
 
@@ -71,21 +71,18 @@ def simulated_channels(run: Run, t: Array) -> dict[str, Array]:
     Wheel speeds and slip are those of the virtual encoders with the nominal radius, specific force
     and pitch rate those of the virtual IMU, so that a sensor's fault in the model appears in them.
     """
-    channels = {"velocity": _at(run, "v_mps", t), "pitch": _at(run, "pitch_rad", t)}
-    for axle in AXLES:
+    drive = run.robot.drive
+    assert drive is not None
+    v = run["v_mps"]
+    drawn = {"velocity": v, "pitch": run["pitch_rad"]}
+    drawn |= {"accel": run["imu_ax_mps2"], "pitch_rate": run["imu_gy_radps"]}
+    for axle, columns in AXLES.items():
         v_o = run.robot.wheels.radius * np.gradient(run[f"enc_{axle}_rad"], run.t)
-        v = run["v_mps"]
-        slip = (v_o - v) / np.maximum(np.maximum(np.abs(v_o), np.abs(v)), V_FLOOR)  # (1)
-        for wheel in (w for w in WHEELS if w.startswith(axle)):
-            channels[f"wheel_{wheel}"] = np.interp(t, run.t, v_o)
-        channels[f"slip_{axle}"] = np.interp(t, run.t, slip)
-        drive = run.robot.drive
-        assert drive is not None
+        drawn |= {f"wheel_{WHEELS[i]}": v_o for i in columns}
+        drawn[f"slip_{axle}"] = (v_o - v) / np.maximum(np.maximum(np.abs(v_o), np.abs(v)), V_FLOOR)  # (1)
         factor = drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
-        channels[f"torque_{axle}"] = factor * _at(run, f"cur_{axle}_A", t)  # (24), as if measured
-    channels["accel"] = _at(run, "imu_ax_mps2", t)
-    channels["pitch_rate"] = _at(run, "imu_gy_radps", t)
-    return {name: channels[name] for name in UNITS}
+        drawn[f"torque_{axle}"] = factor * run[f"cur_{axle}_A"]  # (24), as if measured
+    return {name: np.asarray(np.interp(t, run.t, drawn[name])) for name in UNITS}
 
 
 def without_offsets(measured: Channels, simulated: dict[str, Array], t: Array) -> Channels:
@@ -97,12 +94,18 @@ def without_offsets(measured: Channels, simulated: dict[str, Array], t: Array) -
     value = dict(measured.value)
     for name in ("pitch", "accel", "pitch_rate"):
         if name in value:
-            value[name] = value[name] - standstill_mean(t, value[name] - simulated[name], 0.0)[0]
+            value[name] = value[name] - _standstill_mean(t, value[name] - simulated[name])[0]
     return Channels(value, measured.std)
 
 
-def _at(run: Run, signal: str, t: Array) -> Array:
-    return np.asarray(np.interp(t, run.t, run[signal]))
+def _standstill_mean(t: Array, signal: Array) -> tuple[float, int]:
+    """Return the mean of a signal while the robot waits for the command, and of how many samples.
+
+    The last 50 ms before the start are left out. Without samples the mean is 0: nothing is known.
+    """
+    still = (t < -0.05) & np.isfinite(signal)
+    count = int(still.sum())
+    return (float(signal[still].mean()), count) if count else (0.0, 0)
 
 
 def _mean_known(columns: Array) -> Array:
@@ -117,8 +120,8 @@ def _add_torques(
     drive, sensor = robot.drive, robot.currents
     if trial.currents is None or drive is None:
         return
-    lag = motion.clock_offset.value if np.isfinite(motion.clock_offset.value) else 0.0
-    stamps = trial.currents.t + lag - (motion.t[0] - t[0])  # time since command start
+    late = motion.clock_left.value if np.isfinite(motion.clock_left.value) else 0.0
+    stamps = trial.currents.t + late - (motion.t[0] - t[0])  # time since command start
     factor = drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
     for axle, columns in AXLES.items():
         pair = []
@@ -128,7 +131,7 @@ def _add_torques(
             good = np.isfinite(current)
             if good.sum() < 2:
                 continue
-            offset, samples = standstill_mean(stamps, current, 0.0)
+            offset, samples = _standstill_mean(stamps, current)
             if samples:
                 offset_std = max(sensor.noise / np.sqrt(samples), sensor.step / np.sqrt(12))
             pair.append(np.interp(t, stamps[good], current[good] - offset, left=np.nan, right=np.nan))
@@ -140,48 +143,18 @@ def _add_torques(
         std[f"torque_{axle}"] = factor * spread / np.sqrt(len(pair))
 
 
-def _add_imu(
-    value: dict[str, Array], std: dict[str, Array], motion: Motion, trial: Trial, robot: Robot
-) -> None:
-    if trial.imu is None or trial.imu.t.size < 8:
-        return
-    imu = _body_imu(motion, trial, robot)
+def _add_imu(value: dict[str, Array], std: dict[str, Array], motion: Motion, trial: Trial) -> None:
+    imu = trial.imu
     if imu is None:
         return
-    period = float(np.median(np.diff(imu.t)))
     phase = np.array(motion.phase)
-    for name, signal in (("accel", imu.forward), ("pitch_rate", imu.pitch_rate)):
+    for name, signal in (("accel", imu.specific_force[:, 0]), ("pitch_rate", imu.angular_rate[:, 1])):
         good = np.isfinite(signal)
         if good.sum() < 8:
             continue
         t, y = imu.t[good], signal[good]
-        fast = y - uniform_filter1d(y, max(3, round(_FAST / period)), mode="nearest")
-        value[name] = np.interp(motion.t, t, y)
-        std[name] = _per_phase(phase, np.interp(motion.t, t, fast**2))
-
-
-def _per_phase(phase: np.ndarray, square: Array) -> Array:
-    """Return for each sample the root of the mean square over its phase."""
-    result = np.empty(square.size)
-    for name in np.unique(phase):
-        result[phase == name] = np.sqrt(square[phase == name].mean())
-    return result
-
-
-def _body_imu(motion: Motion, trial: Trial, robot: Robot) -> mounting.BodyImu | None:
-    """Return the IMU in robot axes, oriented as the estimation did; None where that is impossible."""
-    assert trial.imu is not None
-    rotation = mounting.given(robot)
-    if robot.imu.forward == "find":
-        still = np.zeros(trial.imu.t.size, dtype=bool)
-        for begin, end in motion.health.rests:
-            still |= (trial.imu.t >= begin) & (trial.imu.t <= end)
-        if not still.any():
-            return None
-        speed = np.nan_to_num(_mean_known(motion.v_wheel))
-        try:
-            levelled = mounting.level(trial.imu, still, rotation)
-            rotation, _ = mounting.find_forward(trial.imu, levelled, motion.t, np.gradient(speed, motion.t))
-        except EstimateError:
-            return None
-    return mounting.to_body(trial.imu, rotation)
+        window = max(3, round(_FAST / float(np.median(np.diff(imu.t)))))
+        noise = np.interp(motion.t, t, (y - uniform_filter1d(y, window, mode="nearest")) ** 2)
+        value[name], std[name] = np.interp(motion.t, t, y), np.empty(motion.t.size)
+        for own in np.unique(phase):
+            std[name][phase == own] = np.sqrt(noise[phase == own].mean())

@@ -39,8 +39,8 @@ def compare(
 
     Args:
         motion: the estimate.
-        trial: the log; currents and IMU are compared as well.
-        fit: its k_92 (by steady slip) is simulated by its law, its t_start aligns the two in time.
+        trial: as estimation corrected it; currents and IMU are compared as well.
+        fit: its k_92 (by steady slip) is simulated by (5), its t_start aligns the two in time.
         robot: with chassis and drive.
         soil: the ground.
         effects: effects added to the paper's model.
@@ -51,7 +51,7 @@ def compare(
         InputError: the robot's file lacks chassis or drive.
     """
     if run is None:
-        run = simulate_k92(fit.variant, robot, soil, fit.k92.value, fit.law, effects=effects)
+        run = simulate_k92(fit.variant, robot, soil, fit.k92.value, effects=effects)
     start = fit.t_start.value if np.isfinite(fit.t_start.value) else motion.t_start.value
     if not np.isfinite(start):
         raise EstimateError(

@@ -31,6 +31,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.fitting.laws import fit_laws, log_slope
 from granite_lab.fitting.points import PointRow, Points, Source, beyond, expected, gather, groups, rows_of
+from granite_lab.fitting.trajectory import Trajectories
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import load_paper
 
@@ -49,7 +50,9 @@ class _Weighted:
     dof: int
 
 
-def fit_a_theta(items: Sequence[K92Fit | PointRow], *, by: Source = "slip") -> AThetaFit:
+def fit_a_theta(
+    items: Sequence[K92Fit | PointRow], *, by: Source = "slip", together: Trajectories | None = None
+) -> AThetaFit:
     """Fit a_θ over trials, the paper's way and with uncertainty, beside rival laws.
 
     Args:
@@ -57,6 +60,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow], *, by: Source = "slip") -> A
             the desired one of the steady part.
         by: of fits, use the k_92 by steady slip, as the paper, or that by the whole trajectory,
             which is sharper and leans on all of the model.
+        together: by trajectory, what `fit_trajectories` found from all trials at once; a_θ is then its.
 
     Raises:
         EstimateError: no k_92 that says anything about a_θ.
@@ -68,7 +72,11 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow], *, by: Source = "slip") -> A
             "the model does not reach the measured slip ratios",
         )
     paper = log_slope(points)
-    fit, more = _weighted(points) if points.known else _unweighted(points)
+    if by == "trajectory" and together is not None:
+        a_theta = together.a_theta
+        fit, more = _Weighted(a_theta.value, a_theta.std, together.scatter, len(together.own) - 1), []
+    else:
+        fit, more = _weighted(points) if points.known else _unweighted(points)
     quantile = float(t.ppf(0.975, fit.dof) if fit.dof else norm.ppf(0.975))
     ci95 = (fit.a - quantile * fit.std, fit.a + quantile * fit.std)
     laws, remarks = fit_laws(points)

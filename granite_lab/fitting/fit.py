@@ -12,10 +12,6 @@ from granite_lab.parameters import Variant
 if TYPE_CHECKING:
     import pandas as pd
 
-K92Law = Literal["constant", "exponential"]
-"""How k_92 comes from 1 at rest to its value at the steady desired velocity: at once (Table 3), or
-with the desired velocity of the moment by (5), k_92 = exp(-a_θ v_d)."""
-
 FitStatus = Literal["ok", "at_lower_bound", "at_upper_bound", "not_converged", "not_evaluated"]
 
 
@@ -28,9 +24,9 @@ class K92Fit:
         virtual: the log was written by a simulator.
         variant: the trapezoid that was simulated.
         k92: by the steady slip ratio, as in the paper.
-        k92_trajectory: by the whole time history (velocity, wheel speeds, currents), at the steady
-            desired velocity.
-        t_start: start of the command that goes with the trajectory fit [s, the log's time].
+        k92_trajectory: by the whole time history of all sensors and the law (5), at the steady desired
+            velocity.
+        t_start: start of the command by the trajectory fit [s, the log's time, as the IMU stamps it].
         slip_measured: λ_R as measured.
         slip_simulated: λ_R simulated with `k92`.
         status: whether `k92` is an inner optimum.
@@ -38,8 +34,6 @@ class K92Fit:
         notes: what a reader should know, one line each.
         std_measurement: the part of the std of `k92` that comes from the measured slip ratio.
         std_sand: the part that comes from the scatter of the sand from trial to trial.
-        law: how k_92 gets to its value in the ramps, as the trajectory shows it; simulations of the
-            trial follow it.
     """
 
     trial: str
@@ -55,7 +49,6 @@ class K92Fit:
     notes: tuple[str, ...] = ()
     std_measurement: float = math.nan
     std_sand: float = math.nan
-    law: K92Law = "exponential"
 
     def to_frame(self) -> pd.DataFrame:
         """Return the fit as one row, units in the column names."""

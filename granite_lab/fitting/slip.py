@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,8 +11,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from granite_lab.errors import EstimateError
-from granite_lab.fitting.fit import FitStatus, K92Law
-from granite_lab.fitting.sand import SAND_SCATTER, SHARED, SHARED_STEP
+from granite_lab.fitting.fit import FitStatus
+from granite_lab.inference.bench import RAKED, SAND
+from granite_lab.inference.constants import RAKING
 from granite_lab.model import Run, simulate
 from granite_lab.model.command import peak_velocity
 from granite_lab.model.effect import Active
@@ -47,27 +49,14 @@ class SlipFit:
 
 
 def simulate_k92(
-    variant: Variant,
-    robot: Robot,
-    soil: Soil,
-    k92: float,
-    law: K92Law = "constant",
-    *,
-    effects: Sequence[Active] = (),
+    variant: Variant, robot: Robot, soil: Soil, k92: float, *, effects: Sequence[Active] = ()
 ) -> Run:
-    """Simulate a run in which k_92 has a given value at the steady desired velocity.
-
-    Args:
-        variant, robot, soil, effects: as for `simulate`.
-        k92: at the steady desired velocity.
-        law: how it gets there from 1 at rest.
+    """Simulate a run in which k_92 follows (5) to a given value at the steady desired velocity.
 
     Raises:
         InputError: the robot's file lacks chassis or drive.
         EstimateError: the simulation does not converge.
     """
-    if law == "constant":
-        return simulate(variant, robot, soil, k92=k92, effects=effects)
     a_theta = -math.log(min(max(k92, LEAST_K92), 1.0)) / peak_velocity(variant)
     return simulate(variant, robot, soil, a_theta=a_theta, effects=effects)
 
@@ -152,35 +141,20 @@ def fit_k92_to_slip(
     return fit.k92
 
 
-@dataclass(frozen=True)
-class SandShift:
-    """How far k_92 moves with the sand when the measured slip ratio stays.
-
-    Attributes:
-        std: std of k_92 from `SAND_SCATTER`.
-        shared: parameter of `SHARED` to the change of k_92 for +`SHARED_STEP`.
-    """
-
-    std: float
-    shared: dict[str, float]
-
-
-def sand_shift(
-    fit: SlipFit, simulate_on: Callable[[str, float], Run], slip_of: Callable[[Run], float]
-) -> SandShift:
-    """Propagate the scatter of the sand to k_92 by differences, dk_92 = -dλ_R / slope.
+def raking_std(fit: SlipFit, soil: Soil, slip_on: Callable[[Soil], float]) -> float:
+    """Return the std of k_92 from the scatter of k_φ and c from raking to raking, dk_92 = -dλ_R / slope.
 
     The mean square of the steps to either side is taken, because (10) has a kink.
 
     Args:
         fit: the root.
-        simulate_on: run with the fitted k_92 for a parameter of the soil and its relative change.
-        slip_of: λ_R of a run, as in the fit.
+        soil: of the fit.
+        slip_on: λ_R with the fitted k_92 on another soil.
     """
 
-    def shift(parameter: str, relative: float) -> float:
-        return -(slip_of(simulate_on(parameter, relative)) - fit.slip) / fit.slope
+    def shift(name: str, step: float) -> float:
+        other = dataclasses.replace(soil, **{name: getattr(soil, name) * math.exp(step)})
+        return (slip_on(other) - fit.slip) / fit.slope
 
-    steps = [(shift(name, -std), shift(name, std)) for name, std in SAND_SCATTER.items()]
-    variance = sum((minus**2 + plus**2) / 2 for minus, plus in steps)
-    return SandShift(math.sqrt(variance), {name: shift(name, SHARED_STEP) for name in SHARED})
+    raked = zip(SAND[1:RAKED], RAKING[1:], strict=True)
+    return math.sqrt(sum((shift(name, std) ** 2 + shift(name, -std) ** 2) / 2 for name, std in raked))

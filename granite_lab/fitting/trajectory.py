@@ -1,186 +1,124 @@
-r"""k_92 and the start time from the whole time history of a trial.
+r"""a_θ and k_92 from the whole time history of one trial or of many.
 
-Table 3's k_92 is a constant of the trial, (5) lets it follow the desired velocity from 1 at rest.
-On the steady part the two are the same; in the ramps they are not, and the time history shows
-which it was. Both are fitted with their value at the steady desired velocity as the unknown, and
-the one that fits better is kept.
+All sensors are compared in bins by the same inference as in the search for a missing effect. In trial i
 
-Velocity, wheel speeds and currents are compared in bins. The errors are
+.. math:: k_{92}(t) = e^{-a_i v_d(t)}, \quad \log a_i = \log a_θ + x_i
 
-.. math:: y_c(t) = f_c(t - t_0; k) + \sum_j z_j g_{cj}(t) + e_c(t), \quad z_j \sim N(0, 1)
-
-with g_j the change of the simulation for one std of a nuisance (sand of `SAND_SCATTER`, gain and
-offset of the current sensors, the encoders' clock); k, t_0 and all z are estimated together, so
-that whatever a nuisance explains is not taken for k_92.
-
-The errors e are correlated in time, those of a smoothed velocity over seconds. The estimate is
-therefore an ordinary weighted one in which each bin of width Δ counts about Δ / 2T (T: correlation time),
-and its covariance is that of a weighted estimate under the full correlated covariance
-Σ(t, t') = σ(t) σ(t') exp(-|t - t'| / T) ("sandwich"). σ and T are the larger of what is stated for
-the sensor and what the residuals show, so a channel that the model does not reproduce loses weight.
+with a_θ common to all trials, of a flat prior, and x_i the scatter from raking to raking, whose size is
+learnt. Sand, sensors, latency and the discrepancy of the model are nuisances with the usual priors. The
+k_92 of a trial is that at its steady desired velocity, exp(-a_i v).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.fitting.bins import Bins
-from granite_lab.fitting.fit import FitStatus, K92Law
-from granite_lab.fitting.history import History
-from granite_lab.fitting.slip import K92_BOUNDS, LEAST_K92
-from granite_lab.logs.trial import Array
-from granite_lab.model import Run
+from granite_lab.estimation.motion import Motion
+from granite_lab.fitting.fit import FitStatus
+from granite_lab.inference.bench import RAKED, SAND, Bench, World
+from granite_lab.inference.constants import SAND_STD
+from granite_lab.inference.fit import Fit
+from granite_lab.inference.observation import BIN
+from granite_lab.inference.problem import Problem
+from granite_lab.inference.setup import baseline, trial_models
+from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.effect import Active
-from granite_lab.parameters import Robot, Soil, Variant
+from granite_lab.parameters import Robot, Soil, load_paper
 
-LAWS: tuple[K92Law, ...] = ("exponential", "constant")
+WIDE = 1.0
+"""Std of the prior of log a_θ: flat beside the few percent that one trial tells."""
 
-_START_RANGE = 0.5  # how far the start may move from its first estimate [s]
-_ITERATIONS = 12
-_INTERPOLATION = 4e-4  # error of the start from linear interpolation between samples 10 ms apart [s]
-_ROUGHLY = 0.03
-"""Share of the cost that a step must promise to be worth it while laws are compared."""
-
-_SMOOTH = 0.01
-"""Share of the cost below which a promise may fail for the accuracy of the integration."""
-
-_FINELY = 0.05
-"""The same of the result, as a sum of squares: about a fifth of a std. The last step is still taken."""
+COARSE = 0.05
+"""Least width of a bin where a trial is fitted alone [s]: a seventh of the time in which slip settles."""
 
 
 @dataclass(frozen=True)
-class TrajectoryFit:
-    """Result of the trajectory fit.
+class Trajectories:
+    """What the time histories of trials say together.
 
     Attributes:
-        k92: at the steady desired velocity.
-        law: how k_92 gets there.
-        t_start: start of the command [s, the log's time].
-        status: of `k92`.
-        misfit: channel to rms of its residuals over the stated std (1: as stated).
-        correlation: channel to the correlation time that was used [s].
+        a_theta: common to the trials [s/m].
+        scatter: learnt std of log a_θ from trial to trial.
+        own: a_θ of each trial [s/m].
+        t_start: start of each trial's command [s, the log's time, as the IMU stamps it].
+        latency: by how much the stamps of the IMU come after those of the wheels [s].
+        share: discrepancy of the model, as a share of each channel's rms in motion.
+        louder: channel to how many times louder its residuals are than its noise, where they are.
+        status: whether the fit converged.
     """
 
-    k92: Estimate
-    law: K92Law
-    t_start: Estimate
+    a_theta: Estimate
+    scatter: float
+    own: tuple[Estimate, ...]
+    t_start: tuple[Estimate, ...]
+    latency: Estimate
+    share: float
+    louder: dict[str, float]
     status: FitStatus
-    misfit: dict[str, float]
-    correlation: dict[str, float]
 
 
-@dataclass(frozen=True, eq=False)
-class _Optimum:
-    history: History
-    x: Array
-    cost: float
-    converged: bool
-
-
-def fit_trajectory(
-    bins: Bins,
-    variant: Variant,
+def fit_trajectories(
+    trials: Sequence[Trial],
+    motions: Sequence[Motion],
     robot: Robot,
     soil: Soil,
     *,
-    start: tuple[float, float],
-    sand: Callable[[K92Law], dict[str, tuple[Run, Run]]],
-    offsets: dict[str, float],
-    clock_std: float,
     effects: Sequence[Active] = (),
-) -> TrajectoryFit:
-    """Fit k_92 and the start of the command to the binned time history.
+    jobs: int = 1,
+) -> Trajectories:
+    """Fit a_θ to the time histories of trials.
 
     Args:
-        bins: the measurement.
-        variant, robot, soil, effects: of the simulation.
-        start: k_92 and t_start [s] to begin with.
-        sand: runs with each parameter of the sand at minus and plus one std, for a law.
-        offsets: current channel to std of its remaining offset [A].
-        clock_std: std of the offset between the clocks of IMU and encoders [s].
+        trials: as estimation corrected them.
+        motions: their estimates, which know command and start.
+        robot: with chassis and drive.
+        soil: the ground.
+        effects: effects added to the paper's model.
+        jobs: number of processes.
 
     Raises:
-        EstimateError: the simulation fails.
+        EstimateError: a trial's sensors or start do not allow it, or the simulation fails.
+        InputError: there is no trial.
     """
+    alone = len(trials) == 1
+    if alone and not np.isfinite(motions[0].t_start.value):
+        raise EstimateError(f"{motions[0].trial}: the start of the motion is unknown")
+    models, variants = trial_models(trials, robot, motions, least=COARSE if alone else BIN)
+    with Bench(World(robot, soil, variants, {}, tuple(effects)), jobs) as bench:
+        problem = Problem(models, bench, (WIDE, *SAND_STD[1:]))
+        return trajectories(problem, baseline(problem))
 
-    def by(law: K92Law) -> _Optimum:
-        history = History(bins, variant, robot, soil, law, effects)
-        history.add_nuisances(start, sand(law), offsets, clock_std, robot.currents)
-        x = np.concatenate([start, np.zeros(len(history.signatures))])
-        low, high = _bounds(law, start[1])
-        x[0] = np.clip(x[0], low[0] + 1e-3, high[0] - 1e-3)
-        return _minimise(history, x, low, high, relative=_ROUGHLY)
 
-    best = min((by(law) for law in LAWS), key=lambda optimum: optimum.cost)
-    history = best.history
-    low, high = _bounds(history.law, start[1])
-    history.learn_noise(best.x)
-    best = _minimise(history, best.x, low, high)
-    history.learn_noise(best.x)
+def trajectories(problem: Problem, fit: Fit) -> Trajectories:
+    """Return what a fit of the model says of a_θ."""
+    x = fit.point.vector + fit.posterior.step
+    first = np.cumsum([0, *(own.size for own in fit.point.trials)])
+    common, late = int(first[-1]), int(first[-1]) + len(SAND)
 
-    std = np.sqrt(np.diag(history.covariance(best.x)))
-    status: FitStatus = "ok" if best.converged else "not_converged"
-    if not low[1] < best.x[1] < high[1]:
-        status = "not_converged"
-    elif best.x[0] <= low[0]:
-        status = "at_lower_bound"
-    elif best.x[0] >= high[0]:
-        status = "at_upper_bound"
-    return TrajectoryFit(
-        k92=Estimate(float(best.x[0]), float(std[0])),
-        law=history.law,
-        t_start=Estimate(float(best.x[1]), float(np.hypot(std[1], _INTERPOLATION))),
-        status=status,
-        misfit=history.misfit,
-        correlation=history.correlation,
+    def estimate(*places: int, origin: float = 0.0) -> Estimate:
+        """Return the sum of some numbers."""
+        g: Array = np.zeros(x.size)
+        g[list(places)] = 1.0
+        return Estimate(origin + float(g @ x), float(np.sqrt(g @ fit.posterior.covariance @ g)))
+
+    def exponent(*places: int) -> Estimate:
+        log = estimate(*places)
+        a_theta = load_paper().a_theta * float(np.exp(log.value))
+        return Estimate(a_theta, a_theta * log.std)
+
+    begun = zip(first[:-1].tolist(), problem.trials, strict=True)
+    return Trajectories(
+        a_theta=exponent(common),
+        scatter=fit.scales.priors[SAND[0]],
+        own=tuple(exponent(common, k) for k in first[:-1].tolist()),
+        t_start=tuple(estimate(k + RAKED, late, origin=t.observation.t_start) for k, t in begun),
+        latency=estimate(late),
+        share=fit.scales.share,
+        louder={c: value for c, value in fit.scales.louder.items() if value > 1.0},
+        status="ok" if fit.converged else "not_converged",
     )
-
-
-def _bounds(law: K92Law, t_start: float) -> tuple[Array, Array]:
-    """Return the bounds of k_92 and t_start [s]."""
-    least = K92_BOUNDS[0] if law == "constant" else LEAST_K92
-    return np.array([least, t_start - _START_RANGE]), np.array([K92_BOUNDS[1], t_start + _START_RANGE])
-
-
-def _minimise(history: History, x: Array, low: Array, high: Array, *, relative: float = 0.0) -> _Optimum:
-    """Minimise the sum of squares by Gauss-Newton steps within bounds, shortened where they overshoot.
-
-    Ends when the next step promises little; that step is taken, but not checked.
-    """
-
-    def moved(step: Array) -> Array:
-        candidate = x + step
-        candidate[:2] = np.clip(candidate[:2], low, high)
-        return np.asarray(candidate)
-
-    residuals = history.residuals(x)
-    cost = float(residuals @ residuals)
-    for _ in range(_ITERATIONS):
-        slopes = history.jacobian(x)
-        step = _least_squares(slopes, -residuals)
-        held = ((x[:2] <= low) & (step[:2] < 0)) | ((x[:2] >= high) & (step[:2] > 0))
-        if held.any():
-            free = np.append(~held, np.ones(x.size - 2, dtype=bool))
-            step = np.zeros(x.size)
-            step[free] = _least_squares(slopes[:, free], -residuals)
-        expected = residuals + slopes @ (moved(step) - x)
-        promised = cost - float(expected @ expected)
-        if promised < max(_FINELY, relative * cost):
-            return _Optimum(history, moved(step), cost, True)
-        for share in (1.0, 0.5, 0.25, 0.1):
-            there = history.residuals(moved(share * step))
-            if there @ there < cost:
-                break
-        else:
-            # the cost itself is only as smooth as the integration is accurate
-            return _Optimum(history, x, cost, promised < _SMOOTH * cost)
-        x, residuals, cost = moved(share * step), there, float(there @ there)
-    return _Optimum(history, x, cost, False)
-
-
-def _least_squares(slopes: Array, target: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(slopes, target, rcond=None)[0], dtype=np.float64)

@@ -138,6 +138,7 @@ class Normal:
     parts: tuple[CommandPart, ...]
     size: int
     parameters: int
+    _known: dict[object, tuple[Array, float]] = field(default_factory=dict, init=False, repr=False)
 
     def at(self, white: Sequence[Array]) -> Normal:
         """Return the same with other whitened residuals."""
@@ -154,6 +155,9 @@ class Normal:
         Returns:
             the (size, size) matrix, and the log determinant of what was integrated out.
         """
+        key = scales.share, scales.formula, tuple(scales.louder.items()), only and tuple(only)
+        if key in self._known:
+            return self._known[key]
         M = np.zeros((self.size, self.size))
         logdet = 0.0
         for number, part in enumerate(self.parts):
@@ -165,6 +169,8 @@ class Normal:
                 G += own
                 logdet += more
             M[np.ix_(part.place, part.place)] += G
+        M.flags.writeable = False
+        self._known[key] = M, logdet
         return M, logdet
 
     def misfits(self, white: Sequence[Array], scales: Scales) -> dict[str, float]:
