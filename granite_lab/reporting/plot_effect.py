@@ -8,11 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from granite_lab.inference.noise import NOMINAL
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import steady_interval
-from granite_lab.planning.imprint import Imprint, Seen
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
+from granite_lab.reporting.imprint import Imprint, Seen
 from granite_lab.reporting.rounding import significant, tidy_unit, with_unit
 
 ROWS = (
@@ -92,15 +93,15 @@ def effect_drawing(imprint: Imprint) -> Drawing:
 
 def _panel(axis: Axes, seen: Seen, channel: str, factor: float) -> float:
     """Draw one panel and return the largest value in it."""
-    start, end = steady_interval(seen.variant)
+    start, end = steady_interval(seen.observation.variant)
     axis.axvspan(start, end, color=canvas.SHADE, linewidth=0, zorder=0, label="constant speed")
     largest = 0.0
     for values, colour, weight, label in (
         (seen.raw[channel], canvas.SIMULATED_LIGHT, 1.6, "changed by the effect, all else equal"),
         (seen.left[channel], canvas.MEASURED, 1.1, "left once sand and sensors are fitted anew"),
     ):
-        shown = factor * (_rate(values, seen.width) if channel == "wheel" else values)
-        axis.plot(seen.t, shown, color=colour, linewidth=weight, label=label)
+        shown = factor * (_rate(values, seen.observation.width) if channel == "wheel" else values)
+        axis.plot(seen.observation.t, shown, color=colour, linewidth=weight, label=label)
         largest = max(largest, float(np.abs(shown).max()))
     return largest
 
@@ -113,10 +114,10 @@ def _rate(angle: Array, width: float) -> Array:
 def _frame(
     axis: Axes, seen: Seen, row: tuple[str, str, str, float, float], *, first: bool, top: bool, bottom: bool
 ) -> None:
-    axis.set_xlim(seen.t[0], seen.t[-1])
+    axis.set_xlim(seen.observation.t[0], seen.observation.t[-1])
     axis.axhline(0, color=canvas.INK, linewidth=0.5, zorder=1)
     if top:
-        v = seen.variant
+        v = seen.observation.variant
         axis.set_title(f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m", pad=4)
     if first:
         axis.set_ylabel(f"{row[1]}\n[{row[2]}]")
@@ -145,8 +146,8 @@ def what_to_see(imprint: Imprint) -> str:
     """Say in one sentence where the effect shows most, and how much of it nothing else imitates."""
     best: tuple[float, Seen, str, int] | None = None
     for seen in imprint.seen:
-        for channel, weight in seen.weight.items():
-            energy = np.convolve(weight**2, np.ones(WINDOW), mode="same")
+        for channel, values in seen.left.items():
+            energy = np.convolve((values / NOMINAL[channel]) ** 2, np.ones(WINDOW), mode="same")
             k = int(np.argmax(energy))
             if best is None or energy[k] > best[0]:
                 best = float(energy[k]), seen, channel, k
@@ -155,10 +156,14 @@ def what_to_see(imprint: Imprint) -> str:
     if best is None or best[0] == 0:
         return "At this size the effect changes nothing that these sensors read."
     _, seen, channel, k = best
-    phase = "coast" if seen.phase[k] == "rest" and seen.t[k] > 0 else seen.phase[k]
+    phase = (
+        "coast"
+        if seen.observation.phase[k] == "rest" and seen.observation.t[k] > 0
+        else seen.observation.phase[k]
+    )
     return (
         f"It shows most in {IN_WORDS[channel]} {WHEN[phase]}, in the run "
-        f"at {seen.variant.velocity:g} m/s; "
+        f"at {seen.observation.variant.velocity:g} m/s; "
         f"{left} of the whole change, against the sensors' noise, is left when sand, start and the sensors' "
         "offsets are fitted anew (blue)."
     )

@@ -14,9 +14,9 @@ from granite_lab.model.effect import activate
 from granite_lab.reporting.answers import law_answer
 from granite_lab.reporting.discovery.answers import missing_answer, percent, sure_answer
 from granite_lab.reporting.discovery.evidence import steps
+from granite_lab.reporting.discovery.law import law_formulas
 from granite_lab.reporting.discovery.names import describe, in_plain_words, latency_in_words
 from granite_lab.reporting.discovery.next_steps import next_steps
-from granite_lab.reporting.discovery.plot_law import law_formulas
 from granite_lab.reporting.discovery.plot_sizes import detectable_drawing
 from granite_lab.reporting.discovery.plot_which import candidates_drawing
 from granite_lab.reporting.discovery.tables import (

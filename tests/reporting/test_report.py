@@ -72,7 +72,7 @@ def parsed(folder: Path) -> Strict:
     return page
 
 
-@pytest.mark.parametrize("which", ["folder", "hostile_folder"])
+@pytest.mark.parametrize("which", ["folder", "hostile_folder", "discovery_folder"])
 def test_the_page_is_well_formed_and_needs_nothing_else(which: str, request: pytest.FixtureRequest) -> None:
     folder: Path = request.getfixturevalue(which)
     page = parsed(folder)

@@ -9,7 +9,7 @@ import numpy as np
 from granite_lab.discovery.finding import FoundEffect, FoundParameter
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import Effect
-from granite_lab.reporting.rounding import plus_minus, significant, tidy_unit, with_unit
+from granite_lab.reporting.rounding import plus_minus, tidy_unit
 
 PREFIXED = ("s", "m", "rad", "m/N", "rad/(N m)")
 """Units that take a milli or a micro in front."""
@@ -55,12 +55,6 @@ def amount(effect: FoundEffect, parameter: FoundParameter) -> str:
     """Return a fitted number ± std with its unit."""
     unit, scale = scale_of(effect.id, parameter.name, parameter.unit, parameter.estimate.value)
     return plus_minus(parameter.estimate, unit, scale)
-
-
-def value(effect: FoundEffect, parameter: FoundParameter, digits: int = 3) -> str:
-    """Return a fitted number with its unit, without its std."""
-    unit, scale = scale_of(effect.id, parameter.name, parameter.unit, parameter.estimate.value)
-    return with_unit(significant(parameter.estimate.value * scale, digits), unit)
 
 
 def in_words(effect: FoundEffect) -> tuple[str, str]:

@@ -11,10 +11,10 @@ from granite_lab.model.effect import Effect
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import plot_gap, plot_sizes, plot_where, plot_which, tables
 from granite_lab.reporting.discovery.answers import missing_answer, percent
+from granite_lab.reporting.discovery.law import law_formulas
 from granite_lab.reporting.discovery.names import in_plain_words, latency_in_words, with_found
 from granite_lab.reporting.discovery.next_steps import next_steps
 from granite_lab.reporting.discovery.plot_history import history_drawings
-from granite_lab.reporting.discovery.plot_law import law_drawing, law_formulas
 from granite_lab.reporting.document import (
     Block,
     Discovery,
@@ -136,11 +136,10 @@ def _verdict(finding: Finding, known: Mapping[str, Effect], model: Path | str | 
         Words(f"{in_plain_words(finding.sentence, finding)} {probability}"),
         *_listing([in_plain_words(reason, finding) for reason in finding.provisional]),
         *_table(tables.effects_table(finding, known, finding.effects)),
-        *_gallery(plot_sizes.sizes_drawing(finding)),
     ]
     formulas = law_formulas(finding)
     if formulas:
-        blocks += [Words(SYMBOLS), Listing(formulas), *_gallery(law_drawing(finding))]
+        blocks += [Words(SYMBOLS), Listing(formulas)]
     if model and any(not e.empirical for e in finding.effects):
         blocks.append(Words(f"The model with these numbers is in {model}."))
     return blocks

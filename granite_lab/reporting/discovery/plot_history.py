@@ -6,13 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from granite_lab.discovery.finding import Finding
+from granite_lab.discovery.finding import Finding, Residual
 from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.names import capital, channel_name, channels_of, spoken, with_found
-from granite_lab.reporting.discovery.residue import Mean, means
+from granite_lab.reporting.discovery.residue import means
 from granite_lab.reporting.rounding import significant, tidy_unit
 
 SHOWN = 3
@@ -29,14 +29,15 @@ def history_drawings(finding: Finding) -> list[Drawing]:
     """Draw the channels with the largest gap, one figure per speed."""
     known = {g.channel: g.train[0] for g in finding.gaps}
     ranked = sorted(channels_of(finding), key=lambda c: -known.get(c, 0.0))[:SHOWN]
-    groups: dict[float, dict[str, Mean]] = {}
-    for mean in means(finding):
-        if mean.channel in ranked:
-            groups.setdefault(mean.velocity, {})[mean.channel] = mean  # of two commands at one speed the last
+    groups: dict[float, dict[str, tuple[int, Residual]]] = {}
+    for n, mean in means(finding):
+        if mean.channel in ranked:  # of two commands at one speed the last is drawn
+            groups.setdefault(mean.variant, {})[mean.channel] = (n, mean)
     return [_speed(finding, velocity, own) for velocity, own in groups.items()]
 
 
-def _speed(finding: Finding, velocity: float, own: dict[str, Mean]) -> Drawing:
+def _speed(finding: Finding, velocity: float, found: dict[str, tuple[int, Residual]]) -> Drawing:
+    own = {c: mean for c, (_, mean) in found.items()}
     figure, axes = canvas.stacked([0.95, 0.6] * len(own), [2] + [1] * (2 * len(own) - 1))
     with canvas.styled():
         for k, mean in enumerate(own.values()):
@@ -53,19 +54,19 @@ def _speed(finding: Finding, velocity: float, own: dict[str, Mean]) -> Drawing:
     return Drawing(
         f"found_history_{velocity:.2f}".replace(".", "p"),
         f"{velocity:g} m/s: {what}{data}",
-        _describe(finding, own),
+        _describe(finding, max(n for n, _ in found.values()), own),
         f"Sensor readings over time at {velocity:g} m/s, measured and simulated without and with what was "
         f"found, and the discrepancy of the model with its 95 % band{data}.",
         figure,
     )
 
 
-def _readings(axis: Axes, mean: Mean, finding: Finding) -> None:
+def _readings(axis: Axes, mean: Residual, finding: Finding) -> None:
     scale, unit = _unit(mean)
     angle = mean.unit == "rad"  # an angle grows all the time: only differences show
     zero = mean.before if angle else np.zeros_like(mean.before)
     for d in finding.where:
-        if d.channel == mean.channel and d.variant == mean.velocity:
+        if d.channel == mean.channel and d.variant == mean.variant:
             axis.axvspan(d.start, d.end, color=canvas.SHADE, linewidth=0, zorder=0)
     lines = [
         (mean.measured, canvas.MEASURED_LIGHT, 2.2, "measured"),
@@ -81,7 +82,7 @@ def _readings(axis: Axes, mean: Mean, finding: Finding) -> None:
     _frame(axis, f"{channel_name(mean.channel)}{less if angle else ''}", unit)
 
 
-def _discrepancy(axis: Axes, mean: Mean, finding: Finding) -> None:
+def _discrepancy(axis: Axes, mean: Residual, finding: Finding) -> None:
     scale, unit = _unit(mean)
     centre, half = scale * mean.discrepancy_after, 2 * scale * mean.std
     colour = rows.AFTER if finding.effects else rows.BEFORE
@@ -99,12 +100,11 @@ def _frame(axis: Axes, name: str, unit: str) -> None:
     axis.yaxis.set_major_locator(MaxNLocator(4))
 
 
-def _unit(mean: Mean) -> tuple[float, str]:
+def _unit(mean: Residual) -> tuple[float, str]:
     return SCALE.get(mean.unit, (1.0, tidy_unit(mean.unit)))
 
 
-def _describe(finding: Finding, shown: dict[str, Mean]) -> str:
-    n = max(m.trials for m in shown.values())
+def _describe(finding: Finding, n: int, shown: dict[str, Residual]) -> str:
     what = "One trial" if n == 1 else f"Mean of {n} trials"
     if not finding.effects:
         return f"{what}, the channels with the largest gap."

@@ -1,4 +1,4 @@
-"""How large what was found is, and what these trials could have shown at least."""
+"""How small each candidate may be and still be named."""
 
 from __future__ import annotations
 
@@ -6,17 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
-
-from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter
-from granite_lab.model.effect import Effect, EffectParameter
+from granite_lab.discovery.finding import Finding
+from granite_lab.model.effect import Effect
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
-from granite_lab.reporting.discovery.amounts import amount, value
 from granite_lab.reporting.discovery.names import listed, plain
-from granite_lab.reporting.discovery.sizes import LIKELY, Share, reach, shares
+from granite_lab.reporting.discovery.sizes import Share, shares
 from granite_lab.reporting.rounding import significant, with_unit
 
 MARKERS: dict[str, dict[str, Any]] = {
@@ -24,88 +20,6 @@ MARKERS: dict[str, dict[str, Any]] = {
     "tolerance": {"marker": "o", "linestyle": "none", "markersize": 4.5, "markerfacecolor": "none"},
 }
 """What limits a size, as it is drawn."""
-
-
-def sizes_drawing(finding: Finding) -> Drawing | None:
-    """Draw each fitted number on the range that the literature leads to expect; None without any."""
-    declared = {a.effect.id: {p.name: p for p in a.effect.parameters} for a in finding.active}
-    lines = [
-        (e, p, declared[e.id][p.name])
-        for e in finding.effects
-        if not e.empirical and e.id in declared
-        for p in e.parameters
-    ]
-    if not lines:
-        return None
-    names = [f"{plain(e.id)}\n{p.name.replace('_', ' ')}" for e, p, _ in lines]
-    figure, (axis,) = rows.panels(names, row=0.44, head=0.3, foot=0.46)
-    seen = {(d.effect, d.parameter): d.size for d in finding.detectable}
-    with canvas.styled():
-        for i, (e, p, own) in enumerate(lines):
-            right = _line(axis, i, p, own, seen.get((e.id, p.name), math.nan))
-            axis.annotate(
-                value(e, p), (right, i), (6, 0), textcoords="offset points", va="center", fontsize=7.5
-            )
-        axis.axvline(0, color=canvas.INK, linewidth=0.7)
-        axis.margins(x=0.12)
-        axis.xaxis.set_major_locator(MaxNLocator(5))
-        axis.set_xlabel("share of the largest value expected [%]")
-        rows.legend_on_top(figure, axis, 4)
-        canvas.mark_virtual(figure, finding.virtual)
-    return Drawing(
-        "found_sizes",
-        f"The sizes of what was found{canvas.data_tag(finding.virtual)}",
-        _describe(lines[0][0], [p for _, p, _ in lines]),
-        "Fitted parameters with 95 % intervals on the range that the literature leads to expect, with the "
-        "smallest size that these trials can show.",
-        figure,
-    )
-
-
-def _line(axis: Axes, i: int, p: FoundParameter, own: EffectParameter, smallest: float) -> float:
-    """Draw one number; return where its marks end on the right."""
-    scale = 100 / reach(own)
-
-    def at(value: float) -> float:
-        return (value - (0.0 if own.shape else own.neutral)) * scale
-
-    low, high = at(own.prior_low), at(own.prior_high)
-    axis.barh(
-        i, high - low, left=low, height=0.5, color=canvas.SHADE, linewidth=0,
-        label=_once(axis, "expected"),
-    )  # fmt: skip
-    if math.isfinite(smallest) and not own.shape:
-        ends = (-1, 1) if own.prior_low < own.neutral else (1,)
-        axis.plot(
-            [sign * smallest * abs(scale) for sign in ends], [i] * len(ends), "|", color=canvas.INK,
-            markersize=11, label=_once(axis, "smallest seen"),
-        )  # fmt: skip
-    if p.per_trial:
-        axis.plot(
-            [at(v) for v in p.per_trial], [i] * len(p.per_trial), ".", color=canvas.GREY, markersize=4,
-            label=_once(axis, "a trial"),
-        )  # fmt: skip
-    half = LIKELY * p.estimate.std * abs(scale)
-    half = half if math.isfinite(half) else 0.0
-    axis.errorbar(
-        at(p.estimate.value), i, xerr=half, color=rows.AFTER, marker="D",
-        markersize=4.5, capsize=3, linestyle="none", label=_once(axis, "found, 95 %"),
-    )  # fmt: skip
-    return max([at(p.estimate.value) + half, *map(at, p.per_trial)])
-
-
-def _once(axis: Axes, label: str) -> str | None:
-    return None if label in axis.get_legend_handles_labels()[1] else label
-
-
-def _describe(effect: FoundEffect, parameters: list[FoundParameter]) -> str:
-    first = parameters[0]
-    text = amount(effect, first)
-    return (
-        f"Green is what was found with its 95 % interval ({plain(effect.id)}: "
-        f"{first.name.replace('_', ' ')} {text}), grey the range that the literature leads to expect, "
-        "the black stroke the smallest size that these trials show."
-    )
 
 
 def detectable_drawing(finding: Finding, known: Mapping[str, Effect]) -> Drawing | None:

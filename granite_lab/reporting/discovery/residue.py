@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,45 +11,21 @@ from granite_lab.logs.trial import Array
 from granite_lab.reporting.discovery.names import channels_of
 
 
-@dataclass(frozen=True, eq=False)
-class Mean:
-    """One channel of one command, averaged over its repetitions.
+def means(finding: Finding) -> list[tuple[int, Residual]]:
+    """Average over the trials of each command, slow commands first, channels in the order of the report.
 
-    Attributes:
-        channel, unit: which.
-        velocity: desired velocity [m/s].
-        trials: how many went in.
-        t: (n,) time since the start of the command [s].
-        measured, before, after: (n,) mean of the sensor and of the simulations [unit]; NaN where no trial
-            was measured.
-        discrepancy_before, discrepancy_after, std: (n,) as in `Residual`; the repetitions share them.
+    Returns:
+        how many trials went in, and their mean, NaN where no trial was measured; the discrepancy is shared.
     """
-
-    channel: str
-    unit: str
-    velocity: float
-    trials: int
-    t: Array
-    measured: Array
-    before: Array
-    after: Array
-    discrepancy_before: Array
-    discrepancy_after: Array
-    std: Array
-
-
-def means(finding: Finding) -> list[Mean]:
-    """Average over the trials of each command, slow commands first, channels in the order of the report."""
     groups: dict[tuple[str, float, tuple[str, ...]], list[Residual]] = {}
     for r in finding.residuals:
         groups.setdefault((r.channel, r.variant, r.phase), []).append(r)
     order = channels_of(finding)
     ranked = sorted(groups.items(), key=lambda g: (g[0][1], order.index(g[0][0])))
-    return [_mean(group) for _, group in ranked]
+    return [(len(group), _mean(group)) for _, group in ranked]
 
 
-def _mean(group: list[Residual]) -> Mean:
-    first = group[0]
+def _mean(group: list[Residual]) -> Residual:
     known = np.array([np.isfinite(r.measured) for r in group])
     count = known.sum(axis=0)
 
@@ -58,11 +34,7 @@ def _mean(group: list[Residual]) -> Mean:
         total = np.where(known & np.isfinite(rows), rows, 0.0).sum(axis=0)
         return np.where(count > 0, total / np.fmax(count, 1), np.nan)
 
-    return Mean(
-        first.channel, first.unit, first.variant, len(group), first.t,
-        average("measured"), average("before"), average("after"),
-        first.discrepancy_before, first.discrepancy_after, first.std,
-    )  # fmt: skip
+    return replace(group[0], measured=average("measured"), before=average("before"), after=average("after"))
 
 
 def discrepancies(finding: Finding) -> dict[str, tuple[float, float]]:
