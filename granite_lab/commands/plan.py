@@ -67,20 +67,20 @@ def _document(plan: Plan) -> dict[str, Any]:
     """Return a plan as it stands in JSON."""
     return {
         "schema": "granite-lab/plan/2",
-        "question": plan.question.words,
+        "question": asked(plan),
         "kind": plan.question.kind,
-        "models": [{e.id: e.values for e in model} for model in plan.models],
+        "models": [dict(model) for model in plan.models],
         "virtual": plan.design.virtual,
         "measure": MEASURE[plan.question.kind == "sharpen"],
-        "now": {t.words: t.now for t in plan.targets},
+        "now": plan.now,
         "worth": plan.worth,
         "proposals": [
             {
                 "variant": p.option.variant,
                 "conditions": p.option.conditions,
                 "repeats": p.option.repeats,
-                "after": {t.words: x for t, x in zip(plan.targets, p.after, strict=True)},
-                "improves": plan.targets[p.best].words,
+                "after": p.after,
+                "improves": p.improves,
                 "worth": p.worth,
                 "why": p.option.why,
                 "how": p.option.how,
@@ -88,7 +88,7 @@ def _document(plan: Plan) -> dict[str, Any]:
             }
             for p in plan.proposals
         ],
-        "left_out": plan.left_out,
+        "failed": plan.failed,
     }
 
 
@@ -100,14 +100,14 @@ def show_plan(plan: Plan, most: int, shown: Console) -> None:
     from granite_lab.reporting.grid import grid, row_of, say
 
     sharpens = plan.question.kind == "sharpen"
-    say(shown, plan.question.words + (" (virtual data)" if plan.design.virtual else ""), "bold")
+    say(shown, asked(plan) + (" (virtual data)" if plan.design.virtual else ""), "bold")
     say(shown, _now(plan))
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
         say(shown, f"No trial is worth it: {why}.", "bold")
     table = grid("", "next trial", "std" if sharpens else "log Bayes\nfactor", "because", words=(1, 3))
     for k, p in enumerate(plan.proposals[:most], 1):
-        table.add_row(*row_of(str(k), p.option.words, _change(plan, p), because(plan, p)))
+        table.add_row(*row_of(str(k), trial(p), _change(plan, p), because(plan, p)))
     shown.print(table)
     if plan.worth:
         best = plan.proposals[0].option
@@ -115,29 +115,45 @@ def show_plan(plan: Plan, most: int, shown: Console) -> None:
         if best.conditions.lines:
             lines = ", ".join(f"'{line}'" for line in best.conditions.lines)
             say(shown, f"Write {lines} into its log, so that discover knows.")
-    for line in plan.left_out:
-        say(shown, f"left out: {line}")
+    if plan.failed:
+        say(shown, f"{plan.failed} commands cannot be simulated and were left out.")
+
+
+def asked(plan: Plan) -> str:
+    """Return the question."""
+    rivals = plan.question.rivals
+    if plan.question.kind == "apart":
+        return f"What would tell {', '.join(rivals[:-1])} from {rivals[-1]}?"
+    if plan.question.kind == "show":
+        return f"What would show {' or '.join(rivals)}, if it is there?"
+    return "What would sharpen the number that is known worst?"
+
+
+def trial(proposal: Proposal) -> str:
+    """Return command and conditions."""
+    v, under = proposal.option.variant, proposal.option.conditions.words
+    command = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m"
+    return f"{command}, {under}" if under else command
 
 
 def because(plan: Plan, proposal: Proposal) -> str:
     """Say what a proposal improves, where there are several things, and why."""
-    target = plan.targets[proposal.best].words
-    return f"{target}: {proposal.option.why}" if len(plan.targets) > 1 else proposal.option.why
+    why = proposal.option.why
+    return f"{proposal.improves}: {why}" if len(plan.now) > 1 else why
 
 
 def _now(plan: Plan) -> str:
     count = sum(int(d.count) for d in plan.design.driven)
     trials = f"the {count} trials at hand" if count > 1 else "the one trial at hand"
     if plan.question.kind == "sharpen":
-        target = plan.targets[0]
-        return f"With {trials} the std of {target.words} is {_figure(plan, target.now)}."
-    pairs = ", ".join(f"{t.words} {_figure(plan, t.now)}" for t in plan.targets)
+        ((name, std),) = plan.now.items()
+        return f"With {trials} the std of {name} is {_figure(plan, std)}."
+    pairs = ", ".join(f"{pair} {_figure(plan, factor)}" for pair, factor in plan.now.items())
     return f"Expected log Bayes factors with {trials}: {pairs}."
 
 
-def _change(plan: Plan, proposal: Proposal) -> str:
-    before, after = plan.targets[proposal.best].now, proposal.after[proposal.best]
-    return f"{_figure(plan, before)} → {_figure(plan, after)}"
+def _change(plan: Plan, p: Proposal) -> str:
+    return f"{_figure(plan, plan.now[p.improves])} → {_figure(plan, p.after[p.improves])}"
 
 
 def _figure(plan: Plan, value: float) -> str:

@@ -7,47 +7,28 @@ integrated out; what is left belongs to the parameters that all trials share, an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import cholesky, toeplitz
 from scipy.linalg.lapack import dtrtri
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference.bench import SAND, Bench, Task
+from granite_lab.inference.bench import SAND, Bench, Setting
 from granite_lab.inference.binning import Stream
 from granite_lab.inference.constants import FORMULA_ERROR
-from granite_lab.inference.noise import FLOOR, NOMINAL, Whitener
+from granite_lab.inference.noise import FLOOR, Whitener
 from granite_lab.inference.normal import Posterior, Scales, posterior
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import CHANNELS, Observation
-from granite_lab.inference.problem import SHARED, Point, Problem, Slopes
+from granite_lab.inference.problem import Point, Problem, Slopes
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, peak_velocity
-from granite_lab.parameters import Robot, Soil, Variant
-from granite_lab.planning.design import FREQUENCIES, Design, Driven, Noise, commanded_share
+from granite_lab.parameters import Variant
+from granite_lab.planning.design import Design, Driven, Noise, commanded_share
 
 GRID = 1024
 """Least number of frequencies on which a spectrum becomes a covariance."""
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """An effect with the values of all its parameters."""
-
-    id: str
-    values: tuple[float, ...]
-
-
-Model = tuple[Explanation, ...]
-"""Effects that are switched on together."""
-
-
-def nominal(robot: Robot, soil: Soil, variants: Sequence[Variant], share: float = 0.0) -> Design:
-    """Return the design of one trial a command, with white noise of a common strength."""
-    noise = tuple(Noise(channel=c, rest=NOMINAL[c]) for c in CHANNELS)
-    driven = tuple(Driven(variant=v, noise=noise) for v in variants)
-    return Design(verdict="none", robot=robot, soil=soil, share=share, driven=driven, virtual=True)
 
 
 def trial_model(design: Design, number: int, variant: Variant, like: Driven) -> TrialModel:
@@ -55,9 +36,8 @@ def trial_model(design: Design, number: int, variant: Variant, like: Driven) -> 
 
     Args:
         design: gives robot and bins.
-        number: of the command.
-        variant: the command.
-        like: trials whose channels it has, and whose share of rest.
+        number, variant: of the command.
+        like: trials whose channels and standstills it has.
     """
     robot, width = design.robot, design.width
     names = [n.channel for n in like.noise]
@@ -66,57 +46,46 @@ def trial_model(design: Design, number: int, variant: Variant, like: Driven) -> 
     edges = width * np.arange(first, last + 1, dtype=np.float64)
     rates = {"wheel": robot.encoders.rate, "current": robot.currents.rate}
     unit = np.eye(8)
-    weights = dict(zip(CHANNELS[:3], unit[:3], strict=True)) | {
-        "wheel": (unit[3] + unit[4]) / 2 if "wheel_split" in names else unit[3],
-        "wheel_split": unit[3] - unit[4],
-        "current_f": unit[5],
-        "current_r": unit[6],
-    }
+    weights = [*unit[:3], (unit[3] + unit[4]) / 2, unit[3] - unit[4], *unit[5:7]]
+    if "wheel_split" not in names:
+        weights[3] = unit[3]
     streams = {}
     for c in names:
         rate = max(rates.get(c.split("_")[0], robot.imu_grade.rate if robot.imu_grade else 200.0), 1 / width)
         t = np.arange(edges[0] - 2 / rate, edges[-1] + 3 / rate, 1 / rate)
-        window = 1 / rate if weights[c][:3].any() else 0.0
-        streams[c] = Stream(t, np.zeros(t.size), weights[c], c.startswith("wheel"), window)
+        place = CHANNELS.index(c)
+        window = 1 / rate if place < 3 else 0.0
+        streams[c] = Stream(t, np.zeros(t.size), weights[place], c.startswith("wheel"), window)
     values = {c: np.zeros(edges.size - 1) for c in names}
     blank = Observation(f"plan{number}", variant, 0.0, edges, streams, values, 0.0, False)
     return TrialModel(blank, number, robot)
 
 
-def whitener_of(noise: Noise, t: Array, variant: Variant, learnt_at: float) -> Whitener:
-    """Return the whitening filter of a trial to come; what driving adds grows with the speed.
+def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
+    """Return the whitening filter of a channel whose noise was learnt at some speed [m/s].
 
-    Args:
-        noise: of the channel.
-        t: (n,) middle of each bin since the start of the command [s].
-        variant: the command.
-        learnt_at: speed at which the noise was learnt [m/s].
+    What driving adds to the noise at rest grows with the speed.
     """
+    t, variant = trial.t, trial.variant
     level = float(np.hypot(noise.rest, FLOOR[noise.channel]))
     known = np.ones(t.size, dtype=bool)
     if not noise.driven:
         return Whitener(np.full(t.size, 1 / level), known)
-    size = max(GRID, t.size)
-    grid = np.linspace(0, 1, FREQUENCIES)
-    spectrum = np.interp(np.linspace(0, 1, size + 1), grid, noise.driven)
+    grid = np.linspace(0, 1, len(noise.driven))
+    spectrum = np.interp(np.linspace(0, 1, max(GRID, t.size) + 1), grid, noise.driven)
     speed = commanded_share(t, variant) * peak_velocity(variant) / learnt_at
     Σ = np.outer(speed, speed) * toeplitz(np.fft.irfft(spectrum)[: t.size]) + level**2 * np.eye(t.size)
     return Whitener(np.tril(dtrtri(cholesky(Σ, lower=True), lower=1)[0]), known)
 
 
 class Stage:
-    """Trials of numbered commands.
-
-    Args:
-        design: the trials at hand.
-        bench: its world knows the commands.
-    """
+    """The trials at hand, then those that are proposed; the numbers are those of the bench's commands."""
 
     def __init__(self, design: Design, bench: Bench) -> None:
         self.design, self.bench = design, bench
-        self.scales = Scales(design.share, FORMULA_ERROR[0], {s.name: s.std for s in design.scales})
+        self.scales = Scales(design.share, FORMULA_ERROR[0], {s.name: s.value for s in design.scales})
         self._models: dict[int, TrialModel] = {}
-        self._slopes: dict[tuple[int, Model], Slopes] = {}
+        self._slopes: dict[tuple[int, Setting], Slopes] = {}
 
     def problem(self, number: int, like: Driven, count: int = 1) -> Problem:
         """Return the problem of some trials of a command."""
@@ -125,30 +94,31 @@ class Stage:
             self._models[number] = trial_model(self.design, number, variant, like)
         return Problem([self._models[number]] * count, self.bench)
 
-    def point(self, problem: Problem, model: Model) -> Point:
+    def point(self, problem: Problem, model: Setting) -> Point:
         """Return the fitted numbers, with effects switched on."""
         point = problem.neutral()
         shared = point.shared.copy()
-        shared[: len(SAND)], shared[len(SAND)] = self.design.sand, self.design.latency
+        shared[: len(SAND) + 1] = *self.design.sand, self.design.latency
         point = replace(point, shared=shared)
-        for e in model:
-            point = problem.with_effect(point, e.id, e.values)
+        for id_, values in model:
+            point = problem.with_effect(point, id_, values)
         return point
 
     def information(
-        self, number: int, like: Driven, count: int, model: Model, others: Sequence[Model] = ()
+        self, number: int, like: Driven, count: int, model: Setting, others: Sequence[Setting] = ()
     ) -> Array:
         """Return what trials of one command tell.
 
         Args:
             number: of the command.
-            like: the trials whose channels and noise they have.
+            like: trials whose channels and noise they have.
             count: number of repetitions.
-            model: effects that are switched on; their shared parameters are fitted.
-            others: models whose difference from this one stands in a column of its own.
+            model: effects that are switched on, whose shared parameters are fitted.
+            others: effects of k other models.
 
         Returns:
-            (p + k, p + k) information of the p shared parameters, as in `Point`, then of k differences.
+            (p + k, p + k) information of the p shared parameters, which end like `Point.vector`, then of the
+            differences that the other models make.
 
         Raises:
             EstimateError: a simulation has no solution.
@@ -156,84 +126,55 @@ class Stage:
         problem = self.problem(number, like, count)
         point = self.point(problem, model)
         slopes = self._differentiated(problem, number, model, point)
+        runs = problem.respond([problem.centre(self.point(problem, other), 0) for other in others])
+        if slopes is None or runs is None:
+            raise EstimateError("a proposed trial cannot be simulated", "check the effects")
         trial = problem.trials[0]
-        own = [
-            whitener_of(n, trial.observation.t, trial.observation.variant, peak_velocity(like.variant))
-            for n in like.noise
-        ]
+        own = [whitener_of(n, trial.observation, peak_velocity(like.variant)) for n in like.noise]
         problem.weigh([own] * count, point, slopes)
-        tasks = [problem.centre(self.point(problem, other), 0) for other in others]
-        changes = [{0: r - slopes.response[0]} for r in self._respond(tasks)]
-        nothing = [np.zeros((len(trial.channels), trial.observation.bins))] * count
+        changes = [{0: run - slopes.response[0]} for run in runs]
+        nothing = [np.zeros_like(trial.measured)] * count
         M, _ = problem.normal(point, slopes, nothing, candidates=changes).marginal(self.scales)
         std, _ = problem.prior(point, self.scales)
         local = sum(x.size for x in point.trials)
         return posterior(M, 0.0, std[:local] ** -2.0, np.zeros(local)).rest[:-1, :-1]
 
-    def prior(self, model: Model) -> Array:
-        """Return the (p,) precisions of the shared parameters before any trial."""
-        like = self.design.driven[0]
-        problem = self.problem(0, like)
+    def at_hand(self, model: Setting, others: Sequence[Setting] = ()) -> Array:
+        """Return `information` of all trials at hand and of the prior."""
+        driven = self.design.driven
+        parts = [self.information(n, d, int(d.count), model, others) for n, d in enumerate(driven)]
+        total = np.asarray(np.sum(parts, axis=0))
+        p = total.shape[0] - len(others)
+        problem = self.problem(0, driven[0])
         std, _ = problem.prior(self.point(problem, model), self.scales)
-        return np.asarray(std[-(len(SHARED) + self._count(problem, model)) :] ** -2.0)
+        total[range(p), range(p)] += std[-p:] ** -2.0
+        return total
 
-    @staticmethod
-    def _count(problem: Problem, model: Model) -> int:
-        return len(problem.parameters([e.id for e in model], per_trial=False))
+    def one_more(self, number: int, like: Driven, model: Setting, others: Sequence[Setting]) -> Array:
+        """Return what a further trial of a command adds."""
+        count = int(like.count) if number < len(self.design.driven) else 0
+        new = self.information(number, like, count + 1, model, others)
+        return new - self.information(number, like, count, model, others) if count else new
 
-    def _differentiated(self, problem: Problem, number: int, model: Model, point: Point) -> Slopes:
+    def possible(self, model: Setting) -> bool:
+        """Whether all trials at hand can be simulated with some effects."""
+        problems = [self.problem(n, d) for n, d in enumerate(self.design.driven)]
+        runs = self.bench.run([p.centre(self.point(p, model), 0) for p in problems])
+        return all(run is not None for run in runs)
+
+    def _differentiated(self, problem: Problem, number: int, model: Setting, point: Point) -> Slopes | None:
         if (number, model) not in self._slopes:
-            kept = len(self.design.driven)  # of the trials at hand; a proposed one is looked at once
-            self._slopes = {k: s for k, s in self._slopes.items() if k[0] < kept or k[0] == number}
-            known = next((s for (n, _), s in self._slopes.items() if n == number), None)
-            found = problem.slopes(point, known)
+            found = problem.slopes(point, next((s for k, s in self._slopes.items() if k[0] == number), None))
             if found is None:
-                raise EstimateError("a proposed trial cannot be simulated", "check robot and soil")
+                return None
             self._slopes[number, model] = found
         return self._slopes[number, model]
 
-    def possible(self, model: Model) -> bool:
-        """Whether all trials at hand can be simulated with some effects."""
-        tasks = []
-        for number, like in enumerate(self.design.driven):
-            problem = self.problem(number, like)
-            tasks.append(problem.centre(self.point(problem, model), 0))
-        return all(r is not None for r in self.bench.run(tasks))
 
-    def at_hand(self, model: Model, others: Sequence[Model] = ()) -> Array:
-        """Return `information` of all trials at hand."""
-        parts = [
-            self.information(k, d, int(d.count), model, others) for k, d in enumerate(self.design.driven)
-        ]
-        return np.asarray(np.sum(parts, axis=0))
+def fitted(information: Array, k: int) -> Posterior:
+    """Fit the shared parameters to each of k differences, which are the last columns.
 
-    def _respond(self, tasks: Sequence[Task]) -> list[Array]:
-        found = [r for r in self.bench.run(tasks) if r is not None]
-        if len(found) < len(tasks):
-            raise EstimateError("a proposed trial cannot be simulated", "check the effects")
-        return found
-
-
-def integrated(information: Array, precision: Array) -> Posterior:
-    """Integrate the shared parameters out; ``rest[:-1, :-1]`` holds what remains of the differences.
-
-    Args:
-        information: (p + k, p + k) sum over all commands.
-        precision: (p,) of the prior.
+    ``rest[i, i]`` is the sum of squares that remains of a difference; ``step`` is fitted to the last one.
     """
-    return posterior(np.pad(information, (0, 1)), 0.0, precision, np.zeros(precision.size))
-
-
-def against(information: Array, precision: Array, column: int) -> Posterior:
-    """Fit the shared parameters to one difference.
-
-    ``misfit`` is the sum of squares that remains of it, ``step`` are the parameters.
-
-    Args:
-        information: (p + k, p + k) sum over all commands.
-        precision: (p,) of the prior.
-        column: place of the difference among the k.
-    """
-    p = precision.size
-    own = [*range(p), p + column]
-    return posterior(information[np.ix_(own, own)], 0.0, precision, np.zeros(p))
+    p = information.shape[0] - k
+    return posterior(information if k else np.pad(information, (0, 1)), 0.0, np.zeros(p), np.zeros(p))

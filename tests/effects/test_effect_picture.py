@@ -16,7 +16,7 @@ from granite_lab.effects import get
 from granite_lab.model.effect import Effect, EffectParameter, Own, activate
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, load_robot, load_soil, load_variants
-from granite_lab.planning.imprint import Imprint, imprint
+from granite_lab.reporting.imprint import Imprint, imprint
 from granite_lab.reporting.plot_effect import ROWS, effect_drawing
 
 TWO = (load_variants()[1], load_variants()[3])
@@ -33,7 +33,7 @@ def slope() -> Imprint:
 
 def test_a_slope_is_seen_at_rest_but_a_tilted_or_biased_sensor_looks_the_same(slope: Imprint) -> None:
     for seen in slope.seen:
-        before = seen.t < -0.05
+        before = seen.observation.t < -0.05
         assert seen.raw["accel_x"][before] == pytest.approx(GRAVITY * np.sin(np.radians(1.0)), rel=0.02)
         assert np.abs(seen.left["accel_x"][before]).max() < 0.1 * seen.raw["accel_x"][before].min()
     # what a sensor cannot imitate is the pull that sets in as the wheels begin to turn
@@ -44,7 +44,7 @@ def test_a_wound_up_tyre_shows_in_jerks_that_nothing_else_makes() -> None:
     found = imprint_of(get("tyre_windup"), compliance=2e-3)
     assert found.share > 0.8
     fast = found.seen[1]
-    steady = (fast.t > 1.5) & (fast.t < 4.0)
+    steady = (fast.observation.t > 1.5) & (fast.observation.t < 4.0)
     assert np.abs(fast.raw["accel_x"][steady]).max() < 0.02 * np.abs(fast.raw["accel_x"]).max()
 
 
