@@ -18,6 +18,7 @@ from granite_lab.reporting.discovery.names import (
     latency_in_words,
     listed,
     plain,
+    shown_candidates,
 )
 from granite_lab.reporting.discovery.residue import discrepancies
 from granite_lab.reporting.grid import TONES, grid, row_of, say
@@ -110,10 +111,11 @@ def _where(finding: Finding, console: Console) -> None:
 
 def _candidates(finding: Finding, console: Console) -> None:
     table = grid("candidate", "probability", "closes alone", "status", words=(0, 3))
-    for c in finding.candidates[:MOST]:
+    shown = shown_candidates(finding)
+    for c in shown[:MOST]:
         name = Text(plain(c.id), TONES["good"] if c.status == "named" else "")
         table.add_row(*row_of(name, percent(c.probability), percent(c.closes), STATUS[c.status]))
     console.print(table)
-    more = len(finding.candidates) - MOST
+    more = len(shown) - MOST
     if more > 0:
         say(console, f"{more} more are less likely; finding.json lists them all", "dim")

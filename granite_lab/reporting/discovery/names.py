@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 
 from granite_lab.discovery.empirical import TARGETS
-from granite_lab.discovery.finding import Finding, FoundEffect
+from granite_lab.discovery.finding import Candidate, Finding, FoundEffect
 from granite_lab.estimate import Estimate
 from granite_lab.reporting.discovery.amounts import amount, in_words
 from granite_lab.reporting.rounding import plus_minus
@@ -121,6 +121,20 @@ def plain(effect_id: str) -> str:
     if term is not None:
         return f"{LAW[term[0]].split(',')[0]}, {BY.get(term[1], term[1])}"
     return NAMES.get(effect_id, effect_id.replace("_", " "))
+
+
+def brief(effect_id: str) -> str:
+    """Return an effect's id as words short enough for a row of a figure."""
+    term = term_of(effect_id)
+    if term is None:
+        return plain(effect_id)
+    axle = {"torque_f": "front torque", "torque_r": "rear torque"}
+    return f"{axle.get(term[0], term[0])} by {term[1].replace('_', ' ')}"
+
+
+def shown_candidates(finding: Finding) -> list[Candidate]:
+    """Return the candidates, likeliest first, without terms of the empirical law that were never fitted."""
+    return [c for c in finding.candidates if term_of(c.id) is None or c.status != "screened"]
 
 
 def describe(effect: FoundEffect) -> str:

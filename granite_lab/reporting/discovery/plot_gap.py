@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -31,16 +31,17 @@ GAP = "gap [–]"
 
 
 def gap_drawing(finding: Finding) -> Drawing:
-    """Draw the gap per channel, on the trials of the fit and on trials left out."""
-    table = {g.channel: g for g in finding.gaps} | {"all": finding.gap}
-    shown = [table[c] for c in ("all", *channels_of(finding)) if c in table]
-    names = ["everything", *(channel_name(g.channel) for g in shown[1:])]
-    panels = [("in the fit", [g.train for g in shown])]
-    if any(math.isfinite(v) for g in shown for v in g.held_out):
-        panels.append(("left out of the fit", [g.held_out for g in shown]))
-    figure = _dumbbells(names, panels, finding, unit=GAP, line=1.0, label="noise and tolerance", rules=(0.5,))
-    before, after = finding.gap.held_out if len(panels) == 2 else finding.gap.train
-    where = "On trials left out" if len(panels) == 2 else "In the fit"
+    """Draw the gap over all channels, in the fit and on trials left out, and that of each channel in the fit."""
+    whole, known = finding.gap, {g.channel: g for g in finding.gaps}
+    lines = {"all channels": whole.train}
+    left_out = math.isfinite(whole.held_out[0])
+    if left_out:
+        lines["all, trials left out"] = whole.held_out
+    first = len(lines)
+    lines |= {channel_name(c): known[c].train for c in channels_of(finding) if c in known}
+    figure = _dumbbells(lines, finding, unit=GAP, line=1.0, label="noise and tolerance", rule=first)
+    before, after = whole.held_out if left_out else whole.train
+    where = "On trials left out" if left_out else "In the fit"
     text = (
         f"{where}, the model without effects is off by {times(before)} times what noise and tolerance explain"
     )
@@ -50,7 +51,7 @@ def gap_drawing(finding: Finding) -> Drawing:
         f"The gap of each channel, before and after{canvas.data_tag(finding.virtual)}",
         text,
         "Root mean square of the residuals over what noise and tolerance explain, without and with what was "
-        "found, per channel, for trials in the fit and left out of it.",
+        "found, over all channels and per channel.",
         figure,
     )
 
@@ -60,11 +61,9 @@ def discrepancy_drawing(finding: Finding) -> Drawing | None:
     shares = {c: (100 * b, 100 * a) for c, (b, a) in discrepancies(finding).items() if math.isfinite(b)}
     if not shares:
         return None
-    names = [channel_name(c) for c in shares]
-    figure = _dumbbells(
-        names, [("", list(shares.values()))], finding, unit="discrepancy over the channel's rms [%]",
-        line=100 * finding.tolerance, label="tolerance",
-    )  # fmt: skip
+    lines = {channel_name(c): pair for c, pair in shares.items()}
+    unit = "discrepancy over the channel's rms [%]"
+    figure = _dumbbells(lines, finding, unit=unit, line=100 * finding.tolerance, label="tolerance")
     worst = max(shares, key=lambda c: shares[c][0])
     before, after = (significant(v, 2) for v in shares[worst])
     text = f"Largest without effects: {spoken(worst)}, {before} % of its rms"
@@ -86,11 +85,8 @@ def held_out_drawing(finding: Finding) -> Drawing | None:
     lines |= {f"all at {x.name} m/s": (x.before, x.after) for x in speeds}
     if not lines:
         return None
-    rules = (len(trials) - 0.5,) if trials and speeds else ()
-    figure = _dumbbells(
-        list(lines), [("", list(lines.values()))], finding, unit=GAP, line=1.0, label="noise and tolerance",
-        rules=rules,
-    )  # fmt: skip
+    rule = len(trials) if trials and speeds else 0
+    figure = _dumbbells(lines, finding, unit=GAP, line=1.0, label="noise and tolerance", rule=rule)
     text = "Each line was predicted by a fit to the others."
     if finding.effects:
         better = [
@@ -112,48 +108,34 @@ def held_out_drawing(finding: Finding) -> Drawing | None:
 
 
 def _dumbbells(
-    names: Sequence[str],
-    panels: Sequence[tuple[str, Sequence[Pair]]],
-    finding: Finding,
-    *,
-    unit: str,
-    line: float,
-    label: str,
-    rules: Sequence[float] = (),
+    lines: Mapping[str, Pair], finding: Finding, *, unit: str, line: float, label: str, rule: int = 0
 ) -> Figure:
     """Draw before and after of each row, and a line that says how good is good enough.
 
     Args:
-        names: of the rows.
-        panels: title and values of each, beside each other.
+        lines: name of each row to its values.
         finding: says whether there is an "after".
         unit: of the x axis.
         line: place of that line.
         label: of that line.
-        rules: rows between which a line is drawn.
+        rule: number of rows above a thin line; 0 draws none.
     """
-    known = [v for _, pairs in panels for pair in pairs for v in pair if math.isfinite(v) and v > 0]
+    known = [v for pair in lines.values() for v in pair if math.isfinite(v) and v > 0]
     low, high = 0.8 * min([*known, 0.9 * line]), 1.25 * max([*known, 2.0 * line])
-    foot = rows.FOOT if len(panels) == 1 else 0.64
-    figure, axes = rows.panels(names, columns=len(panels), row=0.2, head=0.3, foot=foot)
+    figure, (axis,) = rows.panels(list(lines), row=0.2, head=0.3)
     with canvas.styled():
-        for axis, (title, pairs) in zip(axes, panels, strict=True):
-            before, after = np.fmax(np.array(pairs).T, 1.05 * low)
-            y = np.arange(len(names))
-            axis.axvline(line, color=canvas.INK, linewidth=1.0, linestyle=(0, (4, 1.5)), label=label)
-            if finding.effects:
-                axis.hlines(
-                    y, np.fmin(before, after), np.fmax(before, after), color=canvas.FAINT, linewidth=1.6
-                )
-            axis.plot(before, y, "o", color=rows.BEFORE, markersize=4.5, label="without effects")
-            if finding.effects:
-                axis.plot(after, y, "D", color=rows.AFTER, markersize=4, label=with_found(finding))
-            rows.log_axis(axis, low, high)
-            axis.set_xlabel(f"{title}\n{unit}" if title else unit)
-            for at in rules:
-                axis.axhline(at, color=canvas.FAINT, linewidth=0.6)
-        if names[0] == "everything":
-            axes[0].get_yticklabels()[0].set_fontweight("bold")
-        rows.legend_on_top(figure, axes[0], 3)
+        before, after = np.maximum(np.array(list(lines.values())).T, 1.05 * low)
+        y = np.arange(len(lines))
+        axis.axvline(line, color=canvas.INK, linewidth=1.0, linestyle=(0, (4, 1.5)), label=label)
+        if finding.effects:
+            axis.hlines(y, np.fmin(before, after), np.fmax(before, after), color=canvas.FAINT, linewidth=1.6)
+        axis.plot(before, y, "o", color=rows.BEFORE, markersize=4.5, label="without effects")
+        if finding.effects:
+            axis.plot(after, y, "D", color=rows.AFTER, markersize=4, label=with_found(finding))
+        rows.log_axis(axis, low, high)
+        axis.set_xlabel(unit)
+        if rule:
+            axis.axhline(rule - 0.5, color=canvas.FAINT, linewidth=0.6)
+        rows.legend_on_top(figure, axis, 3)
         canvas.mark_virtual(figure, finding.virtual)
     return figure

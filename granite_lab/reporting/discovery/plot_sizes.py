@@ -11,7 +11,7 @@ from granite_lab.model.effect import Effect
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
-from granite_lab.reporting.discovery.names import listed, plain
+from granite_lab.reporting.discovery.names import brief, listed, plain
 from granite_lab.reporting.discovery.sizes import Share, shares
 from granite_lab.reporting.rounding import significant, with_unit
 
@@ -34,7 +34,7 @@ def detectable_drawing(finding: Finding, known: Mapping[str, Effect]) -> Drawing
         return None
     ranked = sorted(smallest, key=lambda i: smallest[i].low)
     finite = [v for s in smallest.values() for v in (s.low, s.high) if math.isfinite(v) and v > 0]
-    figure, (axis,) = rows.panels([plain(i) for i in ranked], row=0.165, head=0.45)
+    figure, (axis,) = rows.panels([brief(i) for i in ranked], row=0.165, head=0.45)
     named = {e.id for e in finding.effects}
     with canvas.styled():
         low, high = 0.7 * min([*finite, 50.0]), 1.4 * max([*finite, 200.0])

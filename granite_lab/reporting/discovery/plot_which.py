@@ -11,17 +11,17 @@ from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.answers import percent
-from granite_lab.reporting.discovery.names import STATUS, capital, plain
+from granite_lab.reporting.discovery.names import STATUS, brief, capital, plain, shown_candidates
 
 MARKERS = {"named": "o", "twin": "s", "small": "v", "less likely": "D", "screened": ".", "at a bound": "x"}
 
 
 def candidates_drawing(finding: Finding) -> Drawing | None:
     """Draw the probability of each candidate and the share of the gap that it closes; None without any."""
-    found = finding.candidates
+    found = shown_candidates(finding)
     if not found:
         return None
-    figure, (left, right) = rows.panels([plain(c.id) for c in found], columns=2, row=0.165, head=0.45)
+    figure, (left, right) = rows.panels([brief(c.id) for c in found], columns=2, row=0.165, head=0.45)
     with canvas.styled():
         for status, marker in MARKERS.items():
             own = [(i, c) for i, c in enumerate(found) if c.status == status]
@@ -41,8 +41,8 @@ def candidates_drawing(finding: Finding) -> Drawing | None:
                     left.get_yticklabels()[i].set_fontweight("bold")
         left.set_xlim(-8, 105)
         left.set_xlabel("probability [%]")
-        least = min((100 * c.closes for c in found if math.isfinite(c.closes)), default=0.0)
-        right.set_xlim(min(-8.0, 1.1 * least), 105)
+        closes = [100 * c.closes for c in found if math.isfinite(c.closes)]
+        right.set_xlim(min([-8.0, *closes]) - 2, max([100.0, *closes]) + 5)
         right.set_xlabel("closes alone [%]")
         rows.legend_on_top(figure, left, 3)
         canvas.mark_virtual(figure, finding.virtual)
@@ -72,7 +72,7 @@ def confusion_drawing(finding: Finding) -> Drawing | None:
     if check is None or len(check.ids) < 2:
         return None
     ids, named = check.ids, {e.id for e in finding.effects}
-    names = [plain(i) for i in ids]
+    names = [brief(i) for i in ids]
     values = np.abs(check.cosines)
     figure, (axis,) = rows.panels(names, row=0.138, head=0.08, foot=2.0)
     with canvas.styled():

@@ -12,7 +12,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.discovery.amounts import amount, meaning, scale_of
 from granite_lab.reporting.discovery.answers import percent, percent_of
-from granite_lab.reporting.discovery.names import SAND, SCALES, STATUS, channel_name, plain
+from granite_lab.reporting.discovery.names import SAND, SCALES, STATUS, channel_name, plain, shown_candidates
 from granite_lab.reporting.discovery.residue import discrepancies
 from granite_lab.reporting.discovery.sizes import LIKELY, multiple
 from granite_lab.reporting.rounding import NONE, interval, significant
@@ -144,7 +144,7 @@ def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table | N
             _percent(c.probability), number(c.closes, 2, "%", 100), number(c.gain, 3),
             words(f"{STATUS[c.status]}{_bounds(c.bounds)}"),
         )
-        for c in finding.candidates
+        for c in shown_candidates(finding)
     ]  # fmt: skip
     head = columns(
         "candidate", "what it is", ("probability", ("probability",)), ("closes alone", ("closes",)),
