@@ -12,7 +12,7 @@ from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import EFFECT_ODDS, LEAST_SHARE, TOLERANCE
-from granite_lab.inference.fit import Fit, fit
+from granite_lab.inference.fit import Fit, fit, under
 from granite_lab.inference.gap import beyond, discrepancies
 from granite_lab.inference.problem import Point, Problem
 
@@ -138,12 +138,17 @@ def search(
 
     current = found[()]
     fine = good(problem, base, tolerance)  # nothing can be named; what is likeliest is fitted to be listed
-    for _ in range(1 if fine else MOST):
+    for _ in range(MOST):
         options = extended(current)
         best = max(options, key=lambda m: m.log_posterior, default=current)
         if best.log_posterior <= current.log_posterior + WORTH:
             break
         current = best
+        if fine and good(problem, under(problem, base, current.fit.scales), tolerance):
+            break
+        if fine:
+            fine, options = False, extended(found[()])
+            current = max(options, key=lambda m: m.log_posterior)
         if good(problem, current.fit, tolerance) or _little_left(problem, found[()], current, tolerance):
             break
     for id_ in current.effects if len(current.effects) > 1 else ():
@@ -182,7 +187,7 @@ def _origins(problem: Problem, result: Fit) -> list[Fit]:
 
     Where much is missing, the sand has moved to stand in for it.
     """
-    if not _loud(result) and result.scales.share <= 2 * TOLERANCE:
+    if not _loud(result) and result.scales.largest <= 2 * TOLERANCE:
         return [result]
     trials = []
     for x in result.point.trials:

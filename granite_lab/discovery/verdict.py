@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from granite_lab.discovery.heldout import Predicted, closed, predict
 from granite_lab.discovery.search import Model, Search, good, is_empirical
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE
+from granite_lab.inference.fit import under
 from granite_lab.inference.problem import Problem
 
 LARGEST_SET = 3
@@ -67,7 +68,8 @@ class Judgement:
 def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     """Decide.
 
-    * ``none`` where the model alone leaves no discrepancy beyond the tolerance.
+    * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
+      likeliest model says.
     * Effects of the likeliest set are named that close at least `LEAST_SHARE` of the gap on trials left out
       and that, alone or with at most two others that cannot be told from them, have a posterior probability
       of `CREDIBLE`; together they must close more than half of the gap.
@@ -75,6 +77,7 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     """
     alone = search.model(())
     assert alone is not None
+    alone = replace(alone, fit=under(problem, alone.fit, search.best.fit.scales))
     before = predict(problem, alone.fit, tolerance)
     if good(problem, alone.fit, tolerance):
         small = tuple(
@@ -143,7 +146,7 @@ def _named(
     without = search.model(rest)
     closes = Estimate(float("nan"))
     if without is not None:
-        left = _left(predict(problem, without.fit, tolerance))
+        left = _left(predict(problem, under(problem, without.fit, best.fit.scales), tolerance))
         closes = closed(left, _left(after), gap)
     probability = search.probability(holding(id_))
     rivals: list[tuple[float, str]] = []

@@ -118,7 +118,7 @@ def trajectories(problem: Problem, fit: Fit) -> Trajectories:
         own=tuple(exponent(common, k) for k in first[:-1].tolist()),
         t_start=tuple(estimate(k + RAKED, late, origin=t.observation.t_start) for k, t in begun),
         latency=estimate(late),
-        share=fit.scales.share,
+        share=fit.scales.largest,
         louder={c: value for c, value in fit.scales.louder.items() if value > 1.0},
         status="ok" if fit.converged else "not_converged",
     )

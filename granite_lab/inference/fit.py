@@ -9,6 +9,7 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.constants import FORMULA_ERROR, PSEUDO_TRIALS, SPREAD, TOLERANCE
+from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
 from granite_lab.inference.problem import Point, Problem, Slopes, own_name, width_of
 from granite_lab.logs.trial import Array
@@ -22,9 +23,12 @@ TRUSTED = 0.6
 MOST_DAMPED = 1e3
 """Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
 
-SHARES = tuple(TOLERANCE * 2.0**k for k in range(-5, 6))
-FORMULAS = tuple(FORMULA_ERROR[1] * 2.0**k for k in range(-4, 1))
-"""Grids over which the scales of the discrepancy are learnt."""
+SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
+FORMULAS = (FORMULA_ERROR[1] / 16, FORMULA_ERROR[1])
+"""Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows."""
+
+UPDATES = 3
+"""Steps of the fixed point of the scales, each time they are learnt."""
 
 FIRST = Scales(2 * TOLERANCE, FORMULA_ERROR[0])
 """Scales with which a search begins."""
@@ -142,6 +146,19 @@ def fit(
     )  # fmt: skip
 
 
+def under(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
+    """Return a fit, linear about its point, under the scales that another model has learnt for the priors.
+
+    A model that lacks something widens the priors of what stands in for it; those of a model that lacks
+    nothing say how much the trials really differ.
+    """
+    own = replace(fitted.scales, priors=scales.priors)
+    own = _discrepancy(problem, fitted.normal, fitted.point, own)
+    post = _posterior(problem, fitted.point, fitted.normal, own)
+    evidence = post.evidence + log_prior(problem, own, bool(fitted.point.effects))
+    return replace(fitted, scales=own, posterior=post, evidence=evidence)
+
+
 def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:
     """Return the response of every trial; None where one has no solution."""
     found = problem.respond([problem.task(point, i) for i in range(len(problem.trials))])
@@ -171,7 +188,7 @@ def _posterior(problem: Problem, point: Point, normal: Normal, scales: Scales) -
 
 def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
     """Return the logarithm of the prior density of the scales, and of the noise being louder than learnt."""
-    away = [np.log(scales.share / (TOLERANCE / 2))]
+    away = [np.log(share / (TOLERANCE / 2)) for share in scales.shares.values()]
     if formula:
         away.append(np.log(scales.formula / FORMULA_ERROR[0]))
     noise = sum(n * np.log(scales.louder.get(c, 1.0)) for c, n in problem.counts.items())
@@ -201,32 +218,34 @@ def learn(problem: Problem, state: _State, scales: Scales) -> Scales:
 
 
 def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales) -> Scales:
-    effects = bool(point.effects)
-    known: dict[tuple[float, float], float] = {}
+    """Learn the scales of the discrepancy by MacKay's fixed point: squares over effective numbers.
 
-    def value(s: Scales) -> float:
-        key = (s.share, s.formula)
-        if key not in known:
-            known[key] = _posterior(problem, point, normal, s).evidence + log_prior(problem, s, effects)
-        return known[key]
+    See D. J. C. MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415-447.
+    """
+    for _ in range(UPDATES):
+        step = np.append(-_posterior(problem, point, normal, scales).step, 1.0)
+        squares: dict[str, float] = {}
+        numbers: dict[str, float] = {}
+        for part in normal.parts:
+            for c in part.channels:
+                mean, variance = c.amplitudes(step[part.place_in(step.size)], scales)
+                for kind, name, scale in (
+                    (MOTION, c.name, scales.share_of(c.name)),
+                    (FORMULA, "", scales.formula),
+                ):
+                    own = c.kind == kind
+                    squares[name] = squares.get(name, 0.0) + float(np.sum(mean[own] ** 2))
+                    free = float(np.sum(1 - variance[own] / scale**2))
+                    numbers[name] = numbers.get(name, 0.0) + free
 
-    def climb(options: Sequence[Scales], k: int) -> Scales:
-        while True:
-            near = [n for n in (k - 1, k, k + 1) if 0 <= n < len(options)]
-            best = near[int(np.argmax([value(options[n]) for n in near]))]
-            if best == k:
-                return options[k]
-            k = best
+        def learnt(name: str, low: float, high: float) -> float:
+            square = squares.get(name, 0.0) / max(numbers.get(name, 0.0), 1.0)
+            return float(np.clip(np.sqrt(square), low, high))
 
-    scales = climb([replace(scales, share=s) for s in SHARES], nearest(SHARES, scales.share))
-    if effects:
-        scales = climb([replace(scales, formula=s) for s in FORMULAS], nearest(FORMULAS, scales.formula))
+        scales = replace(scales, shares={c: learnt(c, *SHARES) for c in squares if c})
+        if point.effects:
+            scales = replace(scales, formula=learnt("", *FORMULAS))
     return scales
-
-
-def nearest(grid: Sequence[float], value: float) -> int:
-    """Return the place of the value of a grid that is nearest in ratio."""
-    return int(np.argmin(np.abs(np.log(np.array(grid) / value))))
 
 
 def _priors(problem: Problem, point: Point, mean: Array, variance: Array) -> Mapping[str, float]:

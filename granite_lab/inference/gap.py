@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
 
 from granite_lab.inference.discrepancy import REST
 from granite_lab.inference.fit import FORMULAS, SHARES, Fit
@@ -46,13 +46,12 @@ def discrepancies(problem: Problem, fit: Fit) -> list[Discrepancy]:
     for command, part in enumerate(fit.normal.parts):
         for c in part.channels:
             size, moving = problem.size_of(command, c.name)
-            root, L, _ = c.factor(fit.scales)
-            left = root * (c.across @ step[part.place_in(step.size)])
-            amplitude = root * cho_solve((L, True), left)
+            amplitude, _ = c.amplitudes(step[part.place_in(step.size)], fit.scales)
             own = np.flatnonzero(c.kind != REST)
             columns = c.columns[:, own]
+            root, L, _ = c.factor(fit.scales)
             spread = solve_triangular(L, (root[:, None] * np.eye(root.size))[:, own], lower=True)
-            variance = np.einsum("nk,nk->n", columns @ spread.T, columns @ spread.T)
+            variance = ((columns @ spread.T) ** 2).sum(axis=1)
             louder = fit.scales.louder.get(c.name, 1.0)
             value = (columns @ amplitude[own]) * (moving > 0)
             found.append(Discrepancy(command, c.name, size, value, louder * np.sqrt(variance) * (moving > 0)))
@@ -61,7 +60,7 @@ def discrepancies(problem: Problem, fit: Fit) -> list[Discrepancy]:
 
 def tolerated(scales: Scales, share: float) -> Scales:
     """Return scales under which a discrepancy of some share is taken for granted, and formulas for exact."""
-    return replace(scales, share=share, formula=FORMULAS[0], louder={})
+    return replace(scales, share=share, shares={}, formula=FORMULAS[0], louder={})
 
 
 def beyond(problem: Problem, fit: Fit, tolerance: float) -> tuple[float, float]:

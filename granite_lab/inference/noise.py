@@ -228,7 +228,7 @@ def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]
     for command, (own, speed) in enumerate(zip(problem.commands, speeds, strict=True)):
         for c, having in _channels(problem, own):
             place = {i: problem.trials[i].channels.index(c) for i in having}
-            rows = [residuals[i][place[i]] for i in having]
+            own_rows = [residuals[i][place[i]] for i in having]
             shown = _predicted(problem, residuals, c, having)
             strength = speed
             if c.startswith("current"):  # its errors grow with the torque
@@ -236,7 +236,7 @@ def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]
                 strength = np.clip(np.abs(shown) / level, 0, 4) * (speed > 0) if level > 0 else speed
             sensor = spectra[_sensor(problem, having[0], c)]
             blows = (REST_SHARE * problem.resting(command, c)) ** 2
-            found = learn(rows, strength, np.gradient(shown), FLOOR[c], width, sensor, blows)
+            found = learn(own_rows, strength, np.gradient(shown), FLOOR[c], width, sensor, blows)
             for i, w in zip(having, found, strict=True):
                 whiteners[i][place[i]] = w
     return whiteners

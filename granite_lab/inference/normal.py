@@ -20,9 +20,10 @@ class Scales:
     """What is learnt by the marginal likelihood.
 
     Attributes:
-        share: discrepancy of the model, as a share of each channel's rms in motion.
+        share: discrepancy of the model, as a share of a channel's rms in motion, where `shares` has none.
         formula: error of the effects' formulas, as a share of their traces.
         priors: name of a number that differs from trial to trial to the std of its prior.
+        shares: channel to the share as learnt.
         louder: channel to how many times larger its noise is than the repetitions show; above one where
             the model misses what is not smooth, so that a bad fit is not believed to the last digit.
     """
@@ -30,7 +31,17 @@ class Scales:
     share: float
     formula: float
     priors: Mapping[str, float] = field(default_factory=dict)
+    shares: Mapping[str, float] = field(default_factory=dict)
     louder: Mapping[str, float] = field(default_factory=dict)
+
+    def share_of(self, channel: str) -> float:
+        """Return the discrepancy of a channel."""
+        return self.shares.get(channel, self.share)
+
+    @property
+    def largest(self) -> float:
+        """The largest share that was learnt."""
+        return max(self.shares.values(), default=self.share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +87,31 @@ class ChannelPart:
 
     def factor(self, scales: Scales) -> tuple[Array, Array, float]:
         """Return sqrt(Λ), the Cholesky factor of 1 + sqrt(Λ) G sqrt(Λ), and its log determinant."""
-        root = np.sqrt(variances(self.kind, scales.share, scales.formula)) / scales.louder.get(self.name, 1.0)
+        root = np.sqrt(variances(self.kind, scales.share_of(self.name), scales.formula))
+        root = root / scales.louder.get(self.name, 1.0)
         M = np.eye(root.size) + root[:, None] * self.basis * root
-        L = np.linalg.cholesky(M)
-        return root, L, 2 * float(np.log(np.diag(L)).sum())
+        L: Array = np.linalg.cholesky(M)
+        return np.asarray(root), L, 2 * float(np.log(np.diag(L)).sum())
 
     def marginal(self, scales: Scales) -> tuple[Array, float]:
         """Return the (a, a) matrix with the discrepancy integrated out, and the log determinant it brings."""
         root, L, logdet = self.factor(scales)
         X = solve_triangular(L, root[:, None] * self.across, lower=True, check_finite=False)
         return (self.gram - X.T @ X) / scales.louder.get(self.name, 1.0) ** 2, logdet
+
+    def amplitudes(self, step: Array, scales: Scales) -> tuple[Array, Array]:
+        """Return mean and variance of the amplitudes of the discrepancy, the parameters given.
+
+        Args:
+            step: (a,) change of each column's parameter with its sign turned, 1 for the residual.
+            scales: learnt.
+        """
+        root, L, _ = self.factor(scales)
+        left = root * (self.across @ step)
+        inverse = solve_triangular(L, np.eye(root.size), lower=True, check_finite=False)
+        mean = root * (inverse.T @ (inverse @ left))
+        louder = scales.louder.get(self.name, 1.0)
+        return np.asarray(mean), np.asarray((louder * root) ** 2 * (inverse**2).sum(axis=0))
 
     def misfit(self, white: Sequence[Array], scales: Scales) -> float:
         """Return the sum of squares of other whitened residuals once the discrepancy is refitted."""
@@ -155,7 +181,8 @@ class Normal:
         Returns:
             the (size, size) matrix, and the log determinant of what was integrated out.
         """
-        key = scales.share, scales.formula, tuple(scales.louder.items()), only and tuple(only)
+        learnt = (*scales.louder.items(), *scales.shares.items())
+        key = scales.share, scales.formula, learnt, only and tuple(only)
         if key in self._known:
             return self._known[key]
         M = np.zeros((self.size, self.size))

@@ -265,7 +265,7 @@ class Problem:
             effect = _stack(derived[n:], base)
             traces = _stack([base - other for other in others[h:]], base)
             parts.append((base, sand, effect[: len(shared)], effect[len(shared) :], traces))
-        return Slopes(*(tuple(p[k] for p in parts) for k in range(5)))  # type: ignore[arg-type]
+        return Slopes(*(tuple(p[k] for p in parts) for k in range(5)))
 
     def residuals(self, point: Point, responses: Sequence[Array]) -> tuple[Array, ...]:
         """Return per trial (C, n) measured minus predicted."""
