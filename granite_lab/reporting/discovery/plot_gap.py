@@ -31,7 +31,7 @@ GAP = "gap [–]"
 
 
 def gap_drawing(finding: Finding) -> Drawing:
-    """Draw the gap over all channels, in the fit and on trials left out, and that of each channel in the fit."""
+    """Draw the gap over all channels, in the fit and on trials left out, and of each channel in the fit."""
     whole, known = finding.gap, {g.channel: g for g in finding.gaps}
     lines = {"all channels": whole.train}
     left_out = math.isfinite(whole.held_out[0])
