@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import brentq, least_squares
@@ -31,9 +32,11 @@ from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.fitting.laws import fit_laws, log_slope
 from granite_lab.fitting.points import PointRow, Points, Source, beyond, expected, gather, groups, rows_of
-from granite_lab.fitting.trajectory import Trajectories
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import load_paper
+
+if TYPE_CHECKING:
+    from granite_lab.fitting.trajectory import Trajectories
 
 LACK_OF_FIT = 0.05
 """Significance at which the speeds are taken to disagree with (27) by more than their trials do."""
@@ -74,7 +77,8 @@ def fit_a_theta(
     paper = log_slope(points)
     if by == "trajectory" and together is not None:
         a_theta = together.a_theta
-        fit, more = _Weighted(a_theta.value, a_theta.std, together.scatter, len(together.own) - 1), []
+        fit = _Weighted(a_theta.value, a_theta.std, together.scatter, len(together.own) - 1)
+        more = [f"a_θ by the time histories of {len(together.own)} trials at once"]
     else:
         fit, more = _weighted(points) if points.known else _unweighted(points)
     quantile = float(t.ppf(0.975, fit.dof) if fit.dof else norm.ppf(0.975))

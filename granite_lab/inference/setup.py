@@ -23,6 +23,10 @@ QUICK, ROUGH, FINE = (2, 0), (8, 2), (12, 3)
 """Most steps, and how often the derivatives are renewed: of the first fit of one trial, whose noise follows
 from the fast part of its residuals; of the first fit of several; of those with learnt noise."""
 
+FAR, TIMES = 1.5, 3
+"""A trial alone learns its noise again, up to so often, while a fit ends more std away from where the noise
+was learnt: there residuals were not yet noise."""
+
 
 def trial_models(
     trials: Sequence[Trial], robot: Robot, motions: Sequence[Motion], *, least: float = BIN
@@ -60,7 +64,7 @@ def baseline(problem: Problem) -> Fit:
     """Fit the model as it is: with nominal noise, then with the noise that the residuals show.
 
     Args:
-        problem: gets the noise, which is learnt twice, that of a trial alone once.
+        problem: gets the noise, which is learnt twice; that of a trial alone as often as needed.
 
     Raises:
         EstimateError: the robot cannot be simulated on the soil.
@@ -75,9 +79,13 @@ def baseline(problem: Problem) -> Fit:
         )
     problem.weigh(noise.nominal(problem), start, slopes)
     found = fit(problem, start, slopes=slopes, rounds=rounds, renew=renew)
-    for _ in range(1 if alone else 2):
+    for _ in range(TIMES if alone else 2):
+        before = found.point.vector
         problem.weigh(noise.learnt(problem, found.residuals), found.point, found.slopes)
         found = fit(problem, found.point, found.scales, slopes=found.slopes, rounds=FINE[0], renew=FINE[1])
+        std = np.sqrt(np.diag(found.posterior.covariance))
+        if alone and np.all(np.abs(found.point.vector - before) < FAR * std):
+            break
     return found
 
 
