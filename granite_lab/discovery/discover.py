@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -14,7 +15,7 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.discovery.power import detectable
 from granite_lab.discovery.search import search
 from granite_lab.discovery.verdict import judge
-from granite_lab.errors import EstimateError, LabError
+from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import Bench, Respond, World
 from granite_lab.inference.conditions import under_conditions
@@ -97,6 +98,7 @@ def discover(
         tell("predicting trials that are left out")
         judgement = judge(problem, found, tolerance)
         failures: list[str] = []
+        tracebacks: list[str] = []
         power = None
         try:
             tell("checking what these trials could show")
@@ -105,8 +107,9 @@ def discover(
             looks = found.looks.get((), ()) if not judgement.model.effects else ()
             screened = looks[0].screened if looks else screen(problem, fit, rest, most=2)
             power = detectable(problem, fit, screened, tolerance)
-        except (LabError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
-            failures.append(f"what these trials could show was not computed: {error}")
+        except Exception as error:  # a defect here must not lose what was found
+            failures.append(f"what these trials could show was not computed: {type(error).__name__}: {error}")
+            tracebacks.append(traceback.format_exc())
         finding = assemble(
             problem=problem,
             search=found,
@@ -119,7 +122,7 @@ def discover(
             dropped=dropped,
             virtual=all(t.info.virtual for t in trials),
         )
-        return replace(finding, failures=tuple(failures))
+        return replace(finding, failures=tuple(failures), tracebacks=tuple(tracebacks))
 
 
 def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:

@@ -246,7 +246,7 @@ class Finding:
         active: the effects as they are switched on in a simulation.
         virtual: all trials were written by a simulator.
         runs: simulations that were needed.
-        failures: parts of the analysis that failed after the search, one line each.
+        failures: parts of the analysis that failed after the search, one line each, with their `tracebacks`.
     """
 
     verdict: Verdict
@@ -280,6 +280,7 @@ class Finding:
     virtual: bool
     runs: int
     failures: tuple[str, ...] = field(default=())
+    tracebacks: tuple[str, ...] = field(default=())
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row a candidate: its gain, its probability, the share of the gap it closes, its fate."""

@@ -40,6 +40,14 @@ def predict(problem: Problem, fit: Fit, tolerance: float) -> Predicted:
         fit: of all of them.
         tolerance: discrepancy that is taken for granted, as a share of a channel's rms.
     """
+    try:
+        return _predict(problem, fit, tolerance)
+    except np.linalg.LinAlgError:  # a trial that leaves its numbers open
+        nothing = np.full(len(problem.trials), np.nan)
+        return Predicted(nothing, nothing, nothing, nothing)
+
+
+def _predict(problem: Problem, fit: Fit, tolerance: float) -> Predicted:
     normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True)
     order = [i for own in problem.commands for i in own]
     n = len(order)

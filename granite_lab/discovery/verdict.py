@@ -88,7 +88,8 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     best = search.best
     after = predict(problem, best.fit, tolerance)
     base = before.left_out if np.isfinite(before.left_out).any() else before.own
-    gap = base - np.fmin(after.expected, before.expected)
+    floor = np.fmin(after.expected, before.expected)
+    gap = base - (floor if floor.sum() < _left(after).sum() else _left(after))
     parts = [_named(problem, search, best, e, gap, after, tolerance) for e in best.effects]
     matters = [n for n in parts if n.closes.value >= LEAST_SHARE]
     small = tuple(n for n in parts if n.closes.value < LEAST_SHARE)

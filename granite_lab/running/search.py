@@ -20,6 +20,7 @@ from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
 from granite_lab.errors import LabError, UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
+from granite_lab.files import write_text
 from granite_lab.inference.bench import Respond, Task, World
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.effect import Effect
@@ -134,6 +135,9 @@ def save_found(
     path = guard.folder / MODEL
     saved = guard.run("model", partial(_save_model, finding, options, trials, path))
     guard.run("design", partial(_save_design, finding, trials, motions, guard.folder))
+    if finding.tracebacks:
+        path = guard.folder / "failure-search.txt"
+        guard.run("tracebacks", partial(write_text, path, "\n".join(finding.tracebacks)))
     return saved
 
 
