@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
-from granite_lab.discovery.bench import ACCURACY
-from granite_lab.discovery.binning import means
-from granite_lab.discovery.observation import SIGNALS, Observation, bin_width, observe
-from granite_lab.discovery.setup import start_of, variant_of_trial
+from granite_lab.inference.bench import ACCURACY, SIGNALS
+from granite_lab.inference.binning import means
+from granite_lab.inference.observation import Observation, bin_width, observe
+from granite_lab.inference.setup import start_of, variant_of_trial
 from granite_lab.effects import get
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, TrialInfo, WheelStream

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from granite_lab.discovery.lackfit import window_scores, windows
-from granite_lab.discovery.noise import at_rest, errors, learn
+from granite_lab.inference.noise import at_rest, errors, learn
 
 N, WIDTH = 400, 0.02
 
@@ -84,19 +83,3 @@ def test_missing_bins_stay_out(missing: np.ndarray) -> None:
     assert (whiteners[1](rows[1])[100:120] == 0).all()
     assert np.isfinite(whiteners[1](rows[1])).all()
     assert np.array_equal(whiteners[0](rows[0]), whiteners[2](rows[0]))
-
-
-def test_window_scores_are_standard_normal_under_the_null() -> None:
-    scores = window_scores(np.random.default_rng(2).normal(size=(N, 200)), WIDTH)
-    finite = scores[np.isfinite(scores)]
-    assert np.mean(finite) == pytest.approx(0.0, abs=0.03)
-    assert np.std(finite) == pytest.approx(1.0, abs=0.05)
-
-
-def test_a_bump_scores_highest_where_it_is() -> None:
-    z = np.random.default_rng(3).normal(size=N)
-    z[200:224] += 2.5
-    scores = window_scores(z, WIDTH)[:, :, 0]
-    a, b = windows(N)[int(np.argmax(scores.max(axis=1)))]
-    assert scores.max() > 6
-    assert min(b, 224) - max(a, 200) > 0.5 * 24
