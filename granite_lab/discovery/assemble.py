@@ -100,7 +100,7 @@ def assemble(
         trials_left_out=_trials_left_out(problem, judgement),
         speeds_left_out=_speeds_left_out(problem, judgement),
         dropped=dropped,
-        notes=notes(problem, judgement, found, dropped),
+        notes=notes(problem, judgement, found),
         robot=world.robot,
         soil=world.soil,
         active=active,

@@ -169,7 +169,7 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
 
 
 def gain(rest: Array, places: Sequence[int], variances: Array) -> tuple[float, Array]:
-    """Return the logarithm of the Bayes factor of further columns, and the posterior mean of their amplitudes.
+    """Return the log Bayes factor of further columns, and the posterior mean of their amplitudes.
 
     Args:
         rest: of `Posterior`.

@@ -21,7 +21,7 @@ SAME = 0.95
 """Cosine above which two signatures count as one."""
 
 FACTOR, DRAWS = 2.0, 200
-"""Size of the candidates in the table of what is taken for what, over the smallest detectable, and sets a row."""
+"""Size of the candidates in the confusion table, over the smallest detectable, and sets a row."""
 
 
 def detectable(
@@ -38,7 +38,7 @@ def detectable(
         screened: candidates about that fit.
         tolerance: as a share of a channel's rms.
     """
-    own = {id_: [p for p in group] for id_, group in screened.own.items()}
+    own = screened.own
     probes = [(k, p) for k, p in _smallest(screened.probes) if not is_empirical(p.candidate)]
     gram = screened.posterior.rest[:-1, :-1]
     cosines = _cosines(gram, [k for k, _ in probes])

@@ -11,9 +11,9 @@ from granite_lab.discovery.candidates import Score, Screen, scores, screen
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.constants import EFFECT_ODDS, LEAST_SHARE, TOLERANCE
+from granite_lab.inference.constants import EFFECT_ODDS, TOLERANCE
 from granite_lab.inference.fit import Fit, fit, under
-from granite_lab.inference.gap import beyond, discrepancies
+from granite_lab.inference.gap import shares
 from granite_lab.inference.problem import Point, Problem
 
 MOST = 3
@@ -149,7 +149,7 @@ def search(
         if fine:
             fine, options = False, extended(found[()])
             current = max(options, key=lambda m: m.log_posterior)
-        if good(problem, current.fit, tolerance) or _little_left(problem, found[()], current, tolerance):
+        if good(problem, current.fit, tolerance):
             break
     for id_ in current.effects if len(current.effects) > 1 else ():
         rest = tuple(e for e in current.effects if e != id_)
@@ -165,17 +165,8 @@ def search(
 
 
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:
-    """Tell whether a fit leaves nothing that matters: no discrepancy beyond the tolerance, no louder noise."""
-    worst = max((d.share for d in discrepancies(problem, result)), default=0.0)
-    return worst <= tolerance and not _loud(result)
-
-
-def _little_left(problem: Problem, alone: Model, model: Model, tolerance: float) -> bool:
-    """Tell whether a model leaves less of the gap than an effect must close to be named."""
-    first, floor = beyond(problem, alone.fit, tolerance)
-    left, other = beyond(problem, model.fit, tolerance)
-    floor = min(floor, other)
-    return left - floor < LEAST_SHARE * (first - floor)
+    """Tell whether a fit leaves no discrepancy beyond the tolerance and no louder noise."""
+    return max(shares(problem, result).values(), default=0.0) <= tolerance and not _loud(result)
 
 
 def _loud(result: Fit) -> bool:
@@ -225,7 +216,7 @@ def _promising(looks: Sequence[Look], most: int) -> list[tuple[Fit, Score]]:
 
 
 def _model(effects: tuple[str, ...], result: Fit, candidates: Sequence[str]) -> Model:
-    """Give a fit the prior of its set: each effect has the same odds, shared by the terms of the empirical law."""
+    """Give a fit the prior of its set: equal odds for each effect, shared by the empirical terms."""
     terms = max(1, sum(is_empirical(c) for c in candidates))
     library = max(1, len(candidates) - terms)
     odds = [np.log(EFFECT_ODDS * (library / terms if is_empirical(e) else 1.0)) for e in effects]

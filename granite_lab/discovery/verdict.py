@@ -13,6 +13,7 @@ from granite_lab.discovery.search import Model, Search, good, is_empirical
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE
 from granite_lab.inference.fit import under
+from granite_lab.inference.gap import shares
 from granite_lab.inference.problem import Problem
 
 LARGEST_SET = 3
@@ -31,12 +32,19 @@ class Named:
         twins: effects that may stand in its place.
         probability: that it or one of its twins is in the model.
         closes: share of the gap on trials left out.
+        channel: in which it closes the largest share, and that share, all trials in the fit.
     """
 
     id: str
     twins: tuple[str, ...]
     probability: float
     closes: Estimate
+    channel: tuple[str, float] = ("", float("nan"))
+
+    @property
+    def matters(self) -> bool:
+        """Whether it closes enough to be named."""
+        return self.closes.value >= LEAST_SHARE or self.channel[1] >= LEAST_SHARE
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +78,9 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
 
     * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
       likeliest model says.
-    * Effects of the likeliest set are named that close at least `LEAST_SHARE` of the gap on trials left out
-      and that, alone or with at most two others that cannot be told from them, have a posterior probability
-      of `CREDIBLE`; together they must close more than half of the gap.
+    * Effects of the likeliest set are named that close at least `LEAST_SHARE` of the gap, or of that of a
+      channel that the model alone misses by more than the tolerance. Alone, or with at most two others that
+      cannot be told from them, they must have a posterior probability of `CREDIBLE`; together they must close more than half of the gap.
     * ``unknown`` otherwise.
     """
     alone = search.model(())
@@ -91,8 +99,8 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     floor = np.fmin(after.expected, before.expected)
     gap = base - (floor if floor.sum() < _left(after).sum() else _left(after))
     parts = [_named(problem, search, best, e, gap, after, tolerance) for e in best.effects]
-    matters = [n for n in parts if n.closes.value >= LEAST_SHARE]
-    small = tuple(n for n in parts if n.closes.value < LEAST_SHARE)
+    matters = [n for n in parts if n.matters]
+    small = tuple(n for n in parts if not n.matters)
     library = [n for n in matters if not is_empirical(n.id)]
     law = [n for n in matters if is_empirical(n.id)]
     sure = [n for n in library if n.probability >= CREDIBLE and len(n.twins) < LARGEST_SET]
@@ -145,8 +153,9 @@ def _named(
     """Return what speaks for one effect of the best set: its rivals, and what it closes."""
     rest = tuple(e for e in best.effects if e != id_)
     without = search.model(rest)
-    closes = Estimate(float("nan"))
+    closes, channel = Estimate(float("nan")), ("", float("nan"))
     if without is not None:
+        channel = _channel(problem, search, without, best, tolerance)
         left = _left(predict(problem, under(problem, without.fit, best.fit.scales), tolerance))
         closes = closed(left, _left(after), gap)
     probability = search.probability(holding(id_))
@@ -161,4 +170,21 @@ def _named(
             break
         twins.append(rival)
         probability += share
-    return Named(id_, tuple(t for t in twins), min(probability, 1.0), closes)
+    return Named(id_, tuple(twins), min(probability, 1.0), closes, channel)
+
+
+def _channel(
+    problem: Problem, search: Search, without: Model, best: Model, tolerance: float
+) -> tuple[str, float]:
+    """Return the channel whose gap an effect closes most, of those that the model alone misses."""
+    alone = search.model(())
+    assert alone is not None
+    first, before, after = (
+        shares(problem, under(problem, m.fit, best.fit.scales)) for m in (alone, without, best)
+    )
+    closes = {
+        c: (before[c] ** 2 - after[c] ** 2) / share**2
+        for c, share in first.items()
+        if share > tolerance and before[c] > tolerance
+    }
+    return max(closes.items(), key=lambda item: item[1], default=("", float("nan")))

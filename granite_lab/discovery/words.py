@@ -8,6 +8,7 @@ import numpy as np
 
 from granite_lab.discovery.finding import FoundEffect, Verdict
 from granite_lab.discovery.verdict import Judgement
+from granite_lab.inference.constants import LEAST_SHARE
 from granite_lab.inference.problem import Problem
 
 FEWEST_SPEEDS = 3
@@ -67,14 +68,13 @@ def notes(
     problem: Problem,
     judgement: Judgement,
     effects: Sequence[FoundEffect],
-    dropped: Sequence[tuple[str, str]],
 ) -> tuple[str, ...]:
     """List what could not be told and why."""
-    found = [f"Trial {name} was left out: {reason}." for name, reason in dropped]
+    found = []
     if len({t.variant for t in problem.trials}) == 1:
         found.append(
-            "Only one speed was driven. Effects that differ in how they grow with speed cannot be told apart, "
-            "nor from sand that differs from its file."
+            "Only one speed was driven. Effects that differ in how they grow with speed cannot be told "
+            "apart, nor from sand that differs from its file."
         )
     channels = {c for t in problem.trials for c in t.channels}
     for kind, name, lost in (
@@ -87,6 +87,12 @@ def notes(
     if judgement.verdict == "unknown" and judgement.small:
         best = ", ".join(n.id for n in judgement.small)
         found.append(f"The likeliest candidates ({best}) do not explain enough to be named.")
+    for n in judgement.named:
+        if n.closes.value < LEAST_SHARE:
+            found.append(
+                f"{n.id} closes {100 * n.closes.value:.1f} % of the whole gap, and {100 * n.channel[1]:.0f} % "
+                f"of that of {n.channel[0]}."
+            )
     for e in effects:
         for p in e.parameters:
             if p.per_trial and np.isfinite(p.estimate.value):

@@ -1,1 +1,1 @@
-"""One inference for every question: parameters with priors, whitened residuals, damped least squares, evidence."""
+"""Parameters with priors, whitened residuals, damped least squares and evidence."""

@@ -23,7 +23,7 @@ from granite_lab.processes import forked, spread
 SIGNALS = (
     "imu_ax_mps2", "imu_az_mps2", "imu_gy_radps", "enc_f_rad", "enc_r_rad", "cur_f_A", "cur_r_A", "v_mps",
 )  # fmt: skip
-"""The simulated signals, in the order of the rows of a response: those that sensors read, then the velocity."""
+"""The simulated signals, in the order of a response's rows: those of sensors, then the velocity."""
 
 SAND = (
     "a_theta", "frictional_modulus", "cohesion",

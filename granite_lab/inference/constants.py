@@ -29,7 +29,7 @@ REST_SPEED = 0.03
 goes on; continuations of both differ below 2 to 3 cm/s."""
 
 REST_SHARE = 0.3
-"""Std of the discrepancy near rest, as a share of a channel's rms in motion: the order of the signal itself."""
+"""Std of the discrepancy near rest, as a share of a channel's rms in motion: of the signal's order."""
 
 FORMULA_ERROR = (0.1, 0.2)
 """Median and largest error of an effect's formula, as a share of its own trace: semi-empirical terramechanics

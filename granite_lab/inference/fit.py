@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -196,7 +196,7 @@ def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
 
 
 def learn(problem: Problem, state: _State, scales: Scales) -> Scales:
-    """Learn the scales at a point: of the discrepancy and the noise by the marginal likelihood, then the priors.
+    """Learn the scales at a point: noise, discrepancy, then the priors.
 
     The scale of a number that differs from trial to trial is the mode of its posterior under an inverse
     gamma prior whose weight is `PSEUDO_TRIALS` trials.
@@ -238,13 +238,10 @@ def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales)
                     free = float(np.sum(1 - variance[own] / scale**2))
                     numbers[name] = numbers.get(name, 0.0) + free
 
-        def learnt(name: str, low: float, high: float) -> float:
-            square = squares.get(name, 0.0) / max(numbers.get(name, 0.0), 1.0)
-            return float(np.clip(np.sqrt(square), low, high))
-
-        scales = replace(scales, shares={c: learnt(c, *SHARES) for c in squares if c})
+        rms = {name: float(np.sqrt(q / max(numbers[name], 1.0))) for name, q in squares.items()}
+        scales = replace(scales, shares={c: float(np.clip(r, *SHARES)) for c, r in rms.items() if c})
         if point.effects:
-            scales = replace(scales, formula=learnt("", *FORMULAS))
+            scales = replace(scales, formula=float(np.clip(rms[""], *FORMULAS)))
     return scales
 
 

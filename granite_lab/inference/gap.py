@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from granite_lab.inference.discrepancy import REST
+from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.fit import FORMULAS, SHARES, Fit
 from granite_lab.inference.normal import ChannelPart, Scales, posterior
 from granite_lab.inference.problem import Problem
@@ -39,15 +39,21 @@ class Discrepancy:
         return float(np.sqrt(np.mean(self.value[moving] ** 2))) / self.size if moving.any() else 0.0
 
 
-def discrepancies(problem: Problem, fit: Fit) -> list[Discrepancy]:
-    """Return the discrepancy of each command and channel, the errors of the effects' formulas included."""
+def discrepancies(problem: Problem, fit: Fit, *, formulas: bool = True) -> list[Discrepancy]:
+    """Return the discrepancy of each command and channel.
+
+    Args:
+        problem: the trials.
+        fit: of them.
+        formulas: the errors of the effects' formulas are included.
+    """
     step = np.append(-fit.posterior.step, 1.0)
     found = []
     for command, part in enumerate(fit.normal.parts):
         for c in part.channels:
             size, moving = problem.size_of(command, c.name)
             amplitude, _ = c.amplitudes(step[part.place_in(step.size)], fit.scales)
-            own = np.flatnonzero(c.kind != REST)
+            own = np.flatnonzero((c.kind == MOTION) | ((c.kind == FORMULA) & formulas))
             columns = c.columns[:, own]
             root, L, _ = c.factor(fit.scales)
             spread = solve_triangular(L, (root[:, None] * np.eye(root.size))[:, own], lower=True)
@@ -55,6 +61,17 @@ def discrepancies(problem: Problem, fit: Fit) -> list[Discrepancy]:
             louder = fit.scales.louder.get(c.name, 1.0)
             value = (columns @ amplitude[own]) * (moving > 0)
             found.append(Discrepancy(command, c.name, size, value, louder * np.sqrt(variance) * (moving > 0)))
+    return found
+
+
+def shares(problem: Problem, fit: Fit) -> dict[str, float]:
+    """Return channel to its largest discrepancy over the commands, as a share of its rms in motion.
+
+    What an error of the formulas of the effects explains is left out.
+    """
+    found: dict[str, float] = {}
+    for d in discrepancies(problem, fit, formulas=False):
+        found[d.channel] = max(found.get(d.channel, 0.0), d.share)
     return found
 
 

@@ -1,4 +1,4 @@
-"""The normal equations of all trials, with the discrepancy integrated out; every question is algebra on them."""
+"""The normal equations of all trials, with the discrepancy integrated out."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class ChannelPart:
         root = np.sqrt(variances(self.kind, scales.share_of(self.name), scales.formula))
         root = root / scales.louder.get(self.name, 1.0)
         M = np.eye(root.size) + root[:, None] * self.basis * root
-        L: Array = np.linalg.cholesky(M)
+        L = np.asarray(np.linalg.cholesky(M), dtype=np.float64)
         return np.asarray(root), L, 2 * float(np.log(np.diag(L)).sum())
 
     def marginal(self, scales: Scales) -> tuple[Array, float]:
@@ -201,7 +201,7 @@ class Normal:
         return M, logdet
 
     def misfits(self, white: Sequence[Array], scales: Scales) -> dict[str, float]:
-        """Return channel to the sum of squares of other whitened residuals once the discrepancy is refitted."""
+        """Return channel to the misfit of other whitened residuals, the discrepancy refitted."""
         total: dict[str, float] = {}
         for part in self.parts:
             for c in part.channels:

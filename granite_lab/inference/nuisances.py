@@ -18,7 +18,7 @@ from granite_lab.model.instants import instants
 from granite_lab.parameters import Robot
 
 SENSORS = ("latency", "arm_x", "arm_z")
-"""Numbers of the sensors that all trials share: latency of the IMU's stamps [s], its place off the file [m]."""
+"""What all trials share of the sensors: latency of the IMU's stamps [s], its place off the file [m]."""
 
 SENSORS_STD = np.array([LATENCY_STD, SENSOR_STD["arm"], SENSOR_STD["arm"]])
 
@@ -68,7 +68,7 @@ class TrialModel:
         return len(self.slacks)
 
     def bins_of(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
-        """Return channel to the (n,) bins of an (8, M) response, or the (k, n) bins of (k, 8, M) responses."""
+        """Return channel to the (n,) bins of an (8, M) response, or (k, n) of (k, 8, M)."""
         return self.observation.binned(self.t, response, float(x[RAKED]), float(sensors[0]))
 
     def predict(self, response: Array, x: Array, sensors: Array) -> Array:

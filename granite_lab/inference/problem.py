@@ -20,7 +20,7 @@ from granite_lab.model.effect import EffectParameter
 SHARED = (*SAND, *SENSORS)
 
 STEP = np.array((0.01, 0.01, -0.03, 0.01, -0.01, 0.01, 0.005))
-"""Steps of the differences by `SAND`. In the sand of the file the friction on the tyre limits the shear stress,
+"""Steps of the differences by `SAND`. In the file's sand the friction on the tyre limits the shear stress
 (10); the smaller steps in the strength show what the other limit does where both rule."""
 
 EFFECT_STEP = 0.02
@@ -295,7 +295,7 @@ class Problem:
     # --- normal equations
 
     def weigh(self, whiteners: list[list[Whitener]], point: Point, slopes: Slopes) -> None:
-        """Set the noise, and how large the discrepancy of each channel may be, from the responses at a point."""
+        """Set the noise, and the size of each channel's discrepancy from the responses at a point."""
         self.whiteners = whiteners
         self._plain, self._white_plain, self._sizes = [], {}, []
         for command, own in enumerate(self.commands):
