@@ -1,0 +1,234 @@
+"""Whatever the normal equations say, the dense covariance of all measurements says too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granite_lab.discovery.candidates import gain
+from granite_lab.inference.constants import REST_SHARE
+from granite_lab.inference.discrepancy import FORMULA, MOTION, REST
+from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Rows, Scales, posterior
+from granite_lab.logs.trial import Array
+
+BINS = 9
+CHANNELS = ("accel_x", "current_f")
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """Random trials: of two commands, the first repeated, with two channels; one trial lacks the second.
+
+    Attributes:
+        normal: as the inference keeps them.
+        command, channel: (N,) of each bin.
+        trial: (N,) of each bin.
+        columns: (N, p + k) by parameters and candidates.
+        basis: (N, M) by all amplitudes of the discrepancy.
+        own: (M,) channel of each amplitude; `kind` its kind.
+        y: (N,) whitened residuals.
+    """
+
+    normal: Normal
+    channel: list[str]
+    trial: Array
+    columns: Array
+    basis: Array
+    own: list[str]
+    kind: Array
+    y: Array
+
+    def prior_of_amplitudes(self, scales: Scales) -> Array:
+        root = [
+            {MOTION: scales.share_of(c), REST: REST_SHARE, FORMULA: scales.formula}[k]
+            for c, k in zip(self.own, self.kind.tolist(), strict=True)
+        ]
+        return np.square(root)
+
+    def noise(self, scales: Scales) -> Array:
+        return np.array([scales.louder.get(c, 1.0) ** 2 for c in self.channel])
+
+    def covariance(self, scales: Scales) -> Array:
+        """Return the (N, N) covariance of noise and discrepancy."""
+        shared = (self.basis * self.prior_of_amplitudes(scales)) @ self.basis.T
+        return np.diag(self.noise(scales)) + shared
+
+    def white(self, y: Array) -> list[Array]:
+        return [y[self.trial == i] for i in range(3)]
+
+
+P, K = 5, 3
+
+
+def made(rng: np.random.Generator) -> Made:
+    """Each trial has a parameter of its own (0, 1, 2), two are shared (3, 4); then come candidates."""
+    commands, having = ((0, 1), (2,)), {0: CHANNELS, 1: CHANNELS[:1], 2: CHANNELS}
+    kind = np.array([MOTION, MOTION, MOTION, REST, FORMULA])
+    rows, parts, trial_rows = [], [], {0: 0, 1: 0, 2: 0}
+    size = P + K + 1
+    for own in commands:
+        at = np.array([*own, 3, 4, *range(P, P + K), size - 1])
+        channels = []
+        for c in CHANNELS:
+            bases, plain = [], rng.normal(size=(BINS, kind.size))
+            gram, basis = np.zeros((at.size, at.size)), np.zeros((kind.size, kind.size))
+            across, kept = np.zeros((kind.size, at.size)), []
+            for i in (i for i in own if c in having[i]):
+                place = np.array([at.tolist().index(k) for k in (i, 3, 4, *range(P, P + K))])
+                whitening = np.tril(rng.normal(size=(BINS, BINS))) + 2 * np.eye(BINS)
+                A, B, y = rng.normal(size=(BINS, place.size)), whitening @ plain, rng.normal(size=BINS) * 3
+                full, k = np.column_stack([A, y]), np.append(place, at.size - 1)
+                gram[np.ix_(k, k)] += full.T @ full
+                basis += B.T @ B
+                across[:, k] += B.T @ full
+                begin = trial_rows[i]
+                trial_rows[i] += BINS
+                kept.append(Rows(i, slice(begin, begin + BINS), place, A, B))
+                bases.append((i, at[place], A, B, y))
+            channels.append(ChannelPart(c, plain, kind, tuple(kept), gram, basis, across))
+            rows.append((c, bases))
+        parts.append(CommandPart(at, tuple(channels)))
+    total = sum(len(b) for _, b in rows) * BINS
+    columns, basis = np.zeros((total, P + K)), np.zeros((total, len(rows) * kind.size))
+    y, channel, trial, n = np.zeros(total), [], np.zeros(total, dtype=int), 0
+    for number, (c, bases) in enumerate(rows):
+        for i, places, A, B, own_y in bases:
+            at_rows = slice(n, n + BINS)
+            columns[at_rows, places] = A
+            basis[at_rows, number * kind.size : (number + 1) * kind.size] = B
+            y[at_rows], trial[at_rows] = own_y, i
+            channel += [c] * BINS
+            n += BINS
+    names = [c for c, _ in rows for _ in kind]
+    return Made(
+        Normal(tuple(parts), size, P), channel, trial, columns, basis, names, np.tile(kind, len(rows)), y
+    )
+
+
+def scales_of(rng: np.random.Generator) -> Scales:
+    return Scales(
+        share=float(rng.uniform(0.05, 0.5)),
+        formula=float(rng.uniform(0.05, 0.5)),
+        shares={"accel_x": float(rng.uniform(0.05, 0.5))},
+        louder={"current_f": float(rng.uniform(1.0, 3.0))},
+    )
+
+
+def dense_evidence(y: Array, C: Array, noise: Array) -> float:
+    """Return the log density of y under N(0, C), over that of the noise up to its quadratic form."""
+    _, logdet = np.linalg.slogdet(C)
+    return float(-0.5 * (y @ np.linalg.solve(C, y) + logdet - np.log(noise).sum()))
+
+
+SEEDS = st.integers(0, 10**6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS)
+def test_the_discrepancy_is_integrated_out_as_by_the_whole_covariance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m, scales = made(rng), scales_of(rng)
+    C, full = m.covariance(scales), np.column_stack([m.columns, m.y])
+    M, logdet = m.normal.marginal(scales)
+    assert pytest.approx(full.T @ np.linalg.solve(C, full), rel=1e-8, abs=1e-8) == M
+    assert logdet == pytest.approx(np.linalg.slogdet(C)[1] - np.log(m.noise(scales)).sum(), rel=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS)
+def test_posterior_and_evidence_are_those_of_the_dense_gaussian(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m, scales = made(rng), scales_of(rng)
+    std, pull = rng.uniform(0.2, 3, P), rng.normal(size=P)
+    post = posterior(*m.normal.marginal(scales), std**-2.0, pull)
+    J, C = m.columns[:, :P], m.covariance(scales)
+    everything = C + (J * std**2) @ J.T
+    away = m.y - J @ pull  # what is left of the residual where the priors have their means
+    solved = np.linalg.solve(everything, away)
+    assert post.step == pytest.approx(pull + std**2 * (J.T @ solved), rel=1e-6, abs=1e-8)
+    by_prior = np.diag(std**2) - (std[:, None] ** 2 * J.T) @ np.linalg.solve(everything, J * std**2)
+    assert post.covariance == pytest.approx(by_prior, rel=1e-5, abs=1e-8)
+    assert post.evidence == pytest.approx(dense_evidence(away, everything, m.noise(scales)), rel=1e-7)
+    assert post.misfit == pytest.approx(away @ solved, rel=1e-7)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS)
+def test_the_gain_of_candidates_is_the_difference_of_two_evidences(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m, scales = made(rng), scales_of(rng)
+    std, pull = rng.uniform(0.2, 3, P), rng.normal(size=P)
+    post = posterior(*m.normal.marginal(scales), std**-2.0, pull)
+    places, width = [0, 2], rng.uniform(0.2, 3, 2)
+    value, mean = gain(post.rest, places, width**2)
+    J, X = m.columns[:, :P], m.columns[:, [P + k for k in places]]
+    alone = m.covariance(scales) + (J * std**2) @ J.T
+    more, away, noise = alone + (X * width**2) @ X.T, m.y - J @ pull, m.noise(scales)
+    wanted = dense_evidence(away, more, noise) - dense_evidence(away, alone, noise)
+    assert value == pytest.approx(wanted, rel=1e-6, abs=1e-7)
+    assert mean == pytest.approx(width**2 * (X.T @ np.linalg.solve(more, away)), rel=1e-6, abs=1e-8)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS)
+def test_amplitudes_of_the_discrepancy_are_those_of_a_regression(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m, scales = made(rng), scales_of(rng)
+    step = np.concatenate([rng.normal(size=P + K), [1.0]])
+    left = np.column_stack([m.columns, m.y]) @ step
+    Λ, C = m.prior_of_amplitudes(scales), m.covariance(scales)
+    mean = Λ * (m.basis.T @ np.linalg.solve(C, left))
+    variance = Λ - Λ**2 * np.einsum("nm,nm->m", m.basis, np.linalg.solve(C, m.basis))
+    found = [c.amplitudes(step[p.place_in(step.size)], scales) for p in m.normal.parts for c in p.channels]
+    assert np.concatenate([f[0] for f in found]) == pytest.approx(mean, rel=1e-7, abs=1e-9)
+    assert np.concatenate([f[1] for f in found]) == pytest.approx(variance, rel=1e-7, abs=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS)
+def test_the_misfit_of_other_residuals_is_their_mahalanobis_distance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m, scales = made(rng), scales_of(rng)
+    other = rng.normal(size=m.y.size) * 2
+    C = m.covariance(scales)
+    found = m.normal.misfits(m.white(other), scales)
+    for c in CHANNELS:
+        own = np.array(m.channel) == c
+        wanted = other[own] @ np.linalg.solve(C[np.ix_(own, own)], other[own])
+        assert found[c] == pytest.approx(wanted, rel=1e-8)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
+def test_other_residuals_in_place_of_the_old_are_the_same_as_all_built_anew(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    m, scales = made(rng), scales_of(rng)
+    m.normal.marginal(scales)  # what is remembered must not survive
+    other = rng.normal(size=m.y.size)
+    M, _ = m.normal.at(m.white(other)).marginal(scales)
+    full = np.column_stack([m.columns, other])
+    assert pytest.approx(full.T @ np.linalg.solve(m.covariance(scales), full), rel=1e-8, abs=1e-8) == M
+
+
+def test_parts_that_are_left_out_have_no_say() -> None:
+    m = made(np.random.default_rng(0))
+    scales = scales_of(np.random.default_rng(1))
+    first, second = (m.normal.marginal(scales, [k])[0] for k in (0, 1))
+    assert not first[2].any()  # the third trial's own number
+    assert first + second == pytest.approx(m.normal.marginal(scales)[0])
+
+
+def test_a_flat_prior_adds_nothing_and_a_sharp_one_holds() -> None:
+    m = made(np.random.default_rng(3))
+    scales = scales_of(np.random.default_rng(4))
+    flat = np.zeros(P)
+    post = posterior(*m.normal.marginal(scales), flat, flat)
+    J, C = m.columns[:, :P], m.covariance(scales)
+    N = J.T @ np.linalg.solve(C, J)
+    assert post.step == pytest.approx(np.linalg.solve(N, J.T @ np.linalg.solve(C, m.y)), rel=1e-6)
+    held = posterior(*m.normal.marginal(scales), np.full(P, 1e16), np.arange(P))
+    assert held.step == pytest.approx(np.arange(P), abs=1e-6)
