@@ -115,7 +115,7 @@ def _trajectory_notes(history: Trajectories) -> list[str]:
     late = 1e3 * history.latency.value
     side = "behind" if late > 0 else "ahead of"
     notes = [
-        f"trajectory: the model is off by {history.share:.1%} of the channels' rms in motion",
+        f"trajectory: the model is off by at most {history.share:.1%} of a channel's rms in motion",
         f"trajectory: IMU {abs(late):.1f} ± {1e3 * history.latency.std:.1f} ms {side} the encoders",
     ]
     if history.louder:

@@ -29,6 +29,7 @@ from granite_lab.inference.setup import baseline, trial_models
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil, load_paper
+from granite_lab.processes import one_thread
 
 WIDE = 1.0
 """Std of the prior of log a_θ: flat beside the few percent that one trial tells."""
@@ -47,7 +48,7 @@ class Trajectories:
         own: a_θ of each trial [s/m].
         t_start: start of each trial's command [s, the log's time, as the IMU stamps it].
         latency: by how much the stamps of the IMU come after those of the wheels [s].
-        share: discrepancy of the model, as a share of each channel's rms in motion.
+        share: largest discrepancy of the model, as a share of a channel's rms in motion.
         louder: channel to how many times louder its residuals are than its noise, where they are.
         status: whether the fit converged.
     """
@@ -89,7 +90,7 @@ def fit_trajectories(
     if alone and not np.isfinite(motions[0].t_start.value):
         raise EstimateError(f"{motions[0].trial}: the start of the motion is unknown")
     models, variants = trial_models(trials, robot, motions, least=COARSE if alone else BIN)
-    with Bench(World(robot, soil, variants, {}, tuple(effects)), jobs) as bench:
+    with one_thread(), Bench(World(robot, soil, variants, {}, tuple(effects)), jobs) as bench:
         problem = Problem(models, bench, (WIDE, *SAND_STD[1:]))
         return trajectories(problem, baseline(problem))
 

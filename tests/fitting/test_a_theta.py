@@ -13,7 +13,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.fitting import fit_a_theta, published_fit, simulate_k92
 from granite_lab.fitting.fit import K92Fit
-from granite_lab.fitting.sand import SAND_SCATTER
+from granite_lab.inference.constants import RAKING
 from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, variant_of
 from tests.fitting.made_up import draw_soil
 
@@ -215,7 +215,7 @@ def test_the_95_percent_interval_holds_the_true_a_theta():
         for step in (-0.1, 0.1):
             sand = type(soil)(**{**soil.__dict__, "frictional_modulus": soil.frictional_modulus * (1 + step)})
             table[variant.velocity, step] = [
-                simulate_k92(variant, robot, sand, k, "exponential").slip_ratio for k in k_grid[1:]
+                simulate_k92(variant, robot, sand, k).slip_ratio for k in k_grid[1:]
             ]
     inside = []
     for seed in range(80):
@@ -230,7 +230,7 @@ def test_the_95_percent_interval_holds_the_true_a_theta():
                 measured = np.interp(k, k_grid[1:], nominal + slope * k_phi) + 0.004 * rng.standard_normal()
                 found = float(np.interp(-measured, -nominal, k_grid[1:]))
                 per_k = abs(np.interp(found, k_grid[1:], np.gradient(nominal, k_grid[1:])))
-                sand_std = abs(np.interp(found, k_grid[1:], slope)) * SAND_SCATTER["frictional_modulus"]
+                sand_std = abs(np.interp(found, k_grid[1:], slope)) * RAKING[1]
                 std = math.hypot(0.004, sand_std) / per_k
                 points.append((f"{v}/{i}", v, Estimate(found, std), Estimate(measured, 0.004)))
         low, high = fit_a_theta(points).ci95

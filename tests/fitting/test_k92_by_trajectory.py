@@ -1,4 +1,4 @@
-"""k_92 and the start of the command from the whole time history."""
+"""k_92, a_θ and the start of the command from whole time histories."""
 
 from __future__ import annotations
 
@@ -9,104 +9,106 @@ from itertools import cycle, islice
 import numpy as np
 import pytest
 
+from granite_lab.effects import get
 from granite_lab.estimate import Estimate
-from granite_lab.fitting import fit_k92, simulate_k92
-from granite_lab.fitting.bins import SimulatedBins, measured_bins
-from granite_lab.fitting.history import correlation_time
+from granite_lab.estimation import correct
+from granite_lab.fitting import fit_a_theta, fit_k92, fit_trajectories, simulate_k92
+from granite_lab.model.effect import activate
 from granite_lab.parameters import load_robot, load_soil, load_variants, variant_of
-from tests.fitting.made_up import T_START, correlated, draw_soil, made_up_trial, without_currents
+from tests.fitting.made_up import draw_soil, made_up_trial, without_currents
+from tests.truth.simulator import simulate as simulate_truth
+from tests.truth.trials import log_run
 
 ROBOT, SOIL = load_robot(), load_soil()
 
 
-def trial_by(law, velocity=0.3, k92=0.2286, **options):
+def trial_by_5(velocity=0.3, k92=0.2286, effects=(), **options):
+    """A trial in which k_92 follows (5) to its steady value."""
     variant = variant_of(velocity)
-    run = simulate_k92(variant, ROBOT, SOIL, k92, law)
+    run = simulate_k92(variant, ROBOT, SOIL, k92, effects=effects)
     return made_up_trial(variant, k92, run=run, **options)
 
 
-@pytest.mark.parametrize("law", ["constant", "exponential"])
-def test_the_time_history_shows_how_k92_ran_through_the_ramps(law):
-    motion, trial, _ = trial_by(law, start_error=0.03)
+def test_k92_and_the_start_are_found_from_a_start_that_is_off():
+    motion, trial, _, start = trial_by_5(start_error=0.03)
     fit = fit_k92(motion, trial, ROBOT, SOIL)
-    assert fit.law == law
     assert fit.status_trajectory == "ok"
     assert fit.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fit.k92_trajectory.std)
     assert fit.k92_trajectory.std < 0.01
-    assert fit.t_start.value == pytest.approx(T_START, abs=0.002)
+    assert fit.t_start.value == pytest.approx(start, abs=0.002)
+
+
+def test_a_k92_far_from_the_papers_is_found():
+    motion, trial, _, _ = trial_by_5(0.5, math.exp(-2.5 * 0.5))
+    (own,) = fit_trajectories([trial], [motion], ROBOT, SOIL).own
+    assert own.value == pytest.approx(2.5, abs=3 * own.std)
+    assert own.std < 0.3
 
 
 def test_without_currents_the_interval_is_wider():
-    motion, trial, _ = trial_by("exponential")
+    motion, trial, _, _ = trial_by_5()
     with_all = fit_k92(motion, trial, ROBOT, SOIL)
     fewer = fit_k92(motion, without_currents(trial), ROBOT, SOIL)
-    assert fewer.k92_trajectory.std > 1.2 * with_all.k92_trajectory.std
+    assert fewer.k92_trajectory.std > 1.1 * with_all.k92_trajectory.std
     assert fewer.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fewer.k92_trajectory.std)
 
 
-def test_a_k92_below_zero_ends_at_the_bound():
-    """A drag that the model does not have slows the body more than k_92 = 0 can explain."""
-    motion, trial, _ = trial_by("constant", 0.7, 0.0, velocity_std=0.002)
-    motion = dataclasses.replace(motion, v=0.93 * motion.v, slip_ratio=Estimate(0.31, 0.003))
-    fit = fit_k92(motion, without_currents(trial), ROBOT, SOIL)
-    assert fit.status == "at_lower_bound"
-    assert fit.status_trajectory == "at_lower_bound"
-    assert any("trajectory fit at lower bound" in note for note in fit.notes)
+def test_stamps_of_the_imu_that_come_late_are_latency_and_not_k92():
+    motion, trial, _, _ = trial_by_5(0.5, 0.0855)
+    late = dataclasses.replace(trial, imu=dataclasses.replace(trial.imu, t=trial.imu.t + 0.008))
+    at_once, delayed = (fit_trajectories([t], [motion], ROBOT, SOIL) for t in (trial, late))
+    assert delayed.latency.value - at_once.latency.value == pytest.approx(0.008, abs=1e-3)
+    assert delayed.own[0].value == pytest.approx(at_once.own[0].value, abs=0.5 * at_once.own[0].std)
 
 
-def test_a_trajectory_without_a_known_start_is_not_evaluated():
-    motion, trial, _ = trial_by("constant")
-    fit = fit_k92(dataclasses.replace(motion, t_start=Estimate(math.nan)), trial, ROBOT, SOIL)
-    assert fit.status_trajectory == "not_evaluated"
-    assert fit.status == "ok"
-    assert any("start of the motion is unknown" in note for note in fit.notes)
+def test_effects_of_the_model_are_in_the_fit():
+    reaction = activate(get("drive_reaction"), {"share": 1.0})
+    motion, trial, _, _ = trial_by_5(0.5, 0.0855, effects=(reaction,))
+    whole = fit_k92(motion, trial, ROBOT, SOIL, effects=(reaction,)).k92_trajectory
+    without = fit_k92(motion, trial, ROBOT, SOIL)
+    assert whole.value == pytest.approx(0.0855, abs=3 * whole.std)
+    assert without.k92_trajectory.std > 1.5 * whole.std  # a model that is off says less
 
 
-def test_a_log_that_misses_the_motion_is_not_evaluated():
-    motion, trial, _ = trial_by("constant")
-    fit = fit_k92(dataclasses.replace(motion, t_start=Estimate(motion.t[-1] - 0.1, 0.1)), trial, ROBOT, SOIL)
-    assert fit.status_trajectory == "not_evaluated"
+@pytest.mark.parametrize(("start", "reason"), [(math.nan, "start of the motion is unknown"), (13.0, "cover")])
+def test_a_trajectory_that_cannot_be_had_is_not_evaluated(start, reason):
+    motion, trial, _, _ = trial_by_5()
+    fit = fit_k92(dataclasses.replace(motion, t_start=Estimate(start, 0.1)), trial, ROBOT, SOIL)
+    assert (fit.status, fit.status_trajectory) == ("ok", "not_evaluated")
+    assert any(reason in note for note in fit.notes)
 
 
-def test_measurement_and_simulation_are_binned_alike():
-    quiet = dataclasses.replace(
-        ROBOT,
-        currents=dataclasses.replace(ROBOT.currents, noise=0.0, offset=0.0, gain=0.0),
-        encoders=dataclasses.replace(ROBOT.encoders, jitter=0.0),
-    )
-    run = simulate_k92(variant_of(0.5), quiet, SOIL, 0.1)
-    motion, trial, _ = made_up_trial(variant_of(0.5), 0.1, run=run, robot=quiet, velocity_std=0.0)
-    bins, simulated = measured_bins(motion, trial, quiet, T_START), SimulatedBins(run)
-    for channel, tolerance in [("velocity", 1e-5), ("wheel_f", 2e-4), ("wheel_r", 2e-4), ("current_f", 0.05)]:
-        difference = bins.values[channel] - simulated(channel, bins.edges, T_START)
-        assert np.abs(difference).max() < tolerance, channel
-
-
-def test_a_gap_in_the_encoders_leaves_bins_empty_and_the_fit_alive():
-    motion, trial, _ = trial_by("exponential")
+def test_a_gap_in_the_encoders_leaves_the_fit_alive():
+    motion, trial, _, start = trial_by_5()
     wheels = trial.wheels
-    kept = ~((wheels.t > T_START + 2.0) & (wheels.t < T_START + 2.4))
+    kept = ~((wheels.t > start + 2.0) & (wheels.t < start + 2.4))
     holed = dataclasses.replace(
         trial, wheels=dataclasses.replace(wheels, t=wheels.t[kept], angle=wheels.angle[kept])
     )
-    bins = measured_bins(motion, holed, ROBOT, T_START)
-    assert np.isnan(bins.values["wheel_f"]).sum() >= 6
     fit = fit_k92(motion, holed, ROBOT, SOIL)
     assert fit.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fit.k92_trajectory.std)
 
 
-@pytest.mark.parametrize("time", [0.2, 1.0])
-def test_the_correlation_time_of_a_known_process_is_found(time):
-    found = [
-        correlation_time(correlated(np.random.default_rng(seed), 4000, 0.05, 1.0, time), 0.05)
-        for seed in range(10)
-    ]
-    assert np.mean(found) == pytest.approx(time, rel=0.15)
-
-
-def test_white_residuals_have_no_correlation_time():
-    noise = np.random.default_rng(3).standard_normal(4000)
-    assert correlation_time(noise, 0.05) < 0.03
+def test_a_theta_of_trials_by_the_independent_simulator():
+    robot = load_robot("granite", "industrial")
+    rng = np.random.default_rng(8)
+    true, logs = [], []
+    for k, v in enumerate(load_variants()):
+        true.append(4.6 * float(np.exp(0.03 * rng.standard_normal())))
+        run = simulate_truth(
+            velocity=v.velocity, acceleration=v.acceleration, distance=v.distance, a_theta=true[-1],
+            soil=draw_soil(rng), settle=2.0, after=3.0,
+        )  # fmt: skip
+        logs.append(correct(log_run(20 + k, run).trial, robot))
+    trials, motions = zip(*logs, strict=True)
+    found = fit_trajectories(trials, motions, robot, SOIL)
+    assert found.a_theta.value == pytest.approx(4.6, abs=2.5 * found.a_theta.std)
+    assert found.a_theta.std < 0.2
+    assert [own.value for own in found.own] == pytest.approx(true, abs=0.25)
+    fits = [fit_k92(m, t, robot, SOIL) for t, m in logs]
+    over = fit_a_theta(fits, by="trajectory", together=found)
+    assert over.a_theta == found.a_theta
+    assert over.points[0][2] == fits[0].k92_trajectory
 
 
 @pytest.mark.slow
@@ -116,9 +118,8 @@ def test_the_95_percent_interval_of_the_trajectory_holds_the_true_k92():
     for seed, variant in enumerate(islice(cycle(load_variants()), 16)):
         rng = np.random.default_rng([11, seed])
         k92 = math.exp(-4.919 * variant.velocity) * (1 + 0.05 * rng.standard_normal())
-        run = simulate_k92(variant, ROBOT, draw_soil(rng), k92, "exponential")
-        motion, trial, _ = made_up_trial(variant, k92, seed=seed, run=run)
-        fit = fit_k92(motion, trial, ROBOT, SOIL)
-        low, high = fit.k92_trajectory.interval()
+        run = simulate_k92(variant, ROBOT, draw_soil(rng), k92)
+        motion, trial, _, _ = made_up_trial(variant, k92, seed=seed, run=run)
+        low, high = fit_k92(motion, trial, ROBOT, SOIL).k92_trajectory.interval()
         inside += low <= k92 <= high
     assert inside >= 13
