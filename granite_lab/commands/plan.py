@@ -123,7 +123,7 @@ def asked(plan: Plan) -> str:
     """Return the question."""
     rivals = plan.question.rivals
     if plan.question.kind == "apart":
-        return f"What would tell {', '.join(rivals[:-1])} from {rivals[-1]}?"
+        return f"What would tell {', '.join(rivals[:-1])} and {rivals[-1]} apart?"
     if plan.question.kind == "show":
         return f"What would show {' or '.join(rivals)}, if it is there?"
     return "What would sharpen the number that is known worst?"

@@ -84,15 +84,15 @@ class Design:
     Attributes:
         verdict, provisional: of the finding.
         named: effects in the model, the surest first; no empirical law.
-        possible: log Bayes factors of the other candidates, the likeliest first.
+        possible: log Bayes factors of the other effects, the likeliest first.
         robot, soil: of all trials.
-        sand: logarithms of the fitted numbers of the sand over the soil's, as `inference.bench.SAND`.
+        sand: logarithms of the fitted sand over the soil's file, as `inference.bench.SAND`.
         latency: of the IMU's stamps [s].
         share: discrepancy of the model as a share of each channel's rms: learnt, at least the tolerance.
         scales: std of each number that differs from trial to trial, as learnt.
         width: of a bin [s].
         driven: per command and conditions.
-        virtual: all trials were written by a simulator.
+        virtual: a simulator wrote all trials.
     """
 
     verdict: str
@@ -111,12 +111,12 @@ class Design:
 
 
 def save_design(finding: Finding, trials: Sequence[Trial], path: Path) -> None:
-    """Write what a plan needs beside the report; nothing where nothing says what was commanded.
+    """Write what a plan needs to a JSON file; nothing where nothing says what was commanded.
 
     Args:
         finding: the record of the search.
         trials: its logs.
-        path: of the JSON file.
+        path: of the file.
 
     Raises:
         LabError: the file cannot be written.
@@ -152,7 +152,7 @@ def save_design(finding: Finding, trials: Sequence[Trial], path: Path) -> None:
 
 
 def _figures(values: Mapping[str, float]) -> tuple[Figure, ...]:
-    return tuple(Figure(name=n, value=v) for n, v in values.items() if abs(v) < 1e9)
+    return tuple(Figure(name=n, value=v) for n, v in values.items() if abs(v) < 1e9 and "." not in n)
 
 
 def _table(record: Any) -> Any:

@@ -66,19 +66,25 @@ def options(
     speeds = [peak_velocity(d.variant) for d in ranked]
     starts = [d.variant.acceleration for d in ranked]
     room = room or max(d.variant.distance for d in ranked)
-    top = max_speed or max(speeds[-1], min(FASTER * speeds[-1], _attainable(design)))
+    free, drive = math.inf, design.robot.drive
+    if drive is not None:  # what the voltage allows, with a reserve for torque
+        free = 0.8 * drive.voltage_max / (drive.emf_constant * drive.gear_ratio) * design.robot.wheels.radius
+    top = max_speed or max(speeds[-1], min(FASTER * speeds[-1], free))
     found = [
         Option(d.variant, d.conditions, d, "averages noise and raking", repeats=True)
         for d, v in zip(ranked, speeds, strict=True)
         if d.variant.distance <= room and v <= top
     ]
 
+    known = {(o.variant, o.conditions) for o in found}
+
     def add(like: Driven, v: float, a: float, why: str, way: float = 0.0) -> None:
         """Add a command on raked, level sand if the room suffices and it is new."""
         v, a = float(f"{min(v, top):.2g}"), float(f"{a:.2g}")
         way = way or min(room, math.ceil(2 * (v * v / a + STEADY * v)) / 2)
         new = Variant(velocity=v, acceleration=a, distance=way)
-        if v * v / a <= way and duration(new) <= LONGEST and (new, PLAIN) not in _commands(found):
+        if v * v / a <= way and duration(new) <= LONGEST and (new, PLAIN) not in known:
+            known.add((new, PLAIN))
             found.append(Option(new, PLAIN, like, why))
 
     add(slow, SLOWER * speeds[0], starts[0], "slower than so far: sinkage and slip of slow shear")
@@ -97,13 +103,9 @@ def options(
     plain = [o.like for o in found if o.repeats and o.conditions == PLAIN]
     for like in dict.fromkeys(plain[:1] + plain[-1:]):
         for under, why, how in _conditions(design, effects):
-            if (like.variant, under) not in _commands(found):
+            if (like.variant, under) not in known:
                 found.append(Option(like.variant, under, like, why, how))
     return found
-
-
-def _commands(found: Collection[Option]) -> set[tuple[Variant, Conditions]]:
-    return {(o.variant, o.conditions) for o in found}
 
 
 def _conditions(design: Design, effects: Collection[str]) -> list[tuple[Conditions, str, str]]:
@@ -131,11 +133,3 @@ def _conditions(design: Design, effects: Collection[str]) -> list[tuple[Conditio
         how = "drive once on raked sand, lift the robot back and drive again in the same rut"
         found.append((Conditions(same_rut=True), "all wheels run in compacted sand from the start", how))
     return found
-
-
-def _attainable(design: Design) -> float:
-    """Return a speed that the motors' voltage allows [m/s]."""
-    drive = design.robot.drive
-    if drive is None:
-        return math.inf
-    return 0.8 * drive.voltage_max / (drive.emf_constant * drive.gear_ratio) * design.robot.wheels.radius

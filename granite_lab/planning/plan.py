@@ -114,8 +114,8 @@ def plan_next(
     asked = question(design, known)
     effects = {*asked.rivals, *dict(asked.named)}
     chosen = options(design, effects, room=room, max_speed=max_speed)
-    variants = tuple(x.variant for part in (design.driven, chosen) for x in part)
-    conditions = tuple(x.conditions for part in (design.driven, chosen) for x in part)
+    variants = (*(d.variant for d in design.driven), *(o.variant for o in chosen))
+    conditions = (*(d.conditions for d in design.driven), *(o.conditions for o in chosen))
     world = StagedWorld(design.robot, design.soil, variants, {**known, **STAGING}, conditions=conditions)
     with Bench(world, jobs) as bench:
         stage = Stage(design, bench)
@@ -135,26 +135,26 @@ def plan_next(
             after = [a + b for a, b in zip(at_hand, more, strict=True)]
             looked.append((option, _outlook(stage, models, after)))
     if asked.kind == "sharpen":
-        worst = _worst(now, [o for _, o in looked])
-        now = {worst: now[worst]}
+        now = _worst(now, [o for _, o in looked])
     proposals = [_judged(asked, option, now, {t: after[t] for t in now}) for option, after in looked]
     proposals.sort(key=lambda p: (not p.worth, p.rank))
     return Plan(asked, models, now, tuple(proposals), len(chosen) - len(looked), design)
 
 
-def _worst(now: Outlook, after: Sequence[Outlook]) -> str:
+def _worst(now: Outlook, after: Sequence[Outlook]) -> Outlook:
     """Return the number with the largest relative std, of those that a trial can improve if there are any.
 
     What no trial can show, as the cohesion of sand that gives way along the tyre, no prediction needs.
     """
     helped = [t for t in now if any(a[t] <= FIFTH * now[t] for a in after)]
-    return max(helped or now, key=lambda t: now[t])
+    worst = max(helped or now, key=lambda t: now[t])
+    return {worst: now[worst]}
 
 
 def _judged(asked: Question, option: Option, now: Outlook, after: Outlook) -> Proposal:
     """Judge a trial; of several pairs those count that it decides.
 
-    Twins are told apart by the new trial alone, for the trials at hand have left them undecided. What is too
+    Twins are told apart by the new trial alone, for the trials at hand have left them undecided; what is too
     weak to be shown so far is shown by all trials together.
     """
     if asked.kind == "sharpen":

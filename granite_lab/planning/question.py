@@ -136,8 +136,9 @@ def _imitating(
     least = np.inf
     parameters = stage.problem(0, stage.design.driven[0]).parameters_of(id_)
     shared = [k for k, p in enumerate(parameters) if not p.per_trial]
-    for _ in range(ROUNDS if guess else 0):
-        assert guess is not None
+    for _ in range(ROUNDS):
+        if guess is None:
+            break
         try:
             found = fitted(stage.at_hand((*others, guess), [true]), 1)
         except EstimateError:

@@ -1,0 +1,187 @@
+"""Expected standard deviations and Bayes factors agree with what theory and full fits say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from granite_lab.effects import library
+from granite_lab.inference.bench import Bench
+from granite_lab.inference.conditions import STAGING, Conditions, StagedWorld
+from granite_lab.inference.noise import FLOOR
+from granite_lab.inference.normal import posterior
+from granite_lab.inference.problem import Problem
+from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.symbols import ModelParameters
+from granite_lab.parameters import Variant, load_robot, load_soil
+from granite_lab.planning.design import Design, Driven, Figure, Named, Noise
+from granite_lab.planning.plan import plan_next
+from granite_lab.planning.question import explanations, question
+from granite_lab.planning.stage import Stage, fitted, whitener_of
+
+ROBOT, SOIL = load_robot(), load_soil()
+SLOW = Variant(velocity=0.3, acceleration=1.2, distance=0.9)
+OTHER = Variant(velocity=0.4, acceleration=1.2, distance=1.2)
+CHANNELS = tuple(FLOOR)
+LEVEL = 0.05
+WEAK = (("hum", (1e-3,)),)  # so weak that the gain of the sensor does not matter
+MIDDLE, HALF = 1.75, 1.25  # of the time for which the sine lasts [s]
+
+
+class Hum(Effect):
+    """A current that nothing else resembles: a sine while the robot drives."""
+
+    id = "hum"
+    title = "hum"
+    equation = "i' = i + size sin(2π f t)"
+    source = "test"
+    signature = "test"
+    frequency = 4.0
+    parameters = (EffectParameter("size", "A", "amplitude", -1e3, 1e3, 0.0, -1e3, 1e3),)
+
+    def shape(self, t: Any) -> Any:
+        return ca.sin(2 * np.pi * self.frequency * t)
+
+    def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:  # noqa: ARG002
+        away = own.t - MIDDLE
+        added = own.p["size"] * ca.if_else(ca.fabs(away) < HALF, self.shape(away), 0.0)
+        return signals | {"cur_r_A": signals["cur_r_A"] + added}
+
+
+class Swell(Hum):
+    """A current so smooth that the discrepancy of the model can look like it."""
+
+    id = "swell"
+
+    def shape(self, t: Any) -> Any:
+        return (1 + ca.cos(np.pi * t / HALF)) / 2
+
+
+def design_of(*driven: Driven, **told: Any) -> Design:
+    return Design(**{"verdict": "none", "robot": ROBOT, "soil": SOIL, "share": 0.0, "driven": driven, **told})
+
+
+def driven_once(variant: Variant = SLOW, level: float = LEVEL, **told: Any) -> Driven:
+    noise = (Noise(channel="current_r", rest=float(np.sqrt(level**2 - FLOOR["current_r"] ** 2))),)
+    return Driven(**{"variant": variant, "noise": noise, **told})
+
+
+@pytest.fixture
+def stages() -> Iterator[Any]:
+    benches = []
+
+    def stage(design: Design, *more: Variant, formula: float = 1e-9) -> Stage:
+        variants = (*(d.variant for d in design.driven), *more)
+        effects = library() | STAGING | {"hum": Hum(), "swell": Swell()}
+        conditions = tuple(Conditions() for _ in variants)
+        benches.append(Bench(StagedWorld(ROBOT, SOIL, variants, effects, conditions=conditions)))
+        found = Stage(design, benches[-1])
+        found.scales = replace(found.scales, formula=formula)
+        return found
+
+    yield stage
+    for bench in benches:
+        bench.__exit__(None, None, None)
+
+
+def std_of(information: np.ndarray) -> float:
+    return float(np.sqrt(fitted(information, 0).covariance[-1, -1]))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_the_std_of_a_sine_in_white_noise_is_that_of_its_fisher_information(stages: Any, count: int) -> None:
+    stage = stages(design_of(driven_once(count=count)))
+    bins = 2 * HALF / 0.02
+    mean_over_bin = np.sinc(Hum.frequency * 0.02)
+    expected = LEVEL / np.sqrt(count * bins / 2) / mean_over_bin
+    assert std_of(stage.at_hand(WEAK)) == pytest.approx(expected, rel=0.03)
+
+
+def test_a_repetition_lowers_the_std_by_the_root_of_the_trials(stages: Any) -> None:
+    stage = stages(design_of(driven_once(count=3)))
+    now = stage.at_hand(WEAK)
+    more = stage.one_more(0, stage.design.driven[0], WEAK, ())
+    assert std_of(now + more) / std_of(now) == pytest.approx(np.sqrt(3 / 4), rel=1e-3)
+
+
+def test_repetitions_share_the_discrepancy_of_the_model_and_another_command_does_not(stages: Any) -> None:
+    stage = stages(design_of(driven_once(level=0.006, count=3), share=0.02), OTHER)
+    model = (("swell", (1e-3,)),)
+    now = stage.at_hand(model)
+    again = stage.one_more(0, stage.design.driven[0], model, ())
+    other = stage.one_more(1, stage.design.driven[0], model, ())
+    assert std_of(now + again) / std_of(now) > 0.97
+    assert std_of(now + other) / std_of(now) < 0.85
+
+
+def test_no_number_of_trials_beats_the_error_of_an_effects_formula(stages: Any) -> None:
+    many = design_of(driven_once(count=50))
+    exact = std_of(stages(many).at_hand((("hum", (0.5,)),)))
+    about = std_of(stages(many, formula=0.1).at_hand((("hum", (0.5,)),)))
+    assert about > 2 * exact
+
+
+def all_channels(variant: Variant, **told: Any) -> Driven:
+    level = {"accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 3e-3, "wheel": 1e-3, "wheel_split": 3e-4}
+    noise = tuple(Noise(channel=c, rest=level.get(c, 0.05)) for c in CHANNELS)
+    return Driven(**{"variant": variant, "noise": noise, **told})
+
+
+TILT = (Figure(name="tilt", value=1e-3),)
+SLOPE = design_of(
+    all_channels(SLOW, count=3), verdict="named", share=0.02, scales=TILT,
+    named=(Named(id="ground_slope", values=(1.0,), twins=("imu_tilt",)),),
+)  # fmt: skip
+
+
+def test_a_run_in_the_other_direction_tells_a_slope_from_a_tilted_sensor() -> None:
+    plan = plan_next(SLOPE, library(), room=0.9)
+    ((pair, now),) = plan.now.items()
+    assert pair == "imu_tilt from ground_slope"
+    best = plan.proposals[0]
+    assert best.worth
+    assert best.option.conditions == Conditions(turned=True)
+    repeated = next(p for p in plan.proposals if p.option.repeats)
+    assert best.after[pair] - now > 3 * (repeated.after[pair] - now)
+    assert plan.models[1][0] == ("imu_tilt", (pytest.approx(-1.0, abs=0.15),))
+
+
+def test_the_expected_bayes_factor_is_what_a_full_fit_to_such_trials_loses() -> None:
+    """Trials with a slope, there and back, are written without noise and fitted with a tilted sensor."""
+    back = Conditions(turned=True)
+    design = replace(SLOPE, driven=(all_channels(SLOW), all_channels(SLOW, conditions=back)))
+    world = StagedWorld(ROBOT, SOIL, (SLOW, SLOW), library() | STAGING, conditions=(Conditions(), back))
+    with Bench(world) as bench:
+        stage = Stage(design, bench)
+        models = explanations(stage, question(design, library()))
+        expected = fitted(stage.at_hand(models[1], models[:1]), 1).misfit / 2
+        trials = []
+        for k, like in enumerate(design.driven):
+            one = stage.problem(k, like)
+            point = stage.point(one, models[0])
+            response = bench.run([one.centre(point, 0)])[0]
+            assert response is not None
+            trial = one.trials[0]
+            trial.measured = trial.predict(response, point.trials[0], point.sensors)
+            trials.append(trial)
+        problem = Problem(trials, bench)
+        whiteners = [[whitener_of(n, t.observation, 0.3) for n in design.driven[0].noise] for t in trials]
+        point = problem.with_effect(problem.neutral(), "imu_tilt", (0.0,))
+        misfit = np.inf
+        for _ in range(4):
+            slopes = problem.slopes(point)
+            runs = problem.respond([problem.task(point, i) for i in range(2)])
+            assert slopes is not None
+            assert runs is not None
+            problem.weigh(whiteners, point, slopes)
+            normal = problem.normal(point, slopes, problem.residuals(point, runs))
+            std, mean = problem.prior(point, stage.scales)
+            found = posterior(*normal.marginal(stage.scales), std**-2.0, mean - point.vector)
+            point, misfit = problem.moved(point, found.step), found.misfit
+    assert expected > 3.0
+    assert misfit / 2 == pytest.approx(expected, rel=0.1)
