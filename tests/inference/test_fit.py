@@ -1,0 +1,229 @@
+"""The fit finds what was put in, learns how much trials differ and how far the model is off, and never ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from granite_lab.errors import EstimateError
+from granite_lab.inference.bench import RAKED, SAND
+from granite_lab.inference.constants import FORMULA_ERROR, PSEUDO_TRIALS
+from granite_lab.inference.fit import FIRST, SHARES, Fit, fit, log_prior, simulated, under
+from granite_lab.inference.gap import discrepancies
+from granite_lab.inference.normal import Scales
+from granite_lab.inference.problem import SHARED, Point, Problem
+from granite_lab.processes import one_thread
+from tests.inference.stub import Respond, drawn, measure, problem_of
+
+FOUR = (0, 0, 1, 1)
+PLAIN = {0.02: ("wheel", "wheel_split"), 0.08: ("pitch_rate", "wheel", "wheel_split", "current_f", "current_r")}
+"""Channels in which a discrepancy of a share is as large as the noise of a bin, or larger."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def single() -> object:
+    with one_thread():
+        yield
+
+
+def std_of(found: Fit) -> np.ndarray:
+    return np.sqrt(np.diag(found.posterior.covariance))
+
+
+def test_numbers_are_found_within_their_std() -> None:
+    scores = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        problem = problem_of(FOUR)
+        truth = measure(problem, drawn(problem, rng), rng)
+        found = fit(problem, problem.neutral())
+        assert found.converged
+        scores.append((found.point.vector - truth.vector) / std_of(found))
+    table = np.concatenate(scores)
+    # priors are twice as wide as what was drawn from, so that the numbers they hold lie closer
+    assert 0.6 < np.sqrt(np.mean(table**2)) < 1.1
+    assert np.mean(np.abs(table) < 1.96) > 0.93
+
+
+def test_the_evidence_does_not_depend_on_where_the_fit_begins() -> None:
+    rng = np.random.default_rng(3)
+    problem = problem_of(FOUR)
+    measure(problem, drawn(problem, rng), rng, 0.02)
+    first = fit(problem, problem.neutral())
+    second = fit(problem, drawn(problem, rng))
+    assert first.evidence == pytest.approx(second.evidence, abs=1.0)
+    assert np.abs(first.point.vector - second.point.vector).max() < 0.5 * std_of(first).max()
+
+
+@pytest.mark.parametrize("share", PLAIN)
+def test_the_fixed_point_finds_a_known_share(share: float) -> None:
+    """Of some 60 amplitudes of a channel half are determined; the scatter of a std is then 1/sqrt(2 · 30)."""
+    ratios = []
+    for seed in range(6):
+        rng = np.random.default_rng(10 + seed)
+        problem = problem_of(FOUR)
+        measure(problem, drawn(problem, rng), rng, share)
+        scales = fit(problem, problem.neutral()).scales
+        ratios += [scales.shares[c] / share for c in PLAIN[share]]
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.15)
+    assert np.std(ratios) < 0.35
+
+
+def test_the_share_of_an_exact_model_does_not_matter() -> None:
+    rng = np.random.default_rng(5)
+    problem = problem_of(FOUR)
+    measure(problem, drawn(problem, rng), rng)
+    found = fit(problem, problem.neutral())
+    assert max(d.share for d in discrepancies(problem, found)) < 0.01
+    assert max(found.scales.louder.values()) < 1.15
+
+
+def test_the_estimated_discrepancy_is_the_one_that_was_put_in() -> None:
+    rng = np.random.default_rng(6)
+    problem = problem_of(FOUR)
+    truth = measure(problem, drawn(problem, rng), rng)
+    t = problem.trials[0].observation.t
+    size, moving = problem.size_of(0, "wheel_split")
+    put_in = 0.2 * size * np.sin(2 * np.pi * t / 0.8) * moving
+    for i in problem.commands[0]:
+        problem.trials[i].measured[problem.trials[i].channels.index("wheel_split")] += put_in
+    found = fit(problem, problem.neutral())
+    d = next(d for d in discrepancies(problem, found) if (d.command, d.channel) == (0, "wheel_split"))
+    at = moving > 0
+    assert np.corrcoef(d.value[at], put_in[at])[0, 1] > 0.9
+    assert np.abs(found.point.vector - truth.vector)[: problem.trials[0].size].max() < 0.05
+
+
+def test_scales_of_what_differs_from_trial_to_trial_are_learnt() -> None:
+    """Twelve trials with twice and half the first values: the mode of the posterior lies between."""
+    problem = problem_of((0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2))
+    rng = np.random.default_rng(7)
+    wide = {"a_theta": 2.0, "wheel gain": 3.0, "cohesion": 0.4}
+    point = problem.neutral()
+    trials = []
+    for t in problem.trials:
+        trials.append(np.array([wide.get(s.name, 0.2) * s.std * rng.normal() for s in t.slacks]))
+    truth = measure(problem, replace(point, trials=tuple(trials)), rng)
+    scales = fit(problem, problem.neutral()).scales
+    slacks = problem.trials[0].slacks
+    for name in wide:
+        k = [s.name for s in slacks].index(name)
+        drawn_here = [x[k] for x in truth.trials]
+        first = slacks[k].std
+        mode = np.sqrt((np.sum(np.square(drawn_here)) + PSEUDO_TRIALS * first**2) / (12 + PSEUDO_TRIALS))
+        assert scales.priors[name] == pytest.approx(mode, rel=0.25), name
+    assert scales.priors["a_theta"] > 1.3 * slacks[0].std
+
+
+def test_a_simulation_without_a_solution_shortens_the_step() -> None:
+    """The sand lies just within the bound; the first step goes beyond it."""
+    rng = np.random.default_rng(8)
+    problem = problem_of(FOUR)
+    truth = problem.neutral()
+    shared = truth.shared.copy()
+    shared[3] = 0.3
+    truth = measure(problem, replace(truth, shared=shared), rng)
+    free = fit(problem, problem.neutral())
+    bounded = Respond(bound=0.315)
+    other = problem_of(FOUR, respond=bounded)
+    for t, s in zip(other.trials, problem.trials, strict=True):
+        t.measured[:] = s.measured
+    found = fit(other, other.neutral())
+    assert np.abs(found.point.vector - truth.vector)[-len(SHARED) + 3] < 0.05
+    assert found.evidence == pytest.approx(free.evidence, abs=2.0)
+
+
+@pytest.mark.parametrize("bound", [0.0301, 0.05, 0.1])
+def test_a_fit_ends_within_the_region_that_has_solutions(bound: float) -> None:
+    """The best fit lies far beyond where the model has a solution; the fit stays and says where it is."""
+    rng = np.random.default_rng(9)
+    source = problem_of(FOUR)
+    shared = source.neutral().shared.copy()
+    shared[:3] = 0.5, -0.5, 0.5
+    measure(source, replace(source.neutral(), shared=shared), rng)
+    problem = problem_of(FOUR, respond=Respond(bound))
+    for t, s in zip(problem.trials, source.trials, strict=True):
+        t.measured[:] = s.measured
+    found = fit(problem, problem.neutral())
+    assert np.isfinite(found.evidence)
+    for x in found.point.trials:
+        assert np.abs(found.point.shared[:RAKED] + x[:RAKED]).max() <= bound
+    began = objective(problem, problem.neutral(), found.scales)
+    assert objective(problem, found.point, found.scales) < (0.9 if bound > 0.04 else 1.0) * began
+
+
+def objective(problem: Problem, point: Point, scales: Scales) -> float:
+    """Return the misfit, simulated anew, and the priors."""
+    begun = fit(problem, problem.neutral(), rounds=0)
+    responses = simulated(problem, point)
+    assert responses is not None
+    std, mean = problem.prior(point, scales)
+    white = problem.white(problem.residuals(point, responses))
+    squares = sum(begun.normal.misfits(white, scales).values())
+    return float(squares + np.sum(((point.vector - mean) / std) ** 2))
+
+
+def test_a_start_without_a_solution_is_refused() -> None:
+    problem = problem_of(FOUR)
+    shared = problem.neutral().shared.copy()
+    shared[0] = 0.2
+    problem.bench._respond = Respond(0.1)
+    with pytest.raises(EstimateError, match="cannot be simulated"):
+        fit(problem, replace(problem.neutral(), shared=shared))
+
+
+def test_a_misfit_that_is_not_smooth_makes_the_noise_louder() -> None:
+    rng = np.random.default_rng(11)
+    problem = problem_of(FOUR)
+    measure(problem, drawn(problem, rng), rng)
+    for t in problem.trials:
+        k = t.channels.index("current_f")
+        t.measured[k] += 3 * 0.05 * rng.normal(size=t.observation.bins)
+    louder = fit(problem, problem.neutral()).scales.louder
+    assert louder["current_f"] == pytest.approx(np.sqrt(10), rel=0.15)
+    assert louder["current_r"] < 1.2
+
+
+def test_under_other_scales_the_fit_is_that_of_a_refit_under_them() -> None:
+    rng = np.random.default_rng(12)
+    problem = problem_of(FOUR)
+    measure(problem, drawn(problem, rng), rng, 0.02)
+    found = fit(problem, problem.neutral())
+    narrow = replace(found.scales, priors={n: 0.3 * s for n, s in found.scales.priors.items()})
+    other = under(problem, found, narrow)
+    std, mean = problem.prior(found.point, other.scales)
+    N = found.normal.marginal(other.scales)[0][: std.size, : std.size] + np.diag(std**-2.0)
+    assert other.posterior.covariance == pytest.approx(np.linalg.inv(N), rel=1e-4, abs=1e-9)
+    assert other.scales.priors == narrow.priors
+    assert std_of(other)[0] < std_of(found)[0]
+
+
+def test_a_named_effect_is_fitted_with_its_size() -> None:
+    rng = np.random.default_rng(13)
+    problem = problem_of(FOUR)
+    start = problem.with_effect(drawn(problem, rng), "push", (0.0,))
+    measure(problem, replace(start, common=np.array([0.7])), rng)
+    found = fit(problem, problem.with_effect(problem.neutral(), "push", (0.1,)))
+    assert abs(found.point.common[0] - 0.7) < 4 * std_of(found)[-1] + 0.01
+    assert SHARES[0] <= max(found.scales.shares.values()) < 0.02
+    alone = fit(problem, problem.neutral())
+    assert found.evidence > alone.evidence + 20
+
+
+def test_the_prior_of_the_scales_has_its_mode_where_it_begins() -> None:
+    problem = problem_of(FOUR)
+    scales = replace(FIRST, shares={"wheel": 0.01}, formula=FORMULA_ERROR[0])
+    best = log_prior(problem, scales, True)
+    for factor in (0.5, 2.0):
+        assert log_prior(problem, replace(scales, shares={"wheel": 0.01 * factor}), True) < best
+        assert log_prior(problem, replace(scales, formula=factor * FORMULA_ERROR[0]), True) < best
+    assert log_prior(problem, replace(scales, louder={"wheel": 2.0}), True) < best - 10
+
+
+def test_sand_stays_within_three_std_of_its_file() -> None:
+    problem = problem_of(FOUR)
+    step = np.full(problem.neutral().vector.size, 10.0)
+    moved = problem.moved(problem.neutral(), step)
+    assert moved.shared[: len(SAND)] == pytest.approx(3 * problem.sand_std)
