@@ -54,12 +54,11 @@ class Option:
 def options(
     design: Design, effects: Collection[str], *, room: float | None = None, max_speed: float | None = None
 ) -> list[Option]:
-    """List the trials that are worth simulating.
+    """List the trials that are worth simulating; room and speed as in `plan_next`.
 
     Args:
         design: the trials at hand.
         effects: ids of all explanations; some conditions matter only to some of them.
-        room, max_speed: as in `plan_next`.
     """
     ranked = sorted(design.driven, key=lambda d: peak_velocity(d.variant))
     slow, fast = ranked[0], ranked[-1]
@@ -80,7 +79,8 @@ def options(
 
     def add(like: Driven, v: float, a: float, why: str, way: float = 0.0) -> None:
         """Add a command on raked, level sand if the room suffices and it is new."""
-        v, a = float(f"{min(v, top):.2g}"), float(f"{a:.2g}")
+        digit = 10.0 ** (math.floor(math.log10(v)) - 1)  # speeds are rounded down, to two digits
+        v, a = float(f"{math.floor(min(v, top) / digit + 1e-6) * digit:.2g}"), float(f"{a:.2g}")
         way = way or min(room, math.ceil(2 * (v * v / a + STEADY * v)) / 2)
         new = Variant(velocity=v, acceleration=a, distance=way)
         if v * v / a <= way and duration(new) <= LONGEST and (new, PLAIN) not in known:
