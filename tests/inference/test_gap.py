@@ -1,0 +1,127 @@
+"""What noise leaves of a fit is expected rightly; more than the tolerance shows as a gap."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from granite_lab.inference.discrepancy import MOTION, variances
+from granite_lab.inference.fit import FIRST, Fit, fit
+from granite_lab.inference.gap import beyond, discrepancies
+from granite_lab.inference.problem import Problem
+from granite_lab.logs.trial import Array
+from granite_lab.processes import one_thread
+from tests.inference.stub import predicted, problem_of
+
+TOLERANCE = 0.02
+FOUR = (0, 0, 1, 1)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def single() -> Iterator[None]:
+    with one_thread():
+        yield
+
+
+def linear(problem: Problem, rng: np.random.Generator, share: float) -> Fit:
+    """Return the fit, linear about the files' values, of trials drawn from the model of the measurement.
+
+    Numbers are drawn from their priors, the discrepancy with a share in motion and as it is near rest.
+    """
+    point = problem.neutral()
+    slopes = problem.slopes(point)
+    assert slopes is not None
+    std, _ = problem.prior(point, FIRST)
+    θ = std * rng.normal(size=std.size)
+    first = np.cumsum([0, *(x.size for x in point.trials)])
+    shown = predicted(problem, point)
+    for command, own in enumerate(problem.commands):
+        smooth = {}
+        for c, basis in problem._plain[command].items():
+            root = np.sqrt(variances(basis.kind, share, 0.0))
+            smooth[c] = basis.columns @ (root * rng.normal(size=root.size))
+        for i in own:
+            J = problem.columns(i, point, slopes)
+            x = np.concatenate([θ[first[i] : first[i + 1]], θ[first[-1] :]])
+            t = problem.trials[i]
+            change = (J @ x).reshape(t.measured.shape)
+            for k, c in enumerate(t.channels):
+                noise = rng.normal(size=t.observation.bins) / problem.whiteners[i][k].inverse
+                t.measured[k] = shown[i][k] + change[k] + smooth[c] + noise
+    return fit(problem, point, FIRST, slopes=slopes, rounds=0)
+
+
+def test_the_misfit_is_the_expected_one_where_nothing_is_missing() -> None:
+    """The expectation follows the noise that is there: the scatter of their difference is less than half."""
+    problem = problem_of(FOUR)
+    left, expected = means_of(problem, 0.0)
+    away = left - expected
+    assert abs(away.mean()) < 0.01 * expected.mean()
+    assert np.std(away) < 0.5 * np.std(left)
+
+
+def test_a_discrepancy_of_the_tolerated_size_is_a_small_gap() -> None:
+    """The misfit is then that of independent numbers; five percent of it are beyond what is expected."""
+    problem = problem_of(FOUR)
+    left, expected = means_of(problem, TOLERANCE)
+    bins = sum(t.measured.size for t in problem.trials)
+    assert left.mean() == pytest.approx(bins, abs=4 * np.sqrt(2 * bins / left.size))
+    assert 0 < (left - expected).mean() < 0.06 * bins
+
+
+def means_of(problem: Problem, share: float) -> tuple[Array, Array]:
+    rows = [beyond(problem, linear(problem, np.random.default_rng(s), share), TOLERANCE) for s in range(40)]
+    left, expected = np.array(rows).T
+    return left, expected
+
+
+def test_a_gap_beyond_the_tolerance_shows() -> None:
+    problem = problem_of(FOUR)
+    left, expected = beyond(problem, linear(problem, np.random.default_rng(1), 10 * TOLERANCE), TOLERANCE)
+    assert left > 1.5 * expected
+
+
+def test_the_discrepancy_of_a_channel_is_the_conditional_mean_of_the_dense_gaussian() -> None:
+    """Numbers and discrepancy together, of all trials at once, in three channels."""
+    problem = problem_of((0, 0, 1), ("pitch_rate", "wheel", "current_f"))
+    found = linear(problem, np.random.default_rng(4), 0.1)
+    point, scales = found.point, found.scales
+    std, _ = problem.prior(point, scales)
+    first = np.cumsum([0, *(x.size for x in point.trials)])
+    n = [r.size for r in found.residuals]
+    begin = np.cumsum([0, *n])
+    J, y, noise = np.zeros((begin[-1], std.size)), np.zeros(begin[-1]), np.zeros(begin[-1])
+    for i, t in enumerate(problem.trials):
+        rows = slice(begin[i], begin[i + 1])
+        places = [*range(first[i], first[i + 1]), *range(first[-1], std.size)]
+        J[rows, places] = problem.columns(i, point, found.slopes)
+        y[rows] = found.residuals[i].ravel()
+        noise[rows] = np.concatenate([1 / w.inverse for w in problem.whiteners[i]]) ** 2
+        assert t.channels == problem.trials[0].channels
+    Σ = np.diag(noise) + (J * std**2) @ J.T
+    bins = {}
+    for command, own in enumerate(problem.commands):
+        for c, basis in problem._plain[command].items():
+            B = np.zeros((begin[-1], basis.kind.size))
+            for i in own:
+                at = problem.rows[i][c]
+                B[begin[i] + at.start : begin[i] + at.stop] = basis.columns
+            Λ = variances(basis.kind, scales.share_of(c), scales.formula)
+            Σ += (B * Λ) @ B.T
+            bins[command, c] = (B, Λ, basis)
+    solved = np.linalg.solve(Σ, y)
+    for d in discrepancies(problem, found):
+        B, Λ, basis = bins[d.command, d.channel]
+        own = basis.kind == MOTION
+        moving = problem.size_of(d.command, d.channel)[1] > 0
+        wanted = basis.columns[:, own] @ (Λ * (B.T @ solved))[own] * moving
+        assert d.value == pytest.approx(wanted, rel=1e-5, abs=1e-6 * d.size)
+
+
+def test_a_channel_that_never_moves_has_no_share() -> None:
+    problem = problem_of(FOUR)
+    found = discrepancies(problem, linear(problem, np.random.default_rng(1), 0.0))[0]
+    assert replace(found, std=np.zeros_like(found.std)).share == 0.0
