@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,10 @@ TRIED = 3
 
 WORTH = 3.0
 """Least gain by the screen, in units of log likelihood, of a candidate that is fitted in full."""
+
+RIVAL = 0.3
+"""Share of the best candidate's gain by the screen that a rival must show to be fitted in full. The screen is
+linear, and full fits have changed the order of candidates by factors of up to two."""
 
 BAD = 1.3
 """Factor of the noise from which on a fit is bad: what it leaves is not smooth, and no noise."""
@@ -116,50 +121,54 @@ def search(
     found: dict[tuple[str, ...], Model] = {(): _model((), base, candidates)}
     looks: dict[tuple[str, ...], tuple[Look, ...]] = {}
 
-    def extended(model: Model) -> list[Model]:
-        """Fit the promising candidates beside those of a model."""
+    def fitted(effects: Sequence[str], start: Point, near: Fit) -> None:
+        """Fit a set unless it is fitted."""
+        key = tuple(sorted(effects))
+        if key not in found:
+            tell(f"fitting {_words(key)}")
+            with suppress(EstimateError):
+                found[key] = _model(key, fit(problem, start, near.scales), candidates)
+
+    def extended(model: Model, most: int = TRIED) -> list[Score]:
+        """Fit the promising candidates beside those of a model, and return them."""
         if model.effects not in looks:
             tell(f"screening candidates beside {_words(model.effects)}")
             others = [c for c in candidates if c not in model.effects]
             looks[model.effects] = tuple(_look(problem, f, others) for f in _origins(problem, model.fit))
-        made = []
-        most = 1 if fine and not model.effects else TRIED
-        for origin, score in _promising(looks[model.effects], most):
-            effects = tuple(sorted((*model.effects, score.candidate)))
-            if effects not in found:
-                tell(f"fitting {_words(effects)}")
-                start = problem.with_effect(origin.point, score.candidate, score.values, score.own)
-                result = _try(problem, start, model.fit)
-                if result is not None:
-                    found[effects] = _model(effects, result, candidates)
-            if effects in found:
-                made.append(found[effects])
-        return made
+        promising = _promising(looks[model.effects], most)
+        for origin, score in promising:
+            start = problem.with_effect(origin.point, score.candidate, score.values, score.own)
+            fitted((*model.effects, score.candidate), start, model.fit)
+        return [score for _, score in promising]
+
+    def best_of(model: Model, tried: Sequence[Score]) -> Model:
+        sets = [tuple(sorted((*model.effects, s.candidate))) for s in tried]
+        return max((found[e] for e in sets if e in found), key=lambda m: m.log_posterior, default=model)
 
     current = found[()]
-    fine = good(problem, base, tolerance)  # nothing can be named; what is likeliest is fitted to be listed
+    fine = good(problem, base, tolerance)
+    path: list[tuple[str, list[Score]]] = []
     for _ in range(MOST):
-        options = extended(current)
-        best = max(options, key=lambda m: m.log_posterior, default=current)
+        tried = extended(current, 1 if fine else TRIED)
+        best = best_of(current, tried)
+        if fine and best is not current:
+            if good(problem, under(problem, base, best.fit.scales), tolerance):
+                break  # nothing can be named; what is likeliest is fitted to be listed
+            fine, tried = False, extended(current)
+            best = best_of(current, tried)
         if best.log_posterior <= current.log_posterior + WORTH:
             break
+        path.append((next(e for e in best.effects if e not in current.effects), tried))
         current = best
-        if fine and good(problem, under(problem, base, current.fit.scales), tolerance):
-            break
-        if fine:
-            fine, options = False, extended(found[()])
-            current = max(options, key=lambda m: m.log_posterior)
         if good(problem, current.fit, tolerance):
             break
-    for id_ in current.effects if len(current.effects) > 1 else ():
-        rest = tuple(e for e in current.effects if e != id_)
-        if rest not in found:
-            tell(f"fitting {_words(rest)}")
-            left = _try(problem, problem.without_effect(current.fit.point, id_), current.fit)
-            if left is None:
-                continue
-            found[rest] = _model(rest, left, candidates)
-        extended(found[rest])
+    for id_, tried in path[:-1]:  # those of the last stood beside the same effects
+        start = problem.without_effect(current.fit.point, id_)
+        fitted(start.effects, start, current.fit)
+        for score in tried:
+            if score.candidate not in current.effects:
+                rival = problem.with_effect(start, score.candidate, score.values, score.own)
+                fitted(rival.effects, rival, current.fit)
     models = sorted(found.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), looks)
 
@@ -209,7 +218,8 @@ def _promising(looks: Sequence[Look], most: int) -> list[tuple[Fit, Score]]:
             promise = look.origin.posterior.evidence + score.gain - first
             if score.candidate not in best or promise > best[score.candidate][0]:
                 best[score.candidate] = (promise, look.origin, score)
-    ranked = sorted((b for b in best.values() if b[0] > WORTH), key=lambda b: -b[0])
+    least = max(WORTH, RIVAL * max((b[0] for b in best.values()), default=0.0))
+    ranked = sorted((b for b in best.values() if b[0] > least), key=lambda b: -b[0])
     library = [b for b in ranked if not is_empirical(b[2].candidate)][:most]
     law = [b for b in ranked if is_empirical(b[2].candidate)][: most // 2]
     return [(origin, score) for _, origin, score in library + law]
@@ -221,13 +231,6 @@ def _model(effects: tuple[str, ...], result: Fit, candidates: Sequence[str]) -> 
     library = max(1, len(candidates) - terms)
     odds = [np.log(EFFECT_ODDS * (library / terms if is_empirical(e) else 1.0)) for e in effects]
     return Model(effects, result, result.evidence + float(np.sum(odds)))
-
-
-def _try(problem: Problem, start: Point, base: Fit) -> Fit | None:
-    try:
-        return fit(problem, start, base.scales)
-    except EstimateError:
-        return None
 
 
 def _words(effects: Sequence[str]) -> str:

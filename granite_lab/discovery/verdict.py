@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,7 +54,7 @@ class Judgement:
     Attributes:
         verdict: "none", "named" or "unknown".
         probability: posterior probability of the verdict.
-        model: the model with what is named, or with the empirical law; the model alone for "none".
+        model: the likeliest; the model alone where nothing is named.
         named: what is named; the terms of the empirical law for "unknown".
         small: what the best set holds besides and does not matter.
         before, after: predictions without and with the effects.
@@ -108,12 +108,8 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     by_law = sum(n.closes.value for n in law)
     enough = sum(n.closes.value for n in sure) > max(CLOSED, by_law) and remainder + by_law < CLOSED
     if sure and len(sure) == len(library) and enough:
-        model = _kept(search, best, [n.id for n in sure]) or best
-        if model is not best:
-            after = predict(problem, model.fit, tolerance)
-            remainder = 1 - closed(base, _left(after), gap).value
         probability = float(min(n.probability for n in sure))
-        return Judgement("named", probability, model, tuple(sure), small, before, after, gap, remainder)
+        return Judgement("named", probability, best, tuple(sure), small, before, after, gap, remainder)
     doubt = 1 - float(min((n.probability for n in library), default=0.0)) if not enough else 0.0
     shown = tuple(law) if law else ()
     if not shown:
@@ -134,11 +130,6 @@ def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
         return id_ in model.effects and without not in model.effects
 
     return holds
-
-
-def _kept(search: Search, best: Model, ids: Sequence[str]) -> Model | None:
-    """Return the model of what is named alone, where it was fitted."""
-    return best if set(ids) == set(best.effects) else search.model(ids)
 
 
 def _named(
@@ -183,7 +174,7 @@ def _channel(
         shares(problem, under(problem, m.fit, best.fit.scales)) for m in (alone, without, best)
     )
     closes = {
-        c: (before[c] ** 2 - after[c] ** 2) / share**2
+        c: (before[c] - after[c]) / share
         for c, share in first.items()
         if share > tolerance and before[c] > tolerance
     }
