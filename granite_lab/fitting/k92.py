@@ -11,6 +11,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92Fit
 from granite_lab.fitting.slip import SlipFit, fit_slip, raking_std, simulated_slip
 from granite_lab.fitting.trajectory import Trajectories, fit_trajectories
+from granite_lab.inference.constants import TOLERANCE
 from granite_lab.logs.trial import Trial
 from granite_lab.model import simulate
 from granite_lab.model.command import peak_velocity, steady_interval, steady_part
@@ -114,8 +115,10 @@ def _notes(by_slip: SlipFit, measured: Estimate, std_measurement: float, std_san
 def _trajectory_notes(history: Trajectories) -> list[str]:
     late = 1e3 * history.latency.value
     side = "behind" if late > 0 else "ahead of"
+    off = [f"{name} {share:.0%}" for name, share in history.shares.items() if share > TOLERANCE]
+    most = ", ".join(off) or f"less than {TOLERANCE:.0%}"
     notes = [
-        f"trajectory: the model is off by at most {history.share:.1%} of a channel's rms in motion",
+        f"trajectory: the model is off, over a channel's rms in motion: {most}",
         f"trajectory: IMU {abs(late):.1f} ± {1e3 * history.latency.std:.1f} ms {side} the encoders",
     ]
     if history.louder:

@@ -48,7 +48,7 @@ class Trajectories:
         own: a_θ of each trial [s/m].
         t_start: start of each trial's command [s, the log's time, as the IMU stamps it].
         latency: by how much the stamps of the IMU come after those of the wheels [s].
-        share: largest discrepancy of the model, as a share of a channel's rms in motion.
+        shares: channel to the discrepancy of the model, as a share of the channel's rms in motion.
         louder: channel to how many times louder its residuals are than its noise, where they are.
         status: whether the fit converged.
     """
@@ -58,7 +58,7 @@ class Trajectories:
     own: tuple[Estimate, ...]
     t_start: tuple[Estimate, ...]
     latency: Estimate
-    share: float
+    shares: dict[str, float]
     louder: dict[str, float]
     status: FitStatus
 
@@ -119,7 +119,7 @@ def trajectories(problem: Problem, fit: Fit) -> Trajectories:
         own=tuple(exponent(common, k) for k in first[:-1].tolist()),
         t_start=tuple(estimate(k + RAKED, late, origin=t.observation.t_start) for k, t in begun),
         latency=estimate(late),
-        share=fit.scales.largest,
+        shares={c: fit.scales.share_of(c) for c in problem.counts},
         louder={c: value for c, value in fit.scales.louder.items() if value > 1.0},
         status="ok" if fit.converged else "not_converged",
     )
