@@ -63,7 +63,10 @@ def question(design: Design, known: Mapping[str, Effect]) -> Question:
     if any(twins):
         first = max(range(len(named)), key=lambda k: len(twins[k]))
         return Question("apart", (ids[first], *twins[first][: MOST - 1]), named, first)
-    leading = [c for c in design.possible if c.name not in ids and c.name in lasting][:MOST]
+    most = DECISIVE if design.verdict == "none" else np.inf  # what is shown and is small needs no trial
+    leading = [c for c in design.possible if c.name not in ids and c.name in lasting and c.value < most][
+        :MOST
+    ]
     rivals = tuple(c.name for c in leading)
     if design.verdict == "unknown" and len(rivals) > 1:
         return Question("apart", rivals, (), None, tuple(max(c.value, DECISIVE) for c in leading))

@@ -27,9 +27,6 @@ from granite_lab.model.command import duration, peak_velocity
 from granite_lab.parameters import Variant
 from granite_lab.planning.design import Design, Driven, Noise, commanded_share
 
-GRID = 1024
-"""Least number of frequencies on which a spectrum becomes a covariance."""
-
 
 def trial_model(design: Design, number: int, variant: Variant, like: Driven) -> TrialModel:
     """Return a trial that reads nothing at the stamps of ideal sensors.
@@ -72,7 +69,7 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
     if not noise.driven:
         return Whitener(np.full(t.size, 1 / level), known)
     grid = np.linspace(0, 1, len(noise.driven))
-    spectrum = np.interp(np.linspace(0, 1, max(GRID, t.size) + 1), grid, noise.driven)
+    spectrum = np.interp(np.linspace(0, 1, max(1024, t.size) + 1), grid, noise.driven)
     speed = commanded_share(t, variant) * peak_velocity(variant) / learnt_at
     Σ = np.outer(speed, speed) * toeplitz(np.fft.irfft(spectrum)[: t.size]) + level**2 * np.eye(t.size)
     return Whitener(np.tril(dtrtri(cholesky(Σ, lower=True), lower=1)[0]), known)

@@ -191,7 +191,7 @@ OTHERS = tuple(Figure(name=n, value=v) for n, v in (("tyre_windup", 9.0), ("bull
         ({"verdict": "named", "named": (SURE, ALONE), "provisional": ("one speed",)},
          "apart", ("ground_slope", "tyre_windup", "bulldozing")),
         ({"verdict": "unknown"}, "apart", ("tyre_windup", "bulldozing")),
-        ({"verdict": "none", "provisional": ("one speed",)}, "show", ("tyre_windup", "bulldozing")),
+        ({"verdict": "none", "provisional": ("one speed",)}, "show", ("bulldozing",)),
         ({"verdict": "none"}, "sharpen", ()),
     ],
 )  # fmt: skip
