@@ -73,7 +73,7 @@ def assemble(
         found = (*found, clock)
         active = (*active, Active(effects[clock.id], (-late.value,)))
         verdict = "named" if verdict == "none" else verdict
-    missing = [(d.share, d) for d in discrepancies(problem, after.fit)]
+    missing = discrepancies(problem, after.fit)
     reasons = provisional(problem)
     return Finding(
         verdict=verdict,
@@ -88,15 +88,15 @@ def assemble(
         gap=_gap(problem, judgement, before.fit, after.fit, tolerance),
         gaps=tuple(_gap(problem, judgement, before.fit, after.fit, tolerance, c) for c in _channels(problem)),
         where=disagreements(problem, discrepancies(problem, before.fit), tolerance),
-        left=disagreements(problem, [d for _, d in missing], tolerance),
+        left=disagreements(problem, missing, tolerance),
         candidates=_candidates(problem, search, judgement, tolerance),
-        detectable=power[0] if power else (),
+        detectable=(*power[0], *_clock_detectable(late, latency, effects)) if power else (),
         confusion=power[1] if power else None,
         residuals=tuple(_residuals(problem, before.fit, after.fit)),
         sand=_sand(after.fit),
         sand_per_trial=tuple(_sand_of(problem, after.fit, i) for i in range(len(problem.trials))),
         scales=dict(after.fit.scales.priors),
-        discrepancy=max((share for share, _ in missing), default=0.0),
+        discrepancy=after.fit.scales.largest,
         trials_left_out=_trials_left_out(problem, judgement),
         speeds_left_out=_speeds_left_out(problem, judgement),
         dropped=dropped,
@@ -134,6 +134,13 @@ def _clock(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> Found
     return FoundEffect(effect.id, effect.title, (number,), (), 1.0, Estimate(float("nan")))
 
 
+def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> tuple[Detectable, ...]:
+    """Return from which offset of the clocks on the latency is named."""
+    if "clock_offset" not in effects:
+        return ()
+    return (Detectable("clock_offset", "offset", "s", limit + 3 * late.std, "tolerance", ()),)
+
+
 def _effect(problem: Problem, model: Model, named: Named, effects: Mapping[str, Effect]) -> FoundEffect:
     title = effects[named.id].title if named.id in effects else _term(named.id)
     numbers = _numbers(problem, model.fit, named.id) if named.id in model.effects else ()
@@ -163,8 +170,10 @@ def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FoundParameter, ...]
     for k, (e, p) in enumerate(common):
         if e == id_:
             place = int(first[-1]) + len(SHARED) + k
-            std = float(np.sqrt(max(variance[place], 0.0)))
-            found.append(FoundParameter(p.name, p.unit, Estimate(float(fit.point.common[k]), std)))
+            std, value = float(np.sqrt(max(variance[place], 0.0))), float(fit.point.common[k])
+            if not p.shape:  # an error of the formula that is the same everywhere is one of the strength
+                std = float(np.hypot(std, fit.scales.formula * (value - p.neutral)))
+            found.append(FoundParameter(p.name, p.unit, Estimate(value, std)))
     for k, (e, p) in enumerate(private):
         if e == id_:
             places = [int(first[i]) + t.size + k for i, t in enumerate(problem.trials)]

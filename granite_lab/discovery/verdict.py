@@ -80,7 +80,8 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
       likeliest model says.
     * Effects of the likeliest set are named that close at least `LEAST_SHARE` of the gap, or of that of a
       channel that the model alone misses by more than the tolerance. Alone, or with at most two others that
-      cannot be told from them, they must have a posterior probability of `CREDIBLE`; together they must close more than half of the gap.
+      cannot be told from them, they must have a posterior probability of `CREDIBLE`;
+      together they must close more than half of the gap.
     * ``unknown`` otherwise.
     """
     alone = search.model(())

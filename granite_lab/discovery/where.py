@@ -42,7 +42,7 @@ def disagreements(
                     end=float(o.t[b - 1] + o.width / 2),
                     frequency=_frequency(value, o.width),
                     share=float(np.sqrt(np.mean(value**2))) / d.size,
-                    score=float(np.sqrt(np.mean((value / std) ** 2))),
+                    score=float(np.sqrt(np.mean((value[std > 0] / std[std > 0]) ** 2))),
                 )
             )
     return tuple(sorted(rows, key=lambda r: -r.share * np.sqrt(r.end - r.start)))

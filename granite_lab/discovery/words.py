@@ -90,8 +90,8 @@ def notes(
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:
             found.append(
-                f"{n.id} closes {100 * n.closes.value:.1f} % of the whole gap, and {100 * n.channel[1]:.0f} % "
-                f"of that of {n.channel[0]}."
+                f"{n.id} closes {100 * n.closes.value:.1f} % of the whole gap, "
+                f"and {100 * n.channel[1]:.0f} % of that of {n.channel[0]}."
             )
     for e in effects:
         for p in e.parameters:
