@@ -54,7 +54,9 @@ def _shrinks(judgement: Judgement) -> str:
     left = judgement.remainder
     if not np.isfinite(left):
         return ""
-    text = f"On trials that were left out {100 * (1 - left):.0f} % of the gap is closed"
+    predicted = np.isfinite(judgement.before.left_out).any()
+    where = "On trials that were left out" if predicted else "No trial could be left out; in the fit itself"
+    text = f"{where} {100 * (1 - left):.0f} % of the gap is closed"
     return text + ("." if left < 0.1 else f"; {100 * left:.0f} % is not explained.")
 
 

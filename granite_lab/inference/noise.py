@@ -111,7 +111,8 @@ def learn(
 ) -> list[Whitener]:
     """Identify the noise of one channel from the trials of one command.
 
-    Without repetitions the slow part of the spectrum is taken to be as loud as the band above.
+    Without repetitions the slow part of the spectrum is taken to be as loud as the band above, and there is
+    no jitter: what the model lacks is largest where the signal is steep, too.
 
     Args:
         residuals: (n,) per trial, NaN where nothing was measured, aligned on the command.
@@ -130,7 +131,8 @@ def learn(
     vibration = np.fmax(driven - rest, 0.0)
     n = speed.size
     Σ = _covariance(rest, n) + np.outer(speed, speed) * _covariance(vibration, n)
-    Σ[np.diag_indices(n)] += _jitter(error, np.diag(Σ), slope)
+    if len(residuals) > 1:
+        Σ[np.diag_indices(n)] += _jitter(error, np.diag(Σ), slope)
     if more is not None:
         Σ[np.diag_indices(n)] += more
     known = np.isfinite(table)
