@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from granite_lab.logs.trial import Array
 from granite_lab.model.body import BodyLoad, BodyState
 from granite_lab.model.command import V_FLOOR, smoothstep
 from granite_lab.model.contact import WheelState
@@ -77,37 +75,3 @@ class EmpiricalLaw(Effect):
 def _sum(target: str, state: WheelState, own: Own) -> Any:
     moving = smoothstep(ca.fabs(state.circumferential_velocity) / (2 * V_FLOOR))
     return moving * sum(own.p[f"{target}_{term}"] * φ(state, own.t) for term, φ in TERMS.items())
-
-
-def sparse(gram: Array, b: Array, least: float, most: int = 5) -> tuple[list[int], float]:
-    """Choose columns one after the other while each lowers chi2 by more than `least`.
-
-    Args:
-        gram: (k, k) inner products of the columns, nuisances projected out.
-        b: (k,) their products with the residual.
-        least: drop of chi2 that a column must bring.
-        most: columns.
-
-    Returns:
-        the columns, and the drop they bring together.
-    """
-    chosen: list[int] = []
-    total = 0.0
-    while len(chosen) < most:
-        drops = [_drop(gram, b, [*chosen, k]) if k not in chosen else 0.0 for k in range(b.size)]
-        best = int(np.argmax(drops))
-        if drops[best] - total < least:
-            break
-        chosen.append(best)
-        total = drops[best]
-    return chosen, total
-
-
-def amounts(gram: Array, b: Array, chosen: Sequence[int]) -> Array:
-    """Return how much of each chosen column explains the residual best."""
-    G = gram[np.ix_(chosen, chosen)]
-    return np.asarray(np.linalg.lstsq(G, b[list(chosen)], rcond=1e-8)[0])
-
-
-def _drop(gram: Array, b: Array, chosen: Sequence[int]) -> float:
-    return float(amounts(gram, b, chosen) @ b[list(chosen)])

@@ -29,7 +29,7 @@ def single() -> Iterator[None]:
 
 
 def dense(problem: Problem, found: Fit) -> list[tuple[Array, Array, Array, Array]]:
-    """Return per trial its own columns, the shared ones, the residual and the covariance of what is tolerated."""
+    """Return per trial its own columns, the shared ones, residual and covariance of what is tolerated."""
     rows = []
     for i, t in enumerate(problem.trials):
         command = next(c for c, own in enumerate(problem.commands) if i in own)

@@ -27,7 +27,8 @@ from granite_lab.parameters import Variant, load_robot, load_soil
 
 ROBOT, SOIL = load_robot(), load_soil()
 COMMANDS = tuple(
-    Variant(velocity=v, acceleration=a, distance=d) for v, a, d in ((0.2, 0.6, 0.3), (0.5, 1.5, 0.6), (0.7, 2.0, 0.8))
+    Variant(velocity=v, acceleration=a, distance=d)
+    for v, a, d in ((0.2, 0.6, 0.3), (0.5, 1.5, 0.6), (0.7, 2.0, 0.8))
 )
 
 PLACE = {
@@ -60,7 +61,28 @@ class Shake(Push):
     parameters = (_parameter("size", per_trial=True),)
 
 
-EFFECTS: dict[str, Effect] = {e.id: e for e in (Push(), Pull(), Shake())}
+class Shove(Push):
+    """The same as a push: no trial can tell them apart."""
+
+    id = "shove"
+
+
+class Hidden(Push):
+    """No candidate; a term of the empirical law has the same trace."""
+
+    id = "hidden"
+
+
+class Law(Effect):
+    """Stands for the empirical law."""
+
+    id = "empirical"
+    parameters = (_parameter("force_motion"), _parameter("moment_time"))
+
+
+EFFECTS: dict[str, Effect] = {e.id: e for e in (Push(), Pull(), Shake(), Shove(), Hidden(), Law())}
+TRACES = {"push": 100, "pull": 110, "shake": 120, "shove": 100, "hidden": 140, "empirical": 140}
+"""Number of the trace of an effect's first parameter."""
 
 
 def moving(t: Array, variant: Variant) -> Array:
@@ -70,7 +92,7 @@ def moving(t: Array, variant: Variant) -> Array:
 
 @lru_cache(maxsize=200)
 def trace(number: int, variant: Variant) -> Array:
-    """Return the (8, M) trace of one unit of a number: smooth, in motion only, another one for each number."""
+    """Return the (8, M) trace of one unit of a number: smooth, in motion only, for each number another."""
     rng, t = np.random.default_rng(number), instants(variant, ACCURACY)
     s = np.clip(t / duration(variant), 0, 1)
     rows = []
@@ -109,9 +131,8 @@ class Respond:
         for k, value in enumerate(task.sand):
             out += value * trace(k, variant)
         for id_, values in task.setting:
-            own = list(EFFECTS).index(id_) if id_ in EFFECTS else -1
             for k, value in enumerate(values):
-                out += value * trace(100 + 10 * own + k, variant)
+                out += value * trace(TRACES[id_] + k, variant)
         return out
 
 
@@ -157,7 +178,7 @@ def predicted(problem: Problem, point: Point) -> list[Array]:
 
 
 def measure(problem: Problem, point: Point, rng: np.random.Generator, discrepancy: float = 0.0) -> Point:
-    """Let every trial measure what the model shows at a point, with its noise and a discrepancy of a share."""
+    """Let every trial measure what the model shows at a point, with noise and a discrepancy of a share."""
     shown = predicted(problem, point)
     for command, own in enumerate(problem.commands):
         for c in problem.trials[own[0]].channels:

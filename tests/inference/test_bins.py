@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
+from granite_lab.effects import get
+from granite_lab.errors import EstimateError, InputError
 from granite_lab.inference.bench import ACCURACY, SIGNALS
 from granite_lab.inference.binning import means
 from granite_lab.inference.observation import Observation, bin_width, observe
 from granite_lab.inference.setup import start_of, variant_of_trial
-from granite_lab.effects import get
-from granite_lab.errors import EstimateError, InputError
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
 from granite_lab.model.effect import activate
 from granite_lab.model.instants import Accuracy

@@ -1,4 +1,4 @@
-"""The fit finds what was put in, learns how much trials differ and how far the model is off, and never ends."""
+"""The fit finds what was put in, and learns how much trials differ and how far the model is off."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ from granite_lab.processes import one_thread
 from tests.inference.stub import Respond, drawn, measure, problem_of
 
 FOUR = (0, 0, 1, 1)
-PLAIN = {0.02: ("wheel", "wheel_split"), 0.08: ("pitch_rate", "wheel", "wheel_split", "current_f", "current_r")}
+PLAIN = {
+    0.02: ("wheel", "wheel_split"),
+    0.08: ("pitch_rate", "wheel", "wheel_split", "current_f", "current_r"),
+}
 """Channels in which a discrepancy of a share is as large as the noise of a bin, or larger."""
 
 
@@ -193,7 +196,7 @@ def test_under_other_scales_the_fit_is_that_of_a_refit_under_them() -> None:
     found = fit(problem, problem.neutral())
     narrow = replace(found.scales, priors={n: 0.3 * s for n, s in found.scales.priors.items()})
     other = under(problem, found, narrow)
-    std, mean = problem.prior(found.point, other.scales)
+    std, _ = problem.prior(found.point, other.scales)
     N = found.normal.marginal(other.scales)[0][: std.size, : std.size] + np.diag(std**-2.0)
     assert other.posterior.covariance == pytest.approx(np.linalg.inv(N), rel=1e-4, abs=1e-9)
     assert other.scales.priors == narrow.priors

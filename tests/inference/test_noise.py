@@ -83,3 +83,13 @@ def test_missing_bins_stay_out(missing: np.ndarray) -> None:
     assert (whiteners[1](rows[1])[100:120] == 0).all()
     assert np.isfinite(whiteners[1](rows[1])).all()
     assert np.array_equal(whiteners[0](rows[0]), whiteners[2](rows[0]))
+
+
+def test_what_the_model_lacks_at_a_steep_place_is_no_jitter_of_one_run_alone() -> None:
+    """A missing moment shakes the robot where the command has its corners."""
+    rng = np.random.default_rng(3)
+    missing = 20 * slope() * np.sin(np.arange(N))
+    alone = learn([missing + draw(rng)], speed(), slope(), 1e-3, WIDTH)[0]
+    assert np.sum(alone(missing) ** 2) > 300
+    twice = learn([draw(rng), draw(rng)], speed(), slope(), 1e-3, WIDTH)[0]
+    assert np.diag(twice.inverse)[25:30].max() < 0.8 * np.diag(alone.inverse)[25:30].min()

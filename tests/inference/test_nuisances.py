@@ -99,7 +99,8 @@ def test_latency_moves_the_imu_alone(trial: TrialModel, response: Array) -> None
 def test_a_late_start_moves_all_channels(trial: TrialModel, response: Array) -> None:
     x = np.zeros(trial.size)
     x[RAKED] = 0.01
-    late, now = trial.predict(response, x, np.zeros(3)), trial.predict(response, np.zeros(trial.size), np.zeros(3))
+    late = trial.predict(response, x, np.zeros(3))
+    now = trial.predict(response, np.zeros(trial.size), np.zeros(3))
     k = trial.channels.index("wheel")
     middle = np.abs(trial.observation.t - duration(COMMANDS[1]) / 2) < 0.1
     rate = np.gradient(now[k], trial.observation.t)

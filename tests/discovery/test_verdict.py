@@ -1,0 +1,166 @@
+"""Verdicts on trials whose answer is known by construction: a robot with a response in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from granite_lab.discovery.search import Search, search
+from granite_lab.discovery.verdict import Judgement, judge
+from granite_lab.discovery.words import provisional, sentence
+from granite_lab.inference.fit import fit
+from granite_lab.inference.problem import Problem
+from granite_lab.processes import one_thread
+from tests.inference.stub import drawn, measure, problem_of
+
+SIX = (0, 0, 1, 1, 2, 2)
+LAW = ("empirical.force_motion", "empirical.moment_time")
+CANDIDATES = ("pull", "push", "shake", *LAW)
+TOLERANCE = 0.02
+
+
+@pytest.fixture(autouse=True, scope="module")
+def single() -> Iterator[None]:
+    with one_thread():
+        yield
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    problem: Problem
+    search: Search
+    judgement: Judgement
+
+    @property
+    def named(self) -> set[str]:
+        return {n.id for n in self.judgement.named}
+
+
+def ask(
+    put_in: Mapping[str, float],
+    *,
+    commands: tuple[int, ...] = SIX,
+    candidates: tuple[str, ...] = CANDIDATES,
+    discrepancy: float = 0.004,
+    seed: int = 0,
+) -> Answer:
+    """Search trials with effects of some sizes, in scattered sand, with a little discrepancy."""
+    rng = np.random.default_rng(seed)
+    problem = problem_of(commands)
+    point = drawn(problem, rng, common=0.3)
+    for id_, size in put_in.items():
+        point = problem.with_effect(point, id_, (size,))
+        if id_ == "shake":
+            trials = tuple(np.append(x[:-1], size * rng.normal()) for x in point.trials)
+            point = replace(point, trials=trials)
+    measure(problem, point, rng, discrepancy)
+    found = search(problem, fit(problem, problem.neutral()), candidates, TOLERANCE)
+    return Answer(problem, found, judge(problem, found, TOLERANCE))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
+    answer = ask({}, seed=seed)
+    assert answer.judgement.verdict == "none"
+    assert answer.named == set()
+    assert answer.judgement.model.effects == ()
+    assert np.isnan(answer.judgement.remainder)
+
+
+def test_a_discrepancy_within_the_tolerance_is_none() -> None:
+    assert ask({}, discrepancy=0.5 * TOLERANCE, seed=1).judgement.verdict == "none"
+
+
+@pytest.mark.parametrize(("id_", "size"), [("push", 0.3), ("pull", 0.3), ("shake", 0.4)])
+def test_one_missing_effect_is_named_and_closes_the_gap(id_: str, size: float) -> None:
+    judgement = ask({id_: size}).judgement
+    assert judgement.verdict == "named"
+    (only,) = judgement.named
+    assert (only.id, only.twins) == (id_, ())
+    assert only.probability > 0.95
+    assert judgement.probability > 0.95
+    assert only.closes.value == pytest.approx(1.0, abs=0.1)
+    assert only.closes.std < 0.1
+    assert judgement.remainder < 0.1
+    assert judgement.gap.sum() > 0
+
+
+def test_two_missing_effects_are_named() -> None:
+    answer = ask({"push": 0.3, "pull": 0.3})
+    assert answer.judgement.verdict == "named"
+    assert answer.named == {"push", "pull"}
+    assert answer.judgement.remainder < 0.1
+
+
+def test_effects_with_the_same_trace_are_twins() -> None:
+    answer = ask({"push": 0.3}, candidates=("pull", "push", "shove", *LAW))
+    assert answer.judgement.verdict == "named"
+    (only,) = answer.judgement.named
+    assert {only.id, *only.twins} == {"push", "shove"}
+    assert only.probability > 0.95
+    for id_ in ("push", "shove"):
+        assert answer.search.probability(lambda m, id_=id_: id_ in m.effects) == pytest.approx(0.5, abs=0.2)
+
+
+def test_what_no_candidate_explains_is_unknown_and_described_by_the_law() -> None:
+    answer = ask({"hidden": 0.3})
+    assert answer.judgement.verdict == "unknown"
+    assert "empirical.force_motion" in answer.named
+    assert not answer.named & {"push", "pull", "shake"}
+    assert answer.judgement.remainder < 0.2
+
+
+def test_what_neither_candidate_nor_law_explains_is_unknown_and_nothing_is_named() -> None:
+    answer = ask({}, discrepancy=0.3, seed=2)
+    assert answer.judgement.verdict == "unknown"
+    assert not answer.named - set(LAW)
+
+
+def test_an_effect_that_closes_little_is_small() -> None:
+    answer = ask({"push": 0.5, "pull": 0.012}, discrepancy=0.0, seed=3)
+    assert answer.judgement.verdict == "named"
+    assert answer.named == {"push"}
+    assert {n.id for n in answer.judgement.small} <= {"pull"}
+
+
+def test_the_likeliest_model_has_the_highest_posterior_and_probabilities_add_up() -> None:
+    found = ask({"push": 0.3}).search
+    posteriors = [m.log_posterior for m in found.models]
+    assert posteriors == sorted(posteriors, reverse=True)
+    assert found.probability(lambda _: True) == pytest.approx(1.0)
+    each = sum(found.probability(lambda m, k=m.effects: m.effects == k) for m in found.models)
+    assert each == pytest.approx(1.0)
+    assert found.model(("push",)) is found.best
+
+
+def test_a_trial_left_out_is_worse_predicted_without_the_effect() -> None:
+    judgement = ask({"push": 0.3}).judgement
+    assert (judgement.after.left_out < judgement.before.left_out).all()
+    assert (judgement.after.speed_left_out < judgement.before.speed_left_out).all()
+
+
+def said(answer: Answer) -> str:
+    return sentence(answer.judgement.verdict, (), answer.judgement, provisional(answer.problem), TOLERANCE)
+
+
+def test_few_trials_make_the_first_words_provisional() -> None:
+    for commands, words in (
+        ((0, 1, 2), "no command was repeated"),
+        ((0, 0, 1, 1), "2 of at least 3 speeds"),
+        ((1, 1), "1 of at least 3 speeds"),
+    ):
+        answer = ask({}, commands=commands)
+        assert said(answer).startswith("Provisional (")
+        assert words in said(answer)
+    assert said(ask({})).startswith("The model explains")
+
+
+def test_trials_that_cannot_be_left_out_say_nothing_of_such() -> None:
+    answer = ask({"push": 0.3}, commands=(1,))
+    assert np.isnan(answer.judgement.before.left_out).all()
+    assert answer.judgement.verdict == "named"
+    assert "No trial could be left out; in the fit itself" in said(answer)
+    assert "On trials that were left out" in said(ask({"push": 0.3}))
