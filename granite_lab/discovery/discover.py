@@ -17,6 +17,7 @@ from granite_lab.discovery.search import search
 from granite_lab.discovery.verdict import judge
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
+from granite_lab.inference import noise
 from granite_lab.inference.bench import Bench, Respond, World
 from granite_lab.inference.conditions import under_conditions
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
@@ -29,8 +30,8 @@ from granite_lab.parameters import Robot, Soil
 from granite_lab.processes import one_thread
 
 OUTLIER = 10.0
-"""Factor by which the residuals of a trial exceed those of the median trial where nothing fits it: another
-command, a wheel off the ground, another robot."""
+"""Factor by which the residuals of a trial, or its own numbers, exceed those of the median trial where nothing
+fits it: another command, a wheel off the ground, another robot."""
 
 LATENCY_EFFECT = "clock_offset"
 """The effect that latency is; it is no candidate, for latency is fitted in any case."""
@@ -88,11 +89,8 @@ def discover(
         base = baseline(problem)
         strange = _outliers(problem, base)
         if strange:
-            dropped += tuple(
-                (problem.trials[i].observation.name, f"its residuals are {r:.0f} times those of the others")
-                for i, r in strange
-            )
-            problem = Problem([t for i, t in enumerate(problem.trials) if i not in dict(strange)], bench)
+            dropped += tuple((problem.trials[i].observation.name, why) for i, why in strange.items())
+            problem = Problem([t for i, t in enumerate(problem.trials) if i not in strange], bench)
             base = baseline(problem)
         found = search(problem, base, (*library, *terms), tolerance, tell)
         tell("predicting trials that are left out")
@@ -145,10 +143,23 @@ def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
     return Problem([t for i, t in enumerate(problem.trials) if i not in out], problem.bench), names
 
 
-def _outliers(problem: Problem, base: Fit) -> list[tuple[int, float]]:
-    """Return the trials that nothing fits, with how much larger their residuals are."""
+def _outliers(problem: Problem, base: Fit) -> dict[int, str]:
+    """Return the trials that nothing fits, each with the reason.
+
+    They are weighed by the nominal noise and the first values of the priors: what was learnt is loud and wide
+    where such a trial differs from its repetitions.
+    """
     if len(problem.trials) < 3:
-        return []
-    rms = np.array([np.sqrt(np.nanmean(w**2)) for w in problem.white(base.residuals)])
-    ratio = rms / np.median(rms)
-    return [(int(i), float(ratio[i])) for i in np.flatnonzero(ratio > OUTLIER)]
+        return {}
+    found: dict[int, str] = {}
+    rows = zip(noise.nominal(problem), base.residuals, strict=True)
+    residuals = [np.concatenate([w(r) for w, r in zip(own, table, strict=True)]) for own, table in rows]
+    numbers = [x / [s.std for s in t.slacks] for t, x in zip(problem.trials, base.point.trials, strict=True)]
+    for what, values in (
+        ("its residuals are", residuals), ("its sand, offsets and gains lie off their files", numbers),
+    ):  # fmt: skip
+        rms = np.sqrt([np.mean(v**2) for v in values])
+        ratio = rms / np.median(rms)
+        for i in np.flatnonzero(ratio > OUTLIER).tolist():
+            found.setdefault(i, f"{what} {ratio[i]:.0f} times those of the others")
+    return found
