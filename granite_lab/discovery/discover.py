@@ -30,8 +30,8 @@ from granite_lab.parameters import Robot, Soil
 from granite_lab.processes import one_thread
 
 OUTLIER = 10.0
-"""Factor by which the residuals of a trial, or its own numbers, exceed those of the median trial where nothing
-fits it: another command, a wheel off the ground, another robot."""
+"""Factor by which the residuals of a trial, or its own numbers, exceed those of the median trial where
+nothing fits it: another command, a wheel off the ground, another robot."""
 
 LATENCY_EFFECT = "clock_offset"
 """The effect that latency is; it is no candidate, for latency is fitted in any case."""
