@@ -14,7 +14,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import EFFECT_ODDS, TOLERANCE
 from granite_lab.inference.fit import Fit, fit, under
-from granite_lab.inference.gap import shares
+from granite_lab.inference.gap import moved, shares
 from granite_lab.inference.problem import Point, Problem
 
 MOST = 3
@@ -152,7 +152,7 @@ def search(
         tried = extended(current, 1 if fine else TRIED)
         best = best_of(current, tried)
         if fine and best is not current:
-            if good(problem, under(problem, base, best.fit.scales), tolerance):
+            if not matters(problem, base, best.fit, tolerance):
                 break  # nothing can be named; what is likeliest is fitted to be listed
             fine, tried = False, extended(current)
             best = best_of(current, tried)
@@ -176,6 +176,12 @@ def search(
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:
     """Tell whether a fit leaves no discrepancy beyond the tolerance and no louder noise."""
     return max(shares(problem, result).values(), default=0.0) <= tolerance and not _loud(result)
+
+
+def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:
+    """Tell whether the model alone leaves, or another model changes, more than the tolerance in a channel."""
+    changed = max(moved(problem, alone, best).values(), default=0.0)
+    return changed > tolerance or not good(problem, under(problem, alone, best.scales), tolerance)
 
 
 def _loud(result: Fit) -> bool:

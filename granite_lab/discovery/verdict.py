@@ -9,11 +9,11 @@ import numpy as np
 
 from granite_lab.discovery.finding import Verdict
 from granite_lab.discovery.heldout import Predicted, closed, predict
-from granite_lab.discovery.search import Model, Search, good, is_empirical
+from granite_lab.discovery.search import Model, Search, good, is_empirical, matters
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE
 from granite_lab.inference.fit import under
-from granite_lab.inference.gap import shares
+from granite_lab.inference.gap import moved
 from granite_lab.inference.problem import Problem
 
 LARGEST_SET = 3
@@ -32,7 +32,7 @@ class Named:
         twins: effects that may stand in its place.
         probability: that it or one of its twins is in the model.
         closes: share of the gap on trials left out.
-        channel: in which it closes the largest share, and that share, all trials in the fit.
+        channel: of which it makes the largest share of what the set changes, and that share.
     """
 
     id: str
@@ -77,18 +77,18 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     """Decide.
 
     * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
-      likeliest model says.
-    * Effects of the likeliest set are named that close at least `LEAST_SHARE` of the gap, or of that of a
-      channel that the model alone misses by more than the tolerance. Alone, or with at most two others that
-      cannot be told from them, they must have a posterior probability of `CREDIBLE`;
-      together they must close more than half of the gap.
+      likeliest model says, and that model changes no channel by more than the tolerance.
+    * Effects of the likeliest set are named that close at least `LEAST_SHARE` of the gap, or make that share
+      of what the set changes in a channel, and more than the tolerance. Alone, or with at most two others
+      that cannot be told from them, they must have a posterior probability of `CREDIBLE`; together they must
+      close more than half of the gap.
     * ``unknown`` otherwise.
     """
     alone = search.model(())
     assert alone is not None
     alone = replace(alone, fit=under(problem, alone.fit, search.best.fit.scales))
     before = predict(problem, alone.fit, tolerance)
-    if good(problem, alone.fit, tolerance):
+    if not matters(problem, alone.fit, search.best.fit, tolerance):
         small = tuple(
             Named(e, (), search.probability(holding(e)), Estimate(np.nan)) for e in search.best.effects
         )
@@ -100,14 +100,15 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     floor = np.fmin(after.expected, before.expected)
     gap = base - (floor if floor.sum() < _left(after).sum() else _left(after))
     parts = [_named(problem, search, best, e, gap, after, tolerance) for e in best.effects]
-    matters = [n for n in parts if n.matters]
+    relevant = [n for n in parts if n.matters]
     small = tuple(n for n in parts if not n.matters)
-    library = [n for n in matters if not is_empirical(n.id)]
-    law = [n for n in matters if is_empirical(n.id)]
+    library = [n for n in relevant if not is_empirical(n.id)]
+    law = [n for n in relevant if is_empirical(n.id)]
     sure = [n for n in library if n.probability >= CREDIBLE and len(n.twins) < LARGEST_SET]
     remainder = 1 - closed(base, _left(after), gap).value
     by_law = sum(n.closes.value for n in law)
     enough = sum(n.closes.value for n in sure) > max(CLOSED, by_law) and remainder + by_law < CLOSED
+    enough |= not law and good(problem, alone.fit, tolerance)  # a gap too small to be divided
     if sure and len(sure) == len(library) and enough:
         probability = float(min(n.probability for n in sure))
         return Judgement("named", probability, best, tuple(sure), small, before, after, gap, remainder)
@@ -168,15 +169,9 @@ def _named(
 def _channel(
     problem: Problem, search: Search, without: Model, best: Model, tolerance: float
 ) -> tuple[str, float]:
-    """Return the channel whose gap an effect closes most, of those that the model alone misses."""
+    """Return the channel of which an effect makes the largest share of what the whole set changes."""
     alone = search.model(())
     assert alone is not None
-    first, before, after = (
-        shares(problem, under(problem, m.fit, best.fit.scales)) for m in (alone, without, best)
-    )
-    closes = {
-        c: (before[c] - after[c]) / share
-        for c, share in first.items()
-        if share > tolerance and before[c] > tolerance
-    }
-    return max(closes.items(), key=lambda item: item[1], default=("", float("nan")))
+    whole, own = moved(problem, alone.fit, best.fit), moved(problem, without.fit, best.fit)
+    made = {c: own[c] / max(whole[c], own[c]) for c in own if own[c] > tolerance}
+    return max(made.items(), key=lambda item: item[1], default=("", float("nan")))

@@ -93,7 +93,7 @@ def notes(
         if n.closes.value < LEAST_SHARE:
             found.append(
                 f"{n.id} closes {100 * n.closes.value:.1f} % of the whole gap, "
-                f"and {100 * n.channel[1]:.0f} % of that of {n.channel[0]}."
+                f"and makes {100 * n.channel[1]:.0f} % of what all effects change in {n.channel[0]}."
             )
     for e in effects:
         for p in e.parameters:

@@ -75,6 +75,27 @@ def shares(problem: Problem, fit: Fit) -> dict[str, float]:
     return found
 
 
+def moved(problem: Problem, before: Fit, after: Fit) -> dict[str, float]:
+    """Return channel to how far two fits' predictions are apart, at most over the commands.
+
+    It is the rms in motion of their difference, mean over the repetitions, over the channel's rms in motion.
+    """
+    found: dict[str, float] = {}
+    for command, own in enumerate(problem.commands):
+        for c in dict.fromkeys(c for i in own for c in problem.trials[i].channels):
+            size, moving = problem.size_of(command, c)
+            rows = [
+                before.residuals[i][k] - after.residuals[i][k]
+                for i in own if c in problem.trials[i].channels
+                for k in [problem.trials[i].channels.index(c)]
+            ]  # fmt: skip
+            apart = np.mean(rows, axis=0)[moving > 0]
+            apart = apart[np.isfinite(apart)]
+            if apart.size and size > 0:
+                found[c] = max(found.get(c, 0.0), float(np.sqrt(np.mean(apart**2))) / size)
+    return found
+
+
 def tolerated(scales: Scales, share: float) -> Scales:
     """Return scales under which a discrepancy of some share is taken for granted, and formulas for exact."""
     return replace(scales, share=share, shares={}, formula=FORMULAS[0], louder={})

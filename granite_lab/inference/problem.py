@@ -302,6 +302,7 @@ class Problem:
             t, x = self.trials[own[0]], point.trials[own[0]]
             bins = t.bins_of(slopes.response[command], x, point.sensors)
             size, moving, resting = scale_of(t, slopes.response[command], bins)
+            size = {c: max(level, self._shaken(own, c, moving)) for c, level in size.items()}
             plain = {}
             for c in dict.fromkeys(c for i in own for c in self.trials[i].channels):
                 level, width = size.get(c, 0.0), t.observation.width
@@ -309,6 +310,19 @@ class Problem:
                 plain[c] = joined(parts)
             self._plain.append(plain)
             self._sizes.append({c: (size.get(c, 0.0), moving, resting) for c in plain})
+
+    def _shaken(self, own: Sequence[int], channel: str, moving: Array) -> float:
+        """Return the rms in motion as measured, vibration included; 0 for wheels, which follow a command."""
+        if channel.startswith("wheel"):
+            return 0.0
+        squares = []
+        for t in (self.trials[i] for i in own if channel in self.trials[i].channels):
+            values = t.measured[t.channels.index(channel)]
+            before = values[t.observation.t < 0]
+            level = float(np.nanmean(before)) if np.isfinite(before).any() else 0.0
+            squares.append((values[moving > 0] - level) ** 2)
+        every = np.concatenate(squares)
+        return float(np.sqrt(np.nanmean(every))) if np.isfinite(every).any() else 0.0
 
     def size_of(self, command: int, channel: str) -> tuple[float, Array]:
         """Return the rms of a channel in motion, and (n,) 1 where the robot moves, else 0."""
