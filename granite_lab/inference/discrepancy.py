@@ -14,15 +14,17 @@ amplitudes are independent normal numbers, modulated by how large it may be at e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.constants import REST_SHARE, SMOOTH
+from granite_lab.inference.constants import REST_SHARE, REST_SPEED, SMOOTH
+from granite_lab.inference.nuisances import TrialModel
 from granite_lab.logs.trial import Array
+from granite_lab.model.command import desired_distance
 
 MOTION, REST, FORMULA = 0, 1, 2
 """Kinds of columns of a basis."""
@@ -86,3 +88,44 @@ def modulated(size: Array, kind: int, width: float) -> Basis:
 def joined(parts: Sequence[Basis]) -> Basis:
     """Return several bases as one."""
     return Basis(np.hstack([p.columns for p in parts]), np.concatenate([p.kind for p in parts]))
+
+
+def scale_of(
+    trial: TrialModel, response: Array, bins: Mapping[str, Array]
+) -> tuple[dict[str, float], Array, Array]:
+    """Return the rms of each channel in motion, and (n,) where the robot moves and where it is near rest.
+
+    A wheel's angle follows the command; what the ground does to it is how far it lags behind, so that is
+    what its rms is taken of.
+
+    Args:
+        trial: gives the command.
+        response: (8, M) of it.
+        bins: channel to (n,).
+    """
+    o = trial.observation
+    radius = trial.radius
+    wheels = np.minimum(*(np.interp(o.t, trial.t, np.gradient(response[k], trial.t)) for k in (3, 4)))
+    body = np.interp(o.t, trial.t, response[7])
+    if np.abs(body).max() < REST_SPEED:
+        body = wheels * radius  # on a block: only the wheels can tell
+    slowest = np.minimum(np.abs(wheels) * radius, np.abs(body))
+    begun = o.t > -o.width
+    resting = (begun & (slowest < REST_SPEED)).astype(float)
+    moving = (begun & (slowest >= REST_SPEED)).astype(float)
+    if not moving.any():
+        moving = begun.astype(float)
+    at = moving > 0
+    before = ~begun
+    size: dict[str, float] = {}
+    v = o.variant
+    desired = np.array([float(desired_distance(float(t) + o.width / 2, v)) for t in o.t]) / radius
+    for c, values in bins.items():
+        if c.startswith("wheel"):
+            own = values - desired if c == "wheel" else values
+        else:
+            own = values - (values[before].mean() if before.any() else 0.0)
+        size[c] = float(np.sqrt(np.mean(own[at] ** 2)))
+    if "wheel_split" in size and "wheel" in size:
+        size["wheel_split"] = size["wheel"]
+    return size, moving, resting

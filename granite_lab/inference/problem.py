@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.inference.bench import RAKED, SAND, Bench, Setting, Task, Values
-from granite_lab.inference.constants import REST_SPEED, SAND_STD
-from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated
+from granite_lab.inference.constants import SAND_STD
+from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, scale_of
 from granite_lab.inference.noise import Whitener
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_STD, TrialModel
 from granite_lab.logs.trial import Array
-from granite_lab.model.command import desired_distance
 from granite_lab.model.effect import EffectParameter
 
 SHARED = (*SAND, *SENSORS)
@@ -456,47 +455,6 @@ class Problem:
         rest, own, shared = np.split(effect, cut, axis=1)
         sensors = t.sensor_columns(response, x, point.sensors)
         return np.column_stack([local, own, local[:, :RAKED], rest, sensors, shared])
-
-
-def scale_of(
-    trial: TrialModel, response: Array, bins: Mapping[str, Array]
-) -> tuple[dict[str, float], Array, Array]:
-    """Return the rms of each channel in motion, and (n,) where the robot moves and where it is near rest.
-
-    A wheel's angle follows the command; what the ground does to it is how far it lags behind, so that is
-    what its rms is taken of.
-
-    Args:
-        trial: gives the command.
-        response: (8, M) of it.
-        bins: channel to (n,).
-    """
-    o = trial.observation
-    radius = trial.radius
-    wheels = np.minimum(*(np.interp(o.t, trial.t, np.gradient(response[k], trial.t)) for k in (3, 4)))
-    body = np.interp(o.t, trial.t, response[7])
-    if np.abs(body).max() < REST_SPEED:
-        body = wheels * radius  # on a block: only the wheels can tell
-    slowest = np.minimum(np.abs(wheels) * radius, np.abs(body))
-    begun = o.t > -o.width
-    resting = (begun & (slowest < REST_SPEED)).astype(float)
-    moving = (begun & (slowest >= REST_SPEED)).astype(float)
-    if not moving.any():
-        moving = begun.astype(float)
-    at = moving > 0
-    before = ~begun
-    size: dict[str, float] = {}
-    v = o.variant
-    desired = np.array([float(desired_distance(float(t) + o.width / 2, v)) for t in o.t]) / radius
-    for c, values in bins.items():
-        if c.startswith("wheel"):
-            own = values - desired if c == "wheel" else values
-        else:
-            own = values - (values[before].mean() if before.any() else 0.0)
-        size[c] = float(np.sqrt(np.mean(own[at] ** 2)))
-    if "wheel_split" in size and "wheel" in size:
-        size["wheel_split"] = size["wheel"]
-    return size, moving, resting
 
 
 def step_of(p: EffectParameter, value: float) -> float:

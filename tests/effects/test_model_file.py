@@ -99,7 +99,7 @@ def test_an_effect_of_one_s_own_needs_its_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said", "hint"),
     [
-        ("value = 0.0021", "value = 0.5", "compliance: value = 0.5 is out of range", "from 0 to 0.02 rad"),
+        ("value = 0.0021", "value = 0.5", "compliance: value = 0.5 is out of range", "from 0 to 0.1 rad"),
         ("value = 0.0021", 'value = "soft"', "is not a number", "rad"),
         ("compliance =", "complience =", "unknown key 'complience'", "did you mean 'compliance'"),
         ('id = "tyre_windup"', 'id = "tyre_windap"', "unknown effect 'tyre_windap'", "'tyre_windup'"),
