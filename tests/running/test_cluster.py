@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from granite_lab.inference.bench import SIGNALS
 from tests.running.processes import begin, results, trials
 from tests.soak import SOAK
 
