@@ -97,10 +97,12 @@ def assemble(
     for one in parts.values():
         doubts += one.doubts
     merged = _merge(sources, parts)
-    metadata = fill([
-        dataclasses.replace(source.metadata, soil=_beside(source, source.metadata.soil))
-        for source in sources.values()
-    ])
+    metadata = fill(
+        [
+            dataclasses.replace(source.metadata, soil=_beside(source, source.metadata.soil))
+            for source in sources.values()
+        ]
+    )
     stream = _imu(merged, first, doubts)
     if stream is not None:
         stream, more = check_imu(stream, the_robot, str(first), _declared(merged))
