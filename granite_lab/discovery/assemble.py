@@ -24,6 +24,7 @@ from granite_lab.discovery.where import disagreements
 from granite_lab.discovery.words import notes, provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.bench import RAKED, SAND
+from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import Discrepancy, beyond, discrepancies
 from granite_lab.inference.observation import CHANNELS, UNITS
@@ -171,8 +172,8 @@ def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FoundParameter, ...]
         if e == id_:
             place = int(first[-1]) + len(SHARED) + k
             std, value = float(np.sqrt(max(variance[place], 0.0))), float(fit.point.common[k])
-            if not p.shape:  # an error of the formula that is the same everywhere is one of the strength
-                std = float(np.hypot(std, fit.scales.formula * (value - p.neutral)))
+            if not p.shape:  # an error of the formula that is the same everywhere cannot be told from strength
+                std = float(np.hypot(std, FORMULA_ERROR[0] * (value - p.neutral)))
             found.append(FoundParameter(p.name, p.unit, Estimate(value, std)))
     for k, (e, p) in enumerate(private):
         if e == id_:

@@ -15,7 +15,7 @@ from granite_lab.inference.problem import Problem, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-OWN_SCALES = (0.1, 0.3, 1.0)
+OWN_SCALES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 """Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range."""
 
 
