@@ -1,0 +1,265 @@
+"""From logs of another program to a finding, whatever is wrong with the logs or goes wrong on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granite_lab.discovery import discover as module
+from granite_lab.discovery import empirical
+from granite_lab.discovery.discover import discover
+from granite_lab.discovery.finding import Finding
+from granite_lab.effects import get, library
+from granite_lab.errors import EstimateError
+from granite_lab.estimation import correct
+from granite_lab.inference.constants import TOLERANCE
+from granite_lab.logs import read_trial
+from granite_lab.logs.trial import CurrentStream, Trial
+from granite_lab.model.command import duration
+from granite_lab.model.effect import Effect
+from granite_lab.parameters import Robot, load_robot, load_soil
+
+OUTSIDE = Path(__file__).parent.parent / "data" / "outside"
+FEW = {id_: get(id_) for id_ in ("com_offset", "drive_reaction", "tyre_windup")}
+PAIR = ("0.5_1", "0.5_2")
+"""Two trials of one speed, which take the least time."""
+
+
+def logs(name: str, trials: Sequence[str] = ()) -> list[Trial]:
+    paths = sorted((OUTSIDE / name).glob("trial_*.csv"))
+    return [read_trial(p) for p in paths if not trials or p.stem.removeprefix("trial_") in trials]
+
+
+def found(trials: Sequence[Trial], effects: dict[str, Effect], robot: Robot | None = None) -> Finding:
+    robot = robot or load_robot()
+    rows = [correct(trial, robot) for trial in trials]
+    return discover(
+        [r[0] for r in rows], load_robot(), load_soil(), effects=effects, motions=[r[1] for r in rows]
+    )
+
+
+def effects_of(finding: Finding) -> list[str]:
+    return [e.id for e in finding.effects]
+
+
+@pytest.fixture(scope="module")
+def short_law() -> Iterator[None]:
+    """Leave two terms of each force in the empirical law, which takes most of the simulations."""
+    law, terms = empirical.EmpiricalLaw, ("motion", "velocity")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(empirical, "TERMS", {t: empirical.TERMS[t] for t in terms})
+        kept = tuple(p for p in law.parameters if p.name.endswith(tuple(f"_{t}" for t in terms)))
+        patch.setattr(law, "parameters", kept)
+        yield
+
+
+@pytest.fixture(scope="module")
+def good(short_law: None) -> Finding:
+    return found(logs("o03", PAIR), FEW)
+
+
+@pytest.mark.slow
+def test_nothing_is_missing_from_the_trials_of_another_program() -> None:
+    finding = found(logs("o01"), library())
+    assert finding.verdict == "none"
+    assert finding.effects == ()
+    assert finding.gap.held_out[0] == pytest.approx(1.0, abs=0.03)
+    assert finding.discrepancy < TOLERANCE
+    assert finding.provisional == ()
+    assert finding.failures == ()
+    assert 0.0 < finding.latency.value < 0.008  # as the program's own answer says
+
+
+@pytest.mark.slow
+def test_what_another_program_added_is_named_among_all_effects_and_closes_the_gap() -> None:
+    finding = found(logs("o03"), library())
+    assert finding.verdict == "named"
+    (effect,) = finding.effects
+    assert (effect.id, effect.twins) == ("drive_reaction", ())
+    assert effect.closes.value > 0.8
+    assert finding.remainder < 0.2
+    assert finding.gap.held_out[0] > 1.3
+    assert finding.gap.held_out[1] == pytest.approx(1.0, abs=0.05)
+    (share,) = effect.parameters
+    assert abs(share.estimate.value - 0.8) < 3 * share.estimate.std
+    assert finding.sentence.startswith("Missing from the model: drive_reaction. On trials that were left out")
+    assert finding.where
+    assert len(finding.trials_left_out) == 6
+    assert len(finding.speeds_left_out) == 3
+    assert all(row.after < row.before for row in (*finding.trials_left_out, *finding.speeds_left_out))
+    assert not finding.virtual
+
+
+def test_two_trials_of_one_speed_are_provisional_and_no_speed_is_left_out(good: Finding) -> None:
+    assert good.sentence.startswith("Provisional (1 of at least 3 speeds")
+    assert len(good.trials_left_out) == 2
+    assert good.speeds_left_out == ()
+    assert effects_of(good) == ["drive_reaction"]
+    assert good.dropped == ()
+
+
+def test_a_trial_alone_is_provisional_and_nothing_is_left_out(short_law: None) -> None:
+    finding = found(logs("o03", ("0.5_1",)), FEW)
+    assert finding.sentence.startswith("Provisional (no command was repeated")
+    assert "trials that were left out" not in finding.sentence
+    assert finding.trials_left_out == ()
+    assert finding.speeds_left_out == ()
+    assert np.isnan(finding.gap.held_out).all()
+    assert effects_of(finding) == ["drive_reaction"]
+
+
+def test_trials_without_repetition_do_not_take_what_is_missing_for_noise(short_law: None) -> None:
+    finding = found(logs("o03", ("0.5_1", "0.7_1")), FEW)
+    assert finding.sentence.startswith("Provisional (no command was repeated")
+    assert effects_of(finding) == ["drive_reaction"]
+    assert finding.effects[0].parameters[0].estimate.value == pytest.approx(0.8, abs=0.05)
+
+
+def test_logs_that_end_soon_after_the_stop_are_analysed(short_law: None) -> None:
+    def cut(trial: Trial) -> Trial:
+        _, motion = correct(trial, load_robot())
+        end = motion.t_start.value + duration(motion.variant) + 0.4
+        assert trial.imu is not None
+        assert trial.wheels is not None
+        assert trial.currents is not None
+        a, b, c = (s.t < end for s in (trial.imu, trial.wheels, trial.currents))
+        return replace(
+            trial,
+            imu=replace(
+                trial.imu,
+                t=trial.imu.t[a],
+                specific_force=trial.imu.specific_force[a],
+                angular_rate=trial.imu.angular_rate[a],
+            ),
+            wheels=replace(trial.wheels, t=trial.wheels.t[b], angle=trial.wheels.angle[b]),
+            currents=CurrentStream(trial.currents.t[c], trial.currents.current[c]),
+        )
+
+    finding = found([cut(t) for t in logs("o03", PAIR)], FEW)
+    assert effects_of(finding) == ["drive_reaction"]
+    assert finding.failures == ()
+    for row in finding.residuals:
+        driven = np.isin(row.phase, ("accelerate", "steady", "brake"))
+        assert np.isfinite(row.measured[driven]).all()
+        assert np.isnan(row.measured[-20:]).all()
+    assert np.isfinite(finding.gap.train).all()
+    assert len(finding.trials_left_out) == 2
+
+
+def blocked(trial: Trial) -> Trial:
+    """The encoders stop in the middle of the run."""
+    assert trial.wheels is not None
+    angle = trial.wheels.angle.copy()
+    middle = angle.shape[0] // 2
+    angle[middle:] = angle[middle]
+    return replace(trial, wheels=replace(trial.wheels, angle=angle))
+
+
+def mislabelled(trial: Trial) -> Trial:
+    """The log says that it is one of 0.5 m/s."""
+    info = read_trial(OUTSIDE / "o03" / "trial_0.5_1.csv").info
+    told = replace(trial.info, v_desired=info.v_desired, a_max=info.a_max, distance=info.distance)
+    return replace(trial, info=told)
+
+
+@pytest.mark.parametrize("spoil", [blocked, mislabelled])
+def test_a_trial_that_nothing_fits_is_left_out_and_said(
+    spoil: Callable[[Trial], Trial], short_law: None, good: Finding
+) -> None:
+    trials = [spoil(t) if t.name == "trial_0.7_1" else t for t in logs("o03", (*PAIR, "0.7_1"))]
+    finding = found(trials, FEW)
+    ((name, reason),) = finding.dropped
+    assert name == "trial_0.7_1"
+    assert "times those of the others" in reason
+    assert {r.trial for r in finding.residuals} == {"trial_0.5_1", "trial_0.5_2"}
+    assert effects_of(finding) == ["drive_reaction"]
+    (alone,), (first,) = finding.effects[0].parameters, good.effects[0].parameters
+    assert abs(alone.estimate.value - first.estimate.value) < 0.2 * first.estimate.std
+
+
+def test_a_defect_after_the_search_does_not_lose_the_finding(
+    monkeypatch: pytest.MonkeyPatch, short_law: None
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("of our own")
+
+    monkeypatch.setattr(module, "detectable", broken)
+    finding = found(logs("o03", PAIR[:1]), FEW)
+    assert effects_of(finding) == ["drive_reaction"]
+    (line,) = finding.failures
+    assert "ZeroDivisionError: of our own" in line
+    assert "\n" not in line
+    assert "Traceback" in finding.tracebacks[0]
+    assert finding.detectable == ()
+    assert finding.confusion is None
+
+
+def test_a_robot_that_cannot_be_simulated_is_refused(short_law: None) -> None:
+    trials = [correct(t, load_robot()) for t in logs("o03", ("0.5_1",))]
+    with pytest.raises(EstimateError, match="cannot be simulated"):
+        discover(
+            [t for t, _ in trials], load_robot(), load_soil(), effects=FEW, motions=[m for _, m in trials],
+            respond=lambda _, tasks: [None] * len(tasks),
+        )  # fmt: skip
+
+
+def reversed_encoder(trial: Trial) -> Trial:
+    assert trial.wheels is not None
+    angle = trial.wheels.angle * np.array([1.0, -1.0, 1.0, 1.0])
+    return replace(trial, wheels=replace(trial.wheels, angle=angle))
+
+
+def turned_imu(trial: Trial) -> Trial:
+    """Mounted with its x axis to the left."""
+    assert trial.imu is not None
+    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    force, rate = trial.imu.specific_force @ turn.T, trial.imu.angular_rate @ turn.T
+    return replace(trial, imu=replace(trial.imu, specific_force=force, angular_rate=rate))
+
+
+def late_stamps(trial: Trial) -> Trial:
+    """Encoders and currents are stamped 30 ms late."""
+    assert trial.wheels is not None
+    assert trial.currents is not None
+    return replace(
+        trial,
+        wheels=replace(trial.wheels, t=trial.wheels.t + 0.03),
+        currents=replace(trial.currents, t=trial.currents.t + 0.03),
+    )
+
+
+@pytest.mark.parametrize(
+    ("spoil", "within"), [(reversed_encoder, 0.1), (turned_imu, 0.1), (late_stamps, 0.5)]
+)
+def test_sensors_that_estimation_puts_right_do_not_change_the_finding(
+    spoil: Callable[[Trial], Trial], within: float, good: Finding, short_law: None
+) -> None:
+    """Late stamps move the estimate of the start, and so the bins: other noise is in each of them."""
+    robot = load_robot()
+    if spoil is turned_imu:
+        robot = replace(robot, imu=replace(robot.imu, forward="find"))
+    finding = found([spoil(t) for t in logs("o03", PAIR)], FEW, robot)
+    assert finding.verdict == good.verdict
+    assert effects_of(finding) == effects_of(good) == ["drive_reaction"]
+    (first,), (second,) = good.effects[0].parameters, finding.effects[0].parameters
+    assert abs(second.estimate.value - first.estimate.value) < within * first.estimate.std
+    assert second.estimate.std == pytest.approx(first.estimate.std, rel=0.1)
+    late = 0.03 if spoil is late_stamps else 0.0
+    moved = good.latency.value - finding.latency.value
+    assert abs(moved - late) < 3 * good.latency.std + 0.1e-3
+
+
+def test_a_latency_that_no_logger_has_is_named(short_law: None) -> None:
+    clock = FEW | {"clock_offset": get("clock_offset")}
+    plain, late = (
+        found([spoil(t) for t in logs("o01", PAIR)], clock) for spoil in (lambda t: t, late_stamps)
+    )
+    assert (plain.verdict, effects_of(plain)) == ("none", [])
+    assert (late.verdict, effects_of(late)) == ("named", ["clock_offset"])
+    (offset,) = late.effects[0].parameters
+    std = float(np.hypot(offset.estimate.std, plain.latency.std))
+    assert abs(offset.estimate.value + plain.latency.value - 0.03) < 3 * std
