@@ -61,7 +61,7 @@ def ask(
     return Answer(problem, found, judge(problem, found, TOLERANCE))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
     answer = ask({}, seed=seed)
     assert answer.judgement.verdict == "none"

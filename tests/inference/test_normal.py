@@ -127,7 +127,7 @@ def dense_evidence(y: Array, C: Array, noise: Array) -> float:
 SEEDS = st.integers(0, 10**6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=SEEDS)
 def test_the_discrepancy_is_integrated_out_as_by_the_whole_covariance(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -138,7 +138,7 @@ def test_the_discrepancy_is_integrated_out_as_by_the_whole_covariance(seed: int)
     assert logdet == pytest.approx(np.linalg.slogdet(C)[1] - np.log(m.noise(scales)).sum(), rel=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=SEEDS)
 def test_posterior_and_evidence_are_those_of_the_dense_gaussian(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -156,7 +156,7 @@ def test_posterior_and_evidence_are_those_of_the_dense_gaussian(seed: int) -> No
     assert post.misfit == pytest.approx(away @ solved, rel=1e-7)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=SEEDS)
 def test_the_gain_of_candidates_is_the_difference_of_two_evidences(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -173,7 +173,7 @@ def test_the_gain_of_candidates_is_the_difference_of_two_evidences(seed: int) ->
     assert mean == pytest.approx(width**2 * (X.T @ np.linalg.solve(more, away)), rel=1e-6, abs=1e-8)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=SEEDS)
 def test_amplitudes_of_the_discrepancy_are_those_of_a_regression(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -188,7 +188,7 @@ def test_amplitudes_of_the_discrepancy_are_those_of_a_regression(seed: int) -> N
     assert np.concatenate([f[1] for f in found]) == pytest.approx(variance, rel=1e-7, abs=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=SEEDS)
 def test_the_misfit_of_other_residuals_is_their_mahalanobis_distance(seed: int) -> None:
     rng = np.random.default_rng(seed)
