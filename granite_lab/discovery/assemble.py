@@ -74,7 +74,7 @@ def assemble(
         found = (*found, clock)
         active = (*active, Active(effects[clock.id], (-late.value,)))
         verdict = "named" if verdict == "none" else verdict
-    missing = discrepancies(problem, after.fit)
+    lacking, missing = discrepancies(problem, before.fit), discrepancies(problem, after.fit)
     reasons = provisional(problem)
     return Finding(
         verdict=verdict,
@@ -87,13 +87,13 @@ def assemble(
         tolerance=tolerance,
         latency=late,
         gap=_gap(problem, judgement, before.fit, after.fit, tolerance),
-        gaps=tuple(_gap(problem, judgement, before.fit, after.fit, tolerance, c) for c in _channels(problem)),
-        where=disagreements(problem, discrepancies(problem, before.fit), tolerance),
+        gaps=tuple(_gap_of(c, lacking, missing, tolerance) for c in _channels(problem)),
+        where=disagreements(problem, lacking, tolerance),
         left=disagreements(problem, missing, tolerance),
         candidates=_candidates(problem, search, judgement, tolerance),
         detectable=(*power[0], *_clock_detectable(late, latency, effects)) if power else (),
         confusion=power[1] if power else None,
-        residuals=tuple(_residuals(problem, before.fit, after.fit)),
+        residuals=tuple(_residuals(problem, (before.fit, after.fit), (lacking, missing))),
         sand=_sand(after.fit),
         sand_per_trial=tuple(_sand_of(problem, after.fit, i) for i in range(len(problem.trials))),
         scales=dict(after.fit.scales.priors),
@@ -195,22 +195,20 @@ def _active(problem: Problem, fit: Fit) -> tuple[Active, ...]:
     )
 
 
-def _gap(
-    problem: Problem, judgement: Judgement, before: Fit, after: Fit, tolerance: float, channel: str = ""
+def _gap(problem: Problem, judgement: Judgement, before: Fit, after: Fit, tolerance: float) -> Gap:
+    """Return the gap of all channels together."""
+    expected = float(np.sum(np.fmin(judgement.before.expected, judgement.after.expected)))
+    held = [float(np.sum(p.left_out)) for p in (judgement.before, judgement.after)]
+    left = [beyond(problem, f, tolerance) for f in (before, after)]
+    return Gap("all", _ratio([m for m, _ in left], min(f for _, f in left)), _ratio(held, expected))
+
+
+def _gap_of(
+    channel: str, before: Sequence[Discrepancy], after: Sequence[Discrepancy], tolerance: float
 ) -> Gap:
-    """Return the gap of all channels, or of one."""
-    if not channel:
-        expected = float(np.sum(np.fmin(judgement.before.expected, judgement.after.expected)))
-        held = [float(np.sum(p.left_out)) for p in (judgement.before, judgement.after)]
-        own = [beyond(problem, f, tolerance)[0] for f in (before, after)]
-        floor = min(beyond(problem, f, tolerance)[1] for f in (before, after))
-        return Gap("all", _ratio(own, floor), _ratio(held, expected))
-    shares = [
-        max((d.share for d in discrepancies(problem, f) if d.channel == channel), default=0.0)
-        for f in (before, after)
-    ]
-    nothing = (float("nan"), float("nan"))
-    return Gap(channel, (shares[0] / tolerance, shares[1] / tolerance), nothing)
+    """Return the gap of one channel: its largest discrepancy over the tolerance."""
+    first, last = (max((d.share for d in of if d.channel == channel), default=0.0) for of in (before, after))
+    return Gap(channel, (first / tolerance, last / tolerance), (float("nan"), float("nan")))
 
 
 def _ratio(values: Sequence[float], floor: float) -> tuple[float, float]:
@@ -264,9 +262,13 @@ def _at_bound(problem: Problem, fit: Fit) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _residuals(problem: Problem, before: Fit, after: Fit) -> list[Residual]:
+def _residuals(
+    problem: Problem, fits: tuple[Fit, Fit], missing: tuple[Sequence[Discrepancy], Sequence[Discrepancy]]
+) -> list[Residual]:
+    """Return every channel of every trial beside the model, without and with the effects."""
     found = []
-    shared = [_by_place(discrepancies(problem, f)) for f in (before, after)]
+    before, after = fits
+    shared = [_by_place(of) for of in missing]
     for i, trial in enumerate(problem.trials):
         o = trial.observation
         command = next(c for c, own in enumerate(problem.commands) if i in own)
