@@ -112,6 +112,37 @@ def contact_angles(state: WheelState, k92: Any) -> ContactAngles:
     return ContactAngles(front, k92 * front)
 
 
+def arc_stresses(
+    state: WheelState,
+    angles: ContactAngles,
+    soil: Soil,
+    pressure: Callable[[Any, Any], Any] = lambda σ, _: σ,
+) -> Callable[[Any, Any], tuple[Any, Any]]:
+    """Return a function that gives σ and τ [Pa] at an angle ϑ [rad] and a depth z [m], (6) and (8)-(11).
+
+    The part of the shear displacement (6) that does not depend on slip fades to zero at
+    standstill, or a robot at rest would creep. (11) is continued as an odd function for wheels
+    that brake.
+
+    Args:
+        state, angles, soil, pressure: as for `wheel_forces`.
+    """
+    r, ϑ1, λ = state.arc_radius, angles.front, state.slip
+    moving = smoothstep(state.speed / V_FLOOR)
+    k = soil.cohesive_modulus / state.width + soil.frictional_modulus  # (8)
+    tan_φ = ca.tan(soil.friction_angle * np.pi / 180)
+    sin_ϑ1 = ca.sin(ϑ1)
+
+    def stresses(ϑ: Any, z: Any) -> tuple[Any, Any]:
+        rolled = sin_ϑ1 - ca.sin(ϑ)
+        j = r * (moving * (ϑ1 - ϑ) - (moving - λ) * rolled)  # (6)
+        σ = pressure(k * ca.fmax(z, 1e-12) ** soil.exponent, ϑ)  # (8), (9)
+        τ_max = ca.fmin(soil.tyre_friction * σ, soil.cohesion + tan_φ * σ)  # (10)
+        return σ, ca.sign(j) * τ_max * (1 - ca.exp(-ca.fabs(j) / soil.shear_modulus))  # (11)
+
+    return stresses
+
+
 def wheel_forces(
     state: WheelState,
     angles: ContactAngles,
@@ -121,9 +152,7 @@ def wheel_forces(
 ) -> WheelForces:
     """Integrate the stresses over the contact arc, (6)-(17).
 
-    The part of the shear displacement (6) that does not depend on slip fades to zero at
-    standstill, or a robot at rest would creep. (11) is continued as an odd function for wheels
-    that brake, and (13) carries the minus sign that its print lacks.
+    (13) carries the minus sign that its print lacks.
 
     Args:
         state: motion of the wheel.
@@ -134,20 +163,12 @@ def wheel_forces(
     """
     r, b = state.arc_radius, state.width
     ϑ1, ϑ2 = angles.front, angles.rear
-    λ = state.slip
-    moving = smoothstep(state.speed / V_FLOOR)
-    k = soil.cohesive_modulus / b + soil.frictional_modulus  # (8)
-    tan_φ = ca.tan(soil.friction_angle * np.pi / 180)
-    sin_ϑ1 = ca.sin(ϑ1)
+    strength = arc_stresses(state, angles, soil, pressure)
 
     def stresses(ϑ: Any, z: Any, slope: Any) -> Any:
         """Return W, R, F and M/r per area at each ϑ of an outline: its depth and the sine of its slope."""
         cos_ϑ = ca.cos(ϑ)
-        rolled = sin_ϑ1 - ca.sin(ϑ)
-        j = r * (moving * (ϑ1 - ϑ) - (moving - λ) * rolled)  # (6)
-        σ = pressure(k * ca.fmax(z, 1e-12) ** soil.exponent, ϑ)  # (8), (9)
-        τ_max = ca.fmin(soil.tyre_friction * σ, soil.cohesion + tan_φ * σ)  # (10)
-        τ = ca.sign(j) * τ_max * (1 - ca.exp(-ca.fabs(j) / soil.shear_modulus))  # (11)
+        σ, τ = strength(ϑ, z)
         return ca.horzcat(σ * cos_ϑ + τ * slope, -σ * slope, τ * cos_ϑ, τ)  # (12)-(15)
 
     def on_circle(ϑ: Any) -> Any:

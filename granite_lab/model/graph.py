@@ -6,6 +6,7 @@ Effects rewrite single quantities on the way.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -14,11 +15,18 @@ import casadi as ca
 
 from granite_lab.model import body as bd
 from granite_lab.model.command import contact_angle_ratio, desired_distance, desired_velocity
-from granite_lab.model.contact import WheelState, contact_angles, wheel_forces
+from granite_lab.model.contact import (
+    ContactAngles,
+    WheelForces,
+    WheelState,
+    arc_stresses,
+    contact_angles,
+    wheel_forces,
+)
 from granite_lab.model.drive import control_voltage, current_rate, drive_torque
 from granite_lab.model.effect import Axle, Effect, Own, Shaft
 from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
-from granite_lab.parameters import load_robot, load_soil, load_variants
+from granite_lab.parameters import Soil, load_robot, load_soil, load_variants
 
 BODY_STATES = ("x_cm", "z_cm", "pitch", "x_cm_rate", "z_cm_rate", "pitch_rate")
 AXLE_STATES = ("angle", "rate", "current")
@@ -167,6 +175,45 @@ def _reading(shaft: Shaft, axle: Axle, hooks: list[tuple[Effect, Own]]) -> Shaft
     return shaft
 
 
+@dataclass(frozen=True)
+class OnGround:
+    """How one wheel stands on the soil, effects included; all fields are expressions.
+
+    Attributes:
+        state, soil, angles, forces: as the effects leave them.
+        stresses: gives σ and τ [Pa] at an angle [rad] and a depth [m].
+    """
+
+    state: WheelState
+    soil: Soil
+    angles: ContactAngles
+    forces: WheelForces
+    stresses: Callable[[Any, Any], tuple[Any, Any]]
+
+
+def on_ground(
+    wheel: WheelState, soil: Soil, k92: Any, damping: Any, hooks: Sequence[tuple[Effect, Own]]
+) -> OnGround:
+    """Put a wheel on soil, (4), (6)-(17), with the hooks of effects in the order in which they apply."""
+    for e, own in hooks:
+        wheel = e.wheel(wheel, own)
+    for e, own in hooks:
+        soil = e.soil(soil, wheel, own)
+    angles = contact_angles(wheel, k92)
+    for e, own in hooks:
+        angles = e.contact_angles(angles, wheel, own)
+
+    def pressure(σ: Any, ϑ: Any) -> Any:
+        for e, own in hooks:
+            σ = e.pressure(σ, ϑ, wheel, own)
+        return σ
+
+    forces = wheel_forces(wheel, angles, soil, damping, pressure)
+    for e, own in hooks:
+        forces = e.wheel_forces(forces, wheel, angles, soil, own)
+    return OnGround(wheel, soil, angles, forces, arc_stresses(wheel, angles, soil, pressure))
+
+
 def _axle(
     front: bool,
     state: dict[str, Any],
@@ -196,23 +243,8 @@ def _axle(
         v_desired=v_d,
         k92=k92,
     )
-    for e, own in hooks:
-        wheel = e.wheel(wheel, own)
-    soil = p.soil
-    for e, own in hooks:
-        soil = e.soil(soil, wheel, own)
-    angles = contact_angles(wheel, k92)
-    for e, own in hooks:
-        angles = e.contact_angles(angles, wheel, own)
-
-    def pressure(σ: Any, ϑ: Any) -> Any:
-        for e, own in hooks:
-            σ = e.pressure(σ, ϑ, wheel, own)
-        return σ
-
-    forces = wheel_forces(wheel, angles, soil, p.chassis.contact_damping, pressure)
-    for e, own in hooks:
-        forces = e.wheel_forces(forces, wheel, angles, soil, own)
+    ground = on_ground(wheel, p.soil, k92, p.chassis.contact_damping, hooks)
+    wheel, forces = ground.state, ground.forces
     current = state[f"current_{name}"]
     torque = drive_torque(p.drive, current)
     for e, own in hooks:
@@ -220,7 +252,7 @@ def _axle(
     rim_load = forces.moment
     for e, own in hooks:
         rim_load = e.rim_load(rim_load, wheel, own)
-    return Axle(position, wheel, angles, forces, current, torque, rim_load)
+    return Axle(position, wheel, ground.angles, forces, current, torque, rim_load)
 
 
 def _axle_outputs(name: str, axle: Axle, voltage: Any, v_o: Any) -> dict[str, Any]:
