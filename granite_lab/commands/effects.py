@@ -107,8 +107,8 @@ def draw(effect: Effect, path: Path) -> str:
     )
     drawing = effect_drawing(found)
     svg = path.suffix.lower() == ".svg"
-    write_bytes(path, to_svg(drawing.figure).encode() if svg else to_png(drawing.figure))
-    return drawing.sentence
+    write_bytes(path, to_svg(drawing.draw()).encode() if svg else to_png(drawing.draw()))
+    return drawing.caption
 
 
 def describe(effect: Effect) -> dict[str, Any]:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
@@ -87,30 +85,6 @@ LEFT, RIGHT = 0.78, 0.14  # margins [in]
 XLABEL = 0.48  # room below the lowest panel [in]
 HEAD = 0.08  # room above the highest legend [in]
 LEGEND_ROW = 0.165  # height of one row of a legend [in]
-
-
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """A finished figure with what a reader is told about it.
-
-    Attributes:
-        id: stem of its files.
-        title: what it shows.
-        sentence: what to see in it.
-        alt: for those who cannot see it.
-        drawn: the figure, or what draws it: of many figures only one need be in memory at a time.
-    """
-
-    id: str
-    title: str
-    sentence: str
-    alt: str
-    drawn: Figure | Callable[[], Figure]
-
-    @property
-    def figure(self) -> Figure:
-        """The figure; drawn at each look unless it was drawn before."""
-        return self.drawn if isinstance(self.drawn, Figure) else self.drawn()
 
 
 def stacked(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from granite_lab.reporting.table import Table
 
 if TYPE_CHECKING:
-    from granite_lab.reporting.canvas import Drawing
+    from granite_lab.reporting.figures import Figure
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Listing:
 class Gallery:
     """Figures that belong together; beside each other where there is room."""
 
-    drawings: tuple[Drawing, ...]
+    figures: tuple[Figure, ...]
     title: str = ""
 
 
@@ -122,9 +122,9 @@ class Report:
             yield from _flat(section.blocks)
 
     @property
-    def drawings(self) -> tuple[Drawing, ...]:
+    def figures(self) -> tuple[Figure, ...]:
         """All figures in the order of the report."""
-        return tuple(d for block in self.blocks() if isinstance(block, Gallery) for d in block.drawings)
+        return tuple(d for block in self.blocks() if isinstance(block, Gallery) for d in block.figures)
 
     @property
     def tables(self) -> tuple[Table, ...]:

@@ -45,15 +45,15 @@ def as_document(result: StudyResult, report: Report, discovery: Discovery | None
         "failures": [dataclasses.asdict(f) for f in result.failures],
         "figures": [
             {
-                "id": d.id,
+                "id": d.name,
                 "title": d.title,
-                "sentence": d.sentence,
-                "svg": f"figures/{d.id}.svg",
-                "png": f"figures/{d.id}.png",
+                "sentence": d.caption,
+                "svg": f"figures/{d.name}.svg",
+                "png": f"figures/{d.name}.png",
             }
-            for d in report.drawings
+            for d in report.figures
         ],
-        "tables": [{"id": t.id, "title": t.title, "csv": f"tables/{t.id}.csv"} for t in report.tables],
+        "tables": [{"id": t.name, "title": t.title, "csv": f"tables/{t.name}.csv"} for t in report.tables],
         "provenance": provenance_as_json(result.source),
     }
 

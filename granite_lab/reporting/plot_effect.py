@@ -6,13 +6,13 @@ import textwrap
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
 
 from granite_lab.inference.noise import NOMINAL
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import steady_interval
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Drawing
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.imprint import Imprint, Seen
 from granite_lab.reporting.rounding import significant, tidy_unit, with_unit
 
@@ -50,7 +50,7 @@ WINDOW = 15
 WIDE, PANEL, LEFT, RIGHT, BELOW = 9.2, 1.02, 0.85, 0.12, 0.5
 
 
-def effect_drawing(imprint: Imprint) -> Drawing:
+def effect_drawing(imprint: Imprint) -> Figure:
     """Draw one column a command and one row a channel, raw and after what else could explain it."""
     effect = imprint.active.effect
     sentence = what_to_see(imprint)
@@ -60,7 +60,7 @@ def effect_drawing(imprint: Imprint) -> Drawing:
     above = below + 0.49 + 0.16 * len(lines)
     tall = above + PANEL * len(ROWS) + BELOW
     with canvas.styled():
-        figure = Figure(figsize=(WIDE, tall))
+        figure = Canvas(figsize=(WIDE, tall))
         grid = figure.add_gridspec(
             len(ROWS), len(imprint.seen), left=LEFT / WIDE, right=1 - RIGHT / WIDE, bottom=BELOW / tall,
             top=1 - above / tall, hspace=0.16, wspace=0.08,
@@ -83,11 +83,11 @@ def effect_drawing(imprint: Imprint) -> Drawing:
         handles, labels = figure.axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="upper left", ncols=3, frameon=False, fontsize=8.5,
                       bbox_to_anchor=(0.06 / WIDE, 1 - (above - 0.52) / tall))  # fmt: skip
-    return Drawing(
+    return Figure(
         f"effect_{effect.id}", f"Signature of {effect.id}: {effect.title}", sentence,
         "Change of IMU, pitch rate, wheel speed and currents by the effect over time for each variant, "
         "all else equal and after sand and sensors are fitted anew.",
-        figure,
+        lambda: figure,
     )  # fmt: skip
 
 

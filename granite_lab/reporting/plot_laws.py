@@ -11,8 +11,8 @@ from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit, Law
 from granite_lab.parameters import Paper
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.content import StudyResult
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.points import bar, dress, frame, markers, point, spread
 from granite_lab.reporting.rounding import interval, plus_minus, significant
 from granite_lab.reporting.summary import Speed
@@ -20,7 +20,7 @@ from granite_lab.reporting.summary import Speed
 PANEL = [2.6]
 
 
-def k92_over_velocity(result: StudyResult, speeds: Sequence[Speed], paper: Paper) -> Drawing:
+def k92_over_velocity(result: StudyResult, speeds: Sequence[Speed], paper: Paper) -> Figure:
     """Draw Fig. 3: k_92 over the desired velocity with the fitted law and the paper's."""
     figure, (axis,) = canvas.stacked(PANEL, [3])
     top = max([s.velocity for s in speeds] + [p.velocity for p in paper.table3]) * 1.1
@@ -61,13 +61,13 @@ def k92_over_velocity(result: StudyResult, speeds: Sequence[Speed], paper: Paper
         axis.set_ylim(-0.03, 1.03)
         canvas.legend_above(axis, 2)
         canvas.mark_virtual(figure, result.virtual)
-    return Drawing(
+    return Figure(
         "k92_over_velocity",
         f"k_92 over desired velocity, as Fig. 3 of the paper{canvas.data_tag(result.virtual)}",
         _describe_law(fit),
         "Contact angle ratio k92 over desired velocity: trials, fitted exponential law with its 95 % "
         "band, the paper's law and values.",
-        figure,
+        lambda: figure,
     )  # fmt: skip
 
 
@@ -82,7 +82,7 @@ def _describe_law(fit: AThetaFit | None) -> str:
     )
 
 
-def k92_over_slip(result: StudyResult, speeds: Sequence[Speed], paper: Paper) -> Drawing:
+def k92_over_slip(result: StudyResult, speeds: Sequence[Speed], paper: Paper) -> Figure:
     """Draw Fig. 4: k_92 over the robot slip ratio with the fitted line and the paper's."""
     figure, (axis,) = canvas.stacked(PANEL, [3])
     line = fitted_line(result.a_theta)
@@ -125,12 +125,12 @@ def k92_over_slip(result: StudyResult, speeds: Sequence[Speed], paper: Paper) ->
         axis.set_xlim(0, 100 * x[-1])
         canvas.legend_above(axis, 2)
         canvas.mark_virtual(figure, result.virtual)
-    return Drawing(
+    return Figure(
         "k92_over_slip",
         f"k_92 over robot slip ratio, as Fig. 4 of the paper{canvas.data_tag(result.virtual)}",
         _describe_line(line, paper),
         "Contact angle ratio k92 over robot slip ratio: trials, fitted line, the paper's line and values.",
-        figure,
+        lambda: figure,
     )  # fmt: skip
 
 

@@ -7,13 +7,13 @@ import re
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Drawing
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.rounding import rounded_like, shown_as, significant, with_unit
 from granite_lab.reporting.summary import IN_PHASE, NOISE, Speed, gaps, worst_of
 from granite_lab.reporting.traces import (
@@ -33,7 +33,7 @@ BLOCK = 0.1
 """Differences are averaged over this time before they are drawn [s]."""
 
 
-def motion_drawings(speed: Speed) -> list[Drawing]:
+def motion_drawings(speed: Speed) -> list[Figure]:
     """Draw one speed: simulated, measured, overlaid (its typical trial) and the differences (all trials)."""
     result = speed.typical
     c = result.comparison
@@ -47,43 +47,43 @@ def motion_drawings(speed: Speed) -> list[Drawing]:
     trial = f"trial {result.trial.name}"
     k92 = rounded_like(c.fit.k92.value, c.fit.k92.std)
     return [
-        Drawing(
+        Figure(
             f"{stem}_simulated", f"{of}: simulated{like[0]}",
             f"Model of the paper with k_92 = {k92}, fitted to the steady slip of {trial}: "
             f"{_describe_slip(c.run.slip_ratio)}",
-            f"Simulated velocity, slip ratio, wheel torques and pitch over time at {of}.", simulated,
+            f"Simulated velocity, slip ratio, wheel torques and pitch over time at {of}.", lambda: simulated,
         ),
-        Drawing(
+        Figure(
             f"{stem}_measured", f"{of}: measured{like[1]}{data}",
             f"{trial[0].upper()}{trial[1:]}, the middle one of {len(speed.results)} by slip: "
             f"{_describe_slip(c.motion.slip_ratio.value, c.motion.slip_ratio.std)}",
             f"Measured velocity, slip ratio, wheel torques and pitch over time at {of}, with bands of two "
-            f"standard deviations{data}.", measured,
+            f"standard deviations{data}.", lambda: measured,
         ),
-        Drawing(
+        Figure(
             f"{stem}_overlaid", f"{of}: measured and simulated on one axis{data}",
             _describe_overlay(c), f"The two histories at {of} drawn on the same axes{data}.",
-            _history(c, ("measured", "simulated"), virtual),
+            lambda: _history(c, ("measured", "simulated"), virtual),
         ),
-        Drawing(
+        Figure(
             f"{stem}_difference", f"{of}: simulated minus measured, every trial{data}",
             _describe_difference(speed),
             f"Differences of velocity, slip ratio, torques and pitch over time for {len(speed.results)} "
             f"trials at {of}{data}.",
-            _differences(speed, virtual),
+            lambda: _differences(speed, virtual),
         ),
     ]  # fmt: skip
 
 
-def comparison_drawing(c: Comparison, index: int) -> Drawing:
+def comparison_drawing(c: Comparison, index: int) -> Figure:
     """Draw one trial, measured and simulated on one axis."""
     data = canvas.data_tag(c.motion.virtual)
-    return Drawing(
+    return Figure(
         f"compare_{index:02d}_{_stem(c.motion.trial)}", f"{c.motion.trial}: measured and simulated{data}",
         _describe_overlay(c),
         f"Velocity, slip ratio, wheel torques and pitch of trial {c.motion.trial}, measured and "
         f"simulated{data}.",
-        _history(c, ("measured", "simulated"), c.motion.virtual),
+        lambda: _history(c, ("measured", "simulated"), c.motion.virtual),
     )  # fmt: skip
 
 
@@ -133,7 +133,7 @@ def _describe_difference(speed: Speed) -> str:
     )
 
 
-def _history(c: Comparison, sources: tuple[str, ...], virtual: bool) -> Figure:
+def _history(c: Comparison, sources: tuple[str, ...], virtual: bool) -> Canvas:
     rows = [2, 2, 2, 1] if len(sources) > 1 else [1, 1, 1, 1]
     figure, axes = canvas.stacked(HEIGHTS, rows)
     start, end = span(c)
@@ -185,7 +185,7 @@ def _steady_part(axis: Axes, c: Comparison) -> None:
         axis.axvspan(start, end, color=canvas.SHADE, linewidth=0, zorder=0)
 
 
-def _differences(speed: Speed, virtual: bool) -> Figure:
+def _differences(speed: Speed, virtual: bool) -> Canvas:
     figure, axes = canvas.stacked(HEIGHTS, [2, 2, 2, 1])
     typical = speed.typical.comparison
     start, end = span(typical)

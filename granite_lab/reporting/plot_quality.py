@@ -8,13 +8,13 @@ from functools import partial
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Drawing
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.rounding import shown_as, significant, tidy_unit
 from granite_lab.reporting.summary import CHANNELS, IN_PHASE, NOISE, PHASES, Gap, worst_of
 
@@ -22,7 +22,7 @@ KINDS = (canvas.MEASURED, canvas.SIMULATED, canvas.FITTED, canvas.PAPER, canvas.
 MARKERS = ("o", "s", "^", "D", "v")
 
 
-def misfit_drawing(found: dict[tuple[str, str], Gap], virtual: bool) -> Drawing | None:
+def misfit_drawing(found: dict[tuple[str, str], Gap], virtual: bool) -> Figure | None:
     """Draw the misfit of each channel and phase over its noise; None without any."""
     channels = [c for c in CHANNELS if any((c, p) in found for p in PHASES)]
     if not channels:
@@ -77,9 +77,10 @@ def misfit_drawing(found: dict[tuple[str, str], Gap], virtual: bool) -> Drawing 
         scale.outline.set_linewidth(0.4)
         canvas.mark_virtual(figure, virtual)
     data = canvas.data_tag(virtual)
-    return Drawing(
+    return Figure(
         "misfit", f"Misfit per channel and phase{data}", describe_misfit(found),
-        "Heat map of the root mean square misfit of each channel in each phase, over the noise.", figure,
+        "Heat map of the root mean square misfit of each channel in each phase, over the noise.",
+        lambda: figure,
     )  # fmt: skip
 
 
@@ -105,17 +106,17 @@ def describe_misfit(found: dict[tuple[str, str], Gap]) -> str:
     )
 
 
-def health_drawing(motion: Motion, index: int) -> Drawing:
+def health_drawing(motion: Motion, index: int) -> Figure:
     """Draw how the filter fared in one trial: innovations with bounds, biases with 2σ, rests shaded."""
     data = canvas.data_tag(motion.virtual)
-    return Drawing(
+    return Figure(
         f"health_{index:02d}", f"Health of the estimate: {motion.trial}{data}", describe_health(motion),
         f"Body velocity with rests, innovations with bounds, accelerometer and gyroscope bias of trial "
         f"{motion.trial}{data}.", partial(_health, motion),
     )  # fmt: skip
 
 
-def _health(motion: Motion) -> Figure:
+def _health(motion: Motion) -> Canvas:
     h = motion.health
     with_gyro = len(h.gyro_bias) == len(motion.t) and bool(np.isfinite(h.gyro_bias).any())
     figure, axes = canvas.stacked([1.0, 1.2, 0.95, 0.95], [1, 2, 1, 1])

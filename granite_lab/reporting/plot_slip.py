@@ -8,12 +8,12 @@ from itertools import pairwise
 
 from granite_lab.parameters import Paper
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Drawing
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.points import bar, frame, markers, point, spread
 from granite_lab.reporting.summary import Speed
 
 
-def slip_drawing(speeds: Sequence[Speed], paper: Paper, virtual: bool) -> Drawing:
+def slip_drawing(speeds: Sequence[Speed], paper: Paper, virtual: bool) -> Figure:
     """Draw λ_R over the desired velocity: each trial, the means, the model and the paper."""
     figure, (axis,) = canvas.stacked([2.6], [2])
     with canvas.styled():
@@ -62,11 +62,11 @@ def slip_drawing(speeds: Sequence[Speed], paper: Paper, virtual: bool) -> Drawin
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
         canvas.legend_above(axis, 2)
         canvas.mark_virtual(figure, virtual)
-    return Drawing(
+    return Figure(
         "slip_over_speed", f"Robot slip ratio over speed{canvas.data_tag(virtual)}", _describe_slip(speeds),
         "Robot slip ratio over desired velocity: trials, means with 95 % intervals, simulation and the "
         "paper's experiment.",
-        figure,
+        lambda: figure,
     )  # fmt: skip
 
 

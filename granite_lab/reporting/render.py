@@ -9,8 +9,9 @@ from functools import lru_cache
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from granite_lab.reporting.canvas import Drawing, inline_svg, svg_size
+from granite_lab.reporting.canvas import inline_svg, svg_size
 from granite_lab.reporting.document import Fold, Gallery, Heading, Listing, Report, Words
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.table import Table
 
 _KINDS = {
@@ -31,14 +32,14 @@ def to_html(report: Report, pictures: Mapping[str, Markup]) -> str:
     return _environment(html=True).get_template("report.html").render(report=report, svg=pictures)
 
 
-def picture(drawing: Drawing, svg: str, *, inline: bool) -> Markup:
+def picture(drawing: Figure, svg: str, *, inline: bool) -> Markup:
     """Return the element that shows a figure: all of it, or a place that is filled when one looks at it."""
     if inline:
-        return Markup(inline_svg(svg, drawing.id, str(escape(drawing.alt))))
+        return Markup(inline_svg(svg, drawing.name, str(escape(drawing.alt))))
     # Its shape is said, so that nothing moves on the page when the figure comes.
     width, height = (round(4 * float(size)) for size in svg_size(svg))
     return Markup('<img src="figures/{}.svg" alt="{}" width="{}" height="{}" loading="lazy">').format(
-        drawing.id, drawing.alt, width, height
+        drawing.name, drawing.alt, width, height
     )
 
 

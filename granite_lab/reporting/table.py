@@ -20,14 +20,21 @@ class Column:
     """A column: what stands above it, and the names of the plain columns it becomes in a CSV.
 
     Attributes:
-        title: above the column, with its unit in brackets.
+        name: above the column, without a unit.
+        unit: of the printed cells; empty where the cells state theirs or have none.
         keys: names in the CSV, with the unit behind them; one per raw value of a cell.
         number: set flush right.
     """
 
-    title: str
+    name: str
+    unit: str
     keys: tuple[str, ...]
     number: bool = True
+
+    @property
+    def title(self) -> str:
+        """What stands above the column: the name with the unit in brackets."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
 @dataclass(frozen=True)
@@ -50,17 +57,24 @@ class Table:
     """A table of the report.
 
     Attributes:
-        id: stem of its CSV.
+        name: stem of its CSV.
         title: what it lists.
-        sentence: what to see in it.
+        caption: what to see in it.
         columns, rows: its content; the first cell of a row names the row.
+        virtual: its data were written by a simulator; `heading` and a column of the CSV then say so.
     """
 
-    id: str
+    name: str
     title: str
-    sentence: str
+    caption: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
+    virtual: bool = False
+
+    @property
+    def heading(self) -> str:
+        """The title, with "(virtual data)" behind it where that is so."""
+        return f"{self.title} (virtual data)" if self.virtual else self.title
 
     def to_csv(self) -> str:
         """Return the plain values as CSV; a text that a spreadsheet would run gets a leading quote."""
@@ -119,8 +133,10 @@ def columns(*titles: str | tuple[str, Sequence[str]] | tuple[str, Sequence[str],
     """Build columns from (title, keys) or (title, keys, number); a bare title is a column of words."""
     made = []
     for t in titles:
+        title = t if isinstance(t, str) else t[0]
+        name, _, unit = title.removesuffix("]").partition(" [") if title.endswith("]") else (title, "", "")
         if isinstance(t, str):
-            made.append(Column(t, (re.sub(r"\W+", "_", t.lower()).strip("_"),), number=False))
+            made.append(Column(name, unit, (re.sub(r"\W+", "_", t.lower()).strip("_"),), number=False))
         else:
-            made.append(Column(t[0], tuple(t[1]), bool(t[2]) if len(t) == 3 else True))
+            made.append(Column(name, unit, tuple(t[1]), bool(t[2]) if len(t) == 3 else True))
     return tuple(made)

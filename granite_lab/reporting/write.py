@@ -15,11 +15,10 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.files import readable, write_text
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.assemble import assemble
-from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.discovery.report import assemble as assemble_discovery
 from granite_lab.reporting.document import Discovery
-from granite_lab.reporting.figures import rendered
+from granite_lab.reporting.figures import Figure, rendered
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.plot_motion import comparison_drawing
 from granite_lab.reporting.plot_quality import misfit_drawing
@@ -54,7 +53,7 @@ def write_report(
     """
     report = assemble(result, discovery)
     with _replacing(folder) as new:
-        pictures = _write_figures(report.drawings, new / "figures", jobs)
+        pictures = _write_figures(report.figures, new / "figures", jobs)
         _write_tables(report.tables, new / "tables")
         _write(new / "report.json", to_json(result, report, discovery))
         _write(new / "report.md", to_markdown(report))
@@ -90,7 +89,7 @@ def write_discovery(
     beside = Path(model).name if model is not None else None
     report = assemble_discovery(finding, folder.resolve().name, source, model=beside, effects=effects)
     with _replacing(folder) as new:
-        pictures = _write_figures(report.drawings, new / "figures", jobs)
+        pictures = _write_figures(report.figures, new / "figures", jobs)
         _write_tables(report.tables, new / "tables")
         _write(new / "finding.json", dumps(finding_as_json(finding, model)))
         _write(new / "report.md", to_markdown(report))
@@ -131,21 +130,21 @@ def _write(path: Path, text: str) -> None:
     path.write_bytes(text.encode("utf-8", errors="replace"))
 
 
-def _write_figures(drawings: Sequence[Drawing], folder: Path, jobs: int = 1) -> dict[str, Markup]:
+def _write_figures(drawings: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, Markup]:
     """Write each figure as SVG and PNG; return the elements of a page that show them, by id."""
     folder.mkdir()
     pictures: dict[str, Markup] = {}
     for drawing, (svg, png) in zip(drawings, rendered(drawings, jobs), strict=True):
-        pictures[drawing.id] = picture(drawing, svg, inline=len(pictures) < INLINE)
-        _write(folder / f"{drawing.id}.svg", svg)
-        (folder / f"{drawing.id}.png").write_bytes(png)
+        pictures[drawing.name] = picture(drawing, svg, inline=len(pictures) < INLINE)
+        _write(folder / f"{drawing.name}.svg", svg)
+        (folder / f"{drawing.name}.png").write_bytes(png)
     return pictures
 
 
 def _write_tables(tables: Sequence[Table], folder: Path) -> None:
     folder.mkdir()
     for table in tables:
-        _write(folder / f"{table.id}.csv", table.to_csv())
+        _write(folder / f"{table.name}.csv", table.to_csv())
 
 
 @contextmanager

@@ -72,7 +72,7 @@ def test_nothing_is_left_of_what_the_sensors_offsets_imitate() -> None:
 
 def test_every_panel_has_units_and_no_text_is_cut_off_or_covered(slope: Imprint) -> None:
     drawing = effect_drawing(slope)
-    figure = drawing.figure
+    figure = drawing.draw()
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     renderer = canvas.get_renderer()
@@ -93,7 +93,7 @@ def test_every_panel_has_units_and_no_text_is_cut_off_or_covered(slope: Imprint)
     for title in (axis.title for axis in figure.axes if axis.get_title()):
         assert not legend.overlaps(title.get_window_extent(renderer))
     assert "1.0°" in figure.texts[0].get_text()
-    assert drawing.sentence.endswith("(blue).")
+    assert drawing.caption.endswith("(blue).")
 
 
 def test_the_command_writes_the_picture_it_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

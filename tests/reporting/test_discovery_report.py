@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import matplotlib as mpl
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
 from matplotlib.transforms import Bbox
 
 from granite_lab.discovery.as_json import finding_as_json
@@ -24,7 +24,7 @@ from granite_lab.discovery.finding import Finding, Verdict
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.reporting import figures, write_discovery, write_report
-from granite_lab.reporting.canvas import RC, Drawing
+from granite_lab.reporting.canvas import RC
 from granite_lab.reporting.content import Source
 from granite_lab.reporting.discovery import bare_section, section
 from granite_lab.reporting.discovery.evidence import steps
@@ -34,6 +34,7 @@ from granite_lab.reporting.discovery.report import assemble
 from granite_lab.reporting.discovery.residue import discrepancies, means
 from granite_lab.reporting.discovery.tables import effects_table, gaps_table, sand_table, scales_table
 from granite_lab.reporting.document import Section
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.table import Table
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
@@ -81,7 +82,7 @@ def test_a_step_without_content_is_left_out() -> None:
         "Does it hold on trials and speeds that were left out?",
     }  # fmt: skip
     assert not gone & set(titles(steps(alone)))
-    assert "found_held_out" not in {d.id for d in assemble(alone, "mine", SOURCE).drawings}
+    assert "found_held_out" not in {d.name for d in assemble(alone, "mine", SOURCE).figures}
     table = gaps_table(alone)
     assert table is not None
     assert not [c.title for c in table.columns if "left out" in c.title]
@@ -111,33 +112,33 @@ def test_reasons_of_a_provisional_verdict_stand_under_the_sentence() -> None:
 
 
 @pytest.fixture(scope="module")
-def drawings(findings: dict[str, Finding]) -> list[Drawing]:
-    found = [d for f in findings.values() for d in assemble(f, "mine", SOURCE).drawings]
+def drawings(findings: dict[str, Finding]) -> list[Figure]:
+    found = [d for f in findings.values() for d in assemble(f, "mine", SOURCE).figures]
     named = made_up_finding(
         names=HOSTILE.replace("{", "").replace("}", "") + "$a_{{1}}$ {speed} {repetition}"
     )
-    return [*found, *assemble(named, "mine", SOURCE).drawings]
+    return [*found, *assemble(named, "mine", SOURCE).figures]
 
 
-def test_no_text_of_a_figure_is_cut_or_covered(drawings: list[Drawing]) -> None:
+def test_no_text_of_a_figure_is_cut_or_covered(drawings: list[Figure]) -> None:
     for drawing in drawings:
         with mpl.rc_context(RC):
-            boxes = texts(drawing.figure)
-        frame = drawing.figure.bbox
+            boxes = texts(drawing.draw())
+        frame = drawing.draw().bbox
         for text, box in boxes:
             inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1
-            assert inside, (drawing.id, text)
+            assert inside, (drawing.name, text)
         for (a, box_a), (b, box_b) in itertools.combinations(boxes, 2):
             over = Bbox.intersection(box_a, box_b)
-            assert over is None or over.width <= 1 or over.height <= 2, (drawing.id, a, b)
+            assert over is None or over.width <= 1 or over.height <= 2, (drawing.name, a, b)
 
 
-def test_every_figure_has_a_unit_and_says_what_to_see(drawings: list[Drawing]) -> None:
+def test_every_figure_has_a_unit_and_says_what_to_see(drawings: list[Figure]) -> None:
     for drawing in drawings:
-        labels = [axis.get_xlabel() for axis in drawing.figure.axes]
-        assert re.search(r"\[[^\]]+\]$", next(reversed(list(filter(None, labels)))), re.M), drawing.id
-        assert drawing.sentence.endswith((".", ")"))
-        assert "nan" not in (drawing.sentence + drawing.title).lower()
+        labels = [axis.get_xlabel() for axis in drawing.draw().axes]
+        assert re.search(r"\[[^\]]+\]$", next(reversed(list(filter(None, labels)))), re.M), drawing.name
+        assert drawing.caption.endswith((".", ")"))
+        assert "nan" not in (drawing.caption + drawing.title).lower()
         assert drawing.alt
 
 
@@ -158,8 +159,8 @@ def test_a_discrepancy_is_a_share_of_the_rms_in_motion(findings: dict[str, Findi
 
 def test_histories_show_the_discrepancy_with_its_band(findings: dict[str, Finding]) -> None:
     finding = findings["unknown"]
-    drawing = next(d for d in history_drawings(finding) if d.id == "found_history_0p30")
-    axes = {axis.texts[0].get_text(): axis for axis in drawing.figure.axes}
+    drawing = next(d for d in history_drawings(finding) if d.name == "found_history_0p30")
+    axes = {axis.texts[0].get_text(): axis for axis in drawing.draw().axes}
     axis = axes["pitch rate: discrepancy ± 2 std"]
     assert axis.get_ylabel() == "[mrad/s]"
     before, after = (x for x in axis.get_lines() if len(np.asarray(x.get_xdata())) > 2)
@@ -184,7 +185,7 @@ def test_histories_are_means_over_the_repetitions_with_gaps_left_out(findings: d
 def test_intervals_stand_at_their_seconds(findings: dict[str, Finding]) -> None:
     drawing = intervals_drawing(findings["named"])
     assert drawing is not None
-    panels = [axis for axis in drawing.figure.axes if axis.patches]
+    panels = [axis for axis in drawing.draw().axes if axis.patches]
     assert len(panels) == 4
     assert [(p.get_x(), p.get_x() + p.get_width()) for p in panels[0].patches] == [BUMP]
 
@@ -280,7 +281,7 @@ def test_the_case_is_a_section_of_a_studys_report(tmp_path: Path, findings: dict
 def test_few_channels_and_one_speed_make_a_report_too() -> None:
     finding = made_up_finding(speeds=(0.2,), repetitions=2, channels=("wheel", "wheel_split"))
     report = assemble(finding, "mine", SOURCE)
-    drawn = {d.id for d in report.drawings}
+    drawn = {d.name for d in report.figures}
     assert drawn >= {"found_gap", "found_history_0p20"}
     assert "found_intervals" not in drawn  # none of these channels is off
 
@@ -297,7 +298,7 @@ def test_an_effect_without_numbers_and_a_share_that_is_not_known_make_a_report_t
 def cost_of_a_plain_figure() -> float:
     """Return what matplotlib takes for three panels with legends as SVG and PNG: a unit on any machine."""
     begin = time.process_time()
-    figure = Figure(figsize=(7, 6))
+    figure = Canvas(figsize=(7, 6))
     for axis in figure.subplots(3, sharex=True):
         for phase in range(3):
             axis.plot(np.sin(np.linspace(0, 30, 700) + phase), label=f"line {phase}")

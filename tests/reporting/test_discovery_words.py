@@ -130,10 +130,10 @@ def test_the_law_stands_as_formulas_and_is_no_physics() -> None:
 
 def test_a_law_is_not_called_what_was_found() -> None:
     for step in steps(made_up_finding("unknown")):
-        drawings = [d for block in step.blocks if isinstance(block, Gallery) for d in block.drawings]
+        drawings = [d for block in step.blocks if isinstance(block, Gallery) for d in block.figures]
         for drawing in drawings:
-            assert "what was found" not in drawing.sentence, drawing.id
-            assert "with what was found" not in [text for text, _ in texts(drawing.figure)], drawing.id
+            assert "what was found" not in drawing.caption, drawing.name
+            assert "with what was found" not in [text for text, _ in texts(drawing.draw())], drawing.name
 
 
 def test_what_limits_a_size_is_said_and_what_cannot_be_seen() -> None:
@@ -146,7 +146,7 @@ def test_what_limits_a_size_is_said_and_what_cannot_be_seen() -> None:
     assert limits["IMU tilt"][0] == "cannot be seen"
     drawing = detectable_drawing(finding, library())
     assert drawing is not None
-    assert "These trials cannot show IMU tilt." in drawing.sentence
+    assert "These trials cannot show IMU tilt." in drawing.caption
 
 
 def test_what_a_candidate_would_be_taken_for_stands_in_percent() -> None:
@@ -168,7 +168,7 @@ def test_candidates_stand_with_probability_share_and_fate() -> None:
     assert rows["payload mass"][1] == "–"
     drawing = candidates_drawing(finding)
     assert drawing is not None
-    said = drawing.sentence.replace("\u00a0", " ")
+    said = drawing.caption.replace("\u00a0", " ")
     assert "Multi pass is in the model with a probability of 97 % and closes 93 % of the gap" in said
 
 

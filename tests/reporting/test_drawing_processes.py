@@ -7,20 +7,19 @@ import signal
 import sys
 
 import pytest
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
 
 from granite_lab.errors import LabError
-from granite_lab.reporting.canvas import Drawing
-from granite_lab.reporting.figures import FEW, rendered
+from granite_lab.reporting.figures import FEW, Figure, rendered
 
 
-def drawing(k: int) -> Drawing:
-    def drawn() -> Figure:
-        figure = Figure(figsize=(1, 1))
+def drawing(k: int) -> Figure:
+    def drawn() -> Canvas:
+        figure = Canvas(figsize=(1, 1))
         figure.add_subplot().plot([0, k])
         return figure
 
-    return Drawing(f"d{k}", "a line", "It rises.", "a line", drawn)
+    return Figure(f"d{k}", "a line", "It rises.", "a line", drawn)
 
 
 def test_two_processes_draw_the_same_bytes_in_the_same_order() -> None:
@@ -32,11 +31,11 @@ def test_two_processes_draw_the_same_bytes_in_the_same_order() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere this process draws")
 def test_a_process_that_dies_is_an_error_with_a_hint() -> None:
-    def deadly() -> Figure:
+    def deadly() -> Canvas:
         os.kill(os.getpid(), signal.SIGKILL)
         raise AssertionError
 
-    drawings = [drawing(k) for k in range(2 * FEW - 1)] + [Drawing("x", "t", "s", "a", deadly)]
+    drawings = [drawing(k) for k in range(2 * FEW - 1)] + [Figure("x", "t", "s", "a", deadly)]
     with pytest.raises(LabError, match="a process that drew figures has died") as caught:
         list(rendered(drawings, 2))
     assert "--jobs 1" in caught.value.hint

@@ -10,14 +10,14 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from granite_lab.parameters import load_paper
 from granite_lab.reporting.assemble import assemble
-from granite_lab.reporting.canvas import RC, Drawing, envelope, to_svg
+from granite_lab.reporting.canvas import RC, envelope, to_svg
 from granite_lab.reporting.content import StudyResult
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.plot_motion import comparison_drawing
 from granite_lab.reporting.points import spread
 from granite_lab.reporting.summary import by_speed
@@ -28,9 +28,9 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
-def drawings() -> list[Drawing]:
+def drawings() -> list[Figure]:
     result: StudyResult = made_up_study(speeds=(0.2, 0.7), repetitions=2)
-    return [*assemble(result).drawings, comparison_drawing(result.trials[0].comparison, 1)]
+    return [*assemble(result).figures, comparison_drawing(result.trials[0].comparison, 1)]
 
 
 def texts(figure: Figure) -> list[tuple[str, Bbox]]:
@@ -50,44 +50,44 @@ def texts(figure: Figure) -> list[tuple[str, Bbox]]:
     return [(t.get_text(), t.get_window_extent(renderer)) for t in shown]
 
 
-def test_no_text_is_cut_or_covered(drawings: list[Drawing]) -> None:
+def test_no_text_is_cut_or_covered(drawings: list[Figure]) -> None:
     for drawing in drawings:
         with mpl.rc_context(RC):
-            boxes = texts(drawing.figure)
+            boxes = texts(drawing.draw())
         assert len(boxes) > 5
-        canvas = drawing.figure.bbox
+        canvas = drawing.draw().bbox
         for text, box in boxes:
             inside = (
                 canvas.x0 <= box.x0 and box.x1 <= canvas.x1 and canvas.y0 <= box.y0 and box.y1 <= canvas.y1
             )
-            assert inside, (drawing.id, text)
+            assert inside, (drawing.name, text)
         for (a, box_a), (b, box_b) in itertools.combinations(boxes, 2):
             over = Bbox.intersection(box_a, box_b)
             covered = over is not None and over.width > 1 and over.height > 2
-            assert not covered, (drawing.id, a, b)
+            assert not covered, (drawing.name, a, b)
 
 
-def test_no_legend_covers_a_panel(drawings: list[Drawing]) -> None:
+def test_no_legend_covers_a_panel(drawings: list[Figure]) -> None:
     for drawing in drawings:
-        FigureCanvasAgg(drawing.figure).draw()
-        legends = [axes.get_legend() for axes in drawing.figure.axes if axes.get_legend()]
-        panels = [axes.get_window_extent() for axes in drawing.figure.axes]
+        FigureCanvasAgg(drawing.draw()).draw()
+        legends = [axes.get_legend() for axes in drawing.draw().axes if axes.get_legend()]
+        panels = [axes.get_window_extent() for axes in drawing.draw().axes]
         boxes = [legend.get_window_extent() for legend in legends]
         for box in boxes:
             for other in [*panels, *(b for b in boxes if b is not box)]:
                 over = Bbox.intersection(box, other)
-                assert over is None or over.width <= 1 or over.height <= 1, drawing.id
+                assert over is None or over.width <= 1 or over.height <= 1, drawing.name
 
 
-def test_axes_are_named_with_their_units(drawings: list[Drawing]) -> None:
+def test_axes_are_named_with_their_units(drawings: list[Figure]) -> None:
     unit = re.compile(r"\[[^\]]+\]")
     for drawing in drawings:
-        axes = drawing.figure.axes
-        if drawing.id == "misfit":  # names on both axes; the scale carries the unit
+        axes = drawing.draw().axes
+        if drawing.name == "misfit":  # names on both axes; the scale carries the unit
             assert unit.search(axes[1].get_xlabel())
             continue
-        assert all(unit.search(a.get_ylabel()) for a in axes), drawing.id
-        assert unit.search(axes[-1].get_xlabel()), drawing.id
+        assert all(unit.search(a.get_ylabel()) for a in axes), drawing.name
+        assert unit.search(axes[-1].get_xlabel()), drawing.name
 
 
 def test_svg_files_carry_the_labels_as_text(folder: Path) -> None:
@@ -99,26 +99,26 @@ def test_svg_files_carry_the_labels_as_text(folder: Path) -> None:
         assert not path.read_text(encoding="utf-8").count("<dc:date>")
 
 
-def test_svg_text_is_what_was_drawn(drawings: list[Drawing]) -> None:
+def test_svg_text_is_what_was_drawn(drawings: list[Figure]) -> None:
     """Shortening coordinates must not shorten the numbers a reader sees."""
     for drawing in drawings:
-        root = ElementTree.fromstring(to_svg(drawing.figure))
+        root = ElementTree.fromstring(to_svg(drawing.draw()))
         shown = {"".join(node.itertext()).strip() for node in root.iter(f"{SVG}text")}
-        wanted = {t.get_text() for t in drawing.figure.findobj(Text) if re.search(r"[A-Za-z]", t.get_text())}
+        wanted = {t.get_text() for t in drawing.draw().findobj(Text) if re.search(r"[A-Za-z]", t.get_text())}
         assert {line for text in wanted for line in text.split("\n")} >= shown - {
             text for text in shown if not re.search(r"[A-Za-z]", text)
         }
         assert len(shown) > 5
 
 
-def test_every_figure_says_what_to_see(drawings: list[Drawing]) -> None:
-    ids = [d.id for d in drawings]
+def test_every_figure_says_what_to_see(drawings: list[Figure]) -> None:
+    ids = [d.name for d in drawings]
     assert len(set(ids)) == len(ids)
     for d in drawings:
         assert d.title
         assert d.alt
-        assert d.sentence.endswith((".", ")"))
-        assert "nan" not in d.sentence.lower()
+        assert d.caption.endswith((".", ")"))
+        assert "nan" not in d.caption.lower()
 
 
 @pytest.mark.parametrize("trials", [1, 3, 300])

@@ -8,7 +8,6 @@ from pathlib import Path
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
 from granite_lab.model.effect import Effect
-from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import plot_gap, plot_sizes, plot_where, plot_which, tables
 from granite_lab.reporting.discovery.answers import missing_answer, percent
 from granite_lab.reporting.discovery.law import law_formulas
@@ -25,6 +24,7 @@ from granite_lab.reporting.document import (
     Section,
     Words,
 )
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.table import Table
 
 SYMBOLS = (
@@ -110,7 +110,7 @@ def candidates_of(finding: Finding, effects: Mapping[str, Effect] | None) -> dic
     return dict(effects) | {a.effect.id: a.effect for a in finding.active}
 
 
-def _gallery(*drawings: Drawing | None) -> Iterator[Block]:
+def _gallery(*drawings: Figure | None) -> Iterator[Block]:
     there = tuple(d for d in drawings if d is not None)
     if there:
         yield Gallery(there)

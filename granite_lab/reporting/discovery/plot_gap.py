@@ -6,11 +6,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
 
 from granite_lab.discovery.finding import Finding
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.answers import percent, times
 from granite_lab.reporting.discovery.names import (
@@ -22,6 +21,7 @@ from granite_lab.reporting.discovery.names import (
     with_found,
 )
 from granite_lab.reporting.discovery.residue import discrepancies
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.rounding import significant
 
 Pair = tuple[float, float]
@@ -30,7 +30,7 @@ Pair = tuple[float, float]
 GAP = "gap [–]"
 
 
-def gap_drawing(finding: Finding) -> Drawing:
+def gap_drawing(finding: Finding) -> Figure:
     """Draw the gap over all channels, in the fit and on trials left out, and of each channel in the fit."""
     whole, known = finding.gap, {g.channel: g for g in finding.gaps}
     lines = {"all channels": whole.train}
@@ -46,17 +46,17 @@ def gap_drawing(finding: Finding) -> Drawing:
         f"{where}, the model without effects is off by {times(before)} times what noise and tolerance explain"
     )
     text += f", {with_found(finding)} by {times(after)}." if finding.effects else "."
-    return Drawing(
+    return Figure(
         "found_gap",
         f"The gap of each channel, before and after{canvas.data_tag(finding.virtual)}",
         text,
         "Root mean square of the residuals over what noise and tolerance explain, without and with what was "
         "found, over all channels and per channel.",
-        figure,
+        lambda: figure,
     )
 
 
-def discrepancy_drawing(finding: Finding) -> Drawing | None:
+def discrepancy_drawing(finding: Finding) -> Figure | None:
     """Draw the discrepancy of each channel in percent of its rms, before and after; None without any."""
     shares = {c: (100 * b, 100 * a) for c, (b, a) in discrepancies(finding).items() if math.isfinite(b)}
     if not shares:
@@ -68,17 +68,17 @@ def discrepancy_drawing(finding: Finding) -> Drawing | None:
     before, after = (significant(v, 2) for v in shares[worst])
     text = f"Largest without effects: {spoken(worst)}, {before} % of its rms"
     text += f", {with_found(finding)} {after} %" if finding.effects else ""
-    return Drawing(
+    return Figure(
         "found_discrepancy",
         f"What the repetitions share and the model does not explain{canvas.data_tag(finding.virtual)}",
         f"{text}; up to {percent(finding.tolerance)} does not matter.",
         "Discrepancy of the model per channel in percent of the channel's rms in motion, without and with "
         "what was found.",
-        figure,
+        lambda: figure,
     )
 
 
-def held_out_drawing(finding: Finding) -> Drawing | None:
+def held_out_drawing(finding: Finding) -> Figure | None:
     """Draw how well each trial and each speed is predicted by a fit that did not see it; None without any."""
     trials, speeds = finding.trials_left_out, finding.speeds_left_out
     lines = {short(x.name): (x.before, x.after) for x in trials}
@@ -98,18 +98,18 @@ def held_out_drawing(finding: Finding) -> Drawing | None:
             f"{capital(with_found(finding))}, {' and '.join(better)} are predicted better by a fit to the "
             f"others; the furthest off: {worst} ({times(lines[worst][1])})."
         )
-    return Drawing(
+    return Figure(
         "found_held_out",
         f"Trials and speeds predicted by a fit that did not see them{canvas.data_tag(finding.virtual)}",
         text,
         "Gap of each trial and of each speed that was left out of the fit, before and after.",
-        figure,
+        lambda: figure,
     )
 
 
 def _dumbbells(
     lines: Mapping[str, Pair], finding: Finding, *, unit: str, line: float, label: str, rule: int = 0
-) -> Figure:
+) -> Canvas:
     """Draw before and after of each row, and a line that says how good is good enough.
 
     Args:

@@ -9,10 +9,10 @@ from matplotlib.ticker import MaxNLocator
 from granite_lab.discovery.finding import Finding, Residual
 from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.names import capital, channel_name, channels_of, spoken, with_found
 from granite_lab.reporting.discovery.residue import means
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.rounding import significant, tidy_unit
 
 SHOWN = 3
@@ -25,7 +25,7 @@ SCALE = {"rad/s": (1e3, "mrad/s"), "rad": (1e3, "mrad")}
 """Unit to the factor and unit in which a channel is drawn, where not in its own."""
 
 
-def history_drawings(finding: Finding) -> list[Drawing]:
+def history_drawings(finding: Finding) -> list[Figure]:
     """Draw the channels with the largest gap, one figure per speed."""
     known = {g.channel: g.train[0] for g in finding.gaps}
     ranked = sorted(channels_of(finding), key=lambda c: -known.get(c, 0.0))[:SHOWN]
@@ -36,7 +36,7 @@ def history_drawings(finding: Finding) -> list[Drawing]:
     return [_speed(finding, velocity, own) for velocity, own in groups.items()]
 
 
-def _speed(finding: Finding, velocity: float, found: dict[str, tuple[int, Residual]]) -> Drawing:
+def _speed(finding: Finding, velocity: float, found: dict[str, tuple[int, Residual]]) -> Figure:
     own = {c: mean for c, (_, mean) in found.items()}
     figure, axes = canvas.stacked([0.95, 0.6] * len(own), [2] + [1] * (2 * len(own) - 1))
     with canvas.styled():
@@ -51,13 +51,13 @@ def _speed(finding: Finding, velocity: float, found: dict[str, tuple[int, Residu
         canvas.mark_virtual(figure, finding.virtual)
     data = canvas.data_tag(finding.virtual)
     what = "measured, and the model before and after" if finding.effects else "measured and simulated"
-    return Drawing(
+    return Figure(
         f"found_history_{velocity:.2f}".replace(".", "p"),
         f"{velocity:g} m/s: {what}{data}",
         _describe(finding, max(n for n, _ in found.values()), own),
         f"Sensor readings over time at {velocity:g} m/s, measured and simulated without and with what was "
         f"found, and the discrepancy of the model with its 95 % band{data}.",
-        figure,
+        lambda: figure,
     )
 
 

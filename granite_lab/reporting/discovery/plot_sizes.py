@@ -9,10 +9,10 @@ from typing import Any
 from granite_lab.discovery.finding import Finding
 from granite_lab.model.effect import Effect
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.names import brief, listed, plain
 from granite_lab.reporting.discovery.sizes import Share, shares
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.rounding import significant, with_unit
 
 MARKERS: dict[str, dict[str, Any]] = {
@@ -22,7 +22,7 @@ MARKERS: dict[str, dict[str, Any]] = {
 """What limits a size, as it is drawn."""
 
 
-def detectable_drawing(finding: Finding, known: Mapping[str, Effect]) -> Drawing | None:
+def detectable_drawing(finding: Finding, known: Mapping[str, Effect]) -> Figure | None:
     """Draw the smallest size of each candidate that these trials show, over what is expected of it.
 
     Args:
@@ -57,13 +57,13 @@ def detectable_drawing(finding: Finding, known: Mapping[str, Effect]) -> Drawing
         axis.set_xlabel("smallest size seen, over the largest expected [%]")
         rows.legend_on_top(figure, axis, 2)
         canvas.mark_virtual(figure, finding.virtual)
-    return Drawing(
+    return Figure(
         "found_detectable",
         f"What these trials could show of each candidate{canvas.data_tag(finding.virtual)}",
         _describe_detectable(ranked, smallest),
         "Smallest size of each candidate effect that these trials show, over the largest that the literature "
         "leads to expect.",
-        figure,
+        lambda: figure,
     )
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
 
 from granite_lab.discovery.finding import Finding
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.answers import percent
 from granite_lab.reporting.discovery.names import channel_name, channels_of, spoken
+from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.rounding import places
 
 LOW, HIGH = 1.0, 50.0
@@ -21,7 +21,7 @@ COLOURS = mpl.colormaps["cividis"]
 ROW, BETWEEN, HEAD, FOOT = 0.13, 0.24, 0.24, 0.98
 
 
-def intervals_drawing(finding: Finding) -> Drawing | None:
+def intervals_drawing(finding: Finding) -> Figure | None:
     """Draw the intervals of disagreement over time, one panel per speed; None without any."""
     speeds = sorted({d.variant for d in finding.where})
     if not speeds:
@@ -32,7 +32,7 @@ def intervals_drawing(finding: Finding) -> Drawing | None:
     wide = canvas.WIDTH - rows.LEFT - rows.RIGHT
     end = max(float(r.t[-1]) for r in finding.residuals if r.variant in speeds)
     with canvas.styled():
-        figure = Figure(figsize=(canvas.WIDTH, height))
+        figure = Canvas(figsize=(canvas.WIDTH, height))
         for k, speed in enumerate(speeds):
             low = height - HEAD - (k + 1) * tall - k * BETWEEN
             box = (rows.LEFT / canvas.WIDTH, low / height, wide / canvas.WIDTH, tall / height)
@@ -60,7 +60,7 @@ def intervals_drawing(finding: Finding) -> Drawing | None:
     worst = max(finding.where, key=lambda d: d.share)
     n = len(finding.where)
     count = "one interval" if n == 1 else f"{n} intervals"
-    return Drawing(
+    return Figure(
         "found_intervals",
         f"When the model without any effect disagrees{canvas.data_tag(finding.virtual)}",
         f"Lighter is further off: {count} beyond the tolerance; the largest is the {spoken(worst.channel)} "
@@ -68,5 +68,5 @@ def intervals_drawing(finding: Finding) -> Drawing | None:
         f"({percent(worst.share)} of its rms).",
         "Bars over time, per speed and channel, where the model without effects disagrees with the trials by "
         "more than the tolerance.",
-        figure,
+        lambda: figure,
     )

@@ -8,15 +8,15 @@ import numpy as np
 
 from granite_lab.discovery.finding import Finding
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Drawing
 from granite_lab.reporting.discovery import rows
 from granite_lab.reporting.discovery.answers import percent
 from granite_lab.reporting.discovery.names import STATUS, brief, capital, plain, shown_candidates
+from granite_lab.reporting.figures import Figure
 
 MARKERS = {"named": "o", "twin": "s", "small": "v", "less likely": "D", "screened": ".", "at a bound": "x"}
 
 
-def candidates_drawing(finding: Finding) -> Drawing | None:
+def candidates_drawing(finding: Finding) -> Figure | None:
     """Draw the probability of each candidate and the share of the gap that it closes; None without any."""
     found = shown_candidates(finding)
     if not found:
@@ -46,12 +46,12 @@ def candidates_drawing(finding: Finding) -> Drawing | None:
         right.set_xlabel("closes alone [%]")
         rows.legend_on_top(figure, left, 3)
         canvas.mark_virtual(figure, finding.virtual)
-    return Drawing(
+    return Figure(
         "found_candidates",
         f"How likely each candidate is, and what it closes{canvas.data_tag(finding.virtual)}",
         _describe(finding),
         "Posterior probability of each candidate effect, and the share of the gap that it closes alone.",
-        figure,
+        lambda: figure,
     )
 
 
@@ -66,7 +66,7 @@ def _describe(finding: Finding) -> str:
     return f"{text}. Without a dot on the right: looked at by the screen only."
 
 
-def confusion_drawing(finding: Finding) -> Drawing | None:
+def confusion_drawing(finding: Finding) -> Figure | None:
     """Draw how alike the candidates' signatures are on these trials; None without any."""
     check = finding.confusion
     if check is None or len(check.ids) < 2:
@@ -100,11 +100,11 @@ def confusion_drawing(finding: Finding) -> Drawing | None:
             row[ids.index(e.id)] = -1
             k = int(np.argmax(row))
             text += f" Most like {plain(e.id)}: {names[k]} ({row[k]:.2f})."
-    return Drawing(
+    return Figure(
         "found_confusion",
         f"Which candidates look alike{canvas.data_tag(finding.virtual)}",
         text,
         "Heat map of how alike the signatures of all candidates are once sand and sensor errors are fitted "
         "again.",
-        figure,
+        lambda: figure,
     )
