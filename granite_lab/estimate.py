@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -23,3 +24,37 @@ class Estimate:
     def as_json(self) -> dict[str, float]:
         """Return the record as it stands in every JSON output."""
         return {"value": self.value, "std": self.std}
+
+
+Kind = Literal["A", "B"]
+"""How an uncertainty was evaluated (JCGM 100, 4.2 and 4.3): from repeated observations, or by other means."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One component of a standard uncertainty.
+
+    Attributes:
+        name: of the source, as a reader calls it.
+        kind: type of its evaluation.
+        distribution: that was assumed.
+        unit: of `std`.
+        std: standard uncertainty of the source.
+        contribution: standard uncertainty of the result that it causes [the result's unit].
+    """
+
+    name: str
+    kind: Kind
+    distribution: str
+    unit: str
+    std: float
+    contribution: float
+
+    @property
+    def sensitivity(self) -> float:
+        """Size of the sensitivity coefficient |c| [the result's unit over `unit`]."""
+        return self.contribution / self.std if self.std > 0 else math.nan
+
+    def times(self, factor: float) -> Part:
+        """Return the part of a result that is `factor` times this one."""
+        return replace(self, contribution=abs(factor) * self.contribution)

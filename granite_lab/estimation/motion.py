@@ -7,7 +7,7 @@ from typing import Literal
 
 import pandas as pd
 
-from granite_lab.estimate import Estimate
+from granite_lab.estimate import Estimate, Part
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS, Variant
 
@@ -86,6 +86,7 @@ class Motion:
         health: the filter's health.
         warnings: the reader's and the estimator's doubts, one line each.
         clock_applied: how much of `clock_offset` is in the stamps of the corrected trial already [s].
+        slip_parts: what the std of `slip_ratio` is made of; empty where it has none.
     """
 
     trial: str
@@ -116,6 +117,7 @@ class Motion:
     health: Health
     warnings: tuple[str, ...] = field(default=())
     clock_applied: float = 0.0
+    slip_parts: tuple[Part, ...] = ()
 
     @property
     def clock_left(self) -> Estimate:

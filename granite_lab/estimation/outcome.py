@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from granite_lab.estimate import Estimate
+from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation import phases, slip
+from granite_lab.estimation.budget import slip_parts
 from granite_lab.estimation.motion import Health, Motion
 from granite_lab.estimation.nodes import QUICK
 from granite_lab.estimation.passes import LATENCY, Problem, Solution
@@ -63,7 +64,7 @@ def motion_of(
     course = phases.find(t, pace, health.rests)
     variant, source, doubt = phases.recognise(course, trial.info, variants)
     distance = Estimate(float(x[-1] - x[0]), float(x_std[-1]))
-    slip_ratio, rolled = Estimate(NAN), Estimate(NAN)
+    slip_ratio, rolled, parts = Estimate(NAN), Estimate(NAN), tuple[Part, ...]()
     if rolling is not None:
         travelled = nominal.x[nodes.index] + found.x[:, X] - found.x[:, P]
         lost = nodes.lost + found.x[:, D]
@@ -72,6 +73,9 @@ def motion_of(
         if np.isfinite(course.steady[0]):
             i, j = (int(np.argmin(np.abs(nodes.t - edge))) for edge in course.steady)
             slip_ratio = slip.robot_slip(found, travelled, lost, i, j)
+            parts = slip_parts(
+                nodes, found, problem.noise, problem.slip, slip_ratio.value, travelled + lost, i, j
+            )
             course = replace(course, steady=(float(nodes.t[i]), float(nodes.t[j])))
     more = [doubt] if doubt else []
     if not np.isfinite(course.steady[0]):
@@ -83,7 +87,7 @@ def motion_of(
         slip_ratio=slip_ratio, distance=distance, distance_wheels=rolled, steady=course.steady,
         t_start=phases.command_start(trial.command, offset, course.onset), clock_offset=offset,
         variant=variant, variant_source=source, noise=problem.noise.as_dict(), health=health,
-        warnings=(*trial.warnings, *warnings, *more),
+        warnings=(*trial.warnings, *warnings, *more), slip_parts=parts,
     )  # fmt: skip
 
 
