@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from granite_lab.api.simulate import simulate
     from granite_lab.api.trials import compare, fit_a_theta, fit_k92, record, report, study
     from granite_lab.api.view import view
+    from granite_lab.api.wheel import wheel
     from granite_lab.errors import LabError
     from granite_lab.estimate import Estimate
 
@@ -37,6 +38,7 @@ __getattr__ = lazily(
         "granite_lab.api.simulate": ("simulate",),
         "granite_lab.api.trials": ("compare", "fit_a_theta", "fit_k92", "record", "report", "study"),
         "granite_lab.api.view": ("view",),
+        "granite_lab.api.wheel": ("wheel",),
         "granite_lab.errors": ("LabError",),
         "granite_lab.estimate": ("Estimate",),
     },
@@ -62,6 +64,7 @@ __all__ = [
     "simulate",
     "study",
     "view",
+    "wheel",
 ]
 
 

@@ -36,9 +36,20 @@ def _options(
 
 
 def _register() -> None:
-    from granite_lab.commands import discover, effects, fit, hidden, logs, parameters, plan, simulate, study
+    from granite_lab.commands import (
+        discover,
+        effects,
+        fit,
+        hidden,
+        logs,
+        parameters,
+        plan,
+        simulate,
+        study,
+        wheel,
+    )
 
-    for module in (logs, simulate, fit, study, discover, plan, parameters, effects, hidden):
+    for module in (logs, simulate, wheel, fit, study, discover, plan, parameters, effects, hidden):
         module.register(app)
 
 

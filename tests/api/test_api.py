@@ -29,6 +29,7 @@ FUNCTIONS = {
     "inspect": "inspect",
     "ingest": "ingest",
     "simulate": "simulate",
+    "wheel": "wheel",
     "fit-k92": "fit_k92",
     "fit-atheta": "fit_a_theta",
     "compare": "compare",

@@ -37,7 +37,7 @@ NUMBERS = st.one_of(
     st.floats(1e-3, 10).map(lambda x: f"{x:.3g}"),
     st.integers(-5, 50).map(str),
 )
-HARMLESS = {"--out", "--log", "--truth", "--write-map"}
+HARMLESS = {"--out", "--log", "--truth", "--write-map", "--arc", "--plot"}
 """Options that name what is written: they stay in the test's folder."""
 
 
@@ -97,7 +97,7 @@ def finite(value: Any, args: list[str]) -> None:
         assert math.isfinite(value), args
 
 
-LIGHT = ("inspect", "ingest", "params", "effects", "reveal", "plan-next", "view", "fit-atheta")
+LIGHT = ("inspect", "ingest", "params", "effects", "wheel", "reveal", "plan-next", "view", "fit-atheta")
 LIGHT_ONLY = tuple(name for name in LIGHT if name != "fit-atheta")
 
 

@@ -1,0 +1,362 @@
+"""One wheel that rolls steadily on soil: the contact model (4), (6)-(17) without a robot around it.
+
+The equations are those of `granite_lab.model.graph.on_ground`; here they are solved for the sinkage at
+which they bear a load.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+from scipy import optimize
+
+from granite_lab.errors import EstimateError, InputError, UsageError
+from granite_lab.model.command import V_FLOOR, contact_angle_ratio
+from granite_lab.model.contact import WheelState
+from granite_lab.model.effect import Active, Axle, Effect, Own
+from granite_lab.model.graph import OnGround, on_ground
+from granite_lab.model.symbols import ModelParameters, symbolic, symbols_of, vector_of
+from granite_lab.parameters import Chassis, Drive, Soil, Wheels, load_robot, load_soil, load_variants
+
+Array = npt.NDArray[np.float64]
+
+NODES = 101
+"""Places of the contact arc at which stresses are told."""
+
+HOOKS = ("desired_velocity", "wheel", "soil", "contact_angles", "pressure", "wheel_forces")
+"""Hooks by which an effect acts on a single wheel; the others need a robot, motors or sensors."""
+
+FORCES = (
+    "load_N", "drawbar_pull_N", "torque_Nm", "thrust_N", "resistance_N", "sinkage_m", "angle_front_rad",
+    "angle_rear_rad",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Rolling:
+    """How the wheel moves.
+
+    Attributes:
+        slip: λ of (1), from -1 (locked) to 1 (spinning on the spot).
+        velocity: of the wheel's centre [m/s].
+        rate: angular velocity [rad/s].
+        speed: the larger of the velocity and of that of the circumference [m/s].
+        angle: of the wheel [rad], for effects that depend on it.
+    """
+
+    slip: float
+    velocity: float
+    rate: float
+    speed: float
+    angle: float = 0.0
+
+    @property
+    def fades(self) -> bool:
+        """Whether the wheel is so slow that the model reduces slip and shear displacement."""
+        return self.speed < V_FLOOR
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """The law of k_92: constant where `k92` is a number, else (5).
+
+    Attributes:
+        k92: ϑ_2 / ϑ_1 [-], or None.
+        a_theta: a_θ of (5) [s/m].
+    """
+
+    k92: float | None = None
+    a_theta: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class WheelPoint:
+    """One wheel at one slip.
+
+    Attributes:
+        rolling: how it moves.
+        k92: ϑ_2 / ϑ_1.
+        load: vertical force of the soil [N].
+        drawbar_pull: F_Tx, (16) with what effects add [N].
+        torque: that turns the wheel, -M_ω of (15) [N m].
+        thrust, resistance: F (14) and R (13) [N].
+        sinkage: z_0 [m].
+        angle_front, angle_rear: ϑ_1, ϑ_2 [rad].
+        angle: (N,) places on the arc from -ϑ_2 to ϑ_1 [rad].
+        normal_stress, shear_stress: (N,) σ and τ there [Pa].
+    """
+
+    rolling: Rolling
+    k92: float
+    load: float
+    drawbar_pull: float
+    torque: float
+    thrust: float
+    resistance: float
+    sinkage: float
+    angle_front: float
+    angle_rear: float
+    angle: Array
+    normal_stress: Array
+    shear_stress: Array
+
+    @property
+    def slip(self) -> float:
+        """λ of (1)."""
+        return self.rolling.slip
+
+
+def rolling(
+    slip: float,
+    radius: float,
+    *,
+    omega: float | None = None,
+    velocity: float | None = None,
+    speed: float = 0.1,
+    angle: float = 0.0,
+) -> Rolling:
+    """Return the motion with a slip ratio λ by (1).
+
+    Args:
+        slip: λ, from -1 to 1.
+        radius: of the wheel [m].
+        omega: angular velocity [rad/s], or None.
+        velocity: of the wheel's centre [m/s], or None.
+        speed: where neither is given, the larger of ω r and the velocity [m/s]. The equations (6)-(16)
+            do not depend on it above 0.02 m/s.
+        angle: of the wheel [rad].
+
+    Raises:
+        UsageError: slip outside its range, a speed that is not positive, or no such motion.
+    """
+    if not -1 <= slip <= 1:
+        raise UsageError(f"slip {slip:g} is out of range", "expected a number from -1 (locked) to 1")
+    if omega is not None and velocity is not None:
+        raise UsageError("--omega and --v exclude each other", "the other one follows from the slip")
+    given = [x for x in (omega, velocity, speed) if x is not None]
+    if not all(0 < x < math.inf for x in given):
+        raise UsageError("the speed of the wheel must be positive", "use a negative slip for braking")
+    if not math.isfinite(angle):
+        raise UsageError("the angle of the wheel is no number", "expected a finite angle")
+    if (omega is not None and slip == -1) or (velocity is not None and slip == 1):
+        raise UsageError(
+            f"slip {slip:g} does not fit the given speed", "a locked wheel has --v, a spinning one --omega"
+        )
+    if omega is not None:
+        speed = omega * radius / min(1, 1 + slip)
+    elif velocity is not None:
+        speed = velocity / min(1, 1 - slip)
+    return Rolling(slip, speed * min(1, 1 - slip), speed * min(1, 1 + slip) / radius, speed, angle)
+
+
+def acts(effect: Effect) -> bool:
+    """Tell whether an effect can change what a single wheel does."""
+    return any(getattr(type(effect), name) is not getattr(Effect, name) for name in HOOKS)
+
+
+class SingleWheel:
+    """A wheel on a soil.
+
+    Args:
+        wheels, soil: the wheel and the soil.
+        effects: added to the paper's model; those that need a robot are left out.
+        chassis: of the robot, for effects that depend on it.
+
+    Raises:
+        InputError: an effect needs the chassis and there is none.
+    """
+
+    def __init__(
+        self, wheels: Wheels, soil: Soil, effects: Sequence[Active] = (), chassis: Chassis | None = None
+    ) -> None:
+        self.wheels, self.soil = wheels, soil
+        self.effects = tuple(e for e in effects if acts(e.effect))
+        robot = load_robot()
+        assert robot.drive is not None
+        self._parameters = ModelParameters(
+            wheels, chassis or _nothing(Chassis), _nothing(Drive), robot.imu, soil, load_variants()[0],
+            0.0, 0.0, 1.0,
+        )  # fmt: skip
+        self._chosen = tuple(e.effect for e in self.effects)
+        self._own = [x for e in self.effects for x in e.values]
+        self._states = sum(len(e.states) for e in self._chosen)
+        self._found = np.empty(len(FORCES))
+        self._places, self._evaluate = _functions(self._chosen)[0].buffer()
+        self._places.set_res(0, self._found.data)
+
+    def at_load(self, load: float, motion: Rolling, ratio: Ratio) -> WheelPoint:
+        """Return the wheel at the smallest sinkage that bears a load [N].
+
+        Raises:
+            EstimateError: the wheel sinks to its axle.
+        """
+        vector = self._vector(motion, ratio)
+        self.at_sinkage(self.wheels.radius / 10, motion, ratio)  # tells what is missing
+        depths = np.geomspace(1e-5, 0.999, 40) * self.wheels.radius
+        low, start = 0.0, np.zeros(self._states)
+        for high in depths:
+            start = self._settled(high, vector, start)
+            if self._forces(high, start, vector)[0] >= load:
+                break
+            low = high
+        else:
+            raise EstimateError(
+                f"the wheel sinks to its axle under {load:g} N at slip {motion.slip:g}",
+                "choose a smaller load, a larger wheel or firmer soil",
+            )
+
+        def missing(z: float) -> float:
+            return float(self._forces(z, self._settled(z, vector, start), vector)[0]) - load
+
+        z = high if low == 0 else float(optimize.brentq(missing, low, high, xtol=1e-12, rtol=1e-12))
+        return self.at_sinkage(z, motion, ratio)
+
+    def at_sinkage(self, sinkage: float, motion: Rolling, ratio: Ratio) -> WheelPoint:
+        """Return the wheel at a sinkage z_0 [m].
+
+        Raises:
+            UsageError: the sinkage is not between zero and the radius.
+            EstimateError: an effect's states find no equilibrium.
+        """
+        if not 0 < sinkage < self.wheels.radius:
+            raise UsageError(
+                f"sinkage {1000 * sinkage:g} mm is out of range",
+                f"expected a number above 0 and below the radius, {1000 * self.wheels.radius:g} mm",
+            )
+        vector = self._vector(motion, ratio)
+        states = self._settled(sinkage, vector, np.zeros(self._states))
+        values = self._sound(self._forces(sinkage, states, vector))
+        load, pull, torque, thrust, resistance, _, front, rear = values.tolist()
+        arc = _functions(self._chosen)[1](sinkage, states, vector).full()
+        return WheelPoint(
+            motion, rear / front, load, pull, torque, thrust, resistance, sinkage, front, rear, *arc.T
+        )  # fmt: skip
+
+    def _vector(self, motion: Rolling, ratio: Ratio) -> Array:
+        """Return all numbers but the sinkage and the states, in the order of `_functions`."""
+        p = dataclasses.replace(
+            self._parameters,
+            k92_constant=0.0 if ratio.k92 is None else ratio.k92,
+            a_theta=ratio.a_theta,
+            k92_is_constant=0.0 if ratio.k92 is None else 1.0,
+        )
+        return np.array([motion.velocity, motion.rate, motion.angle, *vector_of(p), *self._own])
+
+    def _forces(self, sinkage: float, states: Array, vector: Array) -> Array:
+        """Return `FORCES`; the array is overwritten by the next call."""
+        given = (np.array([sinkage]), states, vector)
+        for k, numbers in enumerate(given):
+            self._places.set_arg(k, numbers.data)
+        self._evaluate()
+        return self._found
+
+    def _sound(self, values: Array) -> Array:
+        """Return numbers that are finite.
+
+        Raises:
+            InputError: they are not, for want of a chassis.
+        """
+        if not np.isfinite(values).all():
+            names = ", ".join(e.id for e in self.effects)
+            raise InputError(
+                f"no forces of the wheel can be had with the effects {names}",
+                "give a robot whose file has [chassis]",
+            )
+        return values
+
+    def _settled(self, sinkage: float, vector: Array, start: Array) -> Array:
+        """Return the effects' own states at rest."""
+        if not self._states:
+            return start
+        rates = _functions(self._chosen)[2]
+
+        self._sound(rates(sinkage, start, vector).full())
+
+        def unbalanced(x: Array) -> Array:
+            changes: Array = rates(sinkage, x, vector).full()[:, 0]
+            return changes
+
+        found = optimize.root(unbalanced, start)
+        if not found.success:
+            raise EstimateError(
+                "the states of the effects find no equilibrium on a single wheel", "leave out an effect"
+            )
+        settled: Array = found.x
+        return settled
+
+
+def _nothing(kind: type[Any]) -> Any:
+    """Return a record of numbers that are none: whatever needs them gives no number."""
+    return kind(**{f.name: math.nan for f in dataclasses.fields(kind)})
+
+
+@lru_cache(maxsize=64)
+def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
+    """Return functions of sinkage, states and `SingleWheel._vector`: `FORCES`, the arc, the states' rates.
+
+    A front wheel is shown; the rear one only completes the pair for effects with states.
+    """
+    z, v, rate, angle = (ca.SX.sym(name) for name in ("z", "v", "rate", "angle"))
+    robot = load_robot()
+    assert robot.chassis is not None
+    assert robot.drive is not None
+    paper = symbolic(
+        ModelParameters(
+            robot.wheels, robot.chassis, robot.drive, robot.imu, load_soil(), load_variants()[0],
+            0.0, 0.0, 1.0,
+        )
+    )  # fmt: skip
+    hooks: list[tuple[Effect, Own]] = []
+    own_p: list[Any] = []
+    own_x: list[Any] = []
+    for e in effects:
+        p = {q.name: ca.SX.sym(f"{e.id}.{q.name}") for q in e.parameters}
+        x = {name: ca.SX.sym(f"{e.id}.{name}") for name in e.states}
+        own_p += p.values()
+        own_x += x.values()
+        hooks.append((e, Own(p, x, ca.SX(0.0), paper)))
+    model = paper
+    for e, own in hooks:
+        model = e.system(model, own)
+    speed = ca.fmax(ca.fabs(v), ca.fabs(rate * model.wheels.radius))
+    desired = speed
+    for e, own in hooks:
+        desired = e.desired_velocity(desired, v, own)
+    k92 = contact_angle_ratio(desired, model)
+
+    def wheel(front: bool) -> OnGround:
+        state = WheelState(
+            front=front, travel=ca.SX(0.0), angle=angle, rate=rate, tread_rate=rate, velocity=v, sinkage=z,
+            sinkage_rate=0.0, radius=model.wheels.radius, width=model.wheels.width, v_desired=speed, k92=k92,
+        )  # fmt: skip
+        return on_ground(state, model.soil, k92, 0.0, hooks)
+
+    one, other = wheel(True), wheel(False)
+    forces, angles = one.forces, one.angles
+    told = ca.vertcat(
+        forces.normal, forces.longitudinal, -forces.moment, forces.thrust, forces.resistance, z,
+        angles.front, angles.rear,
+    )  # fmt: skip
+    ϑ = -angles.rear + (angles.front + angles.rear) * ca.DM(np.linspace(0, 1, NODES))
+    depth = one.state.sinkage + one.state.deflection - one.state.arc_radius * (1 - ca.cos(ϑ))
+    σ, τ = one.stresses(ϑ, depth)
+    axles = tuple(
+        Axle(0.0, g.state, g.angles, g.forces, ca.SX(0.0), -g.forces.moment, g.forces.moment)
+        for g in (one, other)
+    )
+    rates = [e.rates((axles[0], axles[1]), model, own) for e, own in hooks]
+    changes = [found[name] for e, found in zip(effects, rates, strict=True) for name in e.states]
+    given: list[Any] = [z, ca.vertcat(*own_x), ca.vertcat(v, rate, angle, symbols_of(paper), *own_p)]
+    return (
+        ca.Function("forces", given, [ca.cse(ca.densify(told))]),
+        ca.Function("arc", given, [ca.cse(ca.densify(ca.horzcat(ϑ, σ, τ)))]),
+        ca.Function("rates", given, [ca.cse(ca.densify(ca.vertcat(*changes)))]),
+    )
