@@ -12,7 +12,6 @@ analysis.
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import platform
 import resource
@@ -25,11 +24,9 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-
 from granite_lab.reporting import write_report
 from granite_lab.running import Cache, Execution
-from granite_lab.running.codec import TEXT, encode
+from granite_lab.running.codec import encode, pack, unpack
 from granite_lab.running.fingerprint import trial_key
 from granite_lab.study import Options, analyse, study
 
@@ -96,14 +93,10 @@ def remember(logs: Sequence[Path], cache: Cache, jobs: int) -> None:
     study(firsts, "firsts", execution=Execution(jobs, cache=cache))
     for first in firsts:
         data = encode(((), cache.get(trial_key(analyse.__qualname__, first, Options()))))
-        with np.load(io.BytesIO(data)) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        text = arrays[TEXT].tobytes()
+        text, arrays = unpack(data)
         for log in (log for log in logs if log.stem[: -len(FIRST)] == first.stem[: -len(FIRST)]):
-            named = text.replace(first.stem.encode(), log.stem.encode())
-            out = io.BytesIO()
-            np.savez(out, allow_pickle=False, **(arrays | {TEXT: np.frombuffer(named, dtype=np.uint8)}))
-            cache.put(trial_key(analyse.__qualname__, log, Options()), out.getvalue())
+            named = pack(text.replace(first.stem, log.stem), arrays)
+            cache.put(trial_key(analyse.__qualname__, log, Options()), named)
 
 
 def measure(folder: Path, jobs: int, *, remembered: bool) -> Cost:

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -34,11 +35,11 @@ def behave() -> None:
     threading.Thread(target=_watch, daemon=True).start()
 
 
-def _watch() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+def _watch(interval: float = 0.2) -> None:
+    parent = os.getppid()
+    while os.getppid() == parent:
+        time.sleep(interval)
+    os._exit(1)
 
 
 @contextmanager

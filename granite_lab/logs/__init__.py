@@ -1,8 +1,5 @@
 """From CSV logs to a Trial: columns and units, clocks, wraps and gaps."""
 
-from granite_lab.logs.canonical import write_canonical, write_truth
-from granite_lab.logs.inspected import Inspection
-from granite_lab.logs.inspection import inspect_logs
-from granite_lab.logs.reader import read_trial
+import lazy_loader
 
-__all__ = ["Inspection", "inspect_logs", "read_trial", "write_canonical", "write_truth"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

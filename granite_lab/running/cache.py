@@ -12,7 +12,7 @@ from typing import Any
 from granite_lab.errors import LabError
 from granite_lab.files import write_bytes
 from granite_lab.model.effect import Effect
-from granite_lab.running.codec import decode
+from granite_lab.running.codec import Arena, decode
 from granite_lab.running.fingerprint import fingerprint
 
 VARIABLE = "GRANITE_LAB_CACHE"
@@ -37,7 +37,7 @@ def default_folder() -> Path:
 class Cache:
     """A folder of results; each is a file that stands whole or not at all.
 
-    The archive's checksums keep a damaged file from being taken for a result. A cache that cannot be
+    The hash of the bytes keeps a damaged file from being taken for a result. A cache that cannot be
     written costs time, nothing else: `trouble` says what was wrong.
     """
 
@@ -45,16 +45,20 @@ class Cache:
         self.folder = folder or default_folder()
         self.trouble: LabError | None = None
 
-    def get(self, key: str, effects: Mapping[str, Effect] | None = None) -> Any | None:
+    def get(
+        self, key: str, effects: Mapping[str, Effect] | None = None, arena: Arena | None = None
+    ) -> Any | None:
         """Return the record that stands under a key; None where there is none that still holds.
 
         Args:
             key: of `fingerprint`.
             effects: as in `codec.decode`.
+            arena: where the record lies from then on.
         """
         path = self._path(key)
         try:
-            depends, record = decode(path.read_bytes(), effects)
+            data = path.read_bytes()
+            depends, record = decode(arena.hold(data) if arena else data, effects)
             if any(fingerprint(Path(file)) != sha for file, sha in depends):
                 return None
             os.utime(path)
@@ -97,4 +101,4 @@ class Cache:
                 total -= size
 
     def _path(self, key: str) -> Path:
-        return self.folder / key[:2] / f"{key[2:]}.npz"
+        return self.folder / key[:2] / f"{key[2:]}.bin"

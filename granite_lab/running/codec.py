@@ -1,13 +1,19 @@
-"""Records as bytes and back: arrays in an npz archive without pickle, everything else as JSON in it."""
+"""Records as bytes and back: a line of JSON, the arrays behind it, and a hash that says whether all is whole.
+
+No pickle: what is read names only records of this package. Arrays are not copied when they are read, so that
+a record may lie in a file that is mapped into memory (`Arena`).
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import importlib
-import io
 import json
 import math
+import mmap
 import sys
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,8 +22,16 @@ import numpy as np
 
 from granite_lab.model.effect import Active, Effect
 
-TEXT = "record"
-"""Name of the array that holds the JSON text in UTF-8."""
+ALIGNED = 64
+"""Bytes to which text and arrays are aligned."""
+
+DIGEST = 32
+"""Bytes of the hash; the length of the text follows in the rest of the first `ALIGNED`."""
+
+CHUNK = 16_000_000
+"""Size of a file of an `Arena` [bytes]; a trial takes 2 MB."""
+
+Buffer = bytearray | memoryview
 
 
 def encode(record: Any) -> bytes:
@@ -31,27 +45,78 @@ def encode(record: Any) -> bytes:
     """
     arrays: list[Any] = []
     text = json.dumps(_flat(record, arrays), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    named = {f"a{i}": array for i, array in enumerate(arrays)}
-    named[TEXT] = np.frombuffer(text.encode("utf-8", errors="surrogatepass"), dtype=np.uint8)
-    out = io.BytesIO()
-    np.savez(out, allow_pickle=False, **named)
-    return out.getvalue()
+    return pack(text, arrays)
 
 
-def decode(data: bytes, effects: Mapping[str, Effect] | None = None) -> Any:
+def decode(data: bytes | Buffer, effects: Mapping[str, Effect] | None = None) -> Any:
     """Return the record that `encode` took.
 
     Args:
-        data: the bytes.
+        data: the bytes; those of an `Arena` hold the arrays of the record from then on.
         effects: by id, for records that hold effects which are switched on.
 
     Raises:
-        ValueError, KeyError, OSError and others: the bytes are not whole or of another version.
+        ValueError, KeyError and others: the bytes are not whole or of another version.
     """
-    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-        arrays = [archive[f"a{i}"] for i in range(len(archive.files) - 1)]
-        text = archive[TEXT].tobytes().decode("utf-8", errors="surrogatepass")
+    text, arrays = unpack(data)
     return _built(json.loads(text), arrays, effects or {})
+
+
+def pack(text: str, arrays: list[Any]) -> bytes:
+    """Return a text with its arrays as bytes."""
+    shapes = [[array.dtype.str, list(array.shape)] for array in arrays]
+    head = json.dumps([text, shapes], separators=(",", ":")).encode("ascii")
+    parts = [head, *(array.tobytes() for array in arrays)]
+    body = b"".join(part + bytes(-len(part) % ALIGNED) for part in parts)
+    start = len(head).to_bytes(ALIGNED - DIGEST, "little")
+    return hashlib.blake2b(start + body, digest_size=DIGEST).digest() + start + body
+
+
+def unpack(data: bytes | Buffer) -> tuple[str, list[Any]]:
+    """Return text and arrays of `pack`.
+
+    Raises:
+        ValueError: the bytes are not whole.
+    """
+    whole = memoryview(bytearray(data) if isinstance(data, bytes) else data)
+    if hashlib.blake2b(whole[DIGEST:], digest_size=DIGEST).digest() != whole[:DIGEST]:
+        raise ValueError("not whole, or no record of this package")
+    place = int.from_bytes(whole[DIGEST:ALIGNED], "little")
+    text, shapes = json.loads(bytes(whole[ALIGNED : ALIGNED + place]))
+    arrays, place = [], ALIGNED + place + -place % ALIGNED
+    for kind, shape in shapes:
+        dtype = np.dtype(kind)
+        size = math.prod(shape) * dtype.itemsize
+        arrays.append(np.frombuffer(whole[place : place + size], dtype).reshape(shape))
+        place += size + -size % ALIGNED
+    return text, arrays
+
+
+class Arena:
+    """Room for records of many trials in files without a name, which the system maps into memory as needed.
+
+    Args:
+        folder: on whose disk they are; the system's folder for temporary files where that cannot be.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder if folder is not None and folder.is_dir() else None
+        self._room = memoryview(b"")
+
+    def hold(self, data: bytes) -> Buffer:
+        """Return the same bytes in a file; in memory where it cannot be written."""
+        size = len(data) + -len(data) % ALIGNED
+        if size > len(self._room):
+            try:
+                with tempfile.TemporaryFile(dir=self._folder) as file:
+                    file.write(bytes(max(size, CHUNK)))  # so that a full disk is known before it is mapped
+                    file.flush()
+                    self._room = memoryview(mmap.mmap(file.fileno(), 0))
+            except OSError:
+                return bytearray(data)
+        held, self._room = self._room[: len(data)], self._room[size:]
+        held[:] = data
+        return held
 
 
 def _flat(value: Any, arrays: list[Any]) -> Any:  # noqa: PLR0911, one line a type

@@ -12,12 +12,11 @@ from granite_lab.errors import LabError
 from granite_lab.parameters.catalogue import CATALOGUE, forget
 from granite_lab.parameters.quantity import noting_files
 from granite_lab.processes import one_thread
-from granite_lab.running.codec import decode, encode
+from granite_lab.running.codec import Arena, decode, encode
 from granite_lab.running.execution import Execution
 from granite_lab.running.fingerprint import trial_key
 from granite_lab.running.local import run_here
 from granite_lab.running.options import Options
-from granite_lab.running.shelf import Shelf
 
 T = TypeVar("T")
 
@@ -50,13 +49,13 @@ def each_trial(
     how = execution or Execution(jobs)
     results: dict[Path, T | LabError] = {}
     keys: dict[Path, str] = {}
-    shelf = Shelf(how.cache.folder if how.cache is not None else None)
+    arena = Arena(how.cache.folder if how.cache is not None else None)
     if how.cache is not None:
         for path in dict.fromkeys(paths):
             keys[path] = trial_key(work.__qualname__, path, options)
-            found = how.cache.get(keys[path])
+            found = how.cache.get(keys[path], arena=arena)
             if found is not None:
-                results[path] = shelf.lay(found)
+                results[path] = found
                 done(path)
     left = [path for path in dict.fromkeys(paths) if path not in results]
     for index, outcome in _outcomes(partial(_guarded, work, options), left, how):
@@ -67,7 +66,7 @@ def each_trial(
             # An input that was changed meanwhile is no longer what the key says.
             if how.cache is not None and trial_key(work.__qualname__, path, options) == keys[path]:
                 how.cache.put(keys[path], outcome)
-            results[path] = shelf.lay(decode(outcome)[1])
+            results[path] = decode(arena.hold(outcome))[1]
         done(path)
     return [results[path] for path in paths]
 

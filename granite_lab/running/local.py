@@ -1,14 +1,12 @@
-"""Work in processes of this machine."""
+"""Work in processes of this machine, by loky: they need no guard of the script that calls."""
 
 from __future__ import annotations
 
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from multiprocessing import active_children, get_context
 from typing import TypeVar
 
 from granite_lab.errors import LabError
@@ -36,54 +34,42 @@ def run_here(call: Callable[[X], Y], items: Sequence[X], jobs: int) -> Iterator[
     if workers <= 1:
         yield from ((i, call(item)) for i, item in enumerate(items))
         return
+    lost: list[tuple[int, X]] = []
     queue = deque(enumerate(items))
-    suspects: deque[tuple[int, X]] = deque()
-    while queue or suspects:
-        if not suspects:
-            yield from _crowd(call, queue, workers, suspects)
-            continue
-        one, again = deque([suspects.popleft()]), deque[tuple[int, X]]()
-        yield from _crowd(call, one, 1, again)
-        for index, item in again:
-            yield (
-                index,
-                LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY),
-            )
+    while queue:
+        yield from _crowd(call, queue, workers, lost)
+    for suspect in lost:
+        again: list[tuple[int, X]] = []
+        yield from _crowd(call, deque([suspect]), 1, again)
+        yield from (
+            (i, LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY)) for i, item in again
+        )
 
 
 def _crowd(
-    call: Callable[[X], Y], queue: deque[tuple[int, X]], workers: int, lost: deque[tuple[int, X]]
+    call: Callable[[X], Y], queue: deque[tuple[int, X]], workers: int, lost: list[tuple[int, X]]
 ) -> Iterator[tuple[int, Y]]:
     """Empty a queue with one pool; where the pool breaks, what was in it goes to `lost`."""
+    from loky import ProcessPoolExecutor  # noqa: PLC0415, not needed by one process
+
     inside: dict[Future[Y], tuple[int, X]] = {}
-    with _pool(workers) as pool:
-        try:
-            while queue or inside:
-                with starting():
-                    while queue and len(inside) < workers * (1 + AHEAD):
-                        inside[pool.submit(call, queue[0][1])] = queue[0]
-                        queue.popleft()
-                for future in wait(inside, return_when=FIRST_COMPLETED).done:
-                    result = future.result()
-                    yield inside.pop(future)[0], result
-        except BrokenProcessPool:
-            for future, (index, item) in inside.items():
-                if future.done() and future.exception() is None:
-                    yield index, future.result()
-                else:
-                    lost.append((index, item))
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Give a pool whose processes end at once when the block is left by an exception."""
-    before = set(active_children())
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=behave)
+    pool = ProcessPoolExecutor(workers, initializer=behave)
+    ended = False
     try:
-        yield pool
-    except BaseException:
-        for child in set(active_children()) - before:
-            child.terminate()
-        raise
+        while queue or inside:
+            with starting():
+                while queue and len(inside) < workers * (1 + AHEAD):
+                    inside[pool.submit(call, queue[0][1])] = queue[0]
+                    queue.popleft()
+            for future in wait(inside, return_when=FIRST_COMPLETED).done:
+                result = future.result()
+                yield inside.pop(future)[0], result
+        ended = True
+    except BrokenProcessPool:
+        for future, (index, item) in inside.items():
+            if future.done() and future.exception() is None:
+                yield index, future.result()
+            else:
+                lost.append((index, item))
     finally:
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(kill_workers=not ended)

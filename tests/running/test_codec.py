@@ -16,7 +16,7 @@ from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.logs.trial import ImuStream, Trial, TrialInfo
 from granite_lab.model.effect import activate
-from granite_lab.running.codec import decode, encode
+from granite_lab.running.codec import decode, encode, pack
 from granite_lab.running.options import Options
 
 plain = st.recursive(
@@ -71,13 +71,18 @@ def test_what_is_no_record_of_the_package_is_refused(value: object) -> None:
         encode(value)
 
 
-def test_bytes_name_no_code_outside_the_package(tmp_path: Path) -> None:
+def test_bytes_name_no_code_outside_the_package() -> None:
     text = '{"record":"subprocess:Popen","fields":{"args":{"list":["touch","x"]}}}'
-    np.savez(tmp_path / "evil.npz", record=np.frombuffer(text.encode(), dtype=np.uint8))
     with pytest.raises(ValueError, match="no record"):
-        decode((tmp_path / "evil.npz").read_bytes())
-    np.savez(tmp_path / "pickled.npz", record=np.array([{}], dtype=object))
-    with pytest.raises(ValueError, match=r"allow_pickle|pickled"):
-        decode((tmp_path / "pickled.npz").read_bytes())
-    with pytest.raises(Exception, match=r".*"):
+        decode(pack(text, []))
+    with pytest.raises(ValueError, match="not whole"):
         decode(pickle.dumps(1))
+
+
+@pytest.mark.parametrize("shape", [(), (0,), (3, 0), (2, 3)])
+@pytest.mark.parametrize("kind", ["<f8", "|b1", "<U3", "<i2"])
+def test_arrays_of_any_shape_and_kind_come_back_as_they_were(shape: tuple[int, ...], kind: str) -> None:
+    array = np.ones(shape, kind)
+    back = decode(encode([array, array]))
+    assert [(b.dtype, b.shape, b.tobytes()) for b in back] == 2 * [(array.dtype, shape, array.tobytes())]
+    assert all(b.flags.aligned and b.flags.writeable for b in back)

@@ -43,7 +43,7 @@ JOBS = {
 
 def entries(cache: Path) -> dict[str, int]:
     """Return what is remembered, and in which file: one that was made again is another."""
-    return {path.name: path.stat().st_ino for path in cache.glob("*/*.npz")}
+    return {path.name: path.stat().st_ino for path in cache.glob("*/*.bin")}
 
 
 def doing(folder: Path, trials: int, *, searches: bool) -> str:

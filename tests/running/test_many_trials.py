@@ -8,10 +8,9 @@ import errno
 import os
 import pickle
 import re
-import subprocess
-import sys
 import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,10 +18,8 @@ import pytest
 from granite_lab.logs.trial import ImuStream, Trial, TrialInfo
 from granite_lab.reporting import write, write_report
 from granite_lab.running import Cache, Execution, Options, each_trial
-from granite_lab.running.codec import encode
-from granite_lab.running.shelf import Shelf
+from granite_lab.running.codec import Arena, decode, encode
 from tests.reporting.made_up import made_up_study
-from tests.running.processes import ROOT
 
 SAMPLES = 20_000
 
@@ -60,67 +57,58 @@ def test_many_results_take_little_memory(tmp_path: Path, remembered: bool) -> No
         assert encode(trial) == encode(long_trial("x" * k))
 
 
-def test_a_laid_record_is_as_before() -> None:
+def held(record: Any, folder: Path | None = None) -> Any:
+    return decode(Arena(folder).hold(encode(record)))
+
+
+def test_a_record_in_a_file_is_as_before() -> None:
     result = made_up_study(speeds=(0.5,), repetitions=1).trials[0]
-    laid = Shelf().lay(result)
-    assert type(laid.comparison).__qualname__ == type(result.comparison).__qualname__
-    assert isinstance(laid.comparison, type(result.comparison))
-    assert encode(laid) == encode(result)
-    v = laid.comparison.motion.v
-    assert v.tobytes() == result.comparison.motion.v.tobytes()
-    changed = dataclasses.replace(laid.comparison.motion, v=2 * v)
-    assert changed.v.tobytes() == (2 * v).tobytes()
-    for again in (pickle.loads(pickle.dumps(laid)), copy.deepcopy(laid)):
+    kept = held(result)
+    assert encode(kept) == encode(result)
+    changed = dataclasses.replace(kept.comparison.motion, v=2 * kept.comparison.motion.v)
+    assert changed.v.tobytes() == (2 * result.comparison.motion.v).tobytes()
+    for again in (pickle.loads(pickle.dumps(kept)), copy.deepcopy(kept)):
         assert encode(again) == encode(result)
-        assert type(again.comparison) is type(result.comparison)
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_nothing_is_left_in_the_folder_and_another_process_reads_too(tmp_path: Path) -> None:
-    laid = Shelf(tmp_path).lay(long_trial("xx"))
+    kept = held(long_trial("xx"), tmp_path)
     assert list(tmp_path.iterdir()) == []
-    assert laid.imu is not None
     reader = os.fork() if hasattr(os, "fork") else None
     if reader == 0:  # pragma: no cover, the child
-        os._exit(int(float(laid.imu.specific_force[0, 0])))
+        os._exit(int(float(kept.imu.specific_force[0, 0])))
     if reader is not None:
         assert os.waitstatus_to_exitcode(os.waitpid(reader, 0)[1]) == 2
 
 
-def open_files() -> int:
-    """Return how many files this process holds open."""
-    return sum(1 for _ in Path("/dev/fd").iterdir())
+def test_records_of_one_arena_do_not_touch_each_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("granite_lab.running.codec.CHUNK", 3_000_000)  # two trials
+    arena = Arena(tmp_path)
+    trials = [long_trial("x" * k) for k in range(1, 6)]
+    kept = [decode(arena.hold(encode(trial))) for trial in trials]
+    kept[0].imu.specific_force[:] = 99.0
+    assert [encode(k) for k in kept[1:]] == [encode(t) for t in trials[1:]]
 
 
 @pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="counts open files in /dev/fd")
 def test_the_file_is_closed_with_the_last_record(tmp_path: Path) -> None:
-    before = open_files()
-    first, second = (Shelf(tmp_path).lay(long_trial("xx")) for _ in range(2))
-    assert open_files() == before + 2
-    del first
-    assert open_files() == before + 1
-    assert second.imu is not None
-    del second
-    assert open_files() == before
-
-
-def test_a_record_that_lives_up_to_the_end_of_the_process_says_nothing() -> None:
-    kept = (
-        "import os; import numpy as np; from granite_lab.logs.trial import ImuStream;"
-        "from granite_lab.running.shelf import Shelf; a = np.zeros((1000, 3));"
-        "os.kept = Shelf().lay(ImuStream(a[:, 0], a, a, False)); print(os.kept.specific_force[0, 0])"
-    )
-    done = subprocess.run([sys.executable, "-c", kept], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert (done.stdout, done.stderr) == ("0.0\n", "")
+    before = len(list(Path("/dev/fd").iterdir()))
+    kept = held(long_trial("xx"), tmp_path)
+    assert len(list(Path("/dev/fd").iterdir())) == before + 1
+    del kept
+    assert len(list(Path("/dev/fd").iterdir())) == before
 
 
 def test_a_full_disk_leaves_the_records_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> int:
+    def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, "full")
 
-    monkeypatch.setattr(os, "write", full)
+    monkeypatch.setattr("tempfile.TemporaryFile", full)
     trial = long_trial("xx")
-    assert Shelf().lay(trial) is trial
+    assert encode(held(trial)) == encode(trial)
 
 
 def test_a_page_of_many_trials_shows_the_figures_of_further_ones_from_their_files(

@@ -122,10 +122,10 @@ def test_failures_are_told_each_time(logs: list[Path], how: Execution) -> None:
 def test_a_damaged_entry_is_made_again(logs: list[Path], how: Execution) -> None:
     first = run(logs, how)
     assert how.cache is not None
-    entries = sorted(how.cache.folder.glob("*/*.npz"))
+    entries = sorted(how.cache.folder.glob("*/*.bin"))
     data = entries[0].read_bytes()
     entries[0].write_bytes(data[: len(data) // 2])
-    entries[1].write_bytes(data.replace(b'"value"', b'"valve"'))
+    entries[1].write_bytes(data.replace(b"value", b"valve"))
     entries[2].write_bytes(b"")
     entries[3].write_bytes(data[:120] + bytes([data[120] ^ 1]) + data[121:])
     assert run(logs, how) == first
@@ -147,10 +147,10 @@ def test_the_cache_stays_within_its_size_and_drops_what_was_used_longest_ago(
     run(logs, how)
     cache = how.cache
     assert cache is not None
-    entries = sorted(cache.folder.glob("*/*.npz"))
+    entries = sorted(cache.folder.glob("*/*.bin"))
     for age, path in enumerate(entries):
         os.utime(path, (time.time() - 100 * age,) * 2)
-    left_over = cache.folder / "ab" / ".x.npz.0123456789ab.part"
+    left_over = cache.folder / "ab" / ".x.bin.0123456789ab.part"
     left_over.parent.mkdir(exist_ok=True)
     left_over.write_bytes(b"x")
     os.utime(left_over, (0, 0))

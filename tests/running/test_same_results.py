@@ -53,7 +53,7 @@ def test_order_processes_language_and_memory_change_no_byte(folder: Path) -> Non
             GRANITE_LAB_CACHE=str(folder / "cache"), LC_ALL="de_DE.UTF-8", LANG="de_DE.UTF-8",
             PYTHONHASHSEED="7", OPENBLAS_NUM_THREADS="1", TZ="Asia/Tokyo",
         )  # fmt: skip
-        assert any((folder / "cache").glob("*/*.npz"))
+        assert any((folder / "cache").glob("*/*.bin"))
         assert results(folder / out) == results(folder / "a" / "report"), f"remembered: {remembered}"
 
 

@@ -1,0 +1,3 @@
+from .write import write_comparison, write_discovery, write_finding, write_report
+
+__all__ = ["write_comparison", "write_discovery", "write_finding", "write_report"]
