@@ -244,8 +244,8 @@ class SingleWheel:
         """Return all numbers but the sinkage and the states, in the order of `_functions`."""
         p = dataclasses.replace(
             self._parameters,
-            k92_constant=0.0 if ratio.k92 is None else ratio.k92,
-            a_theta=ratio.a_theta,
+            k92_constant=0.0 if ratio.k92 is None else float(ratio.k92),
+            a_theta=float(ratio.a_theta),
             k92_is_constant=0.0 if ratio.k92 is None else 1.0,
         )
         return np.array([motion.velocity, motion.rate, motion.angle, *vector_of(p), *self._own])

@@ -1,0 +1,353 @@
+"""The contact model held against measured single wheels; writes docs/validation.md and its figures.
+
+``python -m benchmarks.validation [--out docs/validation.md]``
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import validation_plots as plots
+from benchmarks.validation_data import Row, Series, all_series
+from benchmarks.validation_fit import (
+    QUANTITIES,
+    Array,
+    Fit,
+    Needed,
+    Setup,
+    bekker_wong,
+    constant,
+    fit,
+    law_forms,
+    measured,
+    model,
+    needed,
+    numbers,
+    paper_law,
+    residuals,
+    rms,
+    total,
+)
+from granite_lab.effects import get
+from granite_lab.files import write_bytes, write_text
+from granite_lab.model.effect import activate
+from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
+from granite_lab.parameters import load_paper
+from granite_lab.reporting.canvas import to_png
+
+GROWTH, STRENGTH = ("slip_sinkage", "growth"), ("bulldozing", "strength")
+CHOICES: tuple[tuple[tuple[str, str], ...], ...] = ((GROWTH,), (STRENGTH,), (GROWTH, STRENGTH))
+FIGURES = (("k10", "K10-mini"), ("ding", "Ding 2011"), ("kls1", "KLS-1"), ("rashid", "Rashid-1"))
+
+
+@dataclass(frozen=True)
+class Results:
+    """All that the page tells.
+
+    Attributes:
+        series: the measured wheels.
+        given: series id to name of a model to (rows, 3) pull, torque, sinkage, nothing fitted.
+        needs: series id to the k_92 that each slip needs.
+        constants, linears: the laws of k_92, by series.
+        effects: series id to the fits with effects, in the order of `CHOICES`, k_92 linear in slip.
+        braking: the same for braked wheels with a constant k_92; without effects first.
+    """
+
+    series: Sequence[Series]
+    given: Mapping[str, Mapping[str, Array]]
+    needs: Mapping[str, Sequence[Needed]]
+    constants: Mapping[str, Fit]
+    linears: Mapping[str, Fit]
+    effects: Mapping[str, Sequence[Fit]]
+    braking: Mapping[str, Sequence[Fit]]
+
+    @property
+    def full(self) -> dict[str, Fit]:
+        """The fits with both effects."""
+        return {name: fits[-1] for name, fits in self.effects.items()}
+
+
+def measure() -> Results:
+    """Compute all of it."""
+    series = all_series()
+    ways: dict[str, Callable[[Series, Row], Array]] = {
+        "law": lambda s, row: numbers(model(s, row, Setup(paper_law))),
+        "zero": lambda s, row: numbers(model(s, row, Setup(constant(0.0)))),
+        "rival": bekker_wong,
+        "lug radius": lambda s, row: numbers(model(s, row, Setup(constant(0.0), radius=s.lug))),
+        "rubber": lambda s, row: numbers(model(s, row, Setup(constant(0.0), tyre_friction=0.6))),
+    }
+    given = {
+        s.id: {name: np.array([way(s, row) for row in s.rows]) for name, way in ways.items()} for s in series
+    }
+    forms = law_forms()
+    braked = {s.id: [row for row in s.groups if row.slip < -0.1] for s in series}
+    return Results(
+        series,
+        given,
+        {s.id: [needed(s, row) for row in s.groups] for s in series},
+        {s.id: fit(s, forms[0]) for s in series},
+        {s.id: fit(s, forms[1]) for s in series},
+        {s.id: [fit(s, law_forms(c)[1], leave_out=False) for c in CHOICES] for s in series},
+        {
+            s.id: [fit(s, law_forms(c)[0], braked[s.id], leave_out=False) for c in ((), *CHOICES)]
+            for s in series
+            if braked[s.id]
+        },
+    )
+
+
+def median_errors(results: Results, way: str, ids: str = "") -> tuple[float, float, float]:
+    """Return the median error of pull and torque [% of load, of load times radius] and sinkage [mm]."""
+    errors = []
+    for s in results.series:
+        if s.id.startswith(ids):
+            for row, found in zip(s.rows, results.given[s.id][way], strict=True):
+                scale = np.array([row.load / 100, row.load * s.wheels.radius / 100, 1.0])
+                errors.append(np.abs(found - measured(row)) / scale)
+    a, b, c = (float(x) for x in np.array([_median(col) for col in np.array(errors).T]))
+    return a, b, c
+
+
+def _median(values: Array) -> float:
+    there = values[~np.isnan(values)]
+    return float(np.median(there)) if there.size else math.nan
+
+
+def relative_pull(results: Results, way: str, ids: str) -> float:
+    """Return the median error of the drawbar pull over the pull itself [%]."""
+    errors = [
+        abs(found[0] - row.pull) / abs(row.pull)
+        for s in results.series
+        if s.id.startswith(ids)
+        for row, found in zip(s.rows, results.given[s.id][way], strict=True)
+    ]
+    return 100 * float(np.median(errors))
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
+    """Return a Markdown table; the first `left` columns are flush left."""
+    rule = ["---"] * left + ["---:"] * (len(head) - left)
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, rule, *rows))
+
+
+def number(value: float, digits: int = 1) -> str:
+    """Return a number, a dash where there is none."""
+    return "–" if not math.isfinite(value) else f"{value:.{digits}f}".replace("-", "−")
+
+
+def given_table(results: Results) -> str:
+    """Return the errors of each series with nothing fitted."""
+    rows = []
+    for s in results.series:
+        cells = [s.title, str(len(s.rows))]
+        errors = [median_errors(results, way, s.id) for way in ("law", "zero", "rival")]
+        for c, digits in ((0, 0), (1, 0), (2, 1)):
+            cells.append(" / ".join(number(e[c], digits) for e in errors))
+        rows.append(cells)
+    return table(
+        ["wheel", "rows", "drawbar pull [% of load]", "torque [% of load · r]", "sinkage [mm]"], rows
+    )
+
+
+def needs_table(results: Results) -> str:
+    """Return the k_92 that each quantity asks for at each slip."""
+    rows = []
+    paper = load_paper()
+    for s in results.series:
+        for n in results.needs[s.id]:
+            slip = n.row.slip
+            line = paper.fig4_intercept + paper.fig4_slope * slip
+            rows.append([
+                s.title, number(slip, 2),
+                *(_need(float(n.best[c]), n.reached[c]) for c in range(3)),
+                "none" if n.common is None else f"{n.common[0]:.2f} to {n.common[1]:.2f}",
+                number(n.joint, 2), ", ".join(number(float(x)) for x in n.joint_residuals if np.isfinite(x)),
+                number(line, 2) if slip > -0.1 and line >= 0 else "",
+            ])  # fmt: skip
+    head = ["wheel", "slip λ", *QUANTITIES, "all within tolerance", "least squares", "its residuals",
+            "the paper's line at this slip"]  # fmt: skip
+    return table(head, rows)
+
+
+def _need(value: float, reached: bool) -> str:
+    if not math.isfinite(value):
+        return ""
+    return f"{value:.2f}" if reached else f"({value:.2f})"
+
+
+def laws_table(results: Results) -> str:
+    """Return how well laws of k_92 describe the driven wheels."""
+    rows = []
+    for s in results.series:
+        paper = residuals(s, s.driven, Setup(paper_law))
+        free = np.array([n.joint_residuals for n in results.needs[s.id] if n.row.slip > -0.1])
+        a, b = results.constants[s.id], results.linears[s.id]
+        rows.append([
+            s.title, str(len(s.driven)), number(total(paper)),
+            f"{number(total(a.off))} ({number(a.left_out)})", number(a.values["k_92"], 2),
+            f"{number(total(b.off))} ({number(b.left_out)})",
+            f"{number(b.values['b0'], 2)}, {number(b.values['b1'], 2)}", number(total(free)),
+        ])  # fmt: skip
+    head = ["wheel", "slips", "paper's law", "constant (left out)", "k_92", "linear in slip (left out)",
+            "b0, b1", "free at each slip"]  # fmt: skip
+    return table(head, rows)
+
+
+def effects_table(results: Results) -> str:
+    """Return the fits with library effects, driven wheels."""
+    rows = []
+    for s in results.series:
+        base = results.linears[s.id]
+        rows.append(
+            [s.title, "none", "", "", *map(number, map(float, rms(base.off))), number(total(base.off))]
+        )
+        for choice, found in zip(CHOICES, results.effects[s.id], strict=True):
+            rows.append([
+                "", " + ".join(i for i, _ in choice), size_of(found, GROWTH), size_of(found, STRENGTH),
+                *map(number, map(float, rms(found.off))), number(total(found.off)),
+            ])  # fmt: skip
+    head = ["wheel", "effects", "n1", "strength", *QUANTITIES, "all"]
+    return table(head, rows, left=2)
+
+
+def size_of(found: Fit, effect: tuple[str, str]) -> str:
+    """Return a fitted size, in bold where the literature does not lead to expect it."""
+    key = ".".join(effect)
+    if key not in found.values:
+        return ""
+    text = number(found.values[key], 2)
+    return text if expected(found, effect) else f"**{text}**"
+
+
+def expected(found: Fit, effect: tuple[str, str]) -> bool:
+    """Tell whether a fitted size lies in the range that the library gives with its sources, or is nothing."""
+    value = found.values[".".join(effect)]
+    p = next(q for q in get(effect[0]).parameters if q.name == effect[1])
+    return p.prior_low <= value <= p.prior_high or abs(value - p.neutral) < 0.01
+
+
+def braking_table(results: Results) -> str:
+    """Return the same for the braked wheels."""
+    rows = []
+    for s in results.series:
+        for choice, found in zip(((), *CHOICES), results.braking.get(s.id, ()), strict=False):
+            rows.append([
+                s.title if not choice else "", " + ".join(i for i, _ in choice) or "none",
+                number(found.values["k_92"], 2), size_of(found, GROWTH), size_of(found, STRENGTH),
+                *(number(float(x)) for x in rms(found.off)[[0, 2]]), number(total(found.off)),
+            ])  # fmt: skip
+    head = ["wheel", "effects", "k_92", "n1", "strength", "drawbar pull", "sinkage", "all"]
+    return table(head, rows, left=2)
+
+
+def ripple(series: Series, row: Row, amplitude: float = 0.3) -> tuple[float, float, float]:
+    """Return what lugs do to the pull [N]: change of its mean over a lug, its std, change of sinkage [mm]."""
+    wheels = replace(series.wheels, lugs=1.0)
+    lugs = [activate(get("tread_ripple"), {"cos_front": amplitude})]
+    plain = numbers(model(series, row, Setup(constant(0.3))))
+    found = [
+        numbers(
+            SingleWheel(wheels, series.soil, lugs).at_load(
+                row.load, rolling(row.slip, wheels.radius, angle=angle), Ratio(0.3)
+            )
+        )
+        for angle in np.arange(16) * 2 * np.pi / 16
+    ]
+    mean = np.mean(found, axis=0)
+    return float(mean[0] - plain[0]), float(np.std(found, axis=0)[0]), float(mean[2] - plain[2])
+
+
+def ripple_table(results: Results) -> str:
+    """Return what the ripple of the lugs can do, beside the measured std of K10-mini."""
+    rows = []
+    smooth = next(s for s in results.series if s.id == "k10_smooth")
+    for s in results.series:
+        if s.lug:
+            for row in s.driven[1::2]:
+                mean, std, sink = ripple(s, row)
+                nearest = np.abs(np.array([r.slip for r in smooth.driven]) - row.slip).argmin()
+                beside = smooth.driven[int(nearest)].pull_std
+                rows.append([
+                    s.title, number(row.slip, 2), number(mean, 2), number(sink, 2), number(std, 2),
+                    f"{row.pull_std:.1f} / {beside:.1f}" if s.id.startswith("k10") else "",
+                ])  # fmt: skip
+    head = ["wheel", "slip λ", "mean pull [N]", "mean sinkage [mm]", "std of pull [N]",
+            "measured std, lugs / smooth [N]"]  # fmt: skip
+    return table(head, rows)
+
+
+def sensitivity_table(results: Results) -> str:
+    """Return the errors under other readings of the authors' numbers, k_92 = 0."""
+    names = {
+        "zero": "as given",
+        "lug radius": "radius with the lugs, r + h",
+        "rubber": "μ_s = 0.6 in (10), as for rubber on sand",
+    }
+    rows = []
+    for way, title in names.items():
+        errors = [median_errors(results, way, ids) for ids, _ in FIGURES]
+        rows.append([title, *(f"{number(e[0], 0)} / {number(e[1], 0)} / {number(e[2])}" for e in errors)])
+    return table(["model, k_92 = 0", *(title for _, title in FIGURES)], rows)
+
+
+def every_row(results: Results) -> str:
+    """Return every measured row beside the model with nothing fitted."""
+    rows = []
+    for s in results.series:
+        ways = results.given[s.id]
+        for k, row in enumerate(s.rows):
+            what = measured(row)
+            std = f" ± {row.pull_std:.1f}" if math.isfinite(row.pull_std) else ""
+            cells = [s.title, number(row.slip, 2), number(row.load)]
+            for c, digits in ((0, 1), (1, 2), (2, 1)):
+                shown = number(float(what[c]), digits) + (std if c == 0 else "")
+                given = [float(ways[way][k][c]) for way in ("law", "zero")]
+                cells += [shown, " / ".join(number(x, digits) for x in given)]
+                cells.append(" / ".join(number(x - float(what[c]), digits) for x in given))
+            rows.append(cells)
+    head = ["wheel", "λ", "load [N]"]
+    for name in ("pull [N]", "torque [N m]", "sinkage [mm]"):
+        head += [name, "model", "error"]
+    return table(head, rows)
+
+
+def main() -> None:
+    """Write the page and its figures."""
+    from benchmarks.validation_page import page  # noqa: PLC0415, it needs the functions above
+
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=Path("docs/validation.md"))
+    options = parser.parse_args()
+    start = time.monotonic()
+    results = measure()
+    folder = options.out.parent / "figures" / "validation"
+    for ids, _ in FIGURES:
+        wheels = [s for s in results.series if s.id.startswith(ids)]
+        write_bytes(folder / f"{ids}.png", to_png(plots.against(wheels, results.linears, results.full), 110))
+    found = {s.id: (s, results.needs[s.id]) for s in results.series}
+    write_bytes(folder / "k92.png", to_png(plots.ratios(found), 110))
+    bars = {
+        "paper's law at 10 mm/s": [total(residuals(s, s.driven, Setup(paper_law))) for s in results.series],
+        "best constant k_92": [total(results.constants[s.id].off) for s in results.series],
+        "best k_92 linear in slip": [total(results.linears[s.id].off) for s in results.series],
+        "… with slip_sinkage and bulldozing": [total(results.full[s.id].off) for s in results.series],
+    }
+    write_bytes(
+        folder / "residuals.png", to_png(plots.residual_bars([s.title for s in results.series], bars), 110)
+    )
+    write_text(options.out, page(results))
+    print(f"{options.out}: {sum(len(s.rows) for s in results.series)} rows, {time.monotonic() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
