@@ -87,6 +87,36 @@ def show(
         shown_on.print(sentence, markup=False)
 
 
+@app.command("check")
+def check(
+    effect: Annotated[
+        str, typer.Argument(metavar="FILE", help="Your effect file (.py), which is run; or an id.")
+    ],
+    as_json: JsonOption = False,
+) -> None:
+    """Check that an effect keeps to what every effect must: exit code 3 if it does not."""
+    from granite_lab.effects import get
+    from granite_lab.effects.contract import contract, refuse_failed
+    from granite_lab.effects.library import read_effects
+
+    known = read_effects(effect) if effect.endswith(".py") or "/" in effect else {effect: get(effect)}
+    found = {name: contract(one) for name, one in known.items()}
+    if as_json:
+        print_json({"schema": "granite-lab/effect-check/1", "effects": found})
+    else:
+        from granite_lab.reporting.grid import grid, row_of, say
+
+        shown = console()
+        for name, checks in found.items():
+            say(shown, f"{name}: {known[name].title}", "bold")
+            table = grid("", "check", "found", words=(0, 1, 2))
+            for c in checks:
+                mark = {True: "ok", False: "FAILED", None: "-"}[c.passed]
+                table.add_row(*row_of(mark, c.name, c.detail))
+            shown.print(table)
+    refuse_failed(found, effect)
+
+
 def draw(effect: Effect, path: Path) -> str:
     """Write the picture of an effect's signature at a typical size, and return what to see in it.
 

@@ -70,6 +70,18 @@ def load_effects(path: Path | str) -> dict[str, Effect]:
         InputError: the file cannot be read or run, or an effect in it is not complete; the message
             carries file and line.
     """
+    effects = read_effects(path)
+    for effect in effects.values():
+        _check_neutral(effect, str(Path(path)))
+    return effects
+
+
+def read_effects(path: Path | str) -> dict[str, Effect]:
+    """Run a user's Python file as `load_effects` does, but leave the paper's model aside.
+
+    Raises:
+        InputError: the file cannot be read or run, or an effect in it is not complete.
+    """
     file = Path(path)
     refuse_special(file)
     try:
@@ -105,7 +117,6 @@ def _load(path: str, code: bytes) -> dict[str, Effect]:
             raise InputError(
                 f"{path}: the id '{effect.id}' belongs to an effect of the library", "choose another id"
             )
-        _check_neutral(effect, path)
     return {effect.id: effect for effect in effects}
 
 
@@ -194,6 +205,7 @@ def _function(graph: Graph) -> Any:
     return ca.Function("f", [graph.t, graph.x, graph.p], [outputs])
 
 
+@lru_cache(maxsize=64)
 def _check_neutral(effect: Effect, path: str) -> None:
     """Build the model with a user's effect, at its neutral values.
 

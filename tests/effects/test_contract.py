@@ -1,0 +1,100 @@
+"""Every effect of the library keeps the contract, a user's own is held to it, and each breach is seen."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from granite_lab.effects import get, library, load_effects
+from granite_lab.effects.contract import Check, contract, refuse_failed
+from granite_lab.effects.documentation import EXAMPLE
+from granite_lab.effects.library import neutral_gap, read_effects
+from granite_lab.errors import InputError
+from granite_lab.model import interpreted
+from tests.cli.test_cli import lab
+
+
+@pytest.mark.parametrize("effect_id", library())
+def test_an_effect_of_the_library_keeps_the_contract(effect_id: str) -> None:
+    checks = contract(get(effect_id))
+    assert len(checks) == 11
+    assert [c for c in checks if c.passed is False] == []
+    # the library's effects are the paper's model to the last digit, not only to rounding
+    assert neutral_gap(get(effect_id)) == 0.0
+
+
+def checks_of(tmp_path: Path, source: str) -> dict[str, Check]:
+    file = tmp_path / "my_effect.py"
+    file.write_text(source)
+    (effect,) = read_effects(file).values()
+    return {c.name: c for c in contract(effect)}
+
+
+FORCE = 'x=load.x - own.p["force"]'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "name", "said"),
+    [
+        ('"wind against the robot"', '"wind"', "texts say something", "title: one word"),
+        ('"a fan in front of the sand box"', '"todo"', "has a source", "does not say where"),
+        ('"force of the wind"', '" "', "parameters have unit, meaning, bounds and an expected range",
+         "meaning is missing"),
+        (FORCE, 'x=load.x - 1e-3 - own.p["force"]', "neutral values give the paper's model", "difference"),
+        (FORCE, 'x=load.x - 1e-3 - own.p["force"]', "a neutral run is the paper's", "difference"),
+        (FORCE, 'x=load.x - own.p["force"] * (body.x_rate**2) ** 0.25', "derivatives are finite",
+         "at rest with force = 0: a derivative is not a number"),
+        (FORCE, 'x=load.x - 1e-12 * own.p["force"]', "a typical size can be seen", "changes"),
+        (FORCE, 'x=load.x - 100 * own.p["force"]', "runs solve over the expected range", "force = "),
+        (FORCE, 'x=load.x - own.p["force"] * erf(body.x_rate)', "machine code gives the same run",
+         "is not compiled"),
+        (FORCE, 'x=load.x - own.p["sail"]', "a typical size can be seen", "KeyError: 'sail'"),
+    ],
+)  # fmt: skip
+def test_a_breach_is_seen_and_told(tmp_path: Path, old: str, new: str, name: str, said: str) -> None:
+    assert old in EXAMPLE
+    source = EXAMPLE.replace(old, new).replace("from dataclasses", "from casadi import erf\nfrom dataclasses")
+    found = checks_of(tmp_path, source)[name]
+    assert found.passed is False
+    assert said in found.detail
+
+
+def test_where_there_is_no_compiler_that_check_is_left_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("granite_lab.effects.contract.engine_of", lambda _: interpreted)
+    last = contract(get("ground_slope"))[-1]
+    assert last.passed is None
+    assert "no compiler" in last.detail
+
+
+def test_the_example_of_the_page_keeps_the_contract_and_is_loaded_all_the_same(tmp_path: Path) -> None:
+    assert [c for c in checks_of(tmp_path, EXAMPLE).values() if c.passed is False] == []
+    assert list(load_effects(tmp_path / "my_effect.py")) == ["head_wind"]
+
+
+def test_failed_checks_are_refused_with_their_number() -> None:
+    checks = [
+        Check("a", True, ""),
+        Check("b", None, ""),
+        Check("c", False, "too late"),
+        Check("d", False, ""),
+    ]
+    refuse_failed({"x": checks[:2]}, "f.py")
+    with pytest.raises(InputError, match=r"f\.py: effect 'x': 2 of 4 checks failed, first: c: too late"):
+        refuse_failed({"x": checks}, "f.py")
+
+
+def test_the_command_reports_every_check_and_ends_with_3_on_failure(tmp_path: Path) -> None:
+    good, bad = tmp_path / "good.py", tmp_path / "bad.py"
+    good.write_text(EXAMPLE)
+    bad.write_text(EXAMPLE.replace("sand box", "x").replace('"a fan in front of the x"', '"none"'))
+    done = lab("effects", "check", good, "--json")
+    assert done.returncode == 0, done.stderr
+    checks = json.loads(done.stdout)["effects"]["head_wind"]
+    assert [c["passed"] for c in checks].count(True) == 10
+    done = lab("effects", "check", bad)
+    assert done.returncode == 3
+    assert "FAILED" in done.stdout
+    assert done.stderr.splitlines()[0].startswith(f"error: {bad}: effect 'head_wind': 1 of 11 checks failed")
+    assert lab("effects", "check", "no_such_effect").returncode == 2
