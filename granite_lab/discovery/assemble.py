@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from granite_lab.discovery.attempts import Attempts
 from granite_lab.discovery.finding import (
     Candidate,
     Confusion,
@@ -49,6 +50,7 @@ def assemble(
     corrections: Mapping[str, Sequence[Correction]],
     dropped: tuple[tuple[str, str], ...],
     virtual: bool,
+    parts: Attempts,
 ) -> Finding:
     """Gather what was found.
 
@@ -62,11 +64,12 @@ def assemble(
         corrections: trial to what estimation changed in it.
         dropped: trials that were left out, with the reason.
         virtual: all trials were written by a simulator.
+        parts: tries the parts that the verdict does not need, and keeps what fails.
     """
     world = problem.bench.world
     before, after = search.model(()), judgement.model
     assert before is not None
-    late = _latency(after.fit, problem, corrections)
+    late = _latency(search.best.fit, problem, corrections)
     found = tuple(_effect(problem, after, n, effects) for n in judgement.named)
     verdict, clock = judgement.verdict, _clock(late, latency, effects)
     active = _active(problem, after.fit)
@@ -74,7 +77,10 @@ def assemble(
         found = (*found, clock)
         active = (*active, Active(effects[clock.id], (-late.value,)))
         verdict = "named" if verdict == "none" else verdict
-    lacking, missing = discrepancies(problem, before.fit), discrepancies(problem, after.fit)
+    none: list[Discrepancy] = []
+    lacking = parts.of("the discrepancy", lambda: discrepancies(problem, before.fit), none)
+    missing = parts.of("what is left of it", lambda: discrepancies(problem, after.fit), none)
+    unknown = (float("nan"), float("nan"))
     reasons = provisional(problem)
     return Finding(
         verdict=verdict,
@@ -86,14 +92,24 @@ def assemble(
         remainder=judgement.remainder,
         tolerance=tolerance,
         latency=late,
-        gap=_gap(problem, judgement, before.fit, after.fit, tolerance),
+        gap=parts.of(
+            "the gap",
+            lambda: _gap(problem, judgement, before.fit, after.fit, tolerance),
+            Gap("all", unknown, unknown),
+        ),
         gaps=tuple(_gap_of(c, lacking, missing, tolerance) for c in _channels(problem)),
-        where=disagreements(problem, lacking, tolerance),
-        left=disagreements(problem, missing, tolerance),
-        candidates=_candidates(problem, search, judgement, tolerance),
+        where=parts.of("where they disagree", lambda: disagreements(problem, lacking, tolerance), ()),
+        left=parts.of("what is left", lambda: disagreements(problem, missing, tolerance), ()),
+        candidates=parts.of(
+            "the list of candidates", lambda: _candidates(problem, search, judgement, tolerance), ()
+        ),
         detectable=(*power[0], *_clock_detectable(late, latency, effects)) if power else (),
         confusion=power[1] if power else None,
-        residuals=tuple(_residuals(problem, (before.fit, after.fit), (lacking, missing))),
+        residuals=parts.of(
+            "the residuals",
+            lambda: tuple(_residuals(problem, (before.fit, after.fit), (lacking, missing))),
+            (),
+        ),
         sand=_sand(after.fit),
         sand_per_trial=tuple(_sand_of(problem, after.fit, i) for i in range(len(problem.trials))),
         scales=dict(after.fit.scales.priors),

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from granite_lab.discovery.assemble import assemble
+from granite_lab.discovery.attempts import Attempts
 from granite_lab.discovery.candidates import screen
 from granite_lab.discovery.empirical import EmpiricalLaw
-from granite_lab.discovery.finding import Finding
+from granite_lab.discovery.finding import Confusion, Detectable, Finding
 from granite_lab.discovery.power import detectable
-from granite_lab.discovery.search import search
-from granite_lab.discovery.verdict import judge
+from granite_lab.discovery.search import Search, search
+from granite_lab.discovery.verdict import Judgement, by_posterior, judge
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference import noise
@@ -93,21 +93,19 @@ def discover(
             problem = Problem([t for i, t in enumerate(problem.trials) if i not in strange], bench)
             base = baseline(problem)
         found = search(problem, base, (*library, *terms), tolerance, tell)
+        parts = Attempts()
         tell("predicting trials that are left out")
-        judgement = judge(problem, found, tolerance)
-        failures: list[str] = []
-        tracebacks: list[str] = []
-        power = None
-        try:
-            tell("checking what these trials could show")
-            rest = [c for c in library if c not in judgement.model.effects]
-            fit = judgement.model.fit
-            looks = found.looks.get((), ()) if not judgement.model.effects else ()
-            screened = looks[0].screened if looks else screen(problem, fit, rest, most=2)
-            power = detectable(problem, fit, screened, tolerance)
-        except Exception as error:  # a defect here must not lose what was found
-            failures.append(f"what these trials could show was not computed: {type(error).__name__}: {error}")
-            tracebacks.append(traceback.format_exc())
+        judgement = parts.of(
+            "predictions of trials that are left out",
+            lambda: judge(problem, found, tolerance),
+            by_posterior(problem, found),
+        )
+        tell("checking what these trials could show")
+        power = parts.of(
+            "what these trials could show",
+            lambda: _power(problem, found, judgement, library, tolerance),
+            None,
+        )
         finding = assemble(
             problem=problem,
             search=found,
@@ -119,8 +117,20 @@ def discover(
             corrections={t.name: t.corrections for t in trials},
             dropped=dropped,
             virtual=all(t.info.virtual for t in trials),
+            parts=parts,
         )
-        return replace(finding, failures=tuple(failures), tracebacks=tuple(tracebacks))
+        return replace(finding, failures=tuple(parts.lines), tracebacks=tuple(parts.tracebacks))
+
+
+def _power(
+    problem: Problem, found: Search, judgement: Judgement, library: Sequence[str], tolerance: float
+) -> tuple[tuple[Detectable, ...], Confusion]:
+    """Return what the trials could show beside what was named; the search's screen serves where it can."""
+    model = judgement.model
+    looks = found.looks.get((), ()) if not model.effects else ()
+    rest = [c for c in library if c not in model.effects]
+    screened = looks[0].screened if looks else screen(problem, model.fit, rest, most=2)
+    return detectable(problem, model.fit, screened, tolerance)
 
 
 def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:

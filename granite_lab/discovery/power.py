@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -39,30 +39,40 @@ def detectable(
         tolerance: as a share of a channel's rms.
     """
     own = screened.own
-    probes = [(k, p) for k, p in _smallest(screened.probes) if not is_empirical(p.candidate)]
     gram = screened.posterior.rest[:-1, :-1]
-    cosines = _cosines(gram, [k for k, _ in probes])
     shares = _shares(problem, fit, screened)
     needed = -np.log(EFFECT_ODDS) + np.log(CREDIBLE / (1 - CREDIBLE))
+    limits = {
+        k: (
+            _by_noise(float(gram[k, k]), (width_of(p.parameter) / p.size) ** 2, needed),
+            tolerance / shares[k] if shares[k] > 0 else np.inf,
+        )
+        for k, p in enumerate(screened.probes)
+        if not is_empirical(p.candidate)
+    }
+    probes = _nearest(screened.probes, limits)
+    cosines = _cosines(gram, [k for k, _ in probes])
     found = []
     sizes: dict[int, float] = {}
     for n, (k, probe) in enumerate(probes):
-        noise = _by_noise(float(gram[k, k]), (width_of(probe.parameter) / probe.size) ** 2, needed)
-        matter = tolerance / shares[k] if shares[k] > 0 else np.inf
         close = tuple(
             dict.fromkeys(
                 p.candidate for m, (_, p) in enumerate(probes)
                 if abs(cosines[n, m]) > SAME and p.candidate != probe.candidate
             )
         )  # fmt: skip
-        sizes[n] = max(noise, matter)
-        found.append(_row(probe, noise, matter, close))
+        sizes[n] = max(limits[k])
+        found.append(_row(probe, *limits[k], close))
     for id_, group in own.items():
         places = screened.places_of_own(id_)
-        power = float(np.sum(np.diag(gram)[places[:, 0]]))
-        noise = _by_noise(power, 1.0, needed + places.size / 2)
-        share = max(shares[k] for k in places[:, 0].tolist())
-        found.append(_row(group[0], noise, tolerance / share if share > 0 else np.inf, ()))
+        power = np.diag(gram)[places]
+        circles = problem.bench.world.effects[id_].circles
+        for circle in circles or [(p.parameter.name,) for p in group]:
+            at = [k for k, p in enumerate(group) if p.parameter.name in circle]
+            noise = _by_noise_own(power, at, needed)
+            worst = [max(shares[k] for k in places[:, n].tolist()) for n in at]
+            share = float(np.sqrt(np.mean(np.square(worst))))
+            found.append(_row(group[at[0]], noise, tolerance / share if share > 0 else np.inf, ()))
     return tuple(found), _confusion(gram, probes, sizes, cosines)
 
 
@@ -73,14 +83,17 @@ def _row(probe: Probe, noise: float, matter: float, close: tuple[str, ...]) -> D
     return Detectable(probe.candidate, p.name, p.unit, size if reachable else float("nan"), limit, close)
 
 
-def _smallest(probes: Sequence[Probe]) -> list[tuple[int, Probe]]:
-    """Return the probe of smallest size of each strength, with its place."""
-    best: dict[tuple[str, int], tuple[int, Probe]] = {}
-    for k, p in enumerate(probes):
-        key = (p.candidate, p.place)
-        if key not in best or abs(p.size) < abs(best[key][1].size):
-            best[key] = (k, p)
-    return list(best.values())
+def _nearest(probes: Sequence[Probe], limits: Mapping[int, tuple[float, float]]) -> list[tuple[int, Probe]]:
+    """Return of each strength the probe nearest to the size that it says is needed, with its place.
+
+    A trace need not be proportional to the strength: the size must be probed near where it is stated.
+    """
+    best: dict[tuple[str, int], int] = {}
+    for k, limit in limits.items():
+        key = (probes[k].candidate, probes[k].place)
+        if key not in best or abs(np.log(max(limit))) < abs(np.log(max(limits[best[key]]))):
+            best[key] = k
+    return [(k, probes[k]) for k in best.values()]
 
 
 def _by_noise(power: float, variance: float, needed: float) -> float:
@@ -89,6 +102,27 @@ def _by_noise(power: float, variance: float, needed: float) -> float:
         return float("inf")
     occam = 0.5 * np.log1p(power * variance)
     return float((np.sqrt(2 * (needed + occam)) + POWER) / np.sqrt(power))
+
+
+def _by_noise_own(power: Array, at: Sequence[int], needed: float) -> float:
+    """Return the same for an effect with numbers of its own in each trial.
+
+    Args:
+        power: (trials, o) of each number.
+        at: places of those among which the amplitude is divided by chance, as cosine and sine.
+        needed: log Bayes factor.
+    """
+    share = np.zeros(power.shape[1])
+    share[list(at)] = 1 / len(at)
+    for amplitude in np.geomspace(1e-4, 1e2, 601):
+        signal = power * (amplitude**2 * share)
+        prior = power * (amplitude**2 * share.mean())
+        taken = prior / (1 + prior)
+        gain = 0.5 * float(np.sum((1 + signal) * taken - np.log1p(prior)))
+        spread = float(np.sqrt(np.sum(taken**2 * (0.5 + signal))))
+        if gain - POWER * spread >= needed:
+            return float(amplitude)
+    return float("inf")
 
 
 def _cosines(gram: Array, places: Sequence[int]) -> Array:

@@ -30,6 +30,9 @@ RIVAL = 0.3
 """Share of the best candidate's gain by the screen that a rival must show to be fitted in full. The screen is
 linear, and full fits have changed the order of candidates by factors of up to two."""
 
+FEW, ALL = 2, 99
+"""Sizes of a strength that are probed, the smallest first."""
+
 BAD = 1.3
 """Factor of the noise from which on a fit is bad: what it leaves is not smooth, and no noise."""
 
@@ -76,15 +79,23 @@ class Search:
     Attributes:
         models: fitted sets, the likeliest first.
         looks: sets beside which candidates were screened, to the screens.
+        small: sets whose last effect changes no channel by more than the tolerance.
     """
 
     models: tuple[Model, ...]
     looks: Mapping[tuple[str, ...], tuple[Look, ...]]
+    small: frozenset[tuple[str, ...]] = frozenset()
 
     @property
     def best(self) -> Model:
-        """The likeliest set."""
-        return self.models[0]
+        """The likeliest set all of whose effects matter."""
+        return next(m for m in self.models if m.effects not in self.small)
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """The effects that are likely beside the best set, and too small to matter."""
+        likelier = self.models[: self.models.index(self.best)]
+        return tuple(dict.fromkeys(e for m in likelier for e in m.effects if e not in self.best.effects))
 
     def model(self, effects: Sequence[str]) -> Model | None:
         """Return the model of a set, None where it was not fitted."""
@@ -93,7 +104,7 @@ class Search:
 
     def probability(self, wanted: Callable[[Model], bool]) -> float:
         """Return the posterior probability of the models that fulfil a condition."""
-        weights = np.exp(np.array([m.log_posterior for m in self.models]) - self.best.log_posterior)
+        weights = np.exp(np.array([m.log_posterior for m in self.models]) - self.models[0].log_posterior)
         return float(weights[[wanted(m) for m in self.models]].sum() / weights.sum())
 
 
@@ -129,13 +140,16 @@ def search(
             with suppress(EstimateError):
                 found[key] = _model(key, fit(problem, start, near.scales), candidates)
 
-    def extended(model: Model, most: int = TRIED) -> list[Score]:
+    def extended(model: Model, most: int = TRIED, terms: int = TRIED // 2) -> list[Score]:
         """Fit the promising candidates beside those of a model, and return them."""
         if model.effects not in looks:
             tell(f"screening candidates beside {_words(model.effects)}")
             others = [c for c in candidates if c not in model.effects]
-            looks[model.effects] = tuple(_look(problem, f, others) for f in _origins(problem, model.fit))
-        promising = _promising(looks[model.effects], most)
+            sizes = FEW if terms == 0 and model.effects else ALL  # what is left is small
+            looks[model.effects] = tuple(
+                _look(problem, f, others, sizes) for f in _origins(problem, model.fit)
+            )
+        promising = _promising(looks[model.effects], most, terms)
         for origin, score in promising:
             start = problem.with_effect(origin.point, score.candidate, score.values, score.own)
             fitted((*model.effects, score.candidate), start, model.fit)
@@ -146,22 +160,22 @@ def search(
         return max((found[e] for e in sets if e in found), key=lambda m: m.log_posterior, default=model)
 
     current = found[()]
-    fine = good(problem, base, tolerance)
+    small: set[tuple[str, ...]] = set()
     path: list[tuple[str, list[Score]]] = []
     for _ in range(MOST):
-        tried = extended(current, 1 if fine else TRIED)
+        fine = good(problem, current.fit, tolerance)
+        tried = extended(current, 1, 0) if fine else extended(current)  # the law is for a gap
         best = best_of(current, tried)
         if fine and best is not current:
-            if not matters(problem, base, best.fit, tolerance):
-                break  # nothing can be named; what is likeliest is fitted to be listed
-            fine, tried = False, extended(current)
+            if not matters(problem, current.fit, best.fit, tolerance):
+                small.add(best.effects)  # it cannot be named; it is listed
+                break
+            tried = extended(current, terms=0)
             best = best_of(current, tried)
         if best.log_posterior <= current.log_posterior + WORTH:
             break
         path.append((next(e for e in best.effects if e not in current.effects), tried))
         current = best
-        if good(problem, current.fit, tolerance):
-            break
     for id_, tried in path[:-1]:  # those of the last stood beside the same effects
         start = problem.without_effect(current.fit.point, id_)
         fitted(start.effects, start, current.fit)
@@ -170,7 +184,7 @@ def search(
                 rival = problem.with_effect(start, score.candidate, score.values, score.own)
                 fitted(rival.effects, rival, current.fit)
     models = sorted(found.values(), key=lambda m: -m.log_posterior)
-    return Search(tuple(models), looks)
+    return Search(tuple(models), looks, frozenset(small))
 
 
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:
@@ -207,15 +221,15 @@ def _origins(problem: Problem, result: Fit) -> list[Fit]:
         return [result]
 
 
-def _look(problem: Problem, origin: Fit, candidates: Sequence[str]) -> Look:
-    screened = screen(problem, origin, candidates)
+def _look(problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int) -> Look:
+    screened = screen(problem, origin, candidates, most=sizes)
     return Look(origin, screened, tuple(scores(problem, screened)))
 
 
-def _promising(looks: Sequence[Look], most: int) -> list[tuple[Fit, Score]]:
+def _promising(looks: Sequence[Look], most: int, terms: int) -> list[tuple[Fit, Score]]:
     """Return the candidates to be fitted, each from where it promises most.
 
-    They are the `most` best effects of the library, and the best term of the empirical law.
+    They are the `most` best effects of the library, and the `terms` best terms of the empirical law.
     """
     best: dict[str, tuple[float, Fit, Score]] = {}
     first = looks[0].origin.posterior.evidence
@@ -227,7 +241,7 @@ def _promising(looks: Sequence[Look], most: int) -> list[tuple[Fit, Score]]:
     least = max(WORTH, RIVAL * max((b[0] for b in best.values()), default=0.0))
     ranked = sorted((b for b in best.values() if b[0] > least), key=lambda b: -b[0])
     library = [b for b in ranked if not is_empirical(b[2].candidate)][:most]
-    law = [b for b in ranked if is_empirical(b[2].candidate)][: most // 2]
+    law = [b for b in ranked if is_empirical(b[2].candidate)][:terms]
     return [(origin, score) for _, origin, score in library + law]
 
 

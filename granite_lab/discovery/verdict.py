@@ -15,6 +15,7 @@ from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE
 from granite_lab.inference.fit import under
 from granite_lab.inference.gap import moved
 from granite_lab.inference.problem import Problem
+from granite_lab.logs.trial import Array
 
 LARGEST_SET = 3
 """Most effects that cannot be told apart in an answer that still is one."""
@@ -41,10 +42,19 @@ class Named:
     closes: Estimate
     channel: tuple[str, float] = ("", float("nan"))
 
-    @property
-    def matters(self) -> bool:
-        """Whether it closes enough to be named."""
-        return self.closes.value >= LEAST_SHARE or self.channel[1] >= LEAST_SHARE
+    def matters(self, remainder: float, formula: float) -> bool:
+        """Tell whether it closes enough to be named.
+
+        Without it the gap must be larger by `LEAST_SHARE`, as an rms of all channels, or a channel's change
+        smaller by that share; there an effect cannot be told from the error of the formulas beside it.
+
+        Args:
+            remainder: share of the gap that the whole set leaves.
+            formula: error of the formulas, as a share.
+        """
+        left = max(remainder, 0.0)
+        closes = np.sqrt(max(left + self.closes.value, 0.0)) - np.sqrt(left)
+        return bool(closes >= LEAST_SHARE or self.channel[1] >= max(LEAST_SHARE, formula))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +79,7 @@ class Judgement:
     small: tuple[Named, ...]
     before: Predicted
     after: Predicted
-    gap: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+    gap: Array
     remainder: float
 
 
@@ -88,10 +98,11 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     assert alone is not None
     alone = replace(alone, fit=under(problem, alone.fit, search.best.fit.scales))
     before = predict(problem, alone.fit, tolerance)
+    beside = tuple(Named(e, (), search.probability(holding(e)), Estimate(np.nan)) for e in search.beside)
     if not matters(problem, alone.fit, search.best.fit, tolerance):
-        small = tuple(
+        small = (*beside, *(
             Named(e, (), search.probability(holding(e)), Estimate(np.nan)) for e in search.best.effects
-        )
+        ))  # fmt: skip
         gap = np.zeros_like(before.own)
         return Judgement("none", 1.0, alone, (), small, before, before, gap, float("nan"))
     best = search.best
@@ -99,13 +110,14 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     base = before.left_out if np.isfinite(before.left_out).any() else before.own
     floor = np.fmin(after.expected, before.expected)
     gap = base - (floor if floor.sum() < _left(after).sum() else _left(after))
-    parts = [_named(problem, search, best, e, gap, after, tolerance) for e in best.effects]
-    relevant = [n for n in parts if n.matters]
-    small = tuple(n for n in parts if not n.matters)
+    remainder = 1 - closed(base, _left(after), gap).value
+    parts = [_named(problem, search, e, _Whole(base, gap, after, remainder), tolerance) for e in best.effects]
+    several = len(parts) > 1
+    relevant = [n for n in parts if not several or n.matters(remainder, best.fit.scales.formula)]
+    small = (*beside, *(n for n in parts if n not in relevant))
     library = [n for n in relevant if not is_empirical(n.id)]
     law = [n for n in relevant if is_empirical(n.id)]
     sure = [n for n in library if n.probability >= CREDIBLE and len(n.twins) < LARGEST_SET]
-    remainder = 1 - closed(base, _left(after), gap).value
     by_law = sum(n.closes.value for n in law)
     enough = sum(n.closes.value for n in sure) > max(CLOSED, by_law) and remainder + by_law < CLOSED
     enough |= not law and good(problem, alone.fit, tolerance)  # a gap too small to be divided
@@ -115,13 +127,34 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     doubt = 1 - float(min((n.probability for n in library), default=0.0)) if not enough else 0.0
     shown = tuple(law) if law else ()
     if not shown:
-        return Judgement("unknown", doubt or 1.0, alone, (), tuple(parts), before, before, gap, 1.0)
-    return Judgement(
-        "unknown", 1.0, best, shown, tuple(n for n in parts if n not in law), before, after, gap, remainder
-    )
+        return Judgement("unknown", doubt or 1.0, alone, (), (*beside, *parts), before, before, gap, 1.0)
+    small = (*beside, *(n for n in parts if n not in law))
+    return Judgement("unknown", 1.0, best, shown, small, before, after, gap, remainder)
 
 
-def _left(predicted: Predicted) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def by_posterior(problem: Problem, search: Search) -> Judgement:
+    """Return what the posterior alone says; it stands in where trials cannot be predicted."""
+    best = search.best
+    nothing = np.full(len(problem.trials), np.nan)
+    unseen = Predicted(nothing, nothing, nothing, nothing)
+    named = tuple(Named(e, (), search.probability(holding(e)), Estimate(np.nan)) for e in best.effects)
+    sure = all(n.probability >= CREDIBLE and not is_empirical(n.id) for n in named)
+    verdict: Verdict = "none" if not named else "named" if sure else "unknown"
+    probability = min((n.probability for n in named), default=1.0)
+    return Judgement(verdict, probability, best, named, (), unseen, unseen, nothing, float("nan"))
+
+
+@dataclass(frozen=True, eq=False)
+class _Whole:
+    """How the best set does on trials left out: misfits without it, the gap, its own, what it leaves."""
+
+    base: Array
+    gap: Array
+    after: Predicted
+    remainder: float
+
+
+def _left(predicted: Predicted) -> Array:
     return predicted.left_out if np.isfinite(predicted.left_out).any() else predicted.own
 
 
@@ -134,35 +167,36 @@ def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
     return holds
 
 
-def _named(
-    problem: Problem,
-    search: Search,
-    best: Model,
-    id_: str,
-    gap: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-    after: Predicted,
-    tolerance: float,
-) -> Named:
-    """Return what speaks for one effect of the best set: its rivals, and what it closes."""
+def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance: float) -> Named:
+    """Return what speaks for one effect of the best set: its rivals, and what it closes.
+
+    Rivals in its place are twins where the posterior does not exclude them. They are, too, where they leave
+    less than twice what the best set leaves of the gap: a formula that is off by that much cannot exclude
+    another that is off by as much more.
+    """
+    best = search.best
     rest = tuple(e for e in best.effects if e != id_)
-    without = search.model(rest)
-    closes, channel = Estimate(float("nan")), ("", float("nan"))
-    if without is not None:
-        channel = _channel(problem, search, without, best, tolerance)
-        left = _left(predict(problem, under(problem, without.fit, best.fit.scales), tolerance))
-        closes = closed(left, _left(after), gap)
+    without = search.model(rest) or next(m for m in search.models if set(m.effects) <= set(rest))
+
+    def left_by(model: Model) -> Array:
+        return _left(predict(problem, under(problem, model.fit, best.fit.scales), tolerance))
+
+    channel = _channel(problem, search, without, best, tolerance)
+    closes = closed(left_by(without), _left(whole.after), whole.gap)
     probability = search.probability(holding(id_))
-    rivals: list[tuple[float, str]] = []
+    rivals: list[tuple[float, str, Model]] = []
     for model in search.models:
         other = [e for e in model.effects if e not in rest]
         if set(rest) <= set(model.effects) and len(other) == 1 and other[0] != id_:
-            rivals.append((search.probability(holding(other[0], id_)), other[0]))
+            rivals.append((search.probability(holding(other[0], id_)), other[0], model))
     twins: list[str] = []
-    for share, rival in sorted(rivals, reverse=True):
-        if probability >= 0.95 or share < 0.01:
-            break
-        twins.append(rival)
-        probability += share
+    for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
+        likely = probability < 0.95 and share >= 0.01
+        if not likely and not is_empirical(rival) and whole.remainder > 0:
+            likely = 1 - closed(whole.base, left_by(model), whole.gap).value < 2 * whole.remainder
+        if likely:
+            twins.append(rival)
+            probability += share
     return Named(id_, tuple(twins), min(probability, 1.0), closes, channel)
 
 

@@ -27,6 +27,9 @@ SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
 FORMULAS = (FORMULA_ERROR[1] / 16, FORMULA_ERROR[1])
 """Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows."""
 
+LEAST_OWN = 1e-3
+"""Least scale of the numbers that an effect has in each trial, as a share of their prior's range."""
+
 UPDATES = 3
 """Steps of the fixed point of the scales, each time they are learnt."""
 
@@ -94,6 +97,7 @@ def fit(
     Raises:
         EstimateError: a simulation at the start has no solution.
     """
+    scales = replace(scales, priors={**_own_scales(problem, start, start.vector), **scales.priors})
     slopes = slopes or problem.slopes(start)
     responses = simulated(problem, start)
     if slopes is None or responses is None:
@@ -248,16 +252,31 @@ def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales)
 def _priors(problem: Problem, point: Point, mean: Array, variance: Array) -> Mapping[str, float]:
     squares: dict[str, list[float]] = {}
     first: dict[str, float] = {}
-    private = problem.parameters(point.effects, per_trial=True)
     k = 0
     for t, x in zip(problem.trials, point.trials, strict=True):
-        named = [(n, s.name, s.std) for n, s in enumerate(t.slacks) if s.learnt]
-        named += [(t.size + n, own_name(id_), width_of(p) / 2) for n, (id_, p) in enumerate(private)]
-        for n, name, std in named:
-            squares.setdefault(name, []).append(float(mean[k + n] ** 2 + variance[k + n]))
-            first[name] = std
+        for n, slack in ((n, s) for n, s in enumerate(t.slacks) if s.learnt):
+            squares.setdefault(slack.name, []).append(float(mean[k + n] ** 2 + variance[k + n]))
+            first[slack.name] = slack.std
         k += x.size
-    return {
+    found = {
         name: float(np.sqrt((sum(q) + PSEUDO_TRIALS * first[name] ** 2) / (len(q) + PSEUDO_TRIALS)))
         for name, q in squares.items()
     }
+    return found | _own_scales(problem, point, mean, variance)
+
+
+def _own_scales(
+    problem: Problem, point: Point, mean: Array, variance: Array | float = 0.0
+) -> dict[str, float]:
+    """Return the rms of the numbers that each effect has in each trial: their scale, whatever it is."""
+    private = problem.parameters(point.effects, per_trial=True)
+    squares = mean**2 + variance
+    ends = np.cumsum([x.size for x in point.trials])
+    table = np.array([squares[end - len(private) : end] for end in ends]).reshape(ends.size, len(private))
+    found: dict[str, float] = {}
+    for id_ in dict.fromkeys(id_ for id_, _ in private):
+        at = [k for k, (e, _) in enumerate(private) if e == id_]
+        width = max(width_of(private[k][1]) for k in at)
+        rms = float(np.sqrt(np.mean(table[:, at])))
+        found[own_name(id_)] = float(np.clip(rms, LEAST_OWN * width, width))
+    return found

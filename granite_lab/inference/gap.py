@@ -78,7 +78,7 @@ def shares(problem: Problem, fit: Fit) -> dict[str, float]:
 def moved(problem: Problem, before: Fit, after: Fit) -> dict[str, float]:
     """Return channel to how far two fits' predictions are apart, at most over the commands.
 
-    It is the rms in motion of their difference, mean over the repetitions, over the channel's rms in motion.
+    It is the rms in motion of their difference, over the repetitions, too, over the channel's rms in motion.
     """
     found: dict[str, float] = {}
     for command, own in enumerate(problem.commands):
@@ -89,7 +89,7 @@ def moved(problem: Problem, before: Fit, after: Fit) -> dict[str, float]:
                 for i in own if c in problem.trials[i].channels
                 for k in [problem.trials[i].channels.index(c)]
             ]  # fmt: skip
-            apart = np.mean(rows, axis=0)[moving > 0]
+            apart = np.stack(rows)[:, moving > 0]
             apart = apart[np.isfinite(apart)]
             if apart.size and size > 0:
                 found[c] = max(found.get(c, 0.0), float(np.sqrt(np.mean(apart**2))) / size)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -220,6 +221,8 @@ class Problem:
     def slopes(self, point: Point, sand_from: Slopes | None = None) -> Slopes | None:
         """Differentiate the responses at the centre of each command; None where a run has no solution.
 
+        Where a step leads out of the region with a solution, the opposite one is taken.
+
         Args:
             point: where.
             sand_from: slopes whose derivatives by the sand are good enough to be kept.
@@ -228,29 +231,45 @@ class Problem:
         private = [p for _, p in self.parameters(point.effects, per_trial=True)]
         tasks: list[Task] = []
         steps: list[float] = []
+        opposite: dict[int, tuple[int, Task]] = {}
+
+        def differ(step: float, there: Callable[[float], Task]) -> None:
+            opposite[len(tasks)] = (len(steps), there(-step))
+            tasks.append(there(step))
+            steps.append(step)
+
         for command, _ in enumerate(self.variants):
             centre = self.centre(point, command)
+            at = np.concatenate([point.common, self._own_mean(point, command)])
+
+            def sandy(step: float, k: int, centre: Task = centre) -> Task:
+                moved = np.array(centre.sand)
+                moved[k] += step
+                return Task(centre.variant, as_values(moved), centre.setting)
+
+            def stronger(step: float, k: int, centre: Task = centre, at: Array = at) -> Task:
+                values = at.copy()
+                values[k] += step
+                own = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
+                return Task(centre.variant, centre.sand, own)
+
             tasks.append(centre)
             if sand_from is None:
                 for k in range(len(SAND)):
-                    moved = np.array(centre.sand)
-                    moved[k] += STEP[k]
-                    tasks.append(Task(centre.variant, as_values(moved), centre.setting))
-                    steps.append(float(STEP[k]))
-            at = np.concatenate([point.common, self._own_mean(point, command)])
+                    differ(float(STEP[k]), partial(sandy, k=k))
             for k, p in enumerate([*shared, *private]):
-                values = at.copy()
-                h = step_of(p, float(values[k]))
-                values[k] += h
-                own = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
-                tasks.append(Task(centre.variant, centre.sand, own))
-                steps.append(h)
+                differ(step_of(p, float(at[k])), partial(stronger, k=k))
             for id_ in point.effects:
                 left = self.without_effect(point, id_)
                 without = self.setting(left.effects, left.common, self._own_mean(left, command))
                 tasks.append(Task(centre.variant, centre.sand, without))
-        found = self.respond(tasks)
-        if found is None:
+        runs = list(self.bench.run(tasks))
+        lost = [k for k in opposite if runs[k] is None]
+        for k, run in zip(lost, self.bench.run([opposite[k][1] for k in lost]) if lost else (), strict=True):
+            runs[k] = run
+            steps[opposite[k][0]] *= -1
+        found = [r for r in runs if r is not None]
+        if len(found) < len(runs):
             return None
         count, h = len(found) // len(self.variants), len(steps) // len(self.variants)
         parts: list[tuple[Array, ...]] = []

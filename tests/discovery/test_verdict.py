@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from granite_lab.discovery.power import _by_noise_own
 from granite_lab.discovery.search import Search, search
-from granite_lab.discovery.verdict import Judgement, judge
+from granite_lab.discovery.verdict import Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
+from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import fit
 from granite_lab.inference.problem import Problem
 from granite_lab.processes import one_thread
@@ -164,3 +166,52 @@ def test_trials_that_cannot_be_left_out_say_nothing_of_such() -> None:
     assert answer.judgement.verdict == "named"
     assert "No trial could be left out; in the fit itself" in said(answer)
     assert "On trials that were left out" in said(ask({"push": 0.3}))
+
+
+@pytest.mark.parametrize(
+    ("closes", "channel", "remainder", "formula", "named"),
+    [
+        (0.5, 0.0, 0.0, 0.0, True),
+        (0.011, 0.0, 0.0, 0.0, True),  # a tenth of the rms
+        (0.009, 0.0, 0.0, 0.0, False),
+        (0.011, 0.0, 0.1, 0.0, False),  # beside what the set leaves in any case
+        (0.0, 0.15, 0.0, 0.02, True),
+        (0.0, 0.15, 0.0, 0.2, False),  # within the error of the formulas beside it
+        (np.nan, 0.0, 0.0, 0.0, False),
+        (np.nan, 0.5, 0.0, 0.0, True),
+    ],
+)
+def test_an_effect_matters_by_the_gap_that_it_closes_or_by_a_channel(
+    closes: float, channel: float, remainder: float, formula: float, named: bool
+) -> None:
+    effect = Named("push", (), 1.0, Estimate(closes), ("accel_x", channel))
+    assert effect.matters(remainder, formula) is named
+
+
+def test_a_second_effect_is_found_where_the_first_leaves_less_than_the_tolerance() -> None:
+    """Numbers that change from trial to trial leave no discrepancy that repetitions share."""
+    answer = ask({"push": 0.3, "shake": 0.15}, discrepancy=0.0)
+    assert answer.named == {"push", "shake"}
+
+
+def test_the_posterior_alone_names_where_nothing_can_be_predicted() -> None:
+    answer = ask({"push": 0.3})
+    judgement = by_posterior(answer.problem, answer.search)
+    assert (judgement.verdict, [n.id for n in judgement.named]) == ("named", ["push"])
+    assert np.isnan(judgement.remainder)
+
+
+def test_the_stated_amplitude_of_changing_phase_is_seen_in_four_of_five_draws() -> None:
+    """Cosine and sine of a random phase in each of twelve trials; the gain is that of the best scale."""
+    rng = np.random.default_rng(5)
+    power = np.full((12, 4), 40.0)
+    amplitude = _by_noise_own(power, [0, 1], needed=5.2)
+    scales = np.geomspace(1e-3, 10, 40)
+    gains = []
+    for _ in range(400):
+        phase = rng.uniform(0, 2 * np.pi, 12)
+        true = np.column_stack([np.cos(phase), np.sin(phase), 0 * phase, 0 * phase]) * amplitude
+        b = power * true + np.sqrt(power) * rng.normal(size=power.shape)
+        each = [np.sum(0.5 * b**2 / (power + s**-2) - 0.5 * np.log1p(power * s**2)) for s in scales]
+        gains.append(max(each))
+    assert np.mean(np.array(gains) > 5.2) == pytest.approx(0.8, abs=0.12)

@@ -230,3 +230,28 @@ def test_sand_stays_within_three_std_of_its_file() -> None:
     step = np.full(problem.neutral().vector.size, 10.0)
     moved = problem.moved(problem.neutral(), step)
     assert moved.shared[: len(SAND)] == pytest.approx(3 * problem.sand_std)
+
+
+def test_slopes_are_taken_backwards_where_a_step_has_no_solution() -> None:
+    """The response is linear, so that both directions give the same derivative."""
+    free = problem_of(FOUR)
+    expected = free.slopes(free.neutral())
+    assert expected is not None
+    point = replace(free.neutral(), shared=np.where(np.arange(len(SHARED)) == 0, 0.095, 0.0))
+    one_way = problem_of(FOUR, respond=Respond(bound=0.1)).slopes(point)
+    assert one_way is not None
+    for a, b in zip(expected.sand, one_way.sand, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [0.02, 0.3])
+def test_numbers_of_an_effect_in_each_trial_have_the_scale_that_they_show(size: float) -> None:
+    rng = np.random.default_rng(11)
+    problem = problem_of((0, 0, 0, 1, 1, 1, 2, 2, 2))
+    point = problem.with_effect(drawn(problem, rng, common=0.3), "shake", (0.0,))
+    own = size * rng.normal(size=len(problem.trials))
+    trials = tuple(np.append(x[:-1], a) for x, a in zip(point.trials, own, strict=True))
+    measure(problem, replace(point, trials=trials), rng)
+    start = problem.with_effect(problem.neutral(), "shake", (0.0,), 0.5 * own[:, None])
+    found = fit(problem, start)
+    assert found.scales.priors["shake own"] == pytest.approx(np.sqrt(np.mean(own**2)), rel=0.25)
