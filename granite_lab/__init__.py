@@ -14,6 +14,7 @@ from granite_lab.lazily import lazily
 
 if TYPE_CHECKING:
     from granite_lab.api.hidden import hide, reveal
+    from granite_lab.api.kit import kit
     from granite_lab.api.logs import ingest, inspect
     from granite_lab.api.parameters import list_effects, params, show_effect
     from granite_lab.api.plan import plan_next
@@ -31,6 +32,7 @@ __getattr__ = lazily(
     __name__,
     {
         "granite_lab.api.hidden": ("hide", "reveal"),
+        "granite_lab.api.kit": ("kit",),
         "granite_lab.api.logs": ("ingest", "inspect"),
         "granite_lab.api.parameters": ("list_effects", "params", "show_effect"),
         "granite_lab.api.plan": ("plan_next",),
@@ -54,6 +56,7 @@ __all__ = [
     "hide",
     "ingest",
     "inspect",
+    "kit",
     "list_effects",
     "params",
     "plan_next",

@@ -41,6 +41,7 @@ def _register() -> None:
         effects,
         fit,
         hidden,
+        kit,
         logs,
         parameters,
         plan,
@@ -49,7 +50,7 @@ def _register() -> None:
         wheel,
     )
 
-    for module in (logs, simulate, wheel, fit, study, discover, plan, parameters, effects, hidden):
+    for module in (logs, simulate, wheel, fit, study, discover, plan, parameters, effects, hidden, kit):
         module.register(app)
 
 

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granite_lab.api.kit import TRIALS, searched_kit
 from granite_lab.errors import UsageError
 from granite_lab.files import sha256, write_bytes, write_text
+from granite_lab.hidden.kit_check import ANSWER
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.scoring import Score, read_finding, score
 from granite_lab.hidden.sealed import NAME, open_answer, seal
@@ -49,11 +51,13 @@ class Revealed:
         answer: as it was sealed.
         score: the judgement; None where no discovery was given.
         warnings: trials that are missing or have changed since they were written.
+        finding: where the discovery stands.
     """
 
     answer: Mapping[str, Any]
     score: Score | None
     warnings: tuple[str, ...]
+    finding: Path | None = None
 
     def to_frame(self) -> pd.DataFrame:
         """Return what was hidden, one row a parameter."""
@@ -138,19 +142,27 @@ def hide(
     return HiddenSet(tuple(sorted(files)), folder / NAME)
 
 
-def reveal(folder: str | Path, finding: str | Path | None = None) -> Revealed:
-    """Open the sealed answer of a hidden set, and judge a discovery by it.
+def reveal(folder: str | Path, finding: str | Path | None = None, *, jobs: int = 1) -> Revealed:
+    """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
+
+    In a kit, `discover` runs first where no discovery is given and none stands in its folder `finding`.
 
     Args:
-        folder: written by `hide`.
+        folder: written by `hide`, or a kit that another laboratory filled.
         finding: JSON of a discovery or of a study, or the folder in which it stands, to be judged.
+        jobs: number of processes of a search.
 
     Raises:
-        InputError: a file cannot be used.
+        InputError: a file cannot be used, or the answer is not the one that was promised by its hash.
+        EstimateError: the search of a kit is impossible.
     """
-    answer = open_answer(Path(folder))
-    judged = score(answer, _finding(Path(finding))) if finding else None
-    return Revealed(answer, judged, tuple(_changed(Path(folder), answer)))
+    place, said = Path(folder), Path(finding) if finding else None
+    if said is None and (place / TRIALS).is_dir():
+        open_answer(place)  # a seal that does not hold is told before the search, which takes a while
+        said = searched_kit(place, jobs)
+    answer = open_answer(place)
+    judged = score(answer, _finding(said)) if said else None
+    return Revealed(answer, judged, tuple(_changed(place, answer)), said)
 
 
 def _finding(place: Path) -> Mapping[str, Any]:
@@ -162,8 +174,10 @@ def _finding(place: Path) -> Mapping[str, Any]:
 def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
     """Return a line for each trial that is not the one that was written."""
     lines = []
+    if (folder / TRIALS).is_dir() and (folder / ANSWER).is_file():
+        lines.append(f"{folder / ANSWER}: lies open beside the trials: nobody can know that it was not read")
     for name, trial in answer["trials"].items():
-        path = folder / f"{name}.csv"
+        path = folder / trial.get("file", f"{name}.csv")
         if not path.exists():
             lines.append(f"{path}: is missing")
         elif sha256(path) != trial["sha256"]:

@@ -120,19 +120,25 @@ def _sizes(given: list[str]) -> dict[str, float]:
 
 
 def reveal(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder written by `hide`.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder written by `hide`, or a kit that was filled in.")
+    ],
     finding: Annotated[
         Path | None,
         typer.Option(
             help="A discovery to be judged: its JSON, or a folder written by `discover` or `study`."
         ),
     ] = None,
+    jobs: JobsOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Open the sealed answer of a hidden set, and judge a discovery by it."""
+    """Open the sealed answer of a hidden set or a kit, and judge a discovery by it.
+
+    A kit without a discovery in its folder `finding` is searched first.
+    """
     from granite_lab.api.hidden import reveal as run
 
-    opened = run(folder, finding)
+    opened = run(folder, finding, jobs=jobs)
     warn(opened.warnings)
     if as_json:
         print_json({"schema": "granite-lab/reveal/1", "answer": opened.answer, "score": opened.score})
@@ -146,19 +152,26 @@ def _show_answer(answer: Mapping[str, Any]) -> None:
     from rich.table import Table
 
     shown = console()
-    table = Table(title="Hidden in these virtual trials", title_justify="left")
+    trials = "virtual trials" if answer.get("virtual", True) else "trials"
+    table = Table(title=f"Hidden in these {trials}", title_justify="left")
     for heading in ("effect", "parameter", "value", "unit"):
         table.add_column(heading, justify="right" if heading == "value" else "left")
     for effect in answer["effects"]:
+        named = effect["id"] + ("" if effect["library"] else " (not in the library)")
+        if not effect["parameters"]:
+            table.add_row(named, "", "", "")
         for k, (name, parameter) in enumerate(effect["parameters"].items()):
-            named = effect["id"] + ("" if effect["library"] else " (not in the library)")
             table.add_row(named if k == 0 else "", name, f"{parameter['value']:.4g}", parameter["unit"])
     if answer["effects"]:
         shown.print(table)
         for effect in answer["effects"]:
-            shown.print(f"{effect['id']}: {effect['title']}. {effect['account']}.", markup=False)
+            told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
+            shown.print(f"{effect['id']}: {told}.", markup=False)
     else:
-        shown.print("Nothing is hidden in these virtual trials.")
+        shown.print(f"Nothing is hidden in these {trials}.")
+    if "made_by" in answer:
+        shown.print(f"made by {answer['made_by']}", markup=False)
+        return
     if answer["sand_off"]:
         off = ", ".join(f"{name} {100 * (x - 1):+.1f} %" for name, x in answer["sand_off"].items())
         shown.print(f"sand off its file: {off}")

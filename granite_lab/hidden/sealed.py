@@ -10,24 +10,17 @@ import binascii
 import hashlib
 import json
 import zlib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from granite_lab.errors import InputError
 from granite_lab.files import readable
+from granite_lab.hidden.kit_check import HASH, HEAD, SEALED, seal
 
-NAME = "sealed.bin"
+NAME = SEALED
 """Name of the file beside the trials."""
 
-_HEAD = b"granite-lab sealed answer 1; opened by: granite-lab reveal\n"
-
-
-def seal(answer: Mapping[str, Any]) -> bytes:
-    """Return the answer as the bytes of a sealed file."""
-    plain = json.dumps(answer, sort_keys=True, allow_nan=False).encode()
-    body = base64.encodebytes(zlib.compress(plain, 9)[::-1])
-    return _HEAD + hashlib.sha256(plain).hexdigest().encode() + b"\n" + body
+__all__ = ["NAME", "open_answer", "seal", "unseal"]
 
 
 def unseal(data: bytes, where: Path | str) -> dict[str, Any]:
@@ -36,9 +29,9 @@ def unseal(data: bytes, where: Path | str) -> dict[str, Any]:
     Raises:
         InputError: they are not such a file, or it was changed.
     """
-    if not data.startswith(_HEAD):
+    if not data.startswith(HEAD):
         raise InputError(f"{where}: not a sealed answer", "give a folder written by `granite-lab hide`")
-    digest, _, body = data[len(_HEAD) :].partition(b"\n")
+    digest, _, body = data[len(HEAD) :].partition(b"\n")
     try:
         plain = zlib.decompress(base64.b64decode(body)[::-1])
         answer = json.loads(plain)
@@ -53,10 +46,19 @@ def open_answer(folder: Path) -> dict[str, Any]:
     """Return the answer of a set's folder.
 
     Raises:
-        InputError: there is none, or it is damaged.
+        InputError: there is none, it is damaged, or it is not the one whose hash was given beforehand.
     """
-    path = folder / NAME
+    path, promised = folder / NAME, folder / HASH
     try:
-        return unseal(path.read_bytes(), path)
-    except OSError as error:
-        raise readable(error, path) from None
+        data = path.read_bytes()
+        digest = promised.read_text(encoding="utf-8").split()[0] if promised.is_file() else None
+    except (OSError, UnicodeDecodeError, IndexError) as error:
+        if isinstance(error, OSError):
+            raise readable(error, path) from None
+        raise InputError(f"{promised}: holds no hash", "it is written by `python check.py --seal`") from None
+    if digest is not None and digest != hashlib.sha256(data).hexdigest():
+        raise InputError(
+            f"{path}: is not the answer whose hash stands in {HASH}",
+            "ask the laboratory for the file it sealed",
+        )
+    return unseal(data, path)

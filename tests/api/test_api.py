@@ -40,6 +40,7 @@ FUNCTIONS = {
     "params": "params",
     "effects": "list_effects",
     "hide": "hide",
+    "kit": "kit",
     "reveal": "reveal",
 }
 

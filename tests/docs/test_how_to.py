@@ -114,7 +114,9 @@ def test_the_tutorial_goes_from_a_foreign_log_to_slip_and_k92(folder: Path) -> N
 
 def test_an_effect_by_the_page_is_listed_and_slows_the_robot(folder: Path) -> None:
     assert save_files("docs/how-to-effect.md", folder) == ["towed_sledge.py", "model.toml"]
-    listed, shown, without, with_it = follow("docs/how-to-effect.md", without=("discover",))
+    listed, shown, checked, without, with_it = follow("docs/how-to-effect.md", without=("discover",))
+    assert "machine code gives" in checked.out
+    assert "FAILED" not in checked.out
     assert "towed_sledge" in listed.out
     assert "rolling_drag" in listed.out
     assert "spring balance" in shown.out

@@ -1,0 +1,237 @@
+"""A kit for strangers: its checker needs Python alone and seals; `reveal` holds to the seal."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import granite_lab as gl
+from granite_lab.effects import library
+from granite_lab.errors import InputError, UsageError
+from granite_lab.hidden import kit_check
+from granite_lab.hidden.scoring import SCHEMA
+from granite_lab.logs import read_trial
+from tests.cli.test_cli import lab
+
+OUTSIDE = Path(__file__).parent.parent / "data" / "outside" / "o03"
+REACTION = [{"id": "drive_reaction", "parameters": {"share": 0.8}}]
+
+
+@pytest.fixture
+def kit(tmp_path: Path) -> Path:
+    """Return a kit that a stranger filled with trials of a simulator in C."""
+    folder = tmp_path / "kit"
+    gl.kit(folder)
+    for log in OUTSIDE.glob("*.csv"):
+        shutil.copy(log, folder / "trials")
+    answered(folder, REACTION)
+    return folder
+
+
+def answered(kit: Path, effects: object, **more: object) -> None:
+    told = json.loads((kit / "answer.json").read_text())
+    told |= {"made_by": "planar simulator in C", "virtual": True, "effects": effects} | more
+    (kit / "answer.json").write_text(json.dumps(told))
+
+
+def check(kit: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run the checker as a stranger does: no site-packages, no granite-lab."""
+    command = [sys.executable, "-I", "-S", str(kit / "check.py"), *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=kit.parent)
+
+
+def sealed(kit: Path, *, keep: bool = False) -> Path:
+    done = check(kit, "--seal")
+    assert done.returncode == 0, done.stdout + done.stderr
+    if not keep:
+        (kit / "answer.json").unlink()
+    return kit
+
+
+def finding(kit: Path, verdict: str, *ids: str) -> None:
+    effects = [{"id": i, "parameters": {"share": {"value": 0.78, "std": 0.05}}} for i in ids]
+    (kit / "finding").mkdir()
+    document = {"schema": SCHEMA, "verdict": verdict, "effects": effects, "gap": {}}
+    (kit / "finding" / "finding.json").write_text(json.dumps(document))
+
+
+def test_an_empty_kit_holds_readme_template_checker_and_the_allowed_names(tmp_path: Path) -> None:
+    made = gl.kit(tmp_path / "new")
+    assert {path.relative_to(made.folder).as_posix() for path in made.files} == {
+        "README.md", "check.py", "answer.json", "allowed.json", "trials/robot.toml", "trials/soil.toml",
+    }  # fmt: skip
+    allowed = json.loads((made.folder / "allowed.json").read_text())["effects"]
+    assert set(allowed) == set(library())
+    assert (
+        allowed["drive_reaction"]["parameters"]["share"]["high"]
+        == library()["drive_reaction"].parameters[0].high
+    )
+    assert set(made.to_frame()["effect"]) == set(library())
+    with pytest.raises(UsageError, match="not empty"):
+        gl.kit(tmp_path / "new")
+    done = check(made.folder)
+    assert done.returncode == 3
+    assert "made_by is empty" in done.stdout
+    assert "holds no log" in done.stdout
+
+
+def test_the_log_that_the_readme_shows_is_one_that_can_be_read(kit: Path) -> None:
+    """Its header above the rows of a sample; robot and soil are the kit's files."""
+    text = (kit / "README.md").read_text()
+    block = [line.strip() for line in text.splitlines() if line.startswith(("    # ", "    t_s"))]
+    sample = OUTSIDE.parents[2].parent / "data" / "samples" / "virtual_v0.3_r1.csv"
+    rows = sample.read_text().splitlines()
+    first = next(k for k, line in enumerate(rows) if line.startswith("t_s"))
+    assert block[-1] == rows[first]
+    log = kit / "trials" / "from_readme.csv"
+    log.write_text("\n".join(block + rows[first + 1 :]) + "\n")
+    assert check(kit).returncode == 0
+    trial = read_trial(log)
+    assert trial.info.v_desired == 0.3
+    assert Path(str(trial.info.robot)).name == "robot.toml"
+
+
+def test_a_good_kit_is_sealed_and_its_hash_holds(kit: Path) -> None:
+    sealed(kit, keep=True)
+    digest = (kit / "seal.sha256").read_text().split()[0]
+    assert digest == hashlib.sha256((kit / "sealed.bin").read_bytes()).hexdigest()
+    assert "drive_reaction" not in (kit / "sealed.bin").read_text()
+    sealed(kit)  # the salt is new: equal answers have other hashes
+    assert digest != (kit / "seal.sha256").read_text().split()[0]
+
+
+BREACHES: list[tuple[Callable[[Path], Any], str]] = [
+    (lambda k: (k / "answer.json").write_text("{"), "not as it should be"),
+    (lambda k: (k / "answer.json").unlink(), "answer.json: cannot be read"),
+    (lambda k: (k / "answer.json").write_text('{"schema": "x"}'), "schema is not"),
+    (lambda k: answered(k, "none"), "effects is not a list"),
+    (lambda k: answered(k, [], virtual="yes"), "neither true"),
+    (lambda k: answered(k, [{"id": "tire_windup"}]), "'tire_windup' is no id"),
+    (lambda k: answered(k, [{"id": "unknown"}]), "needs a title"),
+    (lambda k: answered(k, [{"id": "drive_reaction", "parameters": {"size": 1}}]), "known: share"),
+    (lambda k: answered(k, [{"id": "drive_reaction", "parameters": {"share": "1"}}]), "is not a number"),
+    (lambda k: answered(k, [{"id": "drive_reaction", "parameters": {"share": 99}}]), "is out of range"),
+    (lambda k: (k / "trials" / "a.csv").write_text("# x = 1\nt_s,ax\n"), "no column for imu_ax"),
+    (lambda k: (k / "trials" / "a.csv").write_text("t_s\n0\n"), "'# v_desired_mps = …' is missing"),
+    (lambda k: edit(k, "0.2_1", lambda rows: [*rows[:-1], "x" + rows[-1]]), "not a number"),
+    (lambda k: edit(k, "0.2_1", lambda rows: [*rows, rows[-300]]), "time runs back"),
+    (lambda k: edit(k, "0.2_1", lambda rows: rows[:50]), "rows"),
+]  # fmt: skip
+
+
+def edit(kit: Path, name: str, change: Callable[[list[str]], list[str]]) -> None:
+    log = kit / "trials" / f"trial_{name}.csv"
+    log.write_text("\n".join(change(log.read_text().splitlines())) + "\n")
+
+
+@pytest.mark.parametrize(("breach", "said"), BREACHES, ids=[said for _, said in BREACHES])
+def test_what_is_wrong_is_told_and_nothing_is_sealed(
+    kit: Path, breach: Callable[[Path], Any], said: str
+) -> None:
+    breach(kit)
+    done = check(kit, "--seal")
+    assert done.returncode == 3
+    assert said in done.stdout
+    assert not (kit / "sealed.bin").exists()
+
+
+def test_few_logs_at_one_speed_are_warned_of(kit: Path) -> None:
+    for log in (kit / "trials").glob("trial_0.[57]_*.csv"):
+        log.unlink()
+    done = check(kit)
+    assert done.returncode == 0
+    assert "2 logs; a small effect needs more" in done.stdout
+    assert "all at one speed" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("effects", "verdict", "ids", "outcome"),
+    [
+        (REACTION, "named", ("drive_reaction",), "right"),
+        (REACTION, "named", ("com_offset",), "near_twin"),
+        (REACTION, "named", ("rolling_drag",), "wrong_name"),
+        (REACTION, "none", (), "missed"),
+        ([], "none", (), "right"),
+        ([], "named", ("rolling_drag",), "false_alarm"),
+        ([{"id": "unknown", "title": "magnets"}], "unknown", (), "abstained"),
+    ],
+)
+def test_a_finding_in_the_kit_is_judged(
+    kit: Path, effects: list[dict[str, Any]], verdict: str, ids: tuple[str, ...], outcome: str
+) -> None:
+    answered(kit, effects)
+    sealed(kit)
+    finding(kit, verdict, *ids)
+    opened = gl.reveal(kit)
+    assert opened.score is not None
+    assert opened.score.outcome == outcome
+    assert opened.warnings == ()
+    if outcome == "right" and ids:
+        assert opened.score.parameters[0].true == 0.8
+        assert opened.score.parameters[0].z == pytest.approx(-0.4)
+
+
+def test_without_a_finding_the_kit_is_searched_with_its_own_files(
+    kit: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, Any] = {}
+
+    def discover(logs: list[Path], **options: Any) -> None:
+        asked.update(options, logs=logs)
+        finding(kit, "named", "drive_reaction")
+
+    monkeypatch.setattr("granite_lab.api.search.discover", discover)
+    (kit / "trials" / "soil.toml").unlink()
+    opened = gl.reveal(sealed(kit), jobs=2)
+    assert opened.score is not None
+    assert opened.score.right
+    assert len(asked["logs"]) == 6
+    assert (asked["robot"], asked["soil"]) == (kit / "trials" / "robot.toml", None)
+    assert (asked["out"], asked["jobs"]) == (kit / "finding", 2)
+
+
+def test_an_answer_that_was_not_promised_is_refused_and_changed_logs_are_told(kit: Path) -> None:
+    sealed(kit, keep=True)
+    finding(kit, "none")
+    old = (kit / "seal.sha256").read_text()
+    edit(kit, "0.2_1", lambda rows: rows[:-1])
+    (kit / "trials" / "trial_0.5_1.csv").unlink()
+    lines = gl.reveal(kit).warnings
+    assert any("answer.json: lies open" in line for line in lines)
+    assert any("trial_0.2_1.csv: has changed" in line for line in lines)
+    assert any("trial_0.5_1.csv: is missing" in line for line in lines)
+    sealed(kit)
+    (kit / "seal.sha256").write_text(old)
+    with pytest.raises(InputError, match="is not the answer whose hash stands in seal"):
+        gl.reveal(kit)
+    (kit / "seal.sha256").write_text("")
+    with pytest.raises(InputError, match="holds no hash"):
+        gl.reveal(kit)
+    (kit / "sealed.bin").unlink()
+    with pytest.raises(InputError, match=r"sealed\.bin: .*does not exist"):
+        gl.reveal(kit)
+
+
+def test_the_commands_write_a_kit_and_tell_its_judgement(kit: Path, tmp_path: Path) -> None:
+    done = lab("kit", tmp_path / "other", "--json")
+    assert json.loads(done.stdout)["schema"] == "granite-lab/kit/1"
+    assert lab("kit", tmp_path / "other").returncode == 2
+    finding(sealed(kit), "named", "drive_reaction")
+    done = lab("reveal", kit)
+    assert done.returncode == 0, done.stderr
+    assert "made by planar simulator in C" in done.stdout
+    assert "judgement: right" in done.stdout
+
+
+def test_the_checker_is_the_module_of_the_package(tmp_path: Path) -> None:
+    """One text seals kits and hidden sets."""
+    gl.kit(tmp_path / "kit")
+    assert (tmp_path / "kit" / "check.py").read_text() == Path(kit_check.__file__).read_text()
