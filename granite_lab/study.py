@@ -19,7 +19,7 @@ from granite_lab.logs.trial import InputFile, Trial
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Soil, load_soil
 from granite_lab.parameters.catalogue import in_force
-from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult
+from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, Options, each_trial
 from granite_lab.running.fingerprint import code, fingerprint
 from granite_lab.running.guard import Guard, tell
@@ -155,9 +155,7 @@ def source_of(
     inputs = [*used, *(InputFile(path, fingerprint(path)) for path in others)]
     return Source(
         version=__version__,
-        command=" ".join(
-            ["granite-lab", command, *map(str, paths), *(f"--{k} {v}" for k, v in options.given())]
-        ),
+        command=command_of(command, paths, options.given()),
         inputs=tuple(dict.fromkeys(inputs)),
         parameters=tuple((f"{p.group}.{p.key}", f"{p.value:g}", p.unit, p.origin) for p in rows),
         options=given,
@@ -184,10 +182,9 @@ def write(
         LabError: without a guard, something could not be written.
     """
     from granite_lab.reporting import write_finding, write_report  # noqa: PLC0415, heavy
-    from granite_lab.reporting.discovery import bare_section, section  # noqa: PLC0415, heavy
 
     own = guard or Guard(folder)
-    finding, shown, model = result.finding, None, None
+    finding, known, model = result.finding, None, None
     if finding is not None:
         trials = [r.trial for r in result.trials]
         motions = [r.comparison.motion for r in result.trials]
@@ -195,11 +192,12 @@ def write(
         saved = save_found(finding, options, trials, motions, own)
         model = saved.name if saved else None
         finding = replace(finding, failures=(*finding.failures, *own.lines))
-        shown = own.run("section", partial(section, finding, model, effects=known))
-        shown = shown or bare_section(finding, model)
-    page = own.run("report", partial(write_report, result, folder, shown, jobs=jobs))
+        result = replace(result, finding=finding)
+    page = own.run("report", partial(write_report, result, folder, model=model, effects=known, jobs=jobs))
     if page is None and finding is not None:
         own.run("finding", partial(write_finding, finding, folder, model))
+        alone = replace(result, finding=None, unsearched="the search could not be shown; see finding.json")
+        page = own.run("rest", partial(write_report, alone, folder, jobs=jobs))
     if guard is None:
         tell(own.lines)
     return page

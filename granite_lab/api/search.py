@@ -17,7 +17,7 @@ from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters.catalogue import in_force
-from granite_lab.reporting.content import Source
+from granite_lab.reporting.content import Source, command_of
 from granite_lab.running import Execution, Options
 from granite_lab.running.fingerprint import code
 from granite_lab.running.folder import claimed
@@ -135,7 +135,7 @@ def source_of(files: Sequence[Path], trials: Sequence[Trial], options: Options) 
     given = options.given()
     return Source(
         version=__version__,
-        command=" ".join(["granite-lab discover", *map(str, files), *(f"--{k} {v}" for k, v in given)]),
+        command=command_of("discover", files, given),
         inputs=tuple(file for trial in trials for file in trial.inputs),
         parameters=tuple((f"{p.group}.{p.key}", f"{p.value:g}", p.unit, p.origin) for p in rows),
         options=given,

@@ -210,7 +210,5 @@ def report(result: StudyResult, folder: str | Path) -> Path:
         LabError: a file cannot be written.
     """
     from granite_lab.reporting import write_report  # noqa: PLC0415, heavy
-    from granite_lab.reporting.discovery import section  # noqa: PLC0415
 
-    found = result.finding
-    return write_report(result, Path(folder), section(found, "model.toml") if found is not None else None)
+    return write_report(result, Path(folder), model="model.toml" if result.finding is not None else None)

@@ -63,7 +63,7 @@ def discover(
     """Find the physical effect that the model lacks; write the case for it and the model with it."""
     from granite_lab.api.search import write_found
     from granite_lab.discovery.as_json import finding_as_json
-    from granite_lab.reporting.findings import show_finding
+    from granite_lab.reporting.terminal import show_finding
     from granite_lab.running.folder import claimed
     from granite_lab.running.guard import tell
     from granite_lab.running.options import Options

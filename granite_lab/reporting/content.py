@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
+from granite_lab.errors import LabError
 from granite_lab.fitting.fit import AThetaFit
+from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import InputFile, Trial
 
 if TYPE_CHECKING:
@@ -50,6 +56,15 @@ class Source:
     parameters: tuple[tuple[str, str, str, str], ...]
     options: tuple[tuple[str, str], ...] = ()
     code: str = ""
+
+
+def command_of(name: str, logs: Sequence[Path], options: Sequence[tuple[str, str]] = ()) -> str:
+    """Return the command that makes a result again, as a shell takes it; all logs of a folder by its name."""
+    folders = list(dict.fromkeys(path.parent for path in logs))
+    with suppress(LabError, OSError):  # a folder may be gone, or hold logs that were not named
+        logs = folders if len(logs) > 1 and set(trial_files(folders)) == set(logs) else logs
+    given = [part for key, value in options for part in (f"--{key}", value)]
+    return shlex.join(["granite-lab", name, *map(str, logs), *given])
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.table import Table
 
 if TYPE_CHECKING:
@@ -20,13 +21,6 @@ class Words:
 
 
 @dataclass(frozen=True)
-class Heading:
-    """A title inside a section."""
-
-    text: str
-
-
-@dataclass(frozen=True)
 class Listing:
     """A list of sentences."""
 
@@ -34,59 +28,37 @@ class Listing:
 
 
 @dataclass(frozen=True)
+class Code:
+    """A command that can be copied."""
+
+    text: str
+
+
+@dataclass(frozen=True)
 class Gallery:
-    """Figures that belong together; beside each other where there is room."""
+    """Figures that belong together; two beside each other where there is room."""
 
     figures: tuple[Figure, ...]
-    title: str = ""
 
 
 @dataclass(frozen=True)
 class Fold:
-    """Content that a reader opens when wanted; always open in print."""
+    """Content that a reader opens when wanted; closed at first, and in print."""
 
     title: str
     blocks: tuple[Block, ...]
-    open: bool = False
 
 
-Block = Words | Heading | Listing | Gallery | Table | Fold
+Block = Words | Listing | Code | Gallery | Table | Fold
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the evidence."""
+    """A part of the report below the first screen."""
 
     id: str
     title: str
     blocks: tuple[Block, ...]
-
-
-@dataclass(frozen=True)
-class Answer:
-    """One question of the first page with its answer.
-
-    Attributes:
-        id: for JSON.
-        question, text: as printed.
-        verdict: one or two words.
-        tone: "good", "fair", "bad" or "" for the colour beside the verdict.
-    """
-
-    id: str
-    question: str
-    text: str
-    verdict: str = ""
-    tone: str = ""
-
-
-@dataclass(frozen=True)
-class Discovery:
-    """What a search for a missing effect adds to a report: an answer and a section of evidence."""
-
-    answer: Answer
-    section: Section
-    data: dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -95,36 +67,34 @@ class Report:
 
     Attributes:
         name: of the study.
-        lead: what was measured, in one or two sentences.
-        virtual: what a reader must know about simulated data; empty for a real experiment.
-        answers: questions and answers of the first page.
-        first_page: tables and figures beside them.
+        kind: what the page is, such as "Report of a study".
+        answers: the first screen.
+        first: table beside the answers; None where there is none.
         sections: the evidence.
-        version: of granite-lab.
-        command: how it was made.
+        made: version, libraries and date, in one line.
+        command: makes the report again.
         numbers: name of the file with all numbers.
     """
 
     name: str
-    lead: str
-    virtual: str
-    answers: tuple[Answer, ...]
-    first_page: tuple[Block, ...]
+    kind: str
+    answers: Answers
+    first: Table | None
     sections: tuple[Section, ...]
-    version: str
+    made: str
     command: str
     numbers: str = "report.json"
 
     def blocks(self) -> Iterator[Block]:
         """Yield all blocks, those inside folds too."""
-        yield from _flat(self.first_page)
+        yield from () if self.first is None else (self.first,)
         for section in self.sections:
             yield from _flat(section.blocks)
 
     @property
     def figures(self) -> tuple[Figure, ...]:
         """All figures in the order of the report."""
-        return tuple(d for block in self.blocks() if isinstance(block, Gallery) for d in block.figures)
+        return tuple(f for block in self.blocks() if isinstance(block, Gallery) for f in block.figures)
 
     @property
     def tables(self) -> tuple[Table, ...]:

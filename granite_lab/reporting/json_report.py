@@ -9,53 +9,70 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.parameters import load_paper
+from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.content import Source, StudyResult, TrialResult
-from granite_lab.reporting.document import Discovery, Report
+from granite_lab.reporting.document import Report
 from granite_lab.reporting.summary import MeanEstimate, Speed, by_speed, gaps
+from granite_lab.reporting.tables import shown_path
 
-SCHEMA = "granite-lab/report/1"
-
-
-def to_json(result: StudyResult, report: Report, discovery: Discovery | None = None) -> str:
-    """Return the report as one JSON document; the same study gives the same bytes."""
-    return dumps(as_document(result, report, discovery))
+SCHEMA = "granite-lab/report/2"
 
 
-def as_document(result: StudyResult, report: Report, discovery: Discovery | None = None) -> dict[str, Any]:
-    """Return the report as plain objects."""
-    paper = load_paper()
-    return {
+def to_json(result: StudyResult, report: Report, model: Path | str | None = None) -> str:
+    """Return the report as one JSON document; the same study gives the same bytes.
+
+    Args:
+        result: the study.
+        report: its report.
+        model: path of the model file with what was found, as the document shall name it.
+    """
+    finding = result.finding
+    document = {
         "schema": SCHEMA,
         "name": result.name,
         "virtual": result.virtual,
-        "summary": {
-            "measured": report.lead,
-            "virtual": report.virtual or None,
-            "answers": [
-                {"id": a.id, "question": a.question, "verdict": a.verdict or None, "text": a.text}
-                for a in report.answers
-            ],
-        },
-        "speeds": [_speed(s) for s in by_speed(result, paper)],
+        "answers": answers_as_json(report.answers),
+        "speeds": [_speed(s) for s in by_speed(result, load_paper())],
         "a_theta": _a_theta(result),
         "misfits": [dataclasses.asdict(g) for g in gaps([r.comparison for r in result.trials]).values()],
-        "discovery": discovery.data if discovery else None,
+        "discovery": finding_as_json(finding, model) if finding is not None else None,
         "trials": [_trial(r) for r in result.trials],
         "failures": [dataclasses.asdict(f) for f in result.failures],
         "figures": [
-            {
-                "id": d.name,
-                "title": d.title,
-                "sentence": d.caption,
-                "svg": f"figures/{d.name}.svg",
-                "png": f"figures/{d.name}.png",
-            }
-            for d in report.figures
+            {"id": f.name, "title": f.title, "caption": f.caption, "svg": f"figures/{f.name}.svg",
+             "png": f"figures/{f.name}.png"}
+            for f in report.figures
         ],
         "tables": [{"id": t.name, "title": t.title, "csv": f"tables/{t.name}.csv"} for t in report.tables],
         "provenance": provenance_as_json(result.source),
-    }
+    }  # fmt: skip
+    return dumps(document)
+
+
+def answers_as_json(answers: Answers) -> dict[str, Any]:
+    """Return the answers with their numbers as they are printed everywhere."""
+    return {
+        "measured": answers.lead,
+        "virtual": answers.virtual or None,
+        "speeds": [
+            {
+                "speed_mps": s.velocity, "trials": s.trials, "slip": s.slip.as_json(), "k92": s.k92.as_json(),
+                "slip_paper": s.paper_slip, "k92_paper": s.paper_k92, "paper_inside_interval": s.agrees,
+            }
+            for s in answers.speeds
+        ],
+        "a_theta": None
+        if answers.a_theta is None
+        else answers.a_theta.as_json()
+        | {"paper": answers.a_theta_paper, "paper_inside_interval": answers.a_theta_agrees},
+        "channels": [dataclasses.asdict(c) for c in answers.channels],
+        "questions": [
+            {"id": q.id, "question": q.question, "verdict": q.verdict or None, "text": q.text}
+            for q in answers.questions
+        ],
+    }  # fmt: skip
 
 
 def provenance_as_json(source: Source) -> dict[str, Any]:
@@ -71,11 +88,6 @@ def provenance_as_json(source: Source) -> dict[str, Any]:
             for key, value, unit, origin in source.parameters
         ],
     }
-
-
-def shown_path(path: Path) -> str:
-    """Return a path as a report may show it: of an absolute one only the name."""
-    return path.name if path.is_absolute() else path.as_posix()
 
 
 def _mean(mean: MeanEstimate) -> dict[str, Any]:

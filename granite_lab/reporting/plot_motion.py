@@ -1,175 +1,281 @@
-"""Time histories like Figs. 5-8 of the paper: simulated, measured, both on one axis, their difference."""
+"""Time histories like Figs. 5-8 of the paper: measured and simulated on one axis, and their difference."""
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.logs.trial import Array
+from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
+from granite_lab.reporting.answers import channels_of
 from granite_lab.reporting.figures import Figure
-from granite_lab.reporting.rounding import rounded_like, shown_as, significant, with_unit
-from granite_lab.reporting.summary import IN_PHASE, NOISE, Speed, gaps, worst_of
-from granite_lab.reporting.traces import (
-    PANELS,
-    Mask,
-    Panel,
-    Trace,
-    block_means,
-    channel,
-    limits,
-    span,
-    traces,
-)
+from granite_lab.reporting.names import listed
+from granite_lab.reporting.rounding import significant
+from granite_lab.reporting.summary import Speed, gaps
 
-HEIGHTS = [1.5, 1.2, 1.3, 1.1]
+Mask = npt.NDArray[np.bool_]
+
+HEIGHTS = [1.35, 1.15, 1.15, 0.95]
 BLOCK = 0.1
 """Differences are averaged over this time before they are drawn [s]."""
 
+SLIP_STD_SHOWN = 0.10
+"""Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
 
-def motion_drawings(speed: Speed) -> list[Figure]:
-    """Draw one speed: simulated, measured, overlaid (its typical trial) and the differences (all trials)."""
-    result = speed.typical
-    c = result.comparison
-    virtual = c.motion.virtual
-    data = canvas.data_tag(virtual)
-    of = f"{speed.velocity:g} m/s"
+WIDEST = 0.3
+"""Share of a panel's height up to which the band of ±2σ is drawn; a wider one becomes a bar at the side."""
+
+PAPER = {0.3: "Figs. 5 and 6", 0.7: "Figs. 7 and 8"}
+"""Figures of the paper by speed [m/s]."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One quantity of a time history.
+
+    Attributes:
+        id: "velocity", "slip", "torque" or "pitch".
+        label: axis label with unit.
+        scale: from the unit of the comparison to that of the axis.
+        channels: of its lines, the dark one first; "wheels" is the mean of the four.
+        key: what dark and light lines are.
+        difference: label and scale of the panel of differences.
+    """
+
+    id: str
+    label: str
+    scale: float
+    channels: tuple[str, ...]
+    key: str
+    difference: tuple[str, float]
+
+
+DEG = 180 / math.pi
+PANELS = (
+    Panel("velocity", "velocity [m/s]", 1.0, ("velocity", "wheels"), "dark: body, light: wheels",
+    ("velocity [mm/s]", 1e3)),
+    Panel("slip", "slip ratio [%]", 100.0, ("slip_f", "slip_r"), "dark: front, light: rear",
+    ("slip ratio [%]", 100.0)),
+    Panel("torque", "wheel torque [N m]", 1.0, ("torque_f", "torque_r"), "dark: front, light: rear",
+          ("wheel torque [N m]", 1.0)),
+    Panel("pitch", "pitch [°]", DEG, ("pitch",), "", ("pitch [°]", DEG)),
+)  # fmt: skip
+
+
+def motion_figures(speed: Speed) -> tuple[Figure, Figure]:
+    """Draw one speed: measured and simulated of its typical trial, and the differences of all its trials."""
+    c, n = speed.typical.comparison, len(speed.results)
     stem = f"motion_{speed.velocity:.2f}".replace(".", "p")
-    paper = {0.3: ("Fig. 5", "Fig. 6"), 0.7: ("Fig. 7", "Fig. 8")}.get(speed.velocity)
-    like = [f", as {p} of the paper" if paper else "" for p in (paper or ("", ""))]
-    simulated, measured = _history(c, ("simulated",), virtual), _history(c, ("measured",), virtual)
-    trial = f"trial {result.trial.name}"
-    k92 = rounded_like(c.fit.k92.value, c.fit.k92.std)
-    return [
+    virtual = any(r.comparison.motion.virtual for r in speed.results)
+    which = f"Trial {c.motion.trial}" + (f", the middle one of {n} by slip" if n > 1 else "")
+    like = f"; as {PAPER[speed.velocity]} of the paper" if speed.velocity in PAPER else ""
+    return (
         Figure(
-            f"{stem}_simulated", f"{of}: simulated{like[0]}",
-            f"Model of the paper with k_92 = {k92}, fitted to the steady slip of {trial}: "
-            f"{_describe_slip(c.run.slip_ratio)}",
-            f"Simulated velocity, slip ratio, wheel torques and pitch over time at {of}.", lambda: simulated,
+            stem, f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}",
+            f"{which}{like}.",
+            f"Velocity, slip ratio, wheel torques and pitch over time at {speed.velocity:g} m/s, measured "
+            "and "
+            "simulated.",
+            partial(_history, c), virtual,
         ),
         Figure(
-            f"{stem}_measured", f"{of}: measured{like[1]}{data}",
-            f"{trial[0].upper()}{trial[1:]}, the middle one of {len(speed.results)} by slip: "
-            f"{_describe_slip(c.motion.slip_ratio.value, c.motion.slip_ratio.std)}",
-            f"Measured velocity, slip ratio, wheel torques and pitch over time at {of}, with bands of two "
-            f"standard deviations{data}.", lambda: measured,
+            f"{stem}_difference",
+            f"{speed.velocity:g} m/s: simulated minus measured, "
+            f"{f'all {n} trials' if n > 1 else 'one trial'}",
+            f"Means over {BLOCK:g} s. What all trials share is an error of the model; the rest is noise "
+            "and the "
+            "scatter of the sand.",
+            f"Differences of velocity, slip ratio, torques and pitch over time for {n} trials at "
+            f"{speed.velocity:g} m/s.",
+            partial(_differences, speed), virtual,
         ),
-        Figure(
-            f"{stem}_overlaid", f"{of}: measured and simulated on one axis{data}",
-            _describe_overlay(c), f"The two histories at {of} drawn on the same axes{data}.",
-            lambda: _history(c, ("measured", "simulated"), virtual),
-        ),
-        Figure(
-            f"{stem}_difference", f"{of}: simulated minus measured, every trial{data}",
-            _describe_difference(speed),
-            f"Differences of velocity, slip ratio, torques and pitch over time for {len(speed.results)} "
-            f"trials at {of}{data}.",
-            lambda: _differences(speed, virtual),
-        ),
-    ]  # fmt: skip
-
-
-def comparison_drawing(c: Comparison, index: int) -> Figure:
-    """Draw one trial, measured and simulated on one axis."""
-    data = canvas.data_tag(c.motion.virtual)
-    return Figure(
-        f"compare_{index:02d}_{_stem(c.motion.trial)}", f"{c.motion.trial}: measured and simulated{data}",
-        _describe_overlay(c),
-        f"Velocity, slip ratio, wheel torques and pitch of trial {c.motion.trial}, measured and "
-        f"simulated{data}.",
-        lambda: _history(c, ("measured", "simulated"), c.motion.virtual),
     )  # fmt: skip
 
 
-def _stem(name: str) -> str:
-    """Return a trial's name as it may stand in a file name."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:80]
+def comparison_figure(c: Comparison, index: int) -> Figure:
+    """Draw one trial, measured and simulated on one axis."""
+    trial = c.motion.trial
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", trial)[:80]
+    return Figure(
+        f"compare_{index:02d}_{stem}", f"{trial}: {_verdict([c])}",
+        "Dark: body or front axle, light: wheels or rear axle; grey: steady part; bands: ±2σ.",
+        f"Velocity, slip ratio, wheel torques and pitch of trial {trial}, measured and simulated.",
+        partial(_history, c), c.motion.virtual,
+    )  # fmt: skip
 
 
-def _describe_slip(value: float, std: float = math.nan) -> str:
-    if not math.isfinite(value):
-        return "the slip of the steady part (grey) could not be had."
-    text = with_unit(rounded_like(value, std, scale=100), "%")
-    return f"over the steady part (grey) the body is {text} slower than the wheels."
+def _verdict(comparisons: list[Comparison]) -> str:
+    """Say which of the drawn quantities differ."""
+    drawn = {name for panel in PANELS for name in panel.channels}
+    judged = [c for c in channels_of(gaps(comparisons, wheels_as_one=True)) if c.channel in drawn]
+    differ = [c.name for c in judged if c.tone in ("fair", "bad")]
+    if not judged:
+        return "measured and simulated"
+    if not differ:
+        return "measurement and simulation agree"
+    return f"{listed(differ)} {'differs' if len(differ) == 1 else 'differ'}, the rest agrees"
 
 
-def _describe_overlay(c: Comparison) -> str:
-    found = gaps([c])
-    parts = []
-    for key, name in (
-        ("velocity", "Body velocities"),
-        ("torque_r", "rear torques"),
-        ("pitch", "pitch angles"),
-    ):
-        gap = found.get((key, "all"))
-        if gap:
-            unit, scale = shown_as(gap.unit)
-            parts.append(f"{name} differ by {with_unit(significant(gap.rms * scale, 2), unit)} rms")
-    if not parts:
-        return "Nothing was measured that could be laid over the simulation."
-    text = ", ".join(parts)
-    return f"{text[0].upper()}{text[1:]}; bands are ±2σ of the measurement."
+def channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
+    """Return a channel and its std in the comparison's unit, NaN where there is nothing to show.
+
+    Slip is left out where it is not defined well: simulated below 0.02 m/s at the wheel, measured
+    where its own standard deviation exceeds `SLIP_STD_SHOWN`.
+    """
+    nothing = np.full(len(c.t), np.nan)
+    values = c.measured if source == "measured" else c.simulated
+    if name == "wheels":
+        return _mean_of_wheels(values, nothing), nothing
+    value = values.get(name, nothing)
+    std = c.measured_std.get(name, nothing) if source == "measured" else nothing
+    if name.startswith("slip"):
+        crawls = ~(np.abs(_mean_of_wheels(values, nothing)) > 0.02)
+        value = np.where(std > SLIP_STD_SHOWN if source == "measured" else crawls, np.nan, value)
+    return value, std
 
 
-def _describe_difference(speed: Speed) -> str:
-    drawn = ("velocity", "slip_f", "slip_r", "torque_f", "torque_r", "pitch")
-    found = gaps([r.comparison for r in speed.results]).values()
-    worst = worst_of(g for g in found if g.channel in drawn)
-    if worst is None:
-        return f"Averages over {BLOCK:g} s; what trials share is the model's, the rest noise or sand."
-    if worst.normalised <= NOISE:
-        return f"Averages over {BLOCK:g} s: no channel leaves its noise by much."
-    unit, scale = shown_as(worst.unit)
-    side = "above" if worst.bias > 0 else "below"
-    return (
-        f"Averages over {BLOCK:g} s: the largest gap is the {worst.name} {IN_PHASE[worst.phase]}, "
-        f"simulated on average {with_unit(significant(abs(worst.bias) * scale, 2), unit)} {side} measured."
-    )
+def _mean_of_wheels(values: dict[str, Array], nothing: Array) -> Array:
+    stack = np.array([values.get(f"wheel_{w}", nothing) for w in WHEELS])
+    there = np.isfinite(stack)
+    count = there.sum(axis=0)
+    return np.where(count > 0, np.where(there, stack, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
-def _history(c: Comparison, sources: tuple[str, ...], virtual: bool) -> Canvas:
-    rows = [2, 2, 2, 1] if len(sources) > 1 else [1, 1, 1, 1]
-    figure, axes = canvas.stacked(HEIGHTS, rows)
+def span(c: Comparison) -> tuple[float, float]:
+    """Return the part of the time axis that is drawn: the command and a little rest around it [s]."""
+    v = min(c.run.variant.velocity, math.sqrt(c.run.variant.acceleration * c.run.variant.distance))
+    end = c.run.variant.distance / v + v / c.run.variant.acceleration
+    return max(float(c.t[0]), -0.5), min(float(c.t[-1]), end + 1.2)
+
+
+def _history(c: Comparison) -> Canvas:
+    figure, axes = canvas.stacked(HEIGHTS, [1] * len(HEIGHTS))
     start, end = span(c)
     inside = (c.t >= start) & (c.t <= end)
     with canvas.styled():
         for axis, panel in zip(axes, PANELS, strict=True):
             _steady_part(axis, c)
-            lines = traces(c, panel, sources)
+            lines = [
+                Line(source, light, value[inside] * panel.scale, std[inside] * panel.scale)
+                for source in ("measured", "simulated")
+                for light, name in enumerate(panel.channels)
+                for value, std in (channel(c, source, name),)
+                if np.isfinite(value[inside]).any()
+            ]
+            _panel(axis, c.t[inside], lines, anchored=panel.id != "pitch", slip=panel.id == "slip")
             if panel.id == "velocity":
                 _desired(axis, c, inside)
-            for line in lines:
-                draw_trace(axis, c.t[inside], line, inside)
-            if not lines:
-                _say_nothing(axis, "not measured")
-            both = traces(c, panel, ("simulated", "measured"))
-            bounds = limits(both, inside, anchor_zero=panel.id != "pitch")
-            if bounds:
-                axis.set_ylim(
-                    max(bounds[0], -60), min(bounds[1], 105)
-                ) if panel.id == "slip" else axis.set_ylim(*bounds)
+            measured = any(line.source == "measured" for line in lines)
+            key = panel.key if measured else "not measured"
+            axis.text(1, 1.02, key, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)
             axis.set_ylabel(panel.label)
-            canvas.legend_above(axis, 3 if panel.id in ("velocity", "pitch") or len(sources) == 1 else 2)
             axis.yaxis.set_major_locator(MaxNLocator(5))
+        _legend(axes[0])
         _finish(axes, start, end)
-        canvas.mark_virtual(figure, virtual and "measured" in sources)
+        canvas.mark_virtual(figure, c.motion.virtual)
     return figure
 
 
-def draw_trace(axis: Axes, t: Array, line: Trace, inside: Mask) -> None:
-    """Draw one line with its ±2σ band."""
-    value, std = line.value[inside], line.std[inside]
-    if np.isfinite(std).any():
-        s, low, high = canvas.envelope(t, value - 2 * std, value + 2 * std, points=300)
-        axis.fill_between(s, low, high, color=line.colour, alpha=0.25, linewidth=0)
-    s, y = canvas.envelope(t, value)
-    axis.plot(s, y, color=line.colour, linestyle=(0, (4, 1.5)) if line.dashed else "-", label=line.label)
+COLOURS = {
+    "measured": (canvas.MEASURED, canvas.MEASURED_LIGHT),
+    "simulated": (canvas.SIMULATED, canvas.SIMULATED_LIGHT),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line of a panel: where it comes from, dark or light, (n,) values and std in the panel's unit."""
+
+    source: str
+    light: int
+    value: Array
+    std: Array
+
+    @property
+    def colour(self) -> str:
+        """Blue tones are measured, orange tones simulated."""
+        return COLOURS[self.source][self.light]
+
+
+def _panel(axis: Axes, t: Array, lines: list[Line], *, anchored: bool, slip: bool) -> None:
+    """Draw the lines of a panel, bands that do not flood it, and a mark where a line leaves it."""
+    bounds = limits([line.value for line in lines], anchored)
+    if bounds is None:
+        return
+    low, high = (max(bounds[0], -60.0), min(bounds[1], 105.0)) if slip else bounds
+    axis.set_ylim(low, high)
+    for line in lines:
+        half = float(np.nanmedian(2 * line.std)) if np.isfinite(line.std).any() else math.nan
+        if half <= WIDEST / 2 * (high - low):
+            s, below, above = canvas.envelope(
+                t, line.value - 2 * line.std, line.value + 2 * line.std, points=300
+            )
+            axis.fill_between(s, below, above, color=line.colour, alpha=0.25, linewidth=0)
+        elif math.isfinite(half) and not line.light:
+            axis.text(
+                0.985, 0.04, f"±2σ of the measurement: {significant(half, 2)}, too wide to draw", fontsize=7,
+                transform=axis.transAxes, ha="right", va="bottom", color=line.colour,
+            )  # fmt: skip
+        s, y = canvas.envelope(t, line.value)
+        dashed = line.light and line.source == "simulated"
+        axis.plot(s, y, color=line.colour, linestyle=(0, (4, 1.5)) if dashed else "-")
+    for up, edge in ((True, high), (False, low)):
+        _beyond(axis, t, lines, edge, up=up)
+
+
+def _beyond(axis: Axes, t: Array, lines: list[Line], edge: float, *, up: bool) -> None:
+    """Mark each line that leaves a panel at its edge, and say how far the farthest goes."""
+    out = []
+    for line in lines:
+        k = int(np.nanargmax(line.value if up else -line.value))
+        if (line.value[k] > edge) if up else (line.value[k] < edge):
+            out.append((float(line.value[k]), float(t[k])))
+            axis.plot(
+                t[k], edge, marker="^" if up else "v", color=line.colour, markersize=4.5, clip_on=False,
+                linestyle="none", zorder=6,
+            )  # fmt: skip
+    if out:
+        peak, at = max(out) if up else min(out)
+        right = at < float(np.mean((t[0], t[-1])))
+        axis.annotate(
+            f"to {significant(peak, 2)}", (at, edge), xytext=(5 if right else -5, -1.5 if up else 1.5),
+            textcoords="offset points", ha="left" if right else "right", va="top" if up else "bottom",
+            fontsize=7, annotation_clip=False,
+        )  # fmt: skip
+
+
+def limits(lines: list[Array], anchored: bool) -> tuple[float, float] | None:
+    """Return axis limits that hold all lines but rare spikes; None without a finite value.
+
+    Args:
+        lines: (n,) each.
+        anchored: the axis shall contain zero.
+    """
+    finite = [y[np.isfinite(y)] for y in lines]
+    if not any(len(y) for y in finite):
+        return None
+    low = min(float(np.percentile(y, 0.5)) for y in finite if len(y))
+    high = max(float(np.percentile(y, 99.5)) for y in finite if len(y))
+    if anchored:
+        low, high = min(low, 0.0), max(high, 0.0)
+    room = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
+    return low - room, high + room
+
+
+def _legend(axis: Axes) -> None:
+    for source, (colour, _) in COLOURS.items():
+        axis.plot([], [], color=colour, label=source)
+    canvas.legend_above(axis)
 
 
 def _desired(axis: Axes, c: Comparison, inside: Mask) -> None:
@@ -185,63 +291,68 @@ def _steady_part(axis: Axes, c: Comparison) -> None:
         axis.axvspan(start, end, color=canvas.SHADE, linewidth=0, zorder=0)
 
 
-def _differences(speed: Speed, virtual: bool) -> Canvas:
-    figure, axes = canvas.stacked(HEIGHTS, [2, 2, 2, 1])
+def _differences(speed: Speed) -> Canvas:
+    figure, axes = canvas.stacked(HEIGHTS, [1] * len(HEIGHTS))
     typical = speed.typical.comparison
     start, end = span(typical)
     with canvas.styled():
         for axis, panel in zip(axes, PANELS, strict=True):
             _steady_part(axis, typical)
-            height = _difference_lines(axis, panel, speed, start, end)
-            if height is None:
-                _say_nothing(axis, "not measured")
-            else:
-                axis.set_ylim(-height, height)
+            label, scale = panel.difference
+            names = [name for name in panel.channels if name != "wheels"]
+            key = panel.key if len(names) > 1 else panel.key.split(",")[0].removeprefix("dark: ")
+            if not _difference_lines(axis, names, scale, speed, (start, end)):
+                key = "not measured"
+            axis.text(1, 1.02, key, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)
             axis.axhline(0, color=canvas.INK, linewidth=0.6)
-            axis.set_ylabel(panel.difference_label)
+            axis.set_ylabel(label)
             axis.yaxis.set_major_locator(MaxNLocator(5))
-            canvas.legend_above(axis, 3)
         _finish(axes, start, end)
-        canvas.mark_virtual(figure, virtual)
+        canvas.mark_virtual(figure, any(r.comparison.motion.virtual for r in speed.results))
     return figure
 
 
-def _difference_lines(axis: Axes, panel: Panel, speed: Speed, start: float, end: float) -> float | None:
-    """Draw the differences of all trials and the noise of the typical one.
-
-    Returns:
-        the height the axis needs on either side; None without any difference. A band of noise far
-        wider than the lines fills the panel rather than flatten them.
-    """
-    scale, largest = panel.difference_scale, []
-    names = [row for row in panel.channels if row[1] != "wheels"]
-    for label, name, _, dashed in names:
-        for i, result in enumerate(speed.results):
+def _difference_lines(
+    axis: Axes, names: list[str], scale: float, speed: Speed, ends: tuple[float, float]
+) -> bool:  # fmt: skip
+    """Draw the differences of all trials; say whether there is one."""
+    largest = []
+    for light, name in enumerate(names):
+        for result in speed.results:
             c = result.comparison
-            inside = (c.t >= start) & (c.t <= end)
+            inside = (c.t >= ends[0]) & (c.t <= ends[1])
             gap = (channel(c, "simulated", name)[0] - channel(c, "measured", name)[0])[inside] * scale
             if np.isfinite(gap).any():
                 t, y = block_means(c.t[inside], gap, BLOCK)
-                axis.plot(
-                    t, y, color=canvas.GREY if dashed else canvas.INK, linewidth=0.9,
-                    linestyle=(0, (4, 1.5)) if dashed else "-", label=label if i == 0 else None,
-                )  # fmt: skip
+                axis.plot(t, y, color=canvas.GREY if light else canvas.INK, linewidth=0.9)
                 largest.append(float(np.nanmax(np.abs(y))))
-    if not largest:
-        return None
-    height = 1.15 * max(largest) or 1.0
-    c = speed.typical.comparison
-    value, std = channel(c, "measured", names[0][1])
-    band = np.where((c.t >= start) & (c.t <= end) & np.isfinite(value), 2 * std * scale, np.nan)
-    if np.isfinite(band).any():
-        t, high = canvas.envelope(c.t, band, points=300)
-        axis.fill_between(t, -high, high, color=canvas.FAINT, alpha=0.5, linewidth=0, label="±2σ of a sample")
-        height = max(height, min(1.1 * float(np.nanmax(band)), 3 * height))
-    return height
+    if largest:
+        height = 1.15 * max(largest) or 1.0
+        axis.set_ylim(-height, height)
+    return bool(largest)
 
 
-def _say_nothing(axis: Axes, text: str) -> None:
-    axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", va="center", color=canvas.DESIRED)
+def block_means(t: Array, value: Array, length: float) -> tuple[Array, Array]:
+    """Average a trace over blocks of a length in time; NaN samples are left out.
+
+    Args:
+        t: (N,) uniform instants [s].
+        value: (N,).
+        length: of a block [s].
+
+    Returns:
+        instants and means, one per block.
+    """
+    step = float(np.median(np.diff(t))) if len(t) > 1 else length
+    size = max(1, round(length / step))
+    n = len(t) // size * size
+    if n == 0:
+        return t, value
+    blocks = value[:n].reshape(-1, size)
+    there = np.isfinite(blocks)
+    count = there.sum(axis=1)
+    means = np.where(count > 0, np.where(there, blocks, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+    return t[:n].reshape(-1, size).mean(axis=1), means
 
 
 def _finish(axes: list[Axes], start: float, end: float) -> None:

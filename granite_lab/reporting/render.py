@@ -10,12 +10,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from granite_lab.reporting.canvas import inline_svg, svg_size
-from granite_lab.reporting.document import Fold, Gallery, Heading, Listing, Report, Words
+from granite_lab.reporting.document import Code, Fold, Gallery, Listing, Report, Words
 from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.table import Table
 
 _KINDS = {
-    "words": Words, "heading": Heading, "listing": Listing, "gallery": Gallery, "table": Table, "fold": Fold,
+    "words": Words, "code": Code, "listing": Listing, "gallery": Gallery, "table": Table, "fold": Fold,
 }  # fmt: skip
 _SYMBOL = re.compile(r"\b(k_92|a_θ|λ_R|b_0|b_1)\b")
 _UNIT = re.compile(r"(?<=\d) (?=[%°]|(?:m/s|mm/s|s/m|N m|ms)\b)")
@@ -32,14 +32,14 @@ def to_html(report: Report, pictures: Mapping[str, Markup]) -> str:
     return _environment(html=True).get_template("report.html").render(report=report, svg=pictures)
 
 
-def picture(drawing: Figure, svg: str, *, inline: bool) -> Markup:
+def picture(figure: Figure, svg: str, *, inline: bool) -> Markup:
     """Return the element that shows a figure: all of it, or a place that is filled when one looks at it."""
     if inline:
-        return Markup(inline_svg(svg, drawing.name, str(escape(drawing.alt))))
+        return Markup(inline_svg(svg, figure.name, str(escape(figure.alt))))
     # Its shape is said, so that nothing moves on the page when the figure comes.
     width, height = (round(4 * float(size)) for size in svg_size(svg))
     return Markup('<img src="figures/{}.svg" alt="{}" width="{}" height="{}" loading="lazy">').format(
-        drawing.name, drawing.alt, width, height
+        figure.name, figure.alt, width, height
     )
 
 
@@ -61,16 +61,26 @@ def plain_markdown(value: object) -> str:
     return "".join(_MARKDOWN.get(c, c) for c in flat)
 
 
+def _finalized(value: object) -> str:
+    return str(value) if isinstance(value, Markup) else plain_markdown(value)
+
+
+def fenced(text: object) -> Markup:
+    """Return a command as it may stand in a fenced block of Markdown: on one line, no fence in it."""
+    return Markup(re.sub(r"[\r\n\t\v\f\x00-\x1f`]+", " ", str(text)))
+
+
 @lru_cache
 def _environment(*, html: bool) -> Environment:
     environment = Environment(
         loader=PackageLoader("granite_lab.reporting"),
         autoescape=html,
-        finalize=None if html else plain_markdown,
+        finalize=None if html else _finalized,
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
     environment.filters["marked"] = marked
+    environment.filters["fenced"] = fenced
     for name, kind in _KINDS.items():
         environment.tests[name] = lambda value, kind=kind: isinstance(value, kind)
     return environment

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from granite_lab.estimate import Estimate
 
@@ -48,17 +49,6 @@ def significant(value: float, digits: int = 3) -> str:
     if abs(mantissa) >= 10:
         mantissa, exponent = mantissa / 10, exponent + 1
     return f"{places(mantissa, digits - 1)}·10{str(exponent).translate(_SUPERSCRIPT)}"
-
-
-def evidence(value: float) -> str:
-    """Return a drop of χ²: long numbers in groups of three digits, nothing below one half."""
-    if not math.isfinite(value):
-        return significant(value)
-    if abs(value) < 10:
-        return significant(value, 2) if value >= 0.5 else "0"
-    whole = float(f"{value:.3g}")
-    text = f"{whole:,.0f}" if abs(whole) >= 10_000 else f"{whole:.0f}"
-    return text.replace(",", _SPACE).replace("-", "−")
 
 
 def with_unit(text: str, unit: str) -> str:
@@ -125,3 +115,79 @@ SHOWN_AS: dict[str, tuple[str, float]] = {
 def shown_as(unit: str) -> tuple[str, float]:
     """Return the unit and factor in which differences in `unit` are printed."""
     return SHOWN_AS.get(unit, (unit, 1.0))
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number as it stands everywhere: value, std and 95 % interval rounded to one decimal place.
+
+    Attributes:
+        value, std, low, high: rounded, in `unit`; NaN where not known.
+        unit: as printed.
+        decimals: of all four.
+    """
+
+    value: float
+    std: float
+    low: float
+    high: float
+    unit: str
+    decimals: int
+
+    @property
+    def text(self) -> str:
+        """The value without its unit."""
+        return places(self.value, self.decimals) if math.isfinite(self.value) else NONE
+
+    @property
+    def quantity(self) -> str:
+        """The value with its unit."""
+        return with_unit(self.text, self.unit)
+
+    @property
+    def with_std(self) -> str:
+        """``value ± std``, without the unit."""
+        known = math.isfinite(self.value) and math.isfinite(self.std)
+        return f"{self.text} ± {places(self.std, self.decimals)}" if known else self.text
+
+    @property
+    def interval(self) -> str:
+        """``low to high``, without the unit."""
+        if not math.isfinite(self.low + self.high):
+            return NONE
+        return f"{places(self.low, self.decimals)} to {places(self.high, self.decimals)}"
+
+    def holds(self, value: float) -> bool | None:
+        """Whether the interval, as printed, holds a value; None where there is no interval."""
+        return self.low <= value <= self.high if math.isfinite(self.low + self.high + value) else None
+
+    def as_json(self) -> dict[str, object]:
+        """Return the rounded values with their unit."""
+        return {"value": self.value, "std": self.std, "ci95": [self.low, self.high], "unit": self.unit}
+
+
+def decided(
+    value: float,
+    std: float = math.nan,
+    low: float = math.nan,
+    high: float = math.nan,
+    *,
+    unit: str = "",
+    scale: float = 1.0,
+) -> Number:
+    """Round a value, its std and its interval to the place that the std carries, once and for all.
+
+    Args:
+        value, std, low, high: in the unit of the record.
+        unit: as printed.
+        scale: from the record's unit to the printed one.
+    """
+    spread = abs(std * scale)
+    if math.isfinite(spread) and spread > 0:
+        decimals = decimals_for(spread)
+    elif math.isfinite(value) and value:
+        decimals = 2 - math.floor(math.log10(abs(value * scale)))
+    else:
+        decimals = 0
+    rounded = [round(x * scale, decimals) + 0.0 if math.isfinite(x) else math.nan for x in (value, low, high)]
+    return Number(rounded[0], round(spread, decimals), rounded[1], rounded[2], unit, decimals)

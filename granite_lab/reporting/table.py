@@ -77,12 +77,16 @@ class Table:
         return f"{self.title} (virtual data)" if self.virtual else self.title
 
     def to_csv(self) -> str:
-        """Return the plain values as CSV; a text that a spreadsheet would run gets a leading quote."""
+        """Return the plain values as CSV, a column "data" last where they are virtual.
+
+        A text that a spreadsheet would run gets a leading quote.
+        """
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow([key for column in self.columns for key in column.keys])
+        data = ["virtual"] if self.virtual else []
+        writer.writerow([key for column in self.columns for key in column.keys] + ["data"] * len(data))
         for row in self.rows:
-            writer.writerow([_plain(value) for cell in row for value in cell.raw])
+            writer.writerow([_plain(value) for cell in row for value in cell.raw] + data)
         return out.getvalue()
 
 

@@ -1,4 +1,4 @@
-"""What commands print at their end: tables that fit 80 columns, colours only on a terminal."""
+"""What commands print at their end: the answers and tables of the report, so that they fit 80 columns."""
 
 from __future__ import annotations
 
@@ -10,105 +10,139 @@ from rich.console import Console
 from rich.text import Text
 
 from granite_lab.comparison.record import Comparison
+from granite_lab.discovery.finding import Finding
 from granite_lab.estimation.judgement import Judgement
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit
-from granite_lab.parameters import load_paper
-from granite_lab.reporting import answers
+from granite_lab.reporting import answers as decide
+from granite_lab.reporting import search_tables, tables
+from granite_lab.reporting.answers import Answer
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.discovery.answers import missing_answer
-from granite_lab.reporting.document import Answer
-from granite_lab.reporting.grid import TONES, grid, row_of, say
+from granite_lab.reporting.grid import TONES, clean, grid, say
 from granite_lab.reporting.listings import show_effect, show_effects, show_inspection, show_parameters
-from granite_lab.reporting.rounding import interval, plus_minus, shown_as, significant, tidy_unit
-from granite_lab.reporting.study_tables import STATUS
-from granite_lab.reporting.summary import NOISE, PHASES, VISIBLE, by_speed, gaps
+from granite_lab.reporting.names import channel_name, in_plain_words, latency_in_words, listed, percent, plain
+from granite_lab.reporting.rounding import significant
+from granite_lab.reporting.summary import gaps
+from granite_lab.reporting.table import Cell, Column, Table, columns, estimate, fixed, words
 
 __all__ = [
     "show_a_theta",
     "show_effect",
     "show_effects",
+    "show_finding",
     "show_inspection",
     "show_k92_fits",
     "show_misfits",
     "show_motions",
     "show_parameters",
     "show_study",
+    "show_table",
 ]
 
 VIRTUAL = "virtual data: written by a simulator"
+MOST = 6
+"""Rows of a long table."""
 
 
-def show_study(result: StudyResult, console: Console) -> None:
-    """Print the answers of a study: slip and k_92 per speed beside the paper, then the verdicts."""
-    speeds = by_speed(result, load_paper())
-    found = gaps([r.comparison for r in result.trials], wheels_as_one=True)
-    say(console, answers.lead(result, speeds))
-    if result.virtual:
+def show_table(table: Table, console: Console, *, only: Sequence[str] = (), most: int = 0) -> None:
+    """Print a table of the report.
+
+    Args:
+        table: the table.
+        console: where to print.
+        only: names of the columns to print, in the order of the table; all by default.
+        most: number of rows; 0 prints all. A line tells how many are left out.
+    """
+    kept = [i for i, c in enumerate(table.columns) if not only or c.name in only]
+    flush = [k for k, i in enumerate(kept) if not table.columns[i].number]
+    shown = grid(*(_heading(table.columns[i]) for i in kept), words=flush)
+    rows = table.rows[:most] if most else table.rows
+    for row in rows:
+        shown.add_row(*(clean(row[i].text, TONES.get(row[i].tone, "")) for i in kept))
+    console.print(shown)
+    if len(rows) < len(table.rows):
+        say(console, f"{len(table.rows) - len(rows)} more rows are in the report", "dim")
+    if table.virtual:
         say(console, f"{VIRTUAL}.", "yellow")
-    table = grid(
-        "speed\n[m/s]", "slip\n[%]", "95 %\n[%]", "paper\n[%]", "model\n[%]", "\nk_92", "\npaper", "\ntrials"
-    )  # fmt: skip
-    for s in speeds:
-        table.add_row(
-            *row_of(
-                f"{s.velocity:g}", significant(100 * s.slip.value),
-                interval(s.slip.low, s.slip.high, scale=100),
-                significant(100 * s.published.slip_measured) if s.published else "–",
-                significant(100 * s.simulated), plus_minus(s.k92.estimate),
-                f"{s.published.k92:g}" if s.published else "–", str(s.slip.count),
-            )
-        )  # fmt: skip
-    console.print(table)
-    _answer(console, answers.law_answer(result.a_theta))
-    _answer(console, answers.model_answer(found))
-    if result.finding is not None:
-        _answer(console, missing_answer(result.finding))
-    elif result.unsearched:
-        _answer(console, answers.missing_answer(found, result.unsearched))
+
+
+def _heading(column: Column) -> str:
+    """Return a heading on two lines: the words, and the unit below them or the second half of the words."""
+    name = column.name
+    if column.unit:
+        return f"{name}\n[{column.unit}]" if len(name) < 12 else f"{_halves(name)} [{column.unit}]"
+    return _halves(name) if len(name) > 9 else name
+
+
+def _halves(text: str) -> str:
+    parts = text.split(" ")
+    if len(parts) < 2:
+        return text
+    cut = min(range(1, len(parts)), key=lambda k: max(len(" ".join(parts[:k])), len(" ".join(parts[k:]))))
+    return f"{' '.join(parts[:cut])}\n{' '.join(parts[cut:])}"
+
+
+def show_study(
+    result: StudyResult, console: Console, folder: str = "", model: Path | str | None = None
+) -> None:
+    """Print the answers of a study, as on the first screen of its report.
+
+    Args:
+        result: the study.
+        console: where to print.
+        folder: of the report, as commands name it.
+        model: path of the model file with what was found.
+    """
+    decided = decide.of_study(result, model, folder)
+    say(console, decided.lead)
+    if decided.speeds:
+        console.print()
+        show_table(tables.slip_table(decided), console)
+    _answers(decided.questions, console)
     for failure in result.failures:
         say(console, f"left out: {failure.trial}: {failure.message}", "red")
     doubts = sum(bool(r.trial.warnings or r.comparison.motion.warnings) for r in result.trials)
     if doubts:
         say(
             console,
-            f"{doubts} of {len(result.trials)} trials carry warnings; the report lists them.",
+            f"{doubts} of {len(result.trials)} trials have warnings; the report lists them.",
             "yellow",
         )
 
 
-def _answer(console: Console, answer: Answer) -> None:
-    line = Text()
-    line.append(f"{answer.question} ", "bold")
-    if answer.verdict:
-        line.append(f"{answer.verdict.capitalize()}. ", TONES.get(answer.tone, ""))
-    line.append(answer.text)
-    console.print(line)
+def _answers(questions: Sequence[Answer], console: Console) -> None:
+    for answer in questions:
+        line = Text()
+        line.append(f"{answer.question} ", "bold")
+        if answer.verdict:
+            line.append_text(clean(f"{answer.verdict}. ", TONES.get(answer.tone, "")))
+        line.append_text(clean(answer.text))
+        console.print(line)
+        if answer.command:
+            console.print(clean(f"  {answer.command}"), soft_wrap=True)
 
 
 def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]], console: Console) -> None:
-    """Print what was estimated of each trial, where its table stands, and how it compares with a "
-    "reference."""
-    table = grid(
-        "trial",
-        "speed\n[m/s]",
-        "distance\n[m]",
-        "slip λ_R\n[%]",
-        "wheel stamps\nlate [ms]",
-        "filter",
-        words=(0, 5),
-    )
-    for motion, _, _ in rows:
-        table.add_row(
-            *row_of(
-                _name(motion.trial, motion.virtual), significant(motion.variant.velocity),
-                plus_minus(motion.distance),
-                plus_minus(motion.slip_ratio, scale=100), plus_minus(motion.stamps_late, scale=1e3),
-                Text("good", TONES["good"]) if motion.health.good else Text("doubtful", TONES["bad"]),
+    """Print what was estimated of each trial, where its table stands, and how it meets a reference."""
+    table = Table(
+        "motions", "Estimates", "",
+        columns(
+            "trial", ("speed [m/s]", ("speed_mps",)), ("distance [m]", ("distance_m", "std_m")),
+            ("slip λ_R [%]", ("slip_ratio", "std")), ("wheel stamps late [ms]", ("late_s", "late_std_s")),
+            "estimate",
+        ),
+        tuple(
+            (
+                words(m.trial), Cell(f"{m.variant.velocity:.3g}", (m.variant.velocity,)),
+                estimate(m.distance),
+                estimate(m.slip_ratio, 100), tables.late(m.stamps_late),
+                words("good" if m.health.good else "doubtful", "good" if m.health.good else "bad"),
             )
-        )  # fmt: skip
-    console.print(table)
-    _virtual_note(console, any(motion.virtual for motion, _, _ in rows))
+            for m, _, _ in rows
+        ),
+        any(m.virtual for m, _, _ in rows),
+    )  # fmt: skip
+    show_table(table, console)
     for motion, path, judged in rows:
         if not motion.health.good:
             say(console, f"{motion.trial}: {motion.health.verdict}", "yellow")
@@ -135,99 +169,94 @@ def _against_reference(judged: Judgement) -> str:
     )
 
 
-def show_k92_fits(fits: Sequence[K92Fit], console: Console) -> None:
-    """Print k_92 of each trial, by the steady slip and by the whole trajectory."""
-    table = grid(
-        "trial",
-        "speed [m/s]",
-        "λ_R measured\n[%]",
-        "simulated\n[%]",
-        "k_92 by\nsteady slip",
-        "k_92 by\ntrajectory",
-        words=(0,),
-    )
-    for fit in fits:
-        table.add_row(
-            *row_of(
-                _name(fit.trial, fit.virtual), significant(fit.variant.velocity),
-                plus_minus(fit.slip_measured, scale=100),
-                significant(100 * fit.slip_simulated), _fitted(plus_minus(fit.k92), fit.status),
-                _fitted(plus_minus(fit.k92_trajectory), fit.status_trajectory),
-            )
-        )  # fmt: skip
-    console.print(table)
-    _virtual_note(console, any(fit.virtual for fit in fits))
-    for fit in fits:
-        for note in fit.notes:
-            say(console, f"{fit.trial}: {note}", "yellow")
+def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = True) -> None:
+    """Print k_92 of each trial, by the steady slip and by the whole trajectory, and notes that trials "
+    "share."""
+    show_table(tables.k92_table(fits), console)
+    for note in merged([(fit.trial, fit.notes) for fit in fits]) if notes else ():
+        say(console, note, "yellow")
 
 
-def _fitted(text: str, status: str) -> Text:
-    return Text(text) if status == "ok" else Text(f"{text} {STATUS[status]}", "yellow")
+def merged(lines: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
+    """Return each note once, with the number of trials that have it, or the trial's name."""
+    speakers: dict[str, list[str]] = {}
+    for trial, said in lines:
+        for line in dict.fromkeys(said):
+            speakers.setdefault(line, []).append(trial)
+    return [f"{t[0] if len(t) == 1 else f'{len(t)} trials'}: {line}" for line, t in speakers.items()]
 
 
 def show_a_theta(fit: AThetaFit, console: Console) -> None:
-    """Print a_θ beside the paper's and the rival laws."""
-    _answer(console, answers.law_answer(fit))
-    say(
-        console,
-        f"The paper's way (log-linear least squares): {significant(fit.log_linear, 4)} s/m; on k_92 itself: "
-        f"{significant(fit.ordinary, 4)} s/m; scatter between trials: {significant(100 * fit.scatter, 2)} %.",
-    )
+    """Print a_θ beside the paper's and the laws that compete with it."""
+    _answers([decide.law_answer(fit)], console)
     if fit.laws:
-        table = grid("law", "fitted", "rms", "AICc", "ΔAICc", "weight", words=(0,))
-        for law in fit.laws:
-            table.add_row(
-                *row_of(
-                    law.formula, str(law.n_parameters), significant(law.rms, 2), _tenths(law.aicc),
-                    _tenths(law.aicc - fit.laws[0].aicc), significant(law.weight, 2),
-                )
-            )  # fmt: skip
-        console.print(table)
-        free = next((law for law in fit.laws if law.id == "free"), None)
-        if free:
-            values = ", ".join(f"{name} = {plus_minus(value)}" for name, value in free.parameters.items())
-            say(console, f"Free constants: {values}", "dim")
+        table = tables.law_table(fit, False)
+        show_table(table, console)
+        say(console, table.caption)
     for note in fit.notes:
         say(console, note, "yellow")
 
 
-def _tenths(value: float) -> str:
-    return f"{value:.1f}".replace("-", "−") if math.isfinite(value) else "–"
-
-
 def show_misfits(comparisons: Sequence[Comparison], console: Console) -> None:
-    """Print the misfit of each channel in each phase, over all trials; colour says how far beyond the "
-    "noise."""
-    found = gaps(comparisons, wheels_as_one=True)
-    table = grid("rms of the\ndifference", "unit", "all", *PHASES, "all over\nnoise", words=(0, 1))
-    for channel in dict.fromkeys(channel for channel, _ in found):
-        cells = [found.get((channel, phase)) for phase in ("all", *PHASES)]
-        known = next(g for g in cells if g is not None)
-        unit, scale = shown_as(known.unit)
-        whole = cells[0].normalised if cells[0] else math.nan
-        table.add_row(
-            *row_of(
-                known.name, tidy_unit(unit),
-                *(Text("–") if g is None else Text(significant(g.rms * scale, 2),
-                _tone(g.normalised)) for g in cells),
-                Text(significant(whole, 2), _tone(whole)),
-            )
-        )  # fmt: skip
-    console.print(table)
-    _virtual_note(console, any(c.motion.virtual for c in comparisons))
+    """Print the difference of simulation and measurement by quantity, over all trials."""
+    judged = decide.channels_of(gaps(comparisons, wheels_as_one=True))
+    virtual = any(c.motion.virtual for c in comparisons)
+    show_table(tables.channel_table(judged, virtual), console, only=SHORT)
 
 
-def _tone(normalised: float) -> str:
-    if not math.isfinite(normalised):
-        return ""
-    return TONES["good"] if normalised <= NOISE else TONES["fair"] if normalised <= VISIBLE else TONES["bad"]
+SHORT = ("quantity", "verdict", "difference, rms", "noise", "largest value")
 
 
-def _name(trial: str, virtual: bool) -> str:
-    return f"{trial}*" if virtual else trial
+def show_finding(
+    finding: Finding, console: Console, folder: str = "", model: Path | str | None = None
+) -> None:
+    """Print the answers of a search and its tables; arguments as in `show_study`."""
+    decided = decide.of_search(finding, model, folder)
+    if finding.virtual:
+        say(console, f"{VIRTUAL}.", "yellow")
+    _answers(decided.questions, console)
+    known: dict[str, Table | None] = {
+        "missing effect": search_tables.effects_table(finding, {}, finding.effects),
+        "small effect": search_tables.effects_table(finding, {}, finding.small, small=True),
+    }
+    for title, table in known.items():
+        if table is not None:
+            console.print()
+            say(console, f"{title}s" if len(table.rows) > 1 else title, "bold")
+            show_table(_plain(table), console, only=("effect", "number", "value ± std", "probability"))
+    if finding.where:
+        console.print()
+        say(console, "where the paper's model disagrees most", "bold")
+        show_table(_where(finding), console)
+    for e in finding.effects:
+        if e.twins:
+            twins = listed([plain(t) for t in e.twins], "or")
+            say(console, f"these trials cannot tell {plain(e.id)} from {twins}", "yellow")
+    if latency := latency_in_words(finding.latency):
+        say(console, f"{latency}.")
+    for trial, reason in finding.dropped:
+        say(console, f"left out: {trial}: {reason}", "red")
+    for note in finding.notes:
+        say(console, f"note: {in_plain_words(note, finding)}", "yellow")
 
 
-def _virtual_note(console: Console, virtual: bool) -> None:
-    if virtual:
-        say(console, f"* {VIRTUAL}", "yellow")
+def _plain(table: Table) -> Table:
+    """Return a table that does not say again whose data are virtual."""
+    return Table(table.name, table.title, table.caption, table.columns, table.rows)
+
+
+def _where(finding: Finding) -> Table:
+    strongest = sorted(finding.where, key=lambda d: -d.share)[:MOST]
+    rows = tuple(
+        (
+            words(channel_name(d.channel)), words(d.phase), Cell(f"{d.variant:g}", (d.variant,)),
+            fixed(d.start, 2),
+            fixed(d.end, 2), Cell(percent(d.share), (d.share,)),
+        )
+        for d in strongest
+    )  # fmt: skip
+    head = columns(
+        "sensor", "phase", ("speed [m/s]", ("v",)), ("from [s]", ("start",)), ("to [s]", ("end",)),
+        ("over the sensor's rms", ("share",)),
+    )  # fmt: skip
+    return Table("where", "", "", head, rows)

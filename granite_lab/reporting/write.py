@@ -14,25 +14,30 @@ from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
 from granite_lab.files import readable, write_text
 from granite_lab.model.effect import Effect
-from granite_lab.reporting.assemble import assemble
+from granite_lab.reporting.answers import channels_of
 from granite_lab.reporting.content import Source, StudyResult
-from granite_lab.reporting.discovery.report import assemble as assemble_discovery
-from granite_lab.reporting.document import Discovery
+from granite_lab.reporting.document import Report
 from granite_lab.reporting.figures import Figure, rendered
 from granite_lab.reporting.json_report import dumps, to_json
-from granite_lab.reporting.plot_motion import comparison_drawing
-from granite_lab.reporting.plot_quality import misfit_drawing
-from granite_lab.reporting.quality_tables import channel_table, misfit_table
+from granite_lab.reporting.plot_motion import comparison_figure
+from granite_lab.reporting.plot_quality import misfit_figure
 from granite_lab.reporting.render import picture, to_html, to_markdown
+from granite_lab.reporting.report import search_report, study_report
 from granite_lab.reporting.summary import gaps
 from granite_lab.reporting.table import Table
+from granite_lab.reporting.tables import channel_table, misfit_table
 
 INLINE = 120
 """So many figures stand in the page itself; further ones it loads from their files when one looks at them."""
 
 
 def write_report(
-    result: StudyResult, folder: Path, discovery: Discovery | None = None, *, jobs: int = 1
+    result: StudyResult,
+    folder: Path,
+    *,
+    model: Path | str | None = None,
+    effects: Mapping[str, Effect] | None = None,
+    jobs: int = 1,
 ) -> Path:
     """Write ``index.html``, ``report.md``, ``report.json``, ``figures/`` and ``tables/``.
 
@@ -40,9 +45,10 @@ def write_report(
     folder stay.
 
     Args:
-        result: the study.
+        result: the study, with what a search found.
         folder: of the report; made if it does not exist.
-        discovery: what a search for a missing effect found, if one was run.
+        model: path of the model file, as the report shall name it.
+        effects: the candidates by id; those of the package by default.
         jobs: processes that draw; 0 means one per core.
 
     Returns:
@@ -51,14 +57,8 @@ def write_report(
     Raises:
         LabError: a file cannot be written.
     """
-    report = assemble(result, discovery)
-    with _replacing(folder) as new:
-        pictures = _write_figures(report.figures, new / "figures", jobs)
-        _write_tables(report.tables, new / "tables")
-        _write(new / "report.json", to_json(result, report, discovery))
-        _write(new / "report.md", to_markdown(report))
-        _write(new / "index.html", to_html(report, pictures))
-    return folder / "index.html"
+    report = study_report(result, model=model, effects=effects, folder=_named(folder))
+    return _write_all(report, folder, {"report.json": to_json(result, report, model)}, jobs)
 
 
 def write_discovery(
@@ -76,9 +76,7 @@ def write_discovery(
         finding: the record.
         folder: of the report; made if it does not exist.
         source: where the finding comes from.
-        model: path of the model file, as ``finding.json`` shall name it.
-        effects: the candidates by id; those of the package by default.
-        jobs: processes that draw; 0 means one per core.
+        model, effects, jobs: as in `write_report`.
 
     Returns:
         path of ``index.html``.
@@ -86,12 +84,22 @@ def write_discovery(
     Raises:
         LabError: a file cannot be written.
     """
-    beside = Path(model).name if model is not None else None
-    report = assemble_discovery(finding, folder.resolve().name, source, model=beside, effects=effects)
+    beside, name = Path(model).name if model is not None else None, folder.resolve().name
+    report = search_report(finding, name, source, model=beside, effects=effects, folder=_named(folder))
+    return _write_all(report, folder, {"finding.json": dumps(finding_as_json(finding, model))}, jobs)
+
+
+def _named(folder: Path) -> str:
+    """Return a folder as a report may name it: of an absolute path only the name."""
+    return folder.name if folder.is_absolute() else folder.as_posix()
+
+
+def _write_all(report: Report, folder: Path, documents: Mapping[str, str], jobs: int) -> Path:
     with _replacing(folder) as new:
         pictures = _write_figures(report.figures, new / "figures", jobs)
         _write_tables(report.tables, new / "tables")
-        _write(new / "finding.json", dumps(finding_as_json(finding, model)))
+        for name, text in documents.items():
+            _write(new / name, text)
         _write(new / "report.md", to_markdown(report))
         _write(new / "index.html", to_html(report, pictures))
     return folder / "index.html"
@@ -109,19 +117,18 @@ def write_finding(finding: Finding, folder: Path, model: Path | str | None = Non
 
 
 def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Path]:
-    """Write the panels of each trial and the tables of misfits, without a report around them.
+    """Write the panels of each trial and the tables of differences, without a report around them.
 
     Raises:
         LabError: a file cannot be written.
     """
-    found = gaps(comparisons)
-    virtual = any(c.motion.virtual for c in comparisons)
-    drawings = [comparison_drawing(c, i) for i, c in enumerate(comparisons, 1)]
-    heat = misfit_drawing(found, virtual)
-    tables = [channel_table(found, virtual), misfit_table(found, virtual)]
+    found = gaps(comparisons, wheels_as_one=True)
+    judged, virtual = channels_of(found), any(c.motion.virtual for c in comparisons)
+    figures = [comparison_figure(c, i) for i, c in enumerate(comparisons, 1)]
+    heat = misfit_figure(found, judged, virtual)
     with _replacing(folder) as new:
-        _write_figures([*drawings, *([heat] if heat else [])], new / "figures")
-        _write_tables(tables, new / "tables")
+        _write_figures([*figures, *([heat] if heat else [])], new / "figures")
+        _write_tables([channel_table(judged, virtual), misfit_table(found, virtual)], new / "tables")
         names = sorted(p.relative_to(new) for p in new.rglob("*") if p.is_file())
     return [folder / name for name in names]
 
@@ -130,14 +137,14 @@ def _write(path: Path, text: str) -> None:
     path.write_bytes(text.encode("utf-8", errors="replace"))
 
 
-def _write_figures(drawings: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, Markup]:
+def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, Markup]:
     """Write each figure as SVG and PNG; return the elements of a page that show them, by id."""
     folder.mkdir()
     pictures: dict[str, Markup] = {}
-    for drawing, (svg, png) in zip(drawings, rendered(drawings, jobs), strict=True):
-        pictures[drawing.name] = picture(drawing, svg, inline=len(pictures) < INLINE)
-        _write(folder / f"{drawing.name}.svg", svg)
-        (folder / f"{drawing.name}.png").write_bytes(png)
+    for figure, (svg, png) in zip(figures, rendered(figures, jobs), strict=True):
+        pictures[figure.name] = picture(figure, svg, inline=len(pictures) < INLINE)
+        _write(folder / f"{figure.name}.svg", svg)
+        (folder / f"{figure.name}.png").write_bytes(png)
     return pictures
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 import pytest
 
@@ -11,25 +12,30 @@ from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
-from granite_lab.reporting.answers import law_answer
-from granite_lab.reporting.discovery.answers import missing_answer, percent, sure_answer
-from granite_lab.reporting.discovery.evidence import steps
-from granite_lab.reporting.discovery.law import law_formulas
-from granite_lab.reporting.discovery.names import describe, in_plain_words, latency_in_words
-from granite_lab.reporting.discovery.next_steps import next_steps
-from granite_lab.reporting.discovery.plot_sizes import detectable_drawing
-from granite_lab.reporting.discovery.plot_which import candidates_drawing
-from granite_lab.reporting.discovery.tables import (
+from granite_lab.reporting.answers import missing_answer
+from granite_lab.reporting.content import Source
+from granite_lab.reporting.document import Listing, Words
+from granite_lab.reporting.names import (
+    describe,
+    in_plain_words,
+    latency_in_words,
+    law_formulas,
+    next_steps,
+    percent,
+)
+from granite_lab.reporting.plot_search import candidates_figure, detectable_figure
+from granite_lab.reporting.report import search_report
+from granite_lab.reporting.search_tables import (
     candidates_table,
     confusion_table,
     detectable_table,
     effects_table,
     intervals_table,
 )
-from granite_lab.reporting.document import Gallery, Listing, Words
-from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
 from tests.reporting.test_figures import texts
+
+SOURCE = Source("0.1.0", "granite-lab discover trials", (), ())
 
 
 def found(effect_id: str, **values: tuple[float, float]) -> FoundEffect:
@@ -119,21 +125,18 @@ def test_the_law_stands_as_formulas_and_is_no_physics() -> None:
         "torque against each rear wheel = 0.0500 N m · s / 0.2",
     ]
     answer = missing_answer(finding)
-    assert answer.verdict == "not known"
-    assert "Force along the robot, over the first 0.2 m (−2.90" in answer.text
-    first = steps(finding, "model.toml")[0]
+    assert answer.verdict == "Something unknown"
+    assert "force along the robot, over the first 0.2 m (−2.90" in answer.text
+    first = search_report(finding, "mine", SOURCE, model="model.toml").sections[0]
     said = " ".join(block.text for block in first.blocks if isinstance(block, Words))
     assert "no physics" in said
-    assert "model.toml" not in said  # a law is not put into it
     assert any(isinstance(b, Listing) and b.items == law_formulas(finding) for b in first.blocks)
 
 
-def test_a_law_is_not_called_what_was_found() -> None:
-    for step in steps(made_up_finding("unknown")):
-        drawings = [d for block in step.blocks if isinstance(block, Gallery) for d in block.figures]
-        for drawing in drawings:
-            assert "what was found" not in drawing.caption, drawing.name
-            assert "with what was found" not in [text for text, _ in texts(drawing.draw())], drawing.name
+def test_a_law_is_not_called_an_effect() -> None:
+    for figure in search_report(made_up_finding("unknown"), "mine", SOURCE).figures:
+        assert "effects found" not in figure.title + figure.caption, figure.name
+        assert "with the effects found" not in [text for text, _ in texts(figure.draw())], figure.name
 
 
 def test_what_limits_a_size_is_said_and_what_cannot_be_seen() -> None:
@@ -143,17 +146,17 @@ def test_what_limits_a_size_is_said_and_what_cannot_be_seen() -> None:
     limits = {row[0].text: (row[2].text, row[5].text) for row in table.rows}
     assert limits["payload mass"][1] == "tolerance"
     assert limits["bulldozing"][1] == "noise"
-    assert limits["IMU tilt"][0] == "cannot be seen"
-    drawing = detectable_drawing(finding, library())
+    assert limits["IMU tilt"][0] == "not visible"
+    drawing = detectable_figure(finding, library())
     assert drawing is not None
-    assert "These trials cannot show IMU tilt." in drawing.caption
+    assert drawing.title == "These trials cannot show IMU tilt at the size expected"
 
 
 def test_what_a_candidate_would_be_taken_for_stands_in_percent() -> None:
     table = confusion_table(made_up_finding())
     assert table is not None
     assert [cell.text.replace("\u00a0", " ") for cell in table.rows[0]] == [
-        "multi pass", "85 %", "5 %", "centre-of-mass offset (10 %)", "virtual",
+        "multi pass", "85 %", "5 %", "centre-of-mass offset (10 %)",
     ]  # fmt: skip
     assert "clock offset" not in {row[0].text for row in table.rows}  # these trials cannot show it
 
@@ -164,12 +167,11 @@ def test_candidates_stand_with_probability_share_and_fate() -> None:
     assert table is not None
     rows = {row[0].text: [c.text.replace("\u00a0", " ") for c in row[2:6]] for row in table.rows}
     assert rows["multi pass"] == ["97 %", "93 %", "300", "named"]
-    assert rows["gear backlash"][3] == "ended at a bound (backlash)"
+    assert rows["gear backlash"][3] == "ended at a limit (backlash)"
     assert rows["payload mass"][1] == "–"
-    drawing = candidates_drawing(finding)
-    assert drawing is not None
-    said = drawing.caption.replace("\u00a0", " ")
-    assert "Multi pass is in the model with a probability of 97 % and closes 93 % of the gap" in said
+    figure = candidates_figure(finding)
+    assert figure is not None
+    assert re.fullmatch(r"Of \d+ candidates, multi pass is in the model", figure.title)
 
 
 def test_a_probability_is_never_rounded_to_certainty() -> None:
@@ -192,25 +194,21 @@ def test_names_to_type_do_not_stand_in_sentences() -> None:
     )
 
 
-def test_one_trial_proves_nothing_by_leaving_out() -> None:
-    assert "Nothing was left out" in sure_answer(made_up_finding(speeds=(0.3,), repetitions=1)).text
+def steps(finding: Finding) -> str:
+    return " ".join(next_steps(finding, "model.toml", "reports/my sand"))
 
 
-def test_advice_fits_the_verdict() -> None:
-    named = " ".join(next_steps(made_up_finding(), "model.toml"))
-    assert "granite-lab simulate --model model.toml" in named
-    assert "To sharpen the numbers" in named
-    assert "To tell multi pass from slip sinkage" in " ".join(
-        next_steps(made_up_finding(twins=("slip_sinkage",)), "model.toml")
-    )
-    fault = " ".join(next_steps(naming(found("clock_offset", offset=(0.01, 0.001))), "model.toml"))
-    assert "Clock offset is a fault of the measurement, not of the model" in fault
-    assert "simulate" not in fault
-    assert "What is left is more" in " ".join(
-        next_steps(dataclasses.replace(made_up_finding(), remainder=0.4))
-    )
-    assert "effect of your own" in " ".join(next_steps(made_up_finding("unknown")))
-    assert "Nothing needs to be added" in " ".join(next_steps(made_up_finding("none")))
+def test_advice_fits_the_verdict_and_its_commands_can_be_pasted() -> None:
+    named = steps(made_up_finding())
+    assert "granite-lab simulate --model 'reports/my sand/model.toml' --variant 0.5" in named
+    assert "sharpen the sizes" in named
+    assert "tells multi pass from slip sinkage" in steps(made_up_finding(twins=("slip_sinkage",)))
+    error = steps(naming(found("clock_offset", offset=(0.01, 0.001))))
+    assert "Clock offset is an error of the measurement, not of the model" in error
+    assert "simulate" not in error
+    assert "More is missing" in steps(dataclasses.replace(made_up_finding(), remainder=0.4))
+    assert "effect of your own" in steps(made_up_finding("unknown"))
+    assert "Nothing needs to be added" in steps(made_up_finding("none"))
 
 
 def test_seconds_before_the_start_have_a_true_minus_and_no_zero_has_one() -> None:
@@ -219,11 +217,3 @@ def test_seconds_before_the_start_have_a_true_minus_and_no_zero_has_one() -> Non
     table = intervals_table(finding, where)
     assert table is not None
     assert [cell.text for cell in table.rows[0]][3:5] == ["−0.14", "0.00"]
-
-
-def test_a_law_of_k92_that_differs_is_put_beside_what_is_missing() -> None:
-    fit = made_up_study(speeds=(0.3, 0.5)).a_theta
-    assert fit is not None
-    off = dataclasses.replace(fit, a_theta=Estimate(3.6, 0.05), ci95=(3.5, 3.7), agrees=False)
-    assert "stand in for what was found missing" in law_answer(off, lacking=True).text
-    assert "stand in" not in law_answer(off).text

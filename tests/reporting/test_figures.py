@@ -14,14 +14,13 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from granite_lab.parameters import load_paper
-from granite_lab.reporting.assemble import assemble
 from granite_lab.reporting.canvas import RC, envelope, to_svg
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.figures import Figure
-from granite_lab.reporting.plot_motion import comparison_drawing
-from granite_lab.reporting.points import spread
+from granite_lab.reporting.plot_motion import block_means, comparison_figure
+from granite_lab.reporting.plot_results import spread
+from granite_lab.reporting.report import study_report
 from granite_lab.reporting.summary import by_speed
-from granite_lab.reporting.traces import block_means
 from tests.reporting.made_up import made_up_study
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -30,7 +29,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 @pytest.fixture(scope="module")
 def drawings() -> list[Figure]:
     result: StudyResult = made_up_study(speeds=(0.2, 0.7), repetitions=2)
-    return [*assemble(result).figures, comparison_drawing(result.trials[0].comparison, 1)]
+    return [*study_report(result).figures, comparison_figure(result.trials[0].comparison, 1)]
 
 
 def texts(figure: Figure) -> list[tuple[str, Bbox]]:
@@ -53,9 +52,10 @@ def texts(figure: Figure) -> list[tuple[str, Bbox]]:
 def test_no_text_is_cut_or_covered(drawings: list[Figure]) -> None:
     for drawing in drawings:
         with mpl.rc_context(RC):
-            boxes = texts(drawing.draw())
+            drawn = drawing.draw()
+            boxes = texts(drawn)
         assert len(boxes) > 5
-        canvas = drawing.draw().bbox
+        canvas = drawn.bbox
         for text, box in boxes:
             inside = (
                 canvas.x0 <= box.x0 and box.x1 <= canvas.x1 and canvas.y0 <= box.y0 and box.y1 <= canvas.y1
@@ -69,9 +69,10 @@ def test_no_text_is_cut_or_covered(drawings: list[Figure]) -> None:
 
 def test_no_legend_covers_a_panel(drawings: list[Figure]) -> None:
     for drawing in drawings:
-        FigureCanvasAgg(drawing.draw()).draw()
-        legends = [axes.get_legend() for axes in drawing.draw().axes if axes.get_legend()]
-        panels = [axes.get_window_extent() for axes in drawing.draw().axes]
+        drawn = drawing.draw()
+        FigureCanvasAgg(drawn).draw()
+        legends = [axes.get_legend() for axes in drawn.axes if axes.get_legend()]
+        panels = [axes.get_window_extent() for axes in drawn.axes]
         boxes = [legend.get_window_extent() for legend in legends]
         for box in boxes:
             for other in [*panels, *(b for b in boxes if b is not box)]:
@@ -102,9 +103,10 @@ def test_svg_files_carry_the_labels_as_text(folder: Path) -> None:
 def test_svg_text_is_what_was_drawn(drawings: list[Figure]) -> None:
     """Shortening coordinates must not shorten the numbers a reader sees."""
     for drawing in drawings:
-        root = ElementTree.fromstring(to_svg(drawing.draw()))
+        drawn = drawing.draw()
+        root = ElementTree.fromstring(to_svg(drawn))
         shown = {"".join(node.itertext()).strip() for node in root.iter(f"{SVG}text")}
-        wanted = {t.get_text() for t in drawing.draw().findobj(Text) if re.search(r"[A-Za-z]", t.get_text())}
+        wanted = {t.get_text() for t in drawn.findobj(Text) if re.search(r"[A-Za-z]", t.get_text())}
         assert {line for text in wanted for line in text.split("\n")} >= shown - {
             text for text in shown if not re.search(r"[A-Za-z]", text)
         }

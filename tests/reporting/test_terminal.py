@@ -56,7 +56,7 @@ def test_colours_appear_on_a_terminal(study: StudyResult) -> None:
 
 def test_the_study_says_slip_paper_and_verdict(study: StudyResult) -> None:
     text = " ".join(printed("show_study", study).split())
-    for needed in ("0.3", "8.35", "22.9", "4.919 s/m lies inside", "virtual", "noise"):
+    for needed in ("0.3", "8.35", "22.9", "4.919 s/m", "Not tested", "virtual", "noise"):
         assert needed in text.replace("\u00a0", " ")
 
 

@@ -10,7 +10,6 @@ from typing import Any, NoReturn
 import pytest
 
 import granite_lab.reporting
-import granite_lab.reporting.discovery
 from granite_lab.api.search import write_found
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
@@ -24,7 +23,7 @@ from tests.reporting.made_up_finding import made_up_finding
 PARTS = {
     "model": "granite_lab.running.search.save_model",
     "design": "granite_lab.planning.design.save_design",
-    "report": "granite_lab.reporting.write.assemble_discovery",
+    "report": "granite_lab.reporting.write.search_report",
 }
 FILES = {"model": "model.toml", "design": "design.json", "report": "index.html"}
 
@@ -86,18 +85,17 @@ def test_a_search_keeps_all_but_the_part_that_fails(
     assert document["failures"] == [line]
 
 
-def test_a_study_keeps_its_report_when_the_section_fails(
+def test_a_study_keeps_the_rest_of_its_report_when_the_search_cannot_be_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(granite_lab.reporting.discovery, "section", broken, raising=False)
+    monkeypatch.setattr("granite_lab.reporting.report._missing", broken)
     study = replace(made_up_study(speeds=(0.5,), repetitions=2), finding=found())
     guard = Guard(tmp_path)
     assert write(study, Options(), tmp_path, guard=guard) == tmp_path / "index.html"
-    assert [line.partition(":")[0] for line in guard.lines] == ["section"]
-    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
-    assert report["discovery"]["verdict"] == "named"
-    assert found().notes[0] in (tmp_path / "index.html").read_text(encoding="utf-8")
-    with pytest.raises(LabError, match="section: ValueError"):
+    assert [line.partition(":")[0] for line in guard.lines] == ["report"]
+    assert json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))["verdict"] == "named"
+    assert "see finding.json" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    with pytest.raises(LabError, match="report: ValueError"):
         write(study, Options(), tmp_path)
 
 

@@ -111,7 +111,7 @@ def documents(folder: Path) -> dict[str, Any]:
     return {
         "discover/finding.json": found,
         "said.json": found,
-        "study/report.json": {"schema": "granite-lab/report/1", "discovery": found},
+        "study/report.json": {"schema": "granite-lab/report/2", "discovery": found},
         "said-study.json": {"schema": "granite-lab/study/1", "discovery": found},
     }
 
@@ -144,7 +144,7 @@ def test_the_newer_of_two_counts(folder: Path) -> None:
 
 
 def test_a_study_that_did_not_search_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    text = json.dumps({"schema": "granite-lab/report/1", "discovery": None})
+    text = json.dumps({"schema": "granite-lab/report/2", "discovery": None})
     (tmp_path / "report.json").write_text(text)
     with pytest.raises(InputError, match="did not search") as refused:
         gl.reveal(SAMPLES, tmp_path)
@@ -155,15 +155,16 @@ def test_the_report_of_a_study_knows_the_user_s_own_effects(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import granite_lab.reporting
-    import granite_lab.reporting.discovery
 
     own = tmp_path / "my_effect.py"
     own.write_text(EXAMPLE)
     known: list[str] = []
-    monkeypatch.setattr(
-        granite_lab.reporting.discovery, "section", lambda *_, effects: known.extend(effects), raising=False
-    )
-    monkeypatch.setattr(granite_lab.reporting, "write_report", lambda *_, **__: tmp_path, raising=False)
+
+    def noted(*_: object, effects: list[str], **__: object) -> Path:
+        known.extend(effects)
+        return tmp_path
+
+    monkeypatch.setattr(granite_lab.reporting, "write_report", noted, raising=False)
     finding = found_in_made_up_study()
     result = replace(made_up_study(speeds=(0.5,), repetitions=2), finding=finding)
     chain.write(result, Options(effects=own), tmp_path / "report")

@@ -8,8 +8,7 @@ import numpy as np
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding, Residual
-from granite_lab.reporting.discovery.answers import percent
-from granite_lab.reporting.discovery.names import channel_name, effects_in_words, latency_in_words
+from granite_lab.reporting.names import channel_name, effects_in_words, latency_in_words, percent
 from granite_lab.reporting.recording.events import Event, Interval
 from granite_lab.reporting.recording.signals import (
     GREEN,

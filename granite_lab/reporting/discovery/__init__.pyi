@@ -1,3 +1,0 @@
-from .evidence import bare_section, section
-
-__all__ = ["bare_section", "section"]

@@ -1,0 +1,381 @@
+"""Channels, effects and their sizes as a reader calls them, and what to do with a finding."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from granite_lab.discovery.empirical import TARGETS
+from granite_lab.discovery.finding import Candidate, Finding, FoundEffect, FoundParameter
+from granite_lab.estimate import Estimate
+from granite_lab.model.effect import Effect
+from granite_lab.reporting.rounding import places, plus_minus, significant, tidy_unit, with_unit
+
+CHANNELS = {
+    "accel_x": "forward acceleration",
+    "accel_z": "vertical acceleration",
+    "pitch_rate": "pitch rate",
+    "wheel": "mean wheel angle",
+    "wheel_split": "front − rear wheel angle",
+    "current_f": "front motor current",
+    "current_r": "rear motor current",
+}
+"""Channels of a finding, in the order of the report."""
+
+LAW = {
+    "force": "force along the robot",
+    "moment": "moment on the body, nose down",
+    "torque_f": "torque against each front wheel",
+    "torque_r": "torque against each rear wheel",
+}
+"""Quantities of an empirical law."""
+
+BY = {
+    "motion": "constant while moving",
+    "velocity": "with the speed of the robot",
+    "velocity_squared": "with the square of that speed",
+    "slip": "with slip",
+    "sinking": "with the rate of sinking",
+    "start": "over the first 0.2 m",
+    "distance": "with the distance",
+    "cos_angle": "with the cosine of the wheel's angle",
+    "sin_angle": "with the sine of the wheel's angle",
+    "time": "with time",
+}
+"""Terms of an empirical law."""
+
+STATUS = {
+    "named": "named",
+    "twin": "fits as well as the named one",
+    "small": "small",
+    "less likely": "less likely",
+    "screened": "screened out",
+    "at a bound": "ended at a limit",
+}
+"""What became of a candidate."""
+
+SCALES = {
+    "a_theta": ("a_θ, from raking to raking", "%", 100.0),
+    "frictional_modulus": ("k_φ, from raking to raking", "%", 100.0),
+    "cohesion": ("c, from raking to raking", "%", 100.0),
+    "start": ("start of the command", "ms", 1e3),
+    "tilt": ("tilt of the IMU", "°", 180 / math.pi),
+    "accel_x gain": ("gain of the accelerometer", "%", 100.0),
+    "wheel gain": ("wheel radius, mean of all", "%", 100.0),
+    "wheel_split gain": ("wheel radius, front against rear", "%", 100.0),
+    "current_f gain": ("gain of the front motor currents", "%", 100.0),
+    "current_r gain": ("gain of the rear motor currents", "%", 100.0),
+}
+"""Number that differs from trial to trial: as a reader calls it, unit and factor."""
+
+SAND = {
+    "a_theta": "a_θ", "frictional_modulus": "k_φ", "cohesion": "c", "shear_modulus": "K",
+    "friction_angle": "φ", "exponent": "n", "tyre_friction": "μ_s",
+}  # fmt: skip
+"""Parameters of the sand."""
+
+NAMES = {
+    "accel_scale_error": "accelerometer scale error",
+    "com_offset": "centre-of-mass offset",
+    "imu_tilt": "IMU tilt",
+    "tyre_windup": "tyre wind-up",
+}
+"""Effects whose id alone does not read as words."""
+
+PREFIXED = ("s", "m", "rad", "m/N", "rad/(N m)")
+"""Units that take a milli or a micro in front."""
+
+RELATIVE = {
+    ("accel_scale_error", "x"), ("accel_scale_error", "z"), ("torque_constant_error", "error"),
+    ("wheel_radius_error", "error"),
+}  # fmt: skip
+"""Effect and number that are relative errors, said in percent."""
+
+DIRECTIONS = {
+    "clock_offset": (
+        "offset",
+        "stamps of encoders and currents late against the IMU's",
+        "stamps of encoders and currents early against the IMU's",
+    ),
+    "com_offset": ("forward", "centre of mass shifted to the front", "centre of mass shifted to the rear"),
+    "ground_slope": ("slope", "ground that rises", "ground that falls"),
+    "imu_tilt": ("tilt", "IMU mounted nose down", "IMU mounted nose up"),
+    "torque_constant_error": (
+        "error",
+        "torque constant or gear efficiency above that of the robot's file",
+        "torque constant or gear efficiency below that of the robot's file",
+    ),
+    "wheel_radius_error": ("error", "wheel angles read too large", "wheel angles read too small"),
+}
+"""Effect to the number whose sign has a direction, and the effect in words for either sign."""
+
+FORMULAS = {
+    "motion": "",
+    "velocity": "v / (0.5 m/s)",
+    "velocity_squared": "(v / (0.5 m/s))²",
+    "slip": "s / 0.2",
+    "sinking": "(dz/dt) / (20 mm/s)",
+    "start": "exp(−x / 0.2 m)",
+    "distance": "x / (1 m)",
+    "cos_angle": "cos θ",
+    "sin_angle": "sin θ",
+    "time": "t / (5 s)",
+}
+"""Terms of an empirical law as formulas."""
+
+
+MUCH = 0.2
+"""Share of the gap that is left from which on something else may be missing."""
+
+SENSORS = ("accel_scale_error", "clock_offset", "encoder_eccentricity", "imu_tilt", "wheel_radius_error")
+"""Effects that are errors of the measurement, not of the model."""
+
+
+def channel_name(channel: str) -> str:
+    """Return a channel as a reader calls it."""
+    return CHANNELS.get(channel, channel)
+
+
+def channels_of(finding: Finding) -> list[str]:
+    """Return the channels that the search used, in the order of the report."""
+    found = {r.channel for r in finding.residuals}
+    return [c for c in CHANNELS if c in found] + sorted(found - set(CHANNELS))
+
+
+def term_of(effect_id: str) -> tuple[str, str] | None:
+    """Return target and term of "empirical.torque_f_slip"; None for a physical effect."""
+    _, _, name = effect_id.partition(".")
+    target = next((t for t in TARGETS if name.startswith(f"{t}_")), None)
+    return (target, name.removeprefix(f"{target}_")) if target else None
+
+
+def plain(effect_id: str) -> str:
+    """Return an effect's id as words."""
+    term = term_of(effect_id)
+    if term is not None:
+        return f"{LAW[term[0]].split(',')[0]}, {BY.get(term[1], term[1])}"
+    return NAMES.get(effect_id, effect_id.replace("_", " "))
+
+
+def brief(effect_id: str) -> str:
+    """Return an effect's id as words short enough for a row of a figure."""
+    term = term_of(effect_id)
+    if term is None:
+        return plain(effect_id)
+    axle = {"torque_f": "front torque", "torque_r": "rear torque"}
+    return f"{axle.get(term[0], term[0])} by {term[1].replace('_', ' ')}"
+
+
+def shown_candidates(finding: Finding) -> list[Candidate]:
+    """Return the candidates, likeliest first, without terms of the empirical law that were never fitted."""
+    return [c for c in finding.candidates if term_of(c.id) is None or c.status != "screened"]
+
+
+def describe(effect: FoundEffect) -> str:
+    """Name an effect with its sizes."""
+    title, sizes = in_words(effect)
+    if effect.empirical:
+        title, sizes = plain(effect.id), ", ".join(amount(effect, p) for p in effect.parameters)
+    return f"{title} ({sizes})" if sizes else title
+
+
+def with_found(finding: Finding) -> str:
+    """Say what the model has more than the paper's, as a legend does."""
+    if finding.verdict == "unknown":
+        return "with the empirical law"
+    return "with the effect found" if len(finding.effects) == 1 else "with the effects found"
+
+
+def effects_in_words(finding: Finding) -> str:
+    """Say the verdict in one line."""
+    if finding.verdict == "none":
+        return "search for a missing effect: these trials show none"
+    if finding.verdict == "unknown":
+        return "something is missing from the model that no candidate explains"
+    parts = [describe(e) for e in finding.effects]
+    twins = sorted({t for e in finding.effects for t in e.twins})
+    or_else = f"; these trials cannot tell it from {listed([plain(t) for t in twins], 'or')}" if twins else ""
+    return f"missing from the model: {listed(parts)}{or_else}"
+
+
+def latency_in_words(latency: Estimate) -> str:
+    """Say by how much the stamps of the IMU come later than the others; empty where that is not known."""
+    if not math.isfinite(latency.value):
+        return ""
+    side = "behind" if latency.value >= 0 else "ahead of"
+    size = plus_minus(Estimate(abs(latency.value), latency.std), "ms", 1e3)
+    return f"IMU stamps {size} {side} those of wheels and currents"
+
+
+def listed(parts: Sequence[str], last: str = "and") -> str:
+    """Join parts with commas, the last one with "and" or another word."""
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"
+
+
+def capital(text: str) -> str:
+    """Return a text with a capital letter in front."""
+    return text[:1].upper() + text[1:]
+
+
+def in_plain_words(note: str, finding: Finding) -> str:
+    """Return a sentence of the search with the effects and channels in it as words."""
+    ids = {c.id for c in finding.candidates} | {d.effect for d in finding.detectable}
+    for e in (*finding.effects, *finding.small):
+        ids |= {e.id, *e.twins}
+    for id_ in sorted((i for i in ids if "_" in i), key=len, reverse=True):
+        note = re.sub(rf"\b{re.escape(id_)}\b", plain(id_), note)
+    for channel in CHANNELS:
+        if "_" in channel:
+            note = re.sub(rf"\b{channel}\b", channel_name(channel), note)
+    return capital(note)
+
+
+def short(name: str, most: int = 25) -> str:
+    """Return a trial's name on one line, cut where it is too long for a row of a figure."""
+    flat = " ".join(name.split())
+    return flat if len(flat) <= most else f"{flat[: most - 1]}…"
+
+
+def unit_for(unit: str, size: float) -> tuple[str, float]:
+    """Return the unit in which a size is printed, and the factor to it: ms for 0.027 s."""
+    if unit not in PREFIXED or size == 0 or abs(size) >= 0.1:
+        return tidy_unit(unit), 1.0
+    return (f"m{tidy_unit(unit)}", 1e3) if abs(size) >= 1e-4 else (f"µ{tidy_unit(unit)}", 1e6)
+
+
+def scale_of(effect_id: str, name: str, unit: str, size: float) -> tuple[str, float]:
+    """Return unit and factor of a number of an effect; relative errors are percent."""
+    return ("%", 100.0) if (effect_id, name) in RELATIVE else unit_for(unit, size)
+
+
+def amount(effect: FoundEffect, parameter: FoundParameter) -> str:
+    """Return a fitted number ± std with its unit."""
+    unit, scale = scale_of(effect.id, parameter.name, parameter.unit, parameter.estimate.value)
+    return plus_minus(parameter.estimate, unit, scale)
+
+
+def in_words(effect: FoundEffect) -> tuple[str, str]:
+    """Return an effect in words, and its sizes; a sign that has a direction is said, not printed."""
+    if effect.id in DIRECTIONS:
+        name, above, below = DIRECTIONS[effect.id]
+        own = next((p for p in effect.parameters if p.name == name), None)
+        if own is not None and not own.per_trial:
+            away = FoundParameter(
+                own.name, own.unit, Estimate(abs(own.estimate.value), own.estimate.std), own.per_trial
+            )
+            return above if own.estimate.value >= 0 else below, f"by {amount(effect, away)}"
+    sizes = ", ".join(f"{p.name.replace('_', ' ')} {amount(effect, p)}" for p in _with_amplitudes(effect))
+    return effect.title, sizes
+
+
+def _with_amplitudes(effect: FoundEffect) -> list[FoundParameter]:
+    """Return the numbers, cosine and sine that differ in each trial as the amplitude that they share."""
+    named = {p.name: p for p in effect.parameters}
+    shown = []
+    for p in effect.parameters:
+        part, _, rest = p.name.partition("_")
+        pair = {"cos": f"sin_{rest}", "sin": f"cos_{rest}"}
+        other = named.get(pair.get(part, "")) if p.per_trial else None
+        if other is None:
+            shown.append(p)
+        elif part == "cos":
+            c, s = p.estimate, other.estimate
+            size = float(np.hypot(c.value, s.value))
+            std = float(np.hypot(c.value * c.std, s.value * s.std)) / size if size else c.std
+            shown.append(FoundParameter(f"amplitude_{rest}", p.unit, Estimate(size, std)))
+    return shown
+
+
+def meaning(effect_id: str, name: str, known: Mapping[str, Effect]) -> str:
+    """Say what a number of an effect is, and which way its sign goes; empty where that is not known."""
+    effect = known.get(effect_id)
+    declared = {p.name: p.meaning for p in effect.parameters} if effect is not None else {}
+    text = declared.get(name, "")
+    direction = DIRECTIONS.get(effect_id)
+    if text and direction is not None and direction[0] == name and "positive" not in text:
+        return f"{text}; below zero: {direction[2]}"
+    return text
+
+
+def law_formulas(finding: Finding) -> tuple[str, ...]:
+    """Return the empirical law of a finding as one formula per quantity, with its numbers."""
+    sums: dict[str, str] = {}
+    for e in finding.effects:
+        found = term_of(e.id) if e.empirical else None
+        if found is None or not e.parameters:
+            continue
+        (target, term), p = found, e.parameters[0]
+        number = with_unit(significant(abs(p.estimate.value), 3), p.unit)
+        sign = "−" if p.estimate.value < 0 else "+"
+        part = f"{number} · {FORMULAS[term]}" if FORMULAS.get(term) else number
+        sums[target] = f"{sums[target]} {sign} {part}" if target in sums else f"{sign.strip('+')}{part}"
+    return tuple(f"{LAW[target]} = {sums[target]}" for target in LAW if target in sums)
+
+
+def times(gap: float) -> str:
+    """Return a gap with two decimals where it is small."""
+    return places(gap, 2) if abs(gap) < 10 else significant(gap)
+
+
+def percent(share: float) -> str:
+    """Return a share in percent; never 100 % where something is left."""
+    if not math.isfinite(share):
+        return "–"
+    if 0.99 < share < 1:
+        return with_unit("over 99", "%")
+    return with_unit(significant(100 * share, 3 if share > 0.1 else 2).removesuffix(".0"), "%")
+
+
+def percent_of(share: Estimate) -> str:
+    """Return a share ± its standard error in percent."""
+    return plus_minus(share, "%", 100)
+
+
+def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple[str, ...]:
+    """Say what to do with a finding, most useful first; a command ends its sentence.
+
+    Args:
+        finding: the record.
+        model: path of the model file, as the report names it.
+        folder: of the report.
+    """
+    plan = f"granite-lab plan-next {_pasted(folder)}"
+    own = "granite-lab discover TRIALS --effects my_effect.py"
+    if finding.verdict == "none":
+        return (f"Nothing needs to be added. Plan the trial that would show effects still hidden: {plan}",)
+    if finding.verdict == "unknown":
+        return (
+            f"Look where the model disagrees, then test the suspected cause as an effect of your own: {own}",
+            f"Plan the trial that would tell more: {plan}",
+        )
+    steps = []
+    faults = [plain(e.id) for e in finding.effects if e.id in SENSORS]
+    if faults:
+        steps.append(
+            f"{capital(listed(faults))} is an error of the measurement, not of the model: correct it on the "
+            "robot or in the logs by the number found, and search again."
+        )
+    for e in (e for e in finding.effects if e.twins):
+        twins = listed([plain(t) for t in e.twins], "or")
+        steps.append(f"Plan the trial that tells {plain(e.id)} from {twins}: {plan}")
+    if finding.remainder > MUCH:
+        steps.append(f"More is missing than was found. Try an effect of your own: {own}")
+    if model and len(faults) < len(finding.effects):
+        steps.append(
+            "Simulate with the effects found; at other speeds and on other sand that is a guess until a "
+            f"trial confirms it: granite-lab simulate --model {_pasted(f'{folder}/{Path(model).name}')} "
+            "--variant 0.5"
+        )
+    if not any(e.twins for e in finding.effects):
+        steps.append(f"Plan the trial that would sharpen the sizes most: {plan}")
+    return tuple(steps)
+
+
+def _pasted(path: str) -> str:
+    """Return a path as a shell takes it."""
+    return shlex.quote(" ".join(path.split()))

@@ -1,0 +1,268 @@
+"""From a study or a search to a report: which answers, figures and tables stand where."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+
+from granite_lab.discovery.finding import Finding
+from granite_lab.effects import library
+from granite_lab.model.effect import Effect
+from granite_lab.parameters import load_paper
+from granite_lab.reporting import answers as decide
+from granite_lab.reporting import plot_motion, plot_quality, plot_results, plot_search, search_tables, tables
+from granite_lab.reporting.answers import Answers
+from granite_lab.reporting.content import Source, StudyResult
+from granite_lab.reporting.document import Block, Code, Fold, Gallery, Listing, Report, Section, Words
+from granite_lab.reporting.figures import Figure
+from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, percent
+from granite_lab.reporting.summary import Gap, Speed, by_speed, gaps
+
+OPEN_SPEEDS = 4
+"""So many time histories stand open; of more speeds the slowest and fastest do."""
+
+LONGEST = 1000
+"""So many characters of a command are shown: where logs were named one by one, it may have no end."""
+
+LIBRARIES = ("numpy", "scipy", "casadi", "matplotlib")
+
+LAW_NOTE = (
+    "The empirical law describes the disagreement; it is no physics and holds for trials like these only. "
+    "v: speed of the robot; s: slip ratio of the wheel; x and t: distance and time since the start; θ: "
+    "angle of "
+    "the wheel; z: its sinkage."
+)
+
+
+def study_report(
+    result: StudyResult,
+    *,
+    model: Path | str | None = None,
+    effects: Mapping[str, Effect] | None = None,
+    folder: str = "",
+) -> Report:
+    """Lay out the report of a study.
+
+    Args:
+        result: the study.
+        model: path of the model file with what was found, as the report names it.
+        effects: candidates of the search by id; those of the package by default.
+        folder: of the report, as its commands name it.
+    """
+    decided = decide.of_study(result, model, folder)
+    paper, found = load_paper(), gaps([r.comparison for r in result.trials], wheels_as_one=True)
+    speeds = by_speed(result, paper)
+    sections: list[Section] = []
+    if result.trials:
+        virtual = bool(decided.virtual)
+        sections += [
+            Section("slip", "Slip and k_92", (
+                Gallery((
+                    plot_results.slip_figure(decided, speeds, paper),
+                    plot_results.k92_figure(decided, result, speeds, paper),
+                )),
+                *_more("k_92 over slip, laws compared, Table 3 of the paper", [
+                    Gallery((plot_results.k92_over_slip(decided, result, speeds, paper),)),
+                    *([tables.law_table(result.a_theta, virtual)] if result.a_theta else []),
+                    *_listing(result.a_theta.notes if result.a_theta else ()),
+                    tables.table3(decided, paper),
+                ]),
+            )),
+            Section("model", "Model and measurement", tuple(_model(decided, speeds, found))),
+        ]  # fmt: skip
+    if result.finding is not None:
+        sections.append(Section("missing", "What is missing", tuple(_missing(result.finding, effects))))
+    if result.trials:
+        sections.append(Section("trials", "Quality of the trials", tuple(_quality(result))))
+    sections.append(_provenance(result.source, decided.steps[1:]))
+    failures = [f"{f.trial}: {f.message}" + (f" ({f.hint})" if f.hint else "") for f in result.failures]
+    if failures and not result.trials:
+        sections.insert(0, Section("trials", "Trials that could not be used", (Listing(tuple(failures)),)))
+    return Report(
+        result.name, "Report of a study", decided, tables.slip_table(decided) if decided.speeds else None,
+        tuple(sections), _made(result.source), _shortened(result.source.command),
+    )  # fmt: skip
+
+
+def search_report(
+    finding: Finding,
+    name: str,
+    source: Source,
+    *,
+    model: Path | str | None = None,
+    effects: Mapping[str, Effect] | None = None,
+    folder: str = "",
+) -> Report:
+    """Lay out the report of a search for the missing effect.
+
+    Args:
+        finding: the record.
+        name: of the report.
+        source: where it comes from.
+        model, effects, folder: as in `study_report`.
+    """
+    decided = decide.of_search(finding, model, folder or name)
+    sections = (
+        Section("missing", "What is missing", tuple(_missing(finding, effects))),
+        _provenance(source, decided.steps[1:]),
+    )
+    return Report(
+        name, "Report of a search for a missing effect", decided, None, sections, _made(source),
+        _shortened(source.command), "finding.json",
+    )  # fmt: skip
+
+
+def candidates_of(finding: Finding, effects: Mapping[str, Effect] | None) -> dict[str, Effect]:
+    """Return the candidates by id, those of the package where none are given."""
+    return dict(library() if effects is None else effects) | {a.effect.id: a.effect for a in finding.active}
+
+
+def _more(title: str, blocks: Sequence[Block | None]) -> tuple[Fold, ...]:
+    """Return a fold with the blocks that are there; nothing without any."""
+    there = tuple(b for b in blocks if b is not None)
+    return (Fold(title, there),) if there else ()
+
+
+def _gallery(*figures: Figure | None) -> list[Block]:
+    there = tuple(f for f in figures if f is not None)
+    return [Gallery(there)] if there else []
+
+
+def _listing(lines: Sequence[str]) -> list[Block]:
+    return [Listing(tuple(lines))] if lines else []
+
+
+def _model(
+    decided: Answers, speeds: Sequence[Speed], found: dict[tuple[str, str], Gap]
+) -> Iterator[Block]:  # fmt: skip
+    virtual = bool(decided.virtual)
+    drawn = [plot_motion.motion_figures(s) for s in speeds]
+    shown = set(range(len(drawn)))
+    if len(drawn) > OPEN_SPEEDS:
+        half = OPEN_SPEEDS // 2
+        shown = {*range(half), *range(len(drawn) - half, len(drawn))}
+    yield Words(
+        "Blue: measured; orange: simulated, with k_92 fitted to the slip of the trial and all else from the "
+        "parameter files. Grey: the steady part of the motion, over which λ_R is taken. Bands: ±2σ of the "
+        "measurement. Triangles: a spike leaves the panel."
+    )
+    misfit = plot_quality.misfit_figure(found, decided.channels, virtual)
+    yield from _gallery(*(overlay for k, (overlay, _) in enumerate(drawn) if k in shown))
+    yield tables.channel_table(decided.channels, virtual)
+    rest = tuple(overlay for k, (overlay, _) in enumerate(drawn) if k not in shown)
+    yield from _more("Differences by phase, and over time for every trial", [
+        *_gallery(misfit, *rest, *(difference for _, difference in drawn)),
+        tables.misfit_table(found, virtual) if found else None,
+    ])  # fmt: skip
+
+
+def _missing(finding: Finding, effects: Mapping[str, Effect] | None) -> Iterator[Block]:
+    known = candidates_of(finding, effects)
+    yield Words(
+        "The model is fitted to the readings of the sensors, together with the sand of each trial, the time "
+        "offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for a "
+        "missing "
+        "effect. What all repetitions of a command share and no parameter explains is held against each "
+        f"candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms are tolerated."
+    )
+    yield from _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
+    effects_table = search_tables.effects_table(finding, known, finding.effects)
+    if effects_table is not None:
+        yield effects_table
+    formulas = law_formulas(finding)
+    if formulas:
+        yield Words(LAW_NOTE)
+        yield Listing(formulas)
+    latency = latency_in_words(finding.latency)
+    notes = [in_plain_words(note, finding) for note in (*finding.provisional, *finding.notes)]
+    yield from _listing([*notes, *([f"{latency}."] if latency else ()), *finding.failures])
+    yield from _more("When the model disagrees, sensor by sensor", [
+        *_gallery(plot_search.intervals_figure(finding), *plot_search.history_figures(finding)),
+        search_tables.gaps_table(finding), search_tables.intervals_table(finding, finding.where),
+        search_tables.intervals_table(finding, finding.left, after=True) if finding.effects else None,
+    ])  # fmt: skip
+    yield from _more("Prediction of trials and speeds left out of the fit", [
+        *_gallery(plot_search.held_out_figure(finding)), search_tables.left_out_table(finding),
+    ])  # fmt: skip
+    yield from _more("Candidates, and what these trials could have shown of them", [
+        search_tables.candidates_table(finding, known),
+        search_tables.effects_table(finding, known, finding.small, small=True),
+        *_gallery(plot_search.detectable_figure(finding, known), plot_search.confusion_figure(finding)),
+        search_tables.detectable_table(finding, known), search_tables.confusion_table(finding),
+    ])  # fmt: skip
+    yield from _more("Sand and sensors, as fitted", [
+        search_tables.scales_table(finding), search_tables.sand_table(finding),
+        search_tables.dropped_table(finding),
+    ])  # fmt: skip
+
+
+def _quality(result: StudyResult) -> Iterator[Block]:
+    n = len(result.trials)
+    doubtful = [r for r in result.trials if not r.comparison.motion.health.good]
+    text = f"All {n} estimates of the motion are good." if n > 1 else "The estimate of the motion is good."
+    if doubtful:
+        text = f"{n - len(doubtful)} of {n} estimates of the motion are good. Exceptions:"
+    yield Words(f"{text} Good: velocity is fixed at both ends and the measurements agree with their noise.")
+    yield from _listing([f"{r.trial.name}: {r.comparison.motion.health.verdict}" for r in doubtful])
+    failed = [f"{f.trial}: {f.message}" + (f" ({f.hint})" if f.hint else "") for f in result.failures]
+    if failed:
+        yield Words("Trials that could not be used:")
+        yield Listing(tuple(failed))
+    warnings = shared(
+        [(r.trial.name, (*r.trial.warnings, *r.comparison.motion.warnings)) for r in result.trials]
+    )
+    if warnings:
+        yield Words("Warnings:")
+        yield Listing(warnings)
+    notes = shared([(r.trial.name, r.comparison.fit.notes) for r in result.trials])
+    yield from _more("Results of each trial", [tables.trial_table(result), *_listing(notes)])
+    drawn = tuple(plot_quality.health_figure(r.comparison.motion, i) for i, r in enumerate(result.trials, 1))
+    yield from _more("Checks of each estimate", [tables.health_table(result), Gallery(drawn)])
+
+
+def _provenance(source: Source, steps: Sequence[str]) -> Section:
+    blocks = [
+        *([Words("Further steps:"), Listing(tuple(steps))] if steps else ()),
+        Words(f"Made by {_made(source)}. This command repeats it:"),
+        Code(_shortened(source.command)),
+        *_more("Parameters in force", [tables.parameter_table(source)] if source.parameters else []),
+        *_more("Files that were read", [tables.input_table(source)] if source.inputs else []),
+    ]
+    return Section("provenance", "How to repeat this", tuple(blocks))
+
+
+def _made(source: Source) -> str:
+    """Return version, code, libraries and the date of today, which SOURCE_DATE_EPOCH overrides."""
+    now = time.gmtime(int(os.environ.get("SOURCE_DATE_EPOCH", time.time())))
+    code = f" (code {source.code[:8]})" if source.code else ""
+    libraries = ", ".join(f"{name} {metadata.version(name)}" for name in LIBRARIES)
+    return (
+        f"granite-lab {source.version}{code} on {time.strftime('%Y-%m-%d', now)}, Python "
+        f"{platform.python_version()}, {libraries}"
+    )
+
+
+def _shortened(command: str) -> str:
+    """Return a command of bearable length: its start, and its end with the options."""
+    if len(command) <= LONGEST:
+        return command
+    return f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
+
+
+def shared(lines: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
+    """Say once what several trials say alike."""
+    speakers: dict[str, list[str]] = {}
+    for trial, said in lines:
+        for line in dict.fromkeys(said):
+            speakers.setdefault(line, []).append(trial)
+    everybody = len(lines)
+    return tuple(
+        f"all {everybody} trials: {line}"
+        if everybody > 1 and len(trials) == everybody
+        else f"{', '.join(trials)}: {line}"
+        for line, trials in speakers.items()
+    )
