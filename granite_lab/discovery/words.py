@@ -36,17 +36,18 @@ def sentence(
     """Say the verdict in one to three sentences."""
     head = f"Provisional ({'; '.join(reasons)}): " if reasons else ""
     if verdict == "none":
-        text = f"the model explains the trials within the tolerance of {100 * tolerance:g} % and their noise."
+        text = f"the model explains the trials within the tolerance of {100 * tolerance:g} % and the noise."
     elif verdict == "named":
-        text = f"missing from the model: {' and '.join(_name(e) for e in effects)}. {_shrinks(judgement)}"
+        join = ", and " if any(e.twins for e in effects) else " and "
+        text = f"missing from the model: {join.join(_name(e) for e in effects)}. {_shrinks(judgement)}"
     elif effects:
         terms = ", ".join(e.title.partition(": ")[2] or e.id for e in effects)
         text = (
-            "something is missing from the model that no candidate explains; an empirical law describes it "
+            "something is missing from the model. No candidate explains it; an empirical law describes it "
             f"({terms}). {_shrinks(judgement)}"
         )
     else:
-        text = "something is missing from the model that neither a candidate nor an empirical law explains."
+        text = "something is missing from the model. Neither a candidate nor an empirical law explains it."
     return head + (text if head else text[0].upper() + text[1:])
 
 
@@ -62,7 +63,8 @@ def _shrinks(judgement: Judgement) -> str:
 
 def _name(effect: FoundEffect) -> str:
     if effect.twins:
-        return f"{effect.id}, or {' or '.join(effect.twins)}, which these trials cannot tell from it"
+        names = " or ".join([effect.id, *effect.twins])
+        return f"{names} (these trials cannot tell them apart)"
     return effect.id
 
 
