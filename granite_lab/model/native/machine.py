@@ -15,7 +15,7 @@ from platformdirs import user_cache_path
 FOLDER = "GRANITE_LAB_CACHE"
 """Environment variable: folder for what is kept, as for results."""
 
-KEPT = 400
+KEPT = 1500
 """Files that stay in the folder, of about 50 kB each."""
 
 _CHECK = hashlib.sha256().digest_size
