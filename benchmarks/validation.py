@@ -95,7 +95,7 @@ def measure() -> Results:
         {s.id: [needed(s, row) for row in s.groups] for s in series},
         {s.id: fit(s, forms[0]) for s in series},
         {s.id: fit(s, forms[1]) for s in series},
-        {s.id: [fit(s, law_forms(c)[1], leave_out=False) for c in CHOICES] for s in series},
+        {s.id: [fit(s, law_forms(c)[1]) for c in CHOICES] for s in series},
         {
             s.id: [fit(s, law_forms(c)[0], braked[s.id], leave_out=False) for c in ((), *CHOICES)]
             for s in series
@@ -192,8 +192,8 @@ def laws_table(results: Results) -> str:
         a, b = results.constants[s.id], results.linears[s.id]
         rows.append([
             s.title, str(len(s.driven)), number(total(paper)),
-            f"{number(total(a.off))} ({number(a.left_out)})", number(a.values["k_92"], 2),
-            f"{number(total(b.off))} ({number(b.left_out)})",
+            with_left_out(a), number(a.values["k_92"], 2),
+            with_left_out(b),
             f"{number(b.values['b0'], 2)}, {number(b.values['b1'], 2)}", number(total(free)),
         ])  # fmt: skip
     head = ["wheel", "slips", "paper's law", "constant (left out)", "k_92", "linear in slip (left out)",
@@ -206,16 +206,19 @@ def effects_table(results: Results) -> str:
     rows = []
     for s in results.series:
         base = results.linears[s.id]
-        rows.append(
-            [s.title, "none", "", "", *map(number, map(float, rms(base.off))), number(total(base.off))]
-        )
+        rows.append([s.title, "none", "", "", *map(number, map(float, rms(base.off))), with_left_out(base)])
         for choice, found in zip(CHOICES, results.effects[s.id], strict=True):
             rows.append([
                 "", " + ".join(i for i, _ in choice), size_of(found, GROWTH), size_of(found, STRENGTH),
-                *map(number, map(float, rms(found.off))), number(total(found.off)),
+                *map(number, map(float, rms(found.off))), with_left_out(found),
             ])  # fmt: skip
-    head = ["wheel", "effects", "n1", "strength", *QUANTITIES, "all"]
+    head = ["wheel", "effects", "n1", "strength", *QUANTITIES, "all (left out)"]
     return table(head, rows, left=2)
+
+
+def with_left_out(found: Fit) -> str:
+    """Return the residual of a fit, and in brackets that at slips that were left out of it."""
+    return f"{number(total(found.off))} ({number(found.left_out)})"
 
 
 def size_of(found: Fit, effect: tuple[str, str]) -> str:

@@ -231,13 +231,11 @@ def fit(series: Series, form: Form, rows: Sequence[Row] | None = None, *, leave_
     found = min(tries, key=lambda t: float(t.cost)).x.tolist()
     setup = form.make(found)
     left = math.nan
-    if leave_out and len(rows) > len(form.names) + 1:
-        held = [
-            residuals(
-                series, [row], fit(series, form, [r for r in rows if r is not row], leave_out=False).setup
-            )
-            for row in rows
-        ]
+    if leave_out:
+        near, held = replace(form, start=(tuple(found),)), []
+        for row in rows:
+            others = [other for other in rows if other is not row]
+            held.append(residuals(series, [row], fit(series, near, others, leave_out=False).setup))
         left = total(np.vstack(held))
     return Fit(
         form.name, setup, dict(zip(form.names, found, strict=True)), residuals(series, rows, setup), left

@@ -94,6 +94,7 @@ def _fitted(results: v.Results) -> dict[str, Any]:
         "totals": [f"{x:.1f}" for x in totals],
         "alone": sum(total(results.effects[s.id][0].off) <= 1 for s in results.series),
         "agree": len(agree),
+        "left_out": _range([full[s.id].left_out for s in agree], 1),
         "grown": len(grown),
         "pushed": len(pushed),
         "strength": _range(strengths, 1),

@@ -46,9 +46,14 @@ def open_answer(folder: Path) -> dict[str, Any]:
     """Return the answer of a set's folder.
 
     Raises:
-        InputError: there is none, it is damaged, or it is not the one whose hash was given beforehand.
+        InputError: there is none or not yet, it is damaged, or not the one whose hash was given beforehand.
     """
     path, promised = folder / NAME, folder / HASH
+    if promised.is_file() and not path.exists():
+        raise InputError(
+            f"{path}: is not here yet, only its hash is",
+            "search with `granite-lab discover`, then ask the laboratory for it",
+        )
     try:
         data = path.read_bytes()
         digest = promised.read_text(encoding="utf-8").split()[0] if promised.is_file() else None

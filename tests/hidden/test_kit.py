@@ -216,6 +216,9 @@ def test_an_answer_that_was_not_promised_is_refused_and_changed_logs_are_told(ki
     with pytest.raises(InputError, match="holds no hash"):
         gl.reveal(kit)
     (kit / "sealed.bin").unlink()
+    with pytest.raises(InputError, match=r"sealed\.bin: is not here yet"):
+        gl.reveal(kit)
+    (kit / "seal.sha256").unlink()
     with pytest.raises(InputError, match=r"sealed\.bin: .*does not exist"):
         gl.reveal(kit)
 
