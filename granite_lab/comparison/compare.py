@@ -55,7 +55,7 @@ def compare(
     start = fit.t_start.value if np.isfinite(fit.t_start.value) else motion.t_start.value
     if not np.isfinite(start):
         raise EstimateError(
-            f"{motion.trial}: the start of the command is unknown, so nothing aligns it with a simulation",
+            f"{motion.trial}: the start of the command is unknown, so no simulation can be aligned with it",
             "the log must contain the beginning of the motion",
         )
     t = motion.t - start

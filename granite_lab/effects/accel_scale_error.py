@@ -1,4 +1,4 @@
-"""An accelerometer whose scale is off."""
+"""Scale factor error of the accelerometer."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ class AccelScaleError(Effect):
     """Scale factors of the two axes that see the planar motion."""
 
     id = "accel_scale_error"
-    title = "scale of the accelerometer off"
+    title = "scale factor error of the accelerometer"
     equation = "a_x' = (1 + x) a_x, a_z' = (1 + z) a_z"
     source = (
-        "Titterton and Weston, Strapdown Inertial Navigation Technology, 2nd ed., IET 2004, ch. 8; Tedaldi, "
-        "Pretto, Menegatti, ICRA 2014, 3042-3049: scale factors of uncalibrated MEMS units are off by 0.1-3 %"
+        "Titterton and Weston, Strapdown Inertial Navigation Technology, 2nd ed., 2004, ch. 8; range: "
+        "0.1-3 % in uncalibrated MEMS units (Tedaldi, Pretto, Menegatti, ICRA 2014, 3042-3049)"
     )
     signature = (
-        "velocity from the IMU too large by the same share in every phase, in proportion to the change of "
-        "speed; along z a constant share of g, at standstill, too"
+        "The velocity change from the IMU is wrong by a constant factor. The vertical axis reads a wrong "
+        "g, also at standstill."
     )
     parameters = (
         EffectParameter("x", "", "relative error of the longitudinal axis", -0.3, 0.3, 0.0, -0.03, 0.03),

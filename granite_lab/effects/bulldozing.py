@@ -26,14 +26,12 @@ class Bulldozing(Effect):
     title = "soil pushed ahead of the wheels"
     equation = "F_x = (16) − strength · b (2 c √K_p z0 + γ K_p z0²/2) tanh(v/v_floor), K_p = tan²(45° + φ/2)"
     source = (
-        "Hegedus, A simplified method for the determination of bulldozing resistance, Land Locomotion "
-        "Laboratory report 61, 1960; Bekker, Introduction to Terrain-Vehicle Systems, University of "
-        "Michigan Press 1969; used for rovers by Ishigami et al., Journal of Field Robotics 24, 2007, 233-250"
+        "Hegedus, Land Locomotion Laboratory report 61, 1960; Bekker, Introduction to Terrain-Vehicle "
+        "Systems, 1969; for rovers Ishigami et al., Journal of Field Robotics 24, 2007, 233-250"
     )
     signature = (
-        "a resistance that does not grow with speed but with sinkage: more slip and more current at "
-        "every speed, from the first centimetre on; with a free current offset it looks like gear "
-        "friction in the currents, but only this one adds slip"
+        "The resistance grows with sinkage and not with speed. Slip and currents are higher at every "
+        "speed. Friction in the drive units also raises the currents, but not the slip."
     )
     parameters = (
         EffectParameter("strength", "", "multiple of the passive pressure of a vertical wall",

@@ -1,4 +1,4 @@
-"""A centre of mass that is not where the robot's file has it."""
+"""Centre of mass away from the value of the robot's file."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ class ComOffset(Effect):
     title = "centre of mass shifted along the robot"
     equation = "x_CM + forward in (22)"
     source = (
-        "(22); weighing both axles on scales to 0.5-2 % of the weight leaves 2-8 mm; a laptop on top "
-        "moves it more"
+        "(22); range: weighing both axles to 0.5-2 % of the weight leaves 2-8 mm; equipment on top adds more"
     )
     signature = (
-        "sinkage, load and current move from one axle to the other by the same share at standstill and in "
-        "motion; kin to drive_reaction, which is absent at standstill and grows with the torque"
+        "Load, sinkage and current move from one axle to the other, equally at standstill and in motion. "
+        "drive_reaction does the same, but only under torque."
     )
     parameters = (
         EffectParameter("forward", "m", "shift of the centre of mass, forward positive",

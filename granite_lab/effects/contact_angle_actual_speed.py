@@ -1,4 +1,4 @@
-"""A rear contact angle that follows the actual speed instead of the desired one."""
+"""Rear contact angle set by the actual speed instead of the desired one."""
 
 from __future__ import annotations
 
@@ -13,19 +13,15 @@ ROUND = 1e-3
 
 
 class ContactAngleActualSpeed(Effect):
-    """The sand cannot know which speed was commanded."""
+    """The contact arc depends on the actual speed, not on the commanded one."""
 
     id = "contact_angle_actual_speed"
-    title = "rear contact angle that follows the actual speed"
+    title = "rear contact angle set by the actual speed"
     equation = "(5) with v = v_d + weight · (|v_R| − v_d)"
-    source = (
-        "the paper's (4), (5) take the desired velocity for want of the actual one; near twin of "
-        "contact_angle_lag, whose delay is that of the body behind the command"
-    )
+    source = "the paper's (4) and (5) use the desired velocity in place of the actual one"
     signature = (
-        "a faster start at high speed, as contact_angle_lag has it; in the steady part k_92 stays a "
-        "little larger, by a_θ times the speed lost to slip, so slip and current fall a little, which a "
-        "larger a_θ undoes"
+        "The robot starts faster at high speed, as with contact_angle_lag. At constant speed k_92 is "
+        "slightly larger, so that slip and current are slightly lower; a larger a_θ cancels this."
     )
     parameters = (
         EffectParameter("weight", "", "0: desired velocity, 1: actual velocity",

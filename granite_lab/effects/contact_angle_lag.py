@@ -1,4 +1,4 @@
-"""A rear contact angle that follows the speed late."""
+"""Rear contact angle with a time lag."""
 
 from __future__ import annotations
 
@@ -21,20 +21,19 @@ filter (1 + s FASTEST) / (1 + s (T + FASTEST)) becomes 1 at T = 0 and stays fini
 
 
 class ContactAngleLag(Effect):
-    """The shape of the rut behind the wheel takes time, or way, to settle to that of a new speed."""
+    """The rut behind the wheel needs a time, or a distance, to take its new shape."""
 
     id = "contact_angle_lag"
-    title = "rear contact angle that follows with a lag"
+    title = "rear contact angle with a time lag"
     equation = "T dϑ2/dt + ϑ2 = k_92(v_d) ϑ1, T = time · (0.4 m/s / |v|)^exponent"
     source = (
-        "the relaxation length of tyres carried over to the contact angle: Pacejka, Tire and Vehicle "
-        "Dynamics, 3rd ed., Butterworth-Heinemann 2012, ch. 7; the length to relax is that of the contact "
-        "patch, 0.04-0.1 m, hence 0.05-0.25 s; the paper's (5) itself is quasi-static"
+        "relaxation length of tyres, applied to the contact angle: Pacejka, Tire and Vehicle Dynamics, "
+        "3rd ed., 2012, ch. 7; range: a contact patch of 0.04-0.1 m gives 0.05-0.25 s"
     )
     signature = (
-        "while accelerating, k_92 is still large: less resistance, less current, a faster start, even "
-        "with an overshoot of the speed at 0.7 m/s; while braking the reverse; steady parts are "
-        "untouched; close kin to contact_angle_actual_speed"
+        "While the robot accelerates, k_92 is still large: resistance and current are lower and the start "
+        "is faster. Braking shows the opposite. Constant speed is unchanged. contact_angle_actual_speed "
+        "is very similar."
     )
     parameters = (
         EffectParameter("time", "s", "time constant at 0.4 m/s", 0.0, 3.0, 0.0, 0.03, 0.4),

@@ -1,4 +1,4 @@
-"""What every effect keeps to, those of the library and a user's own, check by check."""
+"""The checks that every effect must pass, in the library and in a user's file."""
 
 from __future__ import annotations
 
@@ -58,16 +58,16 @@ def contract(effect: Effect) -> list[Check]:
     `granite_lab.effects.library.check_declaration`.
     """
     checks: tuple[tuple[str, Callable[[Effect], tuple[bool | None, str]]], ...] = (
-        ("texts say something", _texts),
-        ("has a source", _source),
+        ("title and signature are given", _texts),
+        ("source is given", _source),
         ("parameters have unit, meaning, bounds and an expected range", _parameters),
         ("neutral values give the paper's model", _neutral),
-        ("a neutral run is the paper's", _neutral_run),
+        ("a neutral run equals the paper's", _neutral_run),
         ("shape parameters alone change nothing", _shapes),
         ("derivatives are finite", _derivatives),
-        ("a typical size can be seen", _seen),
-        ("runs solve over the expected range", _expected_range),
-        ("runs solve at the bounds, or are refused with a reason", _bounds),
+        ("a typical size changes the readings", _seen),
+        ("runs over the expected range converge", _expected_range),
+        ("runs at the bounds converge or are refused with a reason", _bounds),
         ("machine code gives the same run", _compiled),
     )
     return [_checked(name, check, effect) for name, check in checks]
@@ -85,7 +85,7 @@ def refuse_failed(found: Mapping[str, Sequence[Check]], where: str) -> None:
             raise InputError(
                 f"{where}: effect '{name}': {len(failed)} of {len(checks)} checks failed, first: "
                 f"{failed[0].name}: {failed[0].detail}",
-                "docs/how-to-effect.md shows what a hook gets and returns",
+                "docs/how-to-effect.md shows an effect; docs/effects.md lists the hooks",
             )
 
 
@@ -108,7 +108,7 @@ def _texts(effect: Effect) -> tuple[bool, str]:
 def _source(effect: Effect) -> tuple[bool, str]:
     words = effect.source.split()
     good = len(words) >= 3 and words[0].lower() not in ("none", "todo", "unknown", "tbd")
-    return good, effect.source if good else f"'{effect.source}' does not say where the formula comes from"
+    return good, effect.source if good else f"'{effect.source}' does not say where the formula is from"
 
 
 def _parameters(effect: Effect) -> tuple[bool, str]:
@@ -118,9 +118,9 @@ def _parameters(effect: Effect) -> tuple[bool, str]:
         if not all(map(math.isfinite, numbers)):
             return False, f"{p.name}: a bound is not finite"
         if not p.name.isidentifier() or names.count(p.name) > 1:
-            return False, f"{p.name}: not a name, or there twice"
+            return False, f"{p.name}: not a valid name, or used twice"
         if not p.meaning.strip() or p.unit != p.unit.strip():
-            return False, f"{p.name}: its meaning is missing, or its unit is not usable"
+            return False, f"{p.name}: the meaning is missing or the unit is not valid"
     return True, ", ".join(f"{p.name} [{p.unit or '-'}] {p.low:g} to {p.high:g}" for p in effect.parameters)
 
 
@@ -137,7 +137,7 @@ def _neutral_run(effect: Effect) -> tuple[bool, str]:
 def _shapes(effect: Effect) -> tuple[bool | None, str]:
     shapes = {p.name: p.prior_high for p in effect.parameters if p.shape}
     if not shapes:
-        return None, "it has none"
+        return None, "no shape parameters"
     gap = _difference(activate(effect, shapes))
     return gap <= SAME_RUN, f"largest difference {gap:.1g} with {', '.join(shapes)} at the end of the range"
 
@@ -197,7 +197,7 @@ def _expected_range(effect: Effect) -> tuple[bool, str]:
                     f"{_told(activate(effect, values))} at {variant.velocity:g} m/s: {error.message}",
                 )
             if not 0.15 * variant.distance < run["x_m"][-1] < 1.1 * variant.distance:
-                return False, f"{_told(activate(effect, values))}: the robot does not arrive"
+                return False, f"{_told(activate(effect, values))}: the robot does not cover the distance"
             runs += 1
     return True, f"{runs} runs, all four variants"
 
@@ -223,7 +223,7 @@ def _ends(parameters: Sequence[EffectParameter]) -> Iterator[tuple[EffectParamet
 def _compiled(effect: Effect) -> tuple[bool | None, str]:
     """Compare states of a run, and all outputs at the same states."""
     if engine_of(()) is interpreted:
-        return None, "there is no compiler on this machine"
+        return None, "no compiler on this machine"
     engine = engine_of((effect,))
     if engine is interpreted:
         return (

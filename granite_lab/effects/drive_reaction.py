@@ -10,21 +10,22 @@ from granite_lab.model.symbols import ModelParameters
 
 
 class DriveReaction(Effect):
-    """The motors sit in the body: what drives a wheel forward turns the body backward."""
+    """The motors are in the body: a torque that drives a wheel forward turns the body backward."""
 
     id = "drive_reaction"
     title = "reaction of the driving torques on the body"
     equation = "I_Ry Θ̈ = (22) − share · Σ T_i"
     source = (
-        "moment balance of the body alone: Wong, Theory of Ground Vehicles, 4th ed., Wiley 2008, ch. 3; "
-        "the paper's Figs. 5-8 show rear torques above the simulated ones, which this reaction produces"
+        "moment balance of the body: Wong, Theory of Ground Vehicles, 4th ed., 2008, ch. 3; Figs. 5-8 of "
+        "the paper show rear torques above the simulated ones"
     )
     signature = (
-        "load shifts rearward by share · ΣT/L: nose up in proportion to the torque, rear wheels sink "
-        "deeper and take more current, front wheels less; absent at standstill, largest while accelerating"
+        "Load moves to the rear in proportion to the torque: the nose rises, the rear wheels sink deeper "
+        "and draw more current, the front wheels draw less. The change is zero at standstill and largest "
+        "during acceleration."
     )
     parameters = (
-        EffectParameter("share", "", "part of ΣT that the body takes; 1 by Newton's third law",
+        EffectParameter("share", "", "share of ΣT that acts on the body; 1 by Newton's third law",
                         -0.5, 2.0, 0.0, 0.5, 1.5),
     )  # fmt: skip
 

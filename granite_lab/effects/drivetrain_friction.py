@@ -1,4 +1,4 @@
-"""Friction of gear and bearings that the constant efficiency of (24) does not hold."""
+"""Friction of gears and bearings beyond the constant efficiency of (24)."""
 
 from __future__ import annotations
 
@@ -18,20 +18,19 @@ class DrivetrainFriction(Effect):
     title = "Coulomb and viscous friction in the drive units"
     equation = "T = η_d n_d k_m i − coulomb · z − viscous · ω, ż = (ω − |ω| z) / creep"
     source = (
-        "Armstrong-Hélouvry, Dupont, Canudas de Wit, A survey of models, analysis tools and compensation "
-        "methods for the control of machines with friction, Automatica 30, 1994, 1083-1138, with the model "
-        "of Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, 1968; range: 2-20 % "
-        "of the 5-10 N m that the paper's wheels need, as no-load currents of 0.1-0.8 A give"
+        "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30, 1994, 1083-1138; Dahl, Aerospace "
+        "Corporation TOR-0158(3107-18)-1, 1968; range: 2-20 % of the 5-10 N m that the paper's wheels "
+        "need, as no-load currents of 0.1-0.8 A indicate"
     )
     signature = (
-        "every current higher by the same amount while the wheels turn, a little more at higher speed; "
-        "wheels and body move as before, because the controller makes up for it; shorter coasting; "
-        "after the stop the friction holds, and a current remains that was not there before the start"
+        "All currents are higher by nearly the same amount while the wheels turn. The motion is "
+        "unchanged, because the controller compensates. Coasting is shorter, and a current remains after "
+        "the stop."
     )
     parameters = (
         EffectParameter("coulomb", "N m", "dry friction at the wheel", -1.0, 20.0, 0.0, 0.1, 1.5),
-        EffectParameter("viscous", "N m s/rad", "friction per rate of the wheel", -0.5, 5.0, 0.0, 0.01, 0.2),
-        EffectParameter("creep", "rad", "turn of the wheel over which dry friction builds up",
+        EffectParameter("viscous", "N m s/rad", "viscous friction per wheel rate", -0.5, 5.0, 0.0, 0.01, 0.2),
+        EffectParameter("creep", "rad", "wheel rotation over which dry friction builds up",
                         5e-4, 0.02, 0.005, 0.001, 0.01, shape=True),
     )  # fmt: skip
     states = ("held_f", "held_r")

@@ -10,25 +10,23 @@ from granite_lab.model.effect import Axle, Effect, EffectParameter, Own, Shaft
 class EncoderEccentricity(Effect):
     """The reading runs ahead and behind once a revolution, and the controller makes the wheel follow it.
 
-    It reads θ at θ = 0. Front and rear wheels start a trial at angles that nobody knows, hence four
-    numbers, new in each trial.
+    It reads θ at θ = 0. The initial angles of front and rear wheels are unknown, hence four numbers for
+    each trial.
     """
 
     id = "encoder_eccentricity"
-    title = "encoders that run out of true"
+    title = "eccentric encoder discs"
     equation = "enc = θ + c sin θ + s (cos θ − 1), for the controller (25), (26), too; amplitude e/R"
     source = (
-        "geometry of a disc off its shaft by e, read at the radius R; makers of ring encoders state "
-        "0.2-0.4° for e = 0.1 mm at R of 15-32 mm (Synapticon, manual of the Circulo drives), so that "
-        "0.5 mm on the smaller ring are 1.9°"
+        "geometry of a disc off its shaft by e, read at the radius R; range: 0.2-0.4° for e = 0.1 mm at R "
+        "of 15-32 mm (Synapticon, Circulo manual), so that 0.5 mm at 15 mm is 1.9°"
     )
     signature = (
-        "encoders follow the command as they should; the wheels themselves, and so body and currents, "
-        "swing once a revolution, at 0.33-1.2 Hz for 0.2-0.7 m/s, the more the faster; without the heave "
-        "of a wheel out of round"
+        "Wheels, body and currents oscillate once per wheel turn (0.33-1.2 Hz at 0.2-0.7 m/s), although "
+        "the encoders follow the command. There is no vertical motion, in contrast to wheel_eccentricity."
     )
     parameters = tuple(
-        EffectParameter(f"{part}_{axle}", "rad", f"{word} of the error of the reading, {axle} wheels",
+        EffectParameter(f"{part}_{axle}", "rad", f"{word} part of the reading error, {axle} wheels",
                         -0.3, 0.3, 0.0, -0.03, 0.03, per_trial=True)
         for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
     )  # fmt: skip

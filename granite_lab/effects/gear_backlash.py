@@ -41,18 +41,16 @@ class GearBacklash(Effect):
     title = "play in the gears"
     equation = "J_w dω/dt = T_t + M_ω, J_m (dω/dt + h d²u/dt²) = T − T_t, T_t = 0 within |u| < 1, h = play/2"
     source = (
-        "Nordin and Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002, "
-        "1633-1649 (two inertias, dead zone); makers state 0.15-0.5° for planetary gearheads of low "
-        "play and about 1° for common ones; key, hub and coupling add as much"
+        "Nordin and Gutman, Automatica 38, 2002, 1633-1649 (two inertias, dead zone); range: makers state "
+        "0.15-1° for planetary gears; key, hub and coupling add as much"
     )
     signature = (
-        "wheels and body start late by the time in which the motor, following the command, takes up "
-        "half the play (some 60 ms for 0.75° at 0.6 m/s²) while the encoders already turn; then a jerk; "
-        "again, with a spike of current, where the torque changes sign at the braking, and a rocking "
-        "about rest"
+        "Wheels and body start late while the motor takes up half the play and the encoders already turn "
+        "(about 60 ms for 0.75° at 0.6 m/s²). A jerk follows. The same happens, with a current spike, "
+        "when braking reverses the torque. The robot may rock about rest."
     )
     parameters = (
-        EffectParameter("play", "deg", "whole play between motor and wheel, at the wheel",
+        EffectParameter("play", "deg", "total play between motor and wheel, at the wheel",
                         0.0, 20.0, 0.0, 0.2, 3.0, moving=True),
         EffectParameter("motor_share", "-", "share of the wheel's inertia that turns with the motor",
                         0.05, 0.95, 0.4, 0.1, 0.8, shape=True),

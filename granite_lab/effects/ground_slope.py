@@ -18,16 +18,12 @@ class GroundSlope(Effect):
     """The frame O is laid into the slope; gravity turns instead. At rest the robot does not roll."""
 
     id = "ground_slope"
-    title = "ground that rises or falls"
+    title = "sloping ground"
     equation = "g_x = −g sin(slope), g_z = −g cos(slope) in (20), (21); at rest m g sin(slope) is held"
-    source = (
-        "(20), (21); sand in a container, raked and levelled by hand, is level to some tenths of a "
-        "degree up to 1°"
-    )
+    source = "(20), (21); range: sand raked by hand is level within a few tenths of a degree to 1°"
     signature = (
-        "uphill: more slip and more current in the steady part, by m g sin(slope); the accelerometer "
-        "shows the slope at standstill, too, where it is the exact twin of imu_tilt; a run in the other "
-        "direction has the opposite sign"
+        "Uphill, slip and currents are higher at constant speed. The accelerometer reads the slope also "
+        "at standstill, exactly as with imu_tilt. The sign changes when the robot drives the other way."
     )
     parameters = (
         EffectParameter("slope", "deg", "rise of the ground in the direction of travel",

@@ -1,4 +1,4 @@
-"""An IMU that is mounted at an angle nobody told of."""
+"""Mounting tilt of the IMU."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class ImuTilt(Effect):
     """Tilt in pitch; roll and yaw act on the planar motion in second order only."""
 
     id = "imu_tilt"
-    title = "IMU mounted at an angle"
+    title = "mounting tilt of the IMU"
     equation = "a_x' = a_x cos β − a_z sin β, a_z' = a_x sin β + a_z cos β"
-    source = "rotation (19) between robot and sensor; brackets and cases align an IMU to 0.2-2°"
+    source = "rotation (19) between robot and sensor; range: brackets and cases align an IMU to 0.2-2°"
     signature = (
-        "a constant of g sin(tilt) in the longitudinal acceleration, at standstill as in motion, so that its "
-        "integral drifts; twin of ground_slope but for slip and current, which know nothing of it"
+        "The longitudinal acceleration has a constant offset of g sin(tilt), at standstill and in motion. "
+        "ground_slope has the same offset but also changes slip and currents."
     )
     parameters = (
         EffectParameter("tilt", "deg", "tilt of the IMU, nose down positive", -20.0, 20.0, 0.0, -2.0, 2.0),

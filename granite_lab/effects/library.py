@@ -110,7 +110,7 @@ def _load(path: str, code: bytes) -> dict[str, Effect]:
     if not effects:
         raise InputError(
             f"{path}: defines no effect",
-            "write a subclass of granite_lab.model.effect.Effect; docs/effects.md shows one",
+            "write a subclass of granite_lab.model.effect.Effect; docs/how-to-effect.md shows one",
         )
     for effect in effects:
         if effect.id in _library():
@@ -142,7 +142,7 @@ def check_declaration(cls: type[Effect], path: str) -> None:
     """
     where = f"{path}: effect '{cls.id}'"
     if not re.fullmatch(r"[a-z][a-z0-9_]*", cls.id):
-        raise InputError(f"{where}: the id is not usable", "expected small letters, digits and _")
+        raise InputError(f"{where}: the id is not usable", "expected small letters, digits and underscores")
     for name in ("title", "equation", "source", "signature"):
         if not str(getattr(cls, name, "")).strip():
             raise InputError(f"{where}: '{name}' is missing", f'add {name} = "…" to the class')
@@ -150,7 +150,10 @@ def check_declaration(cls: type[Effect], path: str) -> None:
     if not parameters or not all(isinstance(p, EffectParameter) for p in parameters):
         raise InputError(f"{where}: 'parameters' is missing", "add parameters = (EffectParameter(…), …)")
     if all(p.shape for p in parameters):
-        raise InputError(f"{where}: every parameter is a shape", "one must be 0 where the effect vanishes")
+        raise InputError(
+            f"{where}: every parameter is a shape",
+            "at least one parameter must switch the effect off at its neutral value",
+        )
     for p in parameters:
         if not p.low <= p.neutral <= p.high:
             raise InputError(
@@ -173,7 +176,7 @@ def check_declaration(cls: type[Effect], path: str) -> None:
         close = difflib.get_close_matches(name, vars(Effect), n=1)
         hint = f"did you mean '{close[0]}'? " if close else ""
         raise InputError(
-            f"{where}: '{name}' is not a hook", f"{hint}a helper's name begins with an underscore"
+            f"{where}: '{name}' is not a hook", f"{hint}begin the name of a helper with an underscore"
         )
 
 
@@ -220,7 +223,7 @@ def _check_neutral(effect: Effect, path: str) -> None:
         raise InputError(
             f"{path}: effect '{effect.id}': its neutral values do not give the paper's model "
             f"(relative difference {gap:.1e})",
-            "each hook must return what it was given when every parameter is neutral",
+            "with neutral parameters each hook must return its input unchanged",
         )
 
 
@@ -229,5 +232,5 @@ def _trouble(path: str, error: BaseException, what: str = "") -> InputError:
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
     return InputError(
         f"{at(path, lines[-1] if lines else None)}: {what}{type(error).__name__}: {error}",
-        "the file is your own code; docs/effects.md shows what a hook gets and returns",
+        "the error is in your file; docs/effects.md lists what each hook receives and returns",
     )

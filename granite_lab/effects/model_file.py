@@ -94,7 +94,7 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
     _known(where, table, ("schema", "robot", "soil", "k92", "provenance", "effect"))
     if table.get("schema") != SCHEMA:
         raise InputError(
-            f"{where}: schema = {table.get('schema')!r} is not a model's", f'expected "{SCHEMA}"'
+            f"{where}: schema = {table.get('schema')!r} is not that of a model file", f'expected "{SCHEMA}"'
         )
     known = library() | (load_effects(code) if code else {})
     rows = table.get("effect", [])
@@ -104,7 +104,7 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
     ids = [f.effect.id for f in fitted]
     for name in ids:
         if ids.count(name) > 1:
-            raise InputError(f"{where}: effect '{name}' stands there twice", "keep one of the two")
+            raise InputError(f"{where}: effect '{name}' is listed twice", "keep one of the two")
     provenance = table.get("provenance", {})
     if not isinstance(provenance, dict):
         raise InputError(f"{where}: 'provenance' must be a table", "write [provenance] above its keys")

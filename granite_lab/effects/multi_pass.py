@@ -25,23 +25,21 @@ class MultiPass(Effect):
         "g = 1 + slip_growth · |λ|"
     )
     source = (
-        "Holm, Multi-pass behaviour of pneumatic tires, Journal of Terramechanics 6(3), 1969, 47-71; Wong, "
-        "Terramechanics and Off-Road Vehicle Engineering, 2nd ed., Elsevier 2010 (repetitive loading); "
-        "Senatore and Sandu, Off-road tire modeling and the multi-pass effect for vehicle mobility, "
-        "Journal of Terramechanics 48, 2011, 265-276: density, cohesion and shear modulus after a pass "
-        "change by a factor that grows with the slip of the pass"
+        "Holm, J. Terramechanics 6(3), 1969, 47-71; Wong, Terramechanics and Off-Road Vehicle "
+        "Engineering, 2nd ed., 2010; Senatore and Sandu, J. Terramechanics 48, 2011, 265-276: "
+        "density, cohesion and shear modulus change by a factor that grows with the slip of the first "
+        "pass"
     )
     signature = (
-        "a step once the robot has travelled one wheelbase: the rear wheels rise by millimetres, the "
-        "nose goes down; stiffer shear lowers slip and current, front and rear alike; its place is "
-        "fixed in distance, not in time"
+        "After one wheelbase of travel the rear wheels rise by millimetres and the nose goes down. "
+        "Stiffer shear lowers slip and all currents. The step is fixed in distance, not in time."
     )
     parameters = (
-        EffectParameter("pressure", "", "relative rise of the moduli of deformation in the rut",
+        EffectParameter("pressure", "", "relative increase of k_c and k_φ in the rut",
                         -0.5, 5.0, 0.0, 0.05, 1.0),
-        EffectParameter("shear", "", "relative rise of the shear stiffness 1/K in the rut",
+        EffectParameter("shear", "", "relative increase of 1/K in the rut",
                         -0.5, 5.0, 0.0, 0.05, 1.0),
-        EffectParameter("slip_growth", "", "relative growth of both per slip of the pass",
+        EffectParameter("slip_growth", "", "relative growth of both per unit of slip",
                         0.0, 20.0, 1.0, 0.0, 6.0, shape=True),
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Mass that the robot's file does not know of."""
+"""Additional mass on the robot."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ class PayloadMass(Effect):
     """A mass at the centre of mass; one that sits elsewhere is this and com_offset together."""
 
     id = "payload_mass"
-    title = "mass that the robot's file does not know of"
+    title = "additional mass on the robot"
     equation = "m_0 + mass in (20), (21)"
-    source = "(20), (21); a laptop, a battery or an instrument on this robot weighs 1-8 kg"
+    source = "(20), (21); range: a laptop, a battery or an instrument weighs 1-8 kg"
     signature = (
-        "deeper sinkage already at standstill, more current at every speed and most while accelerating; "
-        "slip falls by tenths of a point; nearly what softer sand looks like, except that inertia "
-        "grows, too"
+        "Sinkage is larger already at standstill. Currents are higher, most during acceleration. Slip "
+        "falls by tenths of a percentage point. Softer sand looks nearly the same, but does not add "
+        "inertia."
     )
     parameters = (EffectParameter("mass", "kg", "additional mass of the body", -20.0, 100.0, 0.0, 0.5, 8.0),)
 

@@ -20,23 +20,21 @@ class RateDependentSoil(Effect):
     """The pressure of (9) rises with the speed at which that part of the wheel drives into the soil."""
 
     id = "rate_dependent_soil"
-    title = "pressure that rises with the speed of penetration"
+    title = "soil pressure that rises with penetration speed"
     equation = "(9) with σ (1 + stiffening · (v_p / 0.1 m/s)^exponent), v_p = max(0, v sin ϑ)"
     source = (
-        "Grahn, Prediction of sinkage and rolling resistance for off-the-road vehicles considering "
-        "penetration velocity, Journal of Terramechanics 28, 1991, 339-347; Irani, Bauer, Warkentin, "
-        "Dynamic wheel-soil model for lightweight mobile robots with smooth wheels, Journal of "
-        "Intelligent and Robotic Systems 71, 2013 (dynamic pressure-sinkage in dry sand)"
+        "Grahn, J. Terramechanics 28, 1991, 339-347; Irani, Bauer, Warkentin, Journal of "
+        "Intelligent and Robotic Systems 71, 2013"
     )
     signature = (
-        "the faster, the shallower: the body rises by millimetres while it accelerates and falls when "
-        "it brakes, the currents at 0.7 m/s drop against those at 0.2 m/s; slip grows a little, since a "
-        "shorter arc shears less; nothing at standstill"
+        "Sinkage falls as speed rises: the body rises by millimetres during acceleration, and the "
+        "currents at 0.7 m/s fall relative to those at 0.2 m/s. Slip grows slightly. Standstill is "
+        "unchanged."
     )
     parameters = (
-        EffectParameter("stiffening", "", "relative rise of the pressure at 0.1 m/s of penetration",
+        EffectParameter("stiffening", "", "relative increase of pressure at 0.1 m/s",
                         -0.5, 5.0, 0.0, 0.05, 1.0),
-        EffectParameter("exponent", "", "power of the speed of penetration",
+        EffectParameter("exponent", "", "exponent of the penetration speed",
                         0.2, 2.0, 1.0, 0.3, 1.5, shape=True),
     )  # fmt: skip
 

@@ -14,23 +14,22 @@ REFERENCE = 0.5
 
 
 class RollingDrag(Effect):
-    """Sand dragged along, tyres kneaded: what holds the wheel centres back the more the faster they go."""
+    """A force on the wheel centres against the motion: sand dragged along, tyre hysteresis."""
 
     id = "rolling_drag"
     title = "resistance that grows with speed"
     equation = "F_x = (16) − force/4 · (|v| / 0.5 m/s)^exponent sign(v), per wheel"
     source = (
-        "rolling resistance as a power series in speed: Wong, Theory of Ground Vehicles, 4th ed., Wiley "
-        "2008, ch. 1; in sand, added mass and drag of a moving granular layer; 0.2-5 % of the weight of "
-        "423 N"
+        "power series in speed: Wong, Theory of Ground Vehicles, 4th ed., 2008, ch. 1; range: 0.2-5 % of "
+        "the weight of 423 N"
     )
     signature = (
-        "more slip and more current at 0.7 than at 0.2 m/s, in phase with the speed; no effect on the "
-        "heave; linear and quadratic drag can hardly be told apart"
+        "Slip and currents rise with speed, in phase with it. The vertical motion is unchanged. Linear "
+        "and quadratic drag are hard to tell apart."
     )
     parameters = (
         EffectParameter("force", "N", "drag of the robot at 0.5 m/s", 0.0, 200.0, 0.0, 1.0, 20.0),
-        EffectParameter("exponent", "", "power of the speed", 0.5, 3.0, 1.0, 1.0, 2.0, shape=True),
+        EffectParameter("exponent", "", "exponent of the speed", 0.5, 3.0, 1.0, 1.0, 2.0, shape=True),
     )
 
     def wheel_forces(

@@ -22,15 +22,13 @@ class SandThrow(Effect):
     title = "thrust lost to sand thrown behind the wheels"
     equation = "F = (14) · (1 − loss · s² / (s² + (0.15 m/s)²)), s = max(v_o − v, 0), M_ω as in (15)"
     source = (
-        "suspected in the paper, section 5 (displacement of sand behind a rotating wheel); shear stress "
-        "models of light wheels on dry sand that leave out the dependence of friction on the speed of "
-        "slip overestimate the traction (in-wheel sensors and particle image velocimetry, Ishigami and "
-        "co-workers, Journal of Terramechanics); the law here is empirical: from nothing at rest to the "
-        "full loss in fast slip"
+        "suggested in section 5 of the paper; shear models of light wheels without slip speed "
+        "overestimate traction (in-wheel sensors, Ishigami and co-workers, J. Terramechanics); "
+        "the formula is empirical"
     )
     signature = (
-        "more slip and current at 0.7 m/s, nothing at 0.2 m/s where wheels hardly slip, and a late body "
-        "at the start, where the wheels spin fastest against the sand; sinkage stays"
+        "Slip and currents rise at 0.7 m/s and not at 0.2 m/s, where the wheels hardly slip. The body is "
+        "late at the start, where the slip speed is largest. Sinkage is unchanged."
     )
     parameters = (
         EffectParameter("loss", "", "share of the thrust lost in fast slip", 0.0, 0.9, 0.0, 0.02, 0.25),

@@ -21,18 +21,17 @@ class SlipSinkage(Effect):
     title = "sinkage that grows with slip"
     equation = "(8) with n = n0 + n1 |λ|"
     source = (
-        "Ding, Gao, Deng, Tao, Wheel slip-sinkage and its prediction model of lunar rover, J. Cent. South "
-        "Univ. Technol. 17, 2010, 129-135: sinkage at a slip of 0.6 is 3-7 times the static one, which "
-        "asks for n1 = 0.8-2 in their soil; Lyasko, Slip sinkage effect in soil-vehicle mechanics, "
-        "Journal of Terramechanics 47, 2010, 21-31, for the range in sand"
+        "Ding, Gao, Deng, Tao, J. Cent. South Univ. Technol. 17, 2010, 129-135: sinkage at a slip of 0.6 "
+        "is 3-7 times the static one, n1 = 0.8-2 in their soil; Lyasko, J. Terramechanics 47, "
+        "2010, 21-31, for sand"
     )
     signature = (
-        "deeper sinkage and more current wherever the wheels slip: little at 0.2 m/s, most at 0.7 m/s "
-        "and while accelerating, nothing at standstill; slip itself falls a little, since a longer arc "
-        "shears more; the vertical acceleration shows the digging in and the recovery"
+        "Sinkage and currents grow with slip: little at 0.2 m/s, most at 0.7 m/s and during acceleration, "
+        "not at standstill. Slip falls slightly, because the contact arc is longer. The vertical "
+        "acceleration shows sinking and recovery."
     )
     parameters = (
-        EffectParameter("growth", "", "n1, growth of the exponent of deformation per unit of slip",
+        EffectParameter("growth", "", "n1, increase of the exponent n per unit of slip",
                         -0.5, 3.0, 0.0, 0.05, 0.8),
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""A torque constant that is not the one in the robot's file."""
+"""Torque constant that differs from the robot's file."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ class TorqueConstantError(Effect):
     """k_m, or the efficiency η_d, which cannot be told from it: T holds only their product."""
 
     id = "torque_constant_error"
-    title = "torque constant or gear efficiency off"
+    title = "wrong torque constant or gear efficiency"
     equation = "T = η_d n_d k_m (1 + error) i"
     source = (
-        "(24); makers of DC motors state k_m within 5-10 %, warm magnets lose up to another 5-10 %: "
-        "Hughes and Drury, Electric Motors and Drives, 5th ed., Newnes 2019, ch. 3"
+        "(24); range: makers state k_m within 5-10 %, warm magnets lose up to 5-10 % more (Hughes and "
+        "Drury, Electric Motors and Drives, 5th ed., 2019, ch. 3)"
     )
     signature = (
-        "every current off by the same factor, in all phases and at all speeds; nothing moves "
-        "differently; the exact twin of an error of the gear's efficiency or of the current sensors' gain"
+        "All currents differ by the same factor, in all phases and at all speeds. The motion is "
+        "unchanged. A gain error of the current sensors looks identical."
     )
     parameters = (EffectParameter("error", "", "relative error of k_m η_d", -0.5, 0.5, 0.0, -0.15, 0.15),)
 

@@ -14,24 +14,23 @@ from granite_lab.parameters import Soil
 class TreadRipple(Effect):
     """Each lug that enters the soil raises the pressure, each gap lowers it.
 
-    Cosine and sine stand for amplitude and phase: so the model is linear in them near zero. Front
-    and rear wheels start a trial at angles that nobody knows, hence four numbers, new in each trial.
+    Cosine and sine parts replace amplitude and phase, which keeps the model linear near zero. The
+    initial angles of front and rear wheels are unknown, hence four numbers for each trial.
     """
 
     id = "tread_ripple"
-    title = "forces modulated by the lugs of the tread"
+    title = "force ripple from the lugs of the tread"
     equation = "(8) with k (1 + c cos(N θ) + s sin(N θ)), N lugs on the circumference"
     source = (
-        "Irani, Bauer, Warkentin, A dynamic terramechanic model for small lightweight vehicles with rigid "
-        "wheels and grousers operating in sandy soil, Journal of Terramechanics 48, 2011, 307-318; Shikanai "
-        "et al., Journal of Terramechanics 37, 2000, 21-39: sinusoidal fluctuation of the drawbar pull"
+        "Irani, Bauer, Warkentin, J. Terramechanics 48, 2011, 307-318; Shikanai et al., Journal "
+        "of Terramechanics 37, 2000, 21-39 (sinusoidal drawbar pull)"
     )
     signature = (
-        "a ripple of vertical and longitudinal acceleration and of the pitch rate at N times the wheels' "
-        "rate, 8-28 Hz for 24 lugs at 0.2-0.7 m/s; its frequency follows the speed and its mean is nil"
+        "Accelerations and pitch rate oscillate at N times the wheel rate: 8-28 Hz for 24 lugs at 0.2-0.7 "
+        "m/s. The mean is zero."
     )
     parameters = tuple(
-        EffectParameter(f"{part}_{axle}", "", f"{word} of the relative ripple of pressure, {axle} wheels",
+        EffectParameter(f"{part}_{axle}", "", f"{word} part of the relative pressure ripple, {axle} wheels",
                         -0.8, 0.8, 0.0, -0.3, 0.3, per_trial=True)
         for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
     )  # fmt: skip

@@ -32,24 +32,21 @@ class TyreWindup(Effect):
     title = "torsion of the tyre between rim and tread"
     equation = "J_t (ω̇ − κ ü) = u + T_r u̇ + M_ω(ω − κ u̇); ψ = κ u, stiffness k = 1/κ, damping c = T_r/κ"
     source = (
-        "torsional degree of freedom of the rigid-ring tyre: Zegelaar, The dynamic response of tyres to "
-        "brake torque variations and road unevennesses, TU Delft 1998; Pacejka, Tire and Vehicle "
-        "Dynamics, 3rd ed., Butterworth-Heinemann 2012, ch. 9; stiffness k = k_x r^2 with a longitudinal "
-        "stiffness k_x of 0.7 to 14 times the radial one of the paper, 40 kN/m, gives 250-5000 N m/rad; the "
-        "share of the tread is assumed"
+        "rigid-ring tyre: Zegelaar, TU Delft 1998; Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, ch. "
+        "9; range: k = k_x r^2 with k_x of 0.7 to 14 times the paper's radial stiffness of 40 kN/m gives "
+        "250-5000 N m/rad; the tread's share is assumed"
     )
     signature = (
-        "jerks at the start and the end of the torque: the body lags the wheels by the few milliseconds "
-        "to some tens that the tyre needs to wind up, is late again at the corner of the ramp, and is "
-        "thrown back when the command ends; currents rise later; between the jerks nothing changes, "
-        "steady slip least of all"
+        "The body lags the wheels by a few to tens of milliseconds whenever the torque changes: at the "
+        "start, at the end of the ramp and at the end of the command. Currents rise later. Constant speed "
+        "is unchanged."
     )
     parameters = (
         EffectParameter("compliance", "rad/(N m)", "twist of one tyre per torque, 1/k",
                         0.0, 0.1, 0.0, 2e-4, 4e-3),
         EffectParameter("retardation", "s", "damping over stiffness, c/k",
                         5e-4, 0.2, 0.01, 0.002, 0.05, shape=True),
-        EffectParameter("tread_share", "-", "share of the wheel's inertia that sits in the tread, J_t/J",
+        EffectParameter("tread_share", "-", "share of the wheel's inertia in the tread, J_t/J",
                         0.02, 0.6, 0.15, 0.05, 0.3, shape=True),
     )  # fmt: skip
     states = ("torque_f", "torque_rate_f", "torque_r", "torque_rate_r")

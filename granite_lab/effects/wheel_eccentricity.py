@@ -16,23 +16,23 @@ from granite_lab.parameters import Soil
 class WheelEccentricity(Effect):
     """The geometric centre of the wheel circles about the axle.
 
-    Its place relative to the axle is (c sin θ − s cos θ, c cos θ + s sin θ) in x and z. Front and
-    rear wheels start a trial at angles that nobody knows, hence four numbers, new in each trial.
+    Its place relative to the axle is (c sin θ − s cos θ, c cos θ + s sin θ) in x and z. The
+    initial angles of front and rear wheels are unknown, hence four numbers for each trial.
     """
 
     id = "wheel_eccentricity"
-    title = "wheels that run out of true"
+    title = "eccentric wheels"
     equation = "wheel centre = axle + (c sin θ − s cos θ, c cos θ + s sin θ)"
     source = (
-        "kinematics of a circle turning about a point off its centre; moulded tyres on pressed hubs run "
-        "out by 0.2-1.5 mm"
+        "kinematics of a circle that turns about a point off its centre; range: run-out of 0.2-1.5 mm for "
+        "moulded tyres on pressed hubs"
     )
     signature = (
-        "heave, pitch and currents swing once a revolution of the wheels, at 0.33-1.2 Hz for 0.2-0.7 m/s; "
-        "the frequency follows the speed, the phase the angle of the wheels"
+        "Vertical motion, pitch and currents oscillate once per wheel turn (0.33-1.2 Hz at 0.2-0.7 m/s), "
+        "in phase with the wheel angle."
     )
     parameters = tuple(
-        EffectParameter(f"{part}_{axle}", "m", f"{word} of the wheel's run-out, {axle} wheels",
+        EffectParameter(f"{part}_{axle}", "m", f"{word} part of the run-out, {axle} wheels",
                         -0.01, 0.01, 0.0, -0.0015, 0.0015, per_trial=True)
         for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
     )  # fmt: skip

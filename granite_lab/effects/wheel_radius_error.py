@@ -1,4 +1,4 @@
-"""Wheel angles that a wrong radius or count has scaled."""
+"""Wheel angles scaled by a wrong radius or count."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ class WheelRadiusError(Effect):
     """A log whose angles were computed from the way with a wrong radius, or from a wrong count."""
 
     id = "wheel_radius_error"
-    title = "wheel angles scaled by a wrong radius or count"
+    title = "scale error of the wheel angles"
     equation = "enc' = (1 + error) enc"
     source = (
-        "Borenstein and Feng, Measurement and correction of systematic odometry errors in mobile robots, "
-        "IEEE Transactions on Robotics and Automation 12, 1996, 869-880: wheel diameters are known to some "
-        "tenths of a percent at best; a rubber tyre wears and deflects by 1-4 % of its radius"
+        "Borenstein and Feng, IEEE Transactions on Robotics and Automation 12, 1996, 869-880: wheel "
+        "diameters are known to tenths of a percent at best; range: a rubber tyre wears and deflects by "
+        "1-4 % of its radius"
     )
     signature = (
-        "encoders and body disagree by the same factor at every speed: an apparent slip that is there even "
-        "when the torque is nil; wheels seem to miss their commanded angle in proportion to the way"
+        "Encoders and body disagree by the same factor at every speed: slip appears even without torque. "
+        "The wheels seem to miss the command in proportion to the distance."
     )
     parameters = (EffectParameter("error", "", "relative error of the reading", -0.2, 0.2, 0.0, -0.04, 0.04),)
 

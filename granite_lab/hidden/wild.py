@@ -85,7 +85,7 @@ def wild(seed: int, robot: Robot, soil: Soil) -> Lab:
         lab = _draw(rng, robot, soil)
         if drives(lab):
             return lab
-    raise UsageError(f"robot '{robot.name}' can drive on no sand", "give another one")
+    raise UsageError(f"robot '{robot.name}' cannot drive on any of the sands", "give another robot")
 
 
 def drives(lab: Lab) -> bool:

@@ -84,7 +84,7 @@ def refuse_backwards(slowest: float, velocity: float) -> None:
 
     The resistance (13) always points backwards and the contact angle ϑ_1 is always in front: the
     model holds for forward motion. Where the resistance exceeds what the wheels can do, it would
-    push the robot backwards for ever, with energy from nowhere.
+    push the robot backwards without end and add energy.
 
     Raises:
         EstimateError: the robot moved backwards.
@@ -92,7 +92,7 @@ def refuse_backwards(slowest: float, velocity: float) -> None:
     if slowest < -max(FASTEST_BACKWARDS, 0.05 * velocity):
         raise EstimateError(
             f"the ground pushes the robot backwards ({slowest:.3g} m/s): the model holds for forward motion",
-            "the resistance exceeds what the wheels can do: check the soil, k_92 or a_θ, and the effects",
+            "the resistance exceeds the thrust of the wheels: check soil, k_92 or a_θ, and effects",
         )
 
 
@@ -122,8 +122,8 @@ def refuse_giving(signals: dict[str, Array], wheel_base: float) -> None:
     through = float(np.trapezoid(np.abs(taken), signals["t_s"]))
     if total < -LARGEST_GIFT * through - 1e-6:
         raise EstimateError(
-            f"the ground would drive the robot, with {-total:.2g} J from nowhere: outside the model's range",
-            "the wheels are slower than the robot all the time: check k_92 or a_θ, the soil and the effects",
+            f"the ground would drive the robot: it adds {-total:.2g} J, which is outside the model's range",
+            "the wheels are always slower than the robot: check k_92 or a_θ, the soil and the effects",
         )
 
 

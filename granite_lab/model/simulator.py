@@ -126,7 +126,7 @@ def integrate(
     wanted = names or tuple(build_graph(chosen).outputs)
     table = engine_of(chosen).outputs(chosen, wanted, t, history, vector)
     if not np.isfinite(table).all():
-        raise EstimateError("the simulation left the range of numbers", "check the parameters")
+        raise EstimateError("the simulation gave values that are not finite", "check the parameters")
     signals = dict(zip(wanted, table, strict=True))
     return {"t_s": t} | delayed(t, signals, chosen, vector)
 

@@ -145,10 +145,10 @@ def rolling(
     if not all(0 < x < math.inf for x in given):
         raise UsageError("the speed of the wheel must be positive", "use a negative slip for braking")
     if not math.isfinite(angle):
-        raise UsageError("the angle of the wheel is no number", "expected a finite angle")
+        raise UsageError("the angle of the wheel is not a number", "expected a finite angle")
     if (omega is not None and slip == -1) or (velocity is not None and slip == 1):
         raise UsageError(
-            f"slip {slip:g} does not fit the given speed", "a locked wheel has --v, a spinning one --omega"
+            f"slip {slip:g} does not fit the given speed", "give --v at slip -1 and --omega at slip 1"
         )
     if omega is not None:
         speed = omega * radius / min(1, 1 + slip)
@@ -267,7 +267,7 @@ class SingleWheel:
         if not np.isfinite(values).all():
             names = ", ".join(e.id for e in self.effects)
             raise InputError(
-                f"no forces of the wheel can be had with the effects {names}",
+                f"the wheel forces cannot be computed with the effects {names}",
                 "give a robot whose file has [chassis]",
             )
         return values
@@ -286,9 +286,7 @@ class SingleWheel:
 
         found = optimize.root(unbalanced, start)
         if not found.success:
-            raise EstimateError(
-                "the states of the effects find no equilibrium on a single wheel", "leave out an effect"
-            )
+            raise EstimateError("the effects have no steady state on a single wheel", "leave out an effect")
         settled: Array = found.x
         return settled
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from granite_lab.effects.documentation import EXAMPLE
 from tests.corpus.cli import GRANITE, LOG, SAND, lab, refused
+from tests.effects.example import EXAMPLE
 
 MAP = """name = "mine"
 [[column]]
@@ -120,7 +120,7 @@ share = { value = 1.0, std = 0.1 }
 """
 
 MODELS: Cases = {
-    "empty": ("", "schema = None is not a model's", "granite-lab/model/1"),
+    "empty": ("", "schema = None is not that of a model file", "granite-lab/model/1"),
     "a robot": (GRANITE, "unknown key", ""),
     "not TOML": ("{}", "not valid TOML", "toml.io"),
     "binary": (b"\x80\x04\x95pickle", "is not UTF-8 text", "UTF-8"),
@@ -138,7 +138,7 @@ MODELS: Cases = {
     "an unknown parameter": (MODEL.replace("share =", "shar ="), "unknown key 'shar'", "did you mean 'share'"),
     "a size out of bounds": (MODEL.replace("value = 1.0", "value = 1000.0"), "value = 1000 is out of range", "expected"),
     "a size as a bare number": (MODEL.replace("{ value = 1.0, std = 0.1 }", "1.0"), "must hold a table for each parameter", "value"),
-    "an effect twice": (MODEL + MODEL[MODEL.index("[[effect]]") :], "stands there twice", "keep one"),
+    "an effect twice": (MODEL + MODEL[MODEL.index("[[effect]]") :], "is listed twice", "keep one"),
     "effects as a table": (MODEL.replace("[[effect]]", "[effect]").replace("[effect.parameters]", "[effect.p]"), "'effect' must be a list of tables", "[[effect]]"),
     "an effect without an id": (MODEL.replace('id = "drive_reaction"\n', ""), "'id' is missing", "add id"),
     "provenance as a text": (MODEL.replace("[k92]", 'provenance = "me"\n[k92]'), "'provenance' must be a table", "[provenance]"),

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from granite_lab.effects.documentation import EXAMPLE
 from tests.corpus.cli import GRANITE, LOG, ROOT, lab, refused
+from tests.effects.example import EXAMPLE
 
 SAMPLE = ROOT / "data" / "samples" / "virtual_v0.3_r1.csv"
 NOBODY = 65534

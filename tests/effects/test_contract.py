@@ -9,11 +9,11 @@ import pytest
 
 from granite_lab.effects import get, library, load_effects
 from granite_lab.effects.contract import Check, contract, refuse_failed
-from granite_lab.effects.documentation import EXAMPLE
 from granite_lab.effects.library import neutral_gap, read_effects
 from granite_lab.errors import InputError
 from granite_lab.model import interpreted
 from tests.cli.test_cli import lab
+from tests.effects.example import EXAMPLE
 
 
 @pytest.mark.parametrize("effect_id", library())
@@ -38,19 +38,19 @@ FORCE = 'x=load.x - own.p["force"]'
 @pytest.mark.parametrize(
     ("old", "new", "name", "said"),
     [
-        ('"wind against the robot"', '"wind"', "texts say something", "title: one word"),
-        ('"a fan in front of the sand box"', '"todo"', "has a source", "does not say where"),
+        ('"wind against the robot"', '"wind"', "title and signature are given", "title: one word"),
+        ('"a fan in front of the sand box"', '"todo"', "source is given", "does not say where"),
         ('"force of the wind"', '" "', "parameters have unit, meaning, bounds and an expected range",
          "meaning is missing"),
         (FORCE, 'x=load.x - 1e-3 - own.p["force"]', "neutral values give the paper's model", "difference"),
-        (FORCE, 'x=load.x - 1e-3 - own.p["force"]', "a neutral run is the paper's", "difference"),
+        (FORCE, 'x=load.x - 1e-3 - own.p["force"]', "a neutral run equals the paper's", "difference"),
         (FORCE, 'x=load.x - own.p["force"] * (body.x_rate**2) ** 0.25', "derivatives are finite",
          "at rest with force = 0: a derivative is not a number"),
-        (FORCE, 'x=load.x - 1e-12 * own.p["force"]', "a typical size can be seen", "changes"),
-        (FORCE, 'x=load.x - 100 * own.p["force"]', "runs solve over the expected range", "force = "),
+        (FORCE, 'x=load.x - 1e-12 * own.p["force"]', "a typical size changes the readings", "changes"),
+        (FORCE, 'x=load.x - 100 * own.p["force"]', "runs over the expected range converge", "force = "),
         (FORCE, 'x=load.x - own.p["force"] * erf(body.x_rate)', "machine code gives the same run",
          "is not compiled"),
-        (FORCE, 'x=load.x - own.p["sail"]', "a typical size can be seen", "KeyError: 'sail'"),
+        (FORCE, 'x=load.x - own.p["sail"]', "a typical size changes the readings", "KeyError: 'sail'"),
     ],
 )  # fmt: skip
 def test_a_breach_is_seen_and_told(tmp_path: Path, old: str, new: str, name: str, said: str) -> None:

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granite_lab.effects import get, load_effects
-from granite_lab.effects.documentation import EXAMPLE
 from granite_lab.effects.model_file import FittedEffect, ModelFile, _toml, load_model, save_model
 from granite_lab.errors import InputError
 from granite_lab.estimate import Estimate
 from granite_lab.model import simulate
+from tests.effects.example import EXAMPLE
 from tests.effects.runs import ROBOT, SOIL, variant_of
 
 MODEL = ModelFile(

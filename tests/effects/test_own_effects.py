@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 from granite_lab.effects import load_effects
-from granite_lab.effects.documentation import EXAMPLE, markdown
+from granite_lab.effects.documentation import markdown
 from granite_lab.errors import InputError
 from granite_lab.model import simulate
 from granite_lab.model.effect import activate
+from tests.effects.example import EXAMPLE
 from tests.effects.runs import CHASSIS, ROBOT, SOIL, run, variant_of
 
 DOCS = Path(__file__).parents[2] / "docs" / "effects.md"
@@ -20,7 +21,7 @@ def test_the_page_of_effects_is_what_the_effects_say() -> None:
     assert DOCS.read_text(encoding="utf-8") == markdown(), "python -m granite_lab.effects.documentation"
 
 
-def test_the_page_s_example_is_loaded_and_acts(tmp_path: Path) -> None:
+def test_an_effect_file_is_loaded_and_acts(tmp_path: Path) -> None:
     file = tmp_path / "my_effect.py"
     file.write_text(EXAMPLE)
     effects = load_effects(file)

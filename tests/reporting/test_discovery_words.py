@@ -89,8 +89,7 @@ def test_cosine_and_sine_of_each_trial_are_said_as_the_amplitude_they_share() ->
     trials = tuple(dataclasses.replace(p, per_trial=(0.1, 0.2)) for p in effect.parameters)
     said = describe(dataclasses.replace(effect, parameters=trials)).replace("\u00a0", " ")
     assert (
-        said
-        == "encoders that run out of true (amplitude front 5.00 ± 0.10 mrad, amplitude rear 13.0 ± 1.0 mrad)"
+        said == "eccentric encoder discs (amplitude front 5.00 ± 0.10 mrad, amplitude rear 13.0 ± 1.0 mrad)"
     )
     assert "cos front 3.00 ± 0.10 mrad" in describe(effect).replace("\u00a0", " ")  # the same in all trials
 

@@ -15,7 +15,6 @@ import granite_lab as gl
 from granite_lab.api.search import write_found
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
-from granite_lab.effects.documentation import EXAMPLE
 from granite_lab.errors import InputError, UsageError
 from granite_lab.planning.design import load_design
 from granite_lab.running import Cache, Execution, Options
@@ -23,6 +22,7 @@ from granite_lab.running.fingerprint import search_key, trial_key
 from granite_lab.running.guard import Guard
 from granite_lab.running.reading import to_search
 from granite_lab.running.search import save_found, search
+from tests.effects.example import EXAMPLE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
 from tests.running.processes import SAMPLES
