@@ -11,7 +11,8 @@ from granite_lab.discovery.finding import Confusion, Detectable
 from granite_lab.discovery.search import is_empirical
 from granite_lab.inference.constants import CREDIBLE, EFFECT_ODDS
 from granite_lab.inference.fit import Fit
-from granite_lab.inference.problem import Problem, width_of
+from granite_lab.inference.problem import Problem
+from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 
 POWER = 0.8416

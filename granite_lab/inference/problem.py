@@ -14,6 +14,7 @@ from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, join
 from granite_lab.inference.noise import Whitener
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_STD, TrialModel
+from granite_lab.inference.strengths import centre_of, own_name, step_of, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
@@ -22,12 +23,6 @@ SHARED = (*SAND, *SENSORS)
 STEP = np.array((0.01, 0.01, -0.03, 0.01, -0.01, 0.01, 0.005))
 """Steps of the differences by `SAND`. In the file's sand the friction on the tyre limits the shear stress
 (10); the smaller steps in the strength show what the other limit does where both rule."""
-
-EFFECT_STEP = 0.02
-"""Step of a difference by an effect's parameter, as a share of its prior range."""
-
-MOVING_STEP = 0.03
-"""Step by a parameter whose trace moves in time, as a share of its value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -474,32 +469,6 @@ class Problem:
         rest, own, shared = np.split(effect, cut, axis=1)
         sensors = t.sensor_columns(response, x, point.sensors)
         return np.column_stack([local, own, local[:, :RAKED], rest, sensors, shared])
-
-
-def step_of(p: EffectParameter, value: float) -> float:
-    """Return the step of the difference by an effect's parameter."""
-    width = p.prior_high - p.prior_low
-    h = EFFECT_STEP * width
-    if p.moving:  # blows come at other times already with a little more of it
-        h = float(np.clip(MOVING_STEP * abs(value - p.neutral), 0.1 * h, h))
-    return h if value + h <= p.high else -h
-
-
-def own_name(id_: str) -> str:
-    """Return the name of the scale of the numbers that an effect has in each trial."""
-    return f"{id_} own"
-
-
-def width_of(p: EffectParameter) -> float:
-    """Return the std of the prior of an effect's parameter: the range that the literature leads to expect."""
-    if p.shape:
-        return (p.prior_high - p.prior_low) / 2
-    return max(abs(p.prior_high - p.neutral), abs(p.prior_low - p.neutral))
-
-
-def centre_of(p: EffectParameter) -> float:
-    """Return the mean of the prior of an effect's parameter."""
-    return (p.prior_high + p.prior_low) / 2 if p.shape else p.neutral
 
 
 def _stack(rows: Sequence[Array], like: Array) -> Array:
