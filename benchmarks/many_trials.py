@@ -37,26 +37,21 @@ SAMPLES = Path(__file__).parent.parent / "data" / "samples"
 
 PAGE = """# Many trials
 
-Written by `python -m benchmarks.many_trials --counts {counts}{option} --out docs/bench-many.md`;
-`make bench-many`, a part of `make bench`, does so. {machine}, Python {python},
-{jobs} processes; times are processor time of all processes.
+The analysis time per trial does not depend on the number of trials: {verdict}. Each further trial takes
+{growth:.2f} MB of memory.
 
-* **analysis**: from the log to the comparison with the model, nothing remembered, per trial; the start
-  of the processes, measured with {jobs} trials and given as **start**, is taken off; – where all results
-  were remembered to begin with;
-* **report**: a_θ over all trials, figures, tables and page, per trial; figures per speed are as many
-  for few trials as for many;
-* **again**: the analysis of a second run, in which all results are remembered, per trial;
-* **worker**, **main**: largest memory of a worker process, and of the command itself up to the end of
-  the report.
-
-| trials | start [s] | analysis [s] | against {first} | report [s] | again [s] | worker [MB] | main [MB] |
+| trials | start [s] | analysis [s] | over {first} | report [s] | again [s] | worker [MB] | main [MB] |
 |---|---|---|---|---|---|---|---|
 {rows}
 
-The analysis of a trial costs the same however many there are: {verdict}. A worker holds one trial at a
-time. The command itself keeps the numbers of each trial; its time series (2.5 MB) wait in a temporary
-file, and one figure is drawn at a time: {growth:.2f} MB more memory for each further trial.
+* **start**: start of the processes, measured with {jobs} trials and subtracted from the analysis.
+* **analysis**, **report**, **again**: processor time per trial, of all processes. *Again* is a second run
+  with cached results. – means that all results were cached before.
+* **over {first}**: analysis time over that of {first} trials.
+* **worker**, **main**: largest memory of a worker and of the command.
+
+Method: {machine}, Python {python}, {jobs} processes;
+`python -m benchmarks.many_trials --counts {counts}{option} --out docs/bench-many.md` (`make bench-many`).
 """
 
 ALLOWED = 0.2

@@ -57,48 +57,52 @@ SIGNALS = {"v_mps": 1e3, "imu_ax_mps2": 1e3, "imu_az_mps2": 1e3, "cur_f_A": 1e3}
 
 PAGE = """# Speed and accuracy of the simulator
 
-Written by `make bench-simulator` (`python -m benchmarks.simulator --out docs/bench-simulator.md`).
-One core, {machine}, Python {python}; medians of the CPU time, warm. All methods ran in turn in one
-process, so compare the ratios.
+* **A trial of the paper takes {fastest:.1f} to {slowest:.1f} ms** and is {least:.1f} to {most:.1f} times
+  faster than with CVODES. The velocity differs by at most {error:.3f} mm/s from that of the paper's
+  fixed-step method.
+* With effects, as in the search, a run takes {median_ms:.1f} ms (median; worst {worst_ms:.1f} ms).
+* Of {draws} random robots, soils, commands and effects {solved} converge with both methods and {refused}
+  are refused by both with a reason. {compiled_only} converge only with machine code, {cvodes_only} only
+  with CVODES.
+* The first run of a process takes {cold:.2f} s, and {warm:.2f} s once the code is cached.
 
-## How runs are computed
+## Method
 
-The equations are a CasADi graph. Its list of instructions becomes machine code by LLVM (`llvmlite`),
-the derivatives by state and time with it; what the eight places of the contact arc have in common
-is one vector instruction. RODASP2, a Rosenbrock method of order 4, integrates it and starts anew at
-each corner of the command. A graph is compiled once on a machine: the code stays in the user's
-folder for caches, or in the folder that `GRANITE_LAB_CACHE` names. Where `llvmlite` or an operation
-is missing, or with `GRANITE_LAB_INTERPRETED=1`, CasADi interprets the graph and CVODES integrates
-it, as "CVODES" below.
+The equations are a CasADi graph, compiled to machine code by LLVM (`llvmlite`) together with its
+derivatives. RODASP2, a Rosenbrock method of order 4, integrates it and restarts at each corner of the
+command. The code is cached in the user's cache folder or in `GRANITE_LAB_CACHE`. Without `llvmlite`, for an
+operation that is not compiled, or with `GRANITE_LAB_INTERPRETED=1`, CasADi interprets the graph and CVODES
+integrates it ("CVODES" below).
 
-## The paper's trials
+`make bench-simulator` writes this page. One core, {machine}, Python {python}; times are medians of CPU
+time, in turn in one process. The ratios are more reliable than the times.
 
-All outputs on a grid of 5 ms at relative tolerance 10⁻⁴. The fixed-step method is the paper's:
-Runge–Kutta of fourth order at 0.05 ms, compiled with numba (`benchmarks/rk4.py`, written
-independently). Δv is the largest difference in velocity from it, from the start of the command on.
+## Trials of the paper
 
-| v [m/s] | trial [s] | ms | CVODES | ratio | fixed step [ms] | Δv [mm/s] | CVODES | at 10⁻⁶ | λ_R |
+Outputs every 5 ms, relative tolerance 10⁻⁴. The fixed-step method is that of the paper: Runge–Kutta of
+fourth order at 0.05 ms (`benchmarks/rk4.py`, numba). Δv is the largest difference of velocity from it after
+the start of the command.
+
+| v [m/s] | trial [s] | compiled [ms] | CVODES [ms] | ratio | fixed step [ms] | Δv compiled [mm/s] | \
+Δv CVODES [mm/s] | Δv at 10⁻⁶ [mm/s] | λ_R |
 |---|---|---|---|---|---|---|---|---|---|
 {rows}
 
 ## With effects
 
-As the search for effects runs them (relative tolerance 5·10⁻⁵, absolute 10⁻⁷, fewer instants at
-rest and more at the corners), without the outputs; each effect with parameters three quarters up
-the range that the literature leads to expect. Times are medians of the four variants. Differences
-are the largest ones of all instants and variants from CVODES at 10⁻⁹. The last column is what an
-empty folder costs once: graph, code and compilation.
+Settings of the search: relative tolerance 5·10⁻⁵, absolute 10⁻⁷; parameters at three quarters of the
+expected range. Times are medians over the four variants. Differences are the largest ones from CVODES at
+10⁻⁹. "First" is the time to build and compile the graph once.
 
-| effects | ms | CVODES | ratio | Δv [mm/s] | CVODES | Δa [mm/s²] | CVODES | Δi [mA] | CVODES | first [ms] |
+| effects | compiled [ms] | CVODES [ms] | ratio | Δv compiled [mm/s] | Δv CVODES [mm/s] | \
+Δa compiled [mm/s²] | Δa CVODES [mm/s²] | Δi compiled [mA] | Δi CVODES [mA] | first [ms] |
 |---|---|---|---|---|---|---|---|---|---|---|
 {effects}
 
-## Anywhere in the parameters
+## Random parameters
 
-{draws} random robots, soils, commands and effects within the bounds of the parameters
-(`tests/model/box.py`) at relative tolerance 10⁻⁴, beside CVODES at 10⁻⁹; {solved} of them have a
-solution that all three find, {refused} are refused by both with a reason, {compiled_only} only
-CVODES refuses and {cvodes_only} only the compiled graph does.
+Draws within the bounds of the parameters (`tests/model/box.py`), relative tolerance 10⁻⁴, compared with
+CVODES at 10⁻⁹.
 
 | | median | 90 % | worst |
 |---|---|---|---|
@@ -106,17 +110,15 @@ CVODES refuses and {cvodes_only} only the compiled graph does.
 
 ## Derivatives
 
-`integrate_many` runs other numbers by the steps of the first run. One-sided differences with steps
-of 10⁻⁴ of {numbers} numbers of the sand and of one effect, beside central differences of CVODES at
-10⁻¹⁰: the rms error of the derivatives of velocity, accelerations and current is {shared:.1e} of
-their rms (median); with CVODES at the search's tolerance, each run by steps of its own, {alone:.2g}.
-A run more costs {more:.1f} ms.
+`integrate_many` integrates other parameter values with the steps of the first run, so that one-sided
+differences are smooth. For {numbers} parameters of the sand and of one effect (step 10⁻⁴) the rms error of
+the derivatives is {shared:.1e} of their rms (median), against central differences of CVODES at 10⁻¹⁰. With
+separate CVODES runs at the tolerance of the search it is {alone:.2g}. Each further run takes {more:.1f} ms.
 
 ## Start
 
-First run in a new process: {cold:.2f} s with an empty folder, {warm:.2f} s with the code in it,
-{never:.2f} s with CVODES. Whole processes (wall time): `granite-lab --help` {help:.2f} s,
-`granite-lab simulate --variant 0.5` {whole:.2f} s.
+CVODES needs {never:.2f} s for the first run of a process. Whole processes (wall time): `granite-lab --help`
+{help:.2f} s, `granite-lab simulate --variant 0.5` {whole:.2f} s.
 """
 
 
@@ -167,10 +169,10 @@ def first_run(**environment: str) -> float:
     return float(done.stdout)
 
 
-def paper_table(repeats: int) -> str:
-    """Return the rows of the paper's trials."""
+def paper_table(repeats: int) -> dict[str, Any]:
+    """Return the rows of the paper's trials, and their ranges."""
     robot, soil = load_robot(), load_soil()
-    rows = []
+    rows, figures = [], []
     for column in load_paper().table3:
         variant = variant_of(column.velocity)
         fast = partial(simulate, variant, robot, soil, k92=column.k92)
@@ -181,12 +183,17 @@ def paper_table(repeats: int) -> str:
         errors = [1000 * np.abs(slow_v - r["v_mps"])[r.t >= 0].max() for r in (run, other, tight)]
         seconds = median_times([fast, partial(by_cvodes, fast)], 4 * repeats)
         seconds += median_times([slow], max(3, repeats // 2))
+        figures.append((1000 * seconds[0], seconds[1] / seconds[0], errors[0]))
         rows.append(
             f"| {variant.velocity:g} | {1 + duration(variant) + COAST:.1f} | {1000 * seconds[0]:.1f} "
             f"| {1000 * seconds[1]:.1f} | {seconds[1] / seconds[0]:.1f} | {1000 * seconds[2]:.0f} "
             f"| {errors[0]:.4f} | {errors[1]:.4f} | {errors[2]:.4f} | {100 * run.slip_ratio:.2f} % |"
         )
-    return "\n".join(rows)
+    ms, ratios, off = zip(*figures, strict=True)
+    return {
+        "rows": "\n".join(rows), "fastest": min(ms), "slowest": max(ms), "least": min(ratios),
+        "most": max(ratios), "error": max(off),
+    }  # fmt: skip
 
 
 def compile_time(ids: tuple[str, ...]) -> float:
@@ -196,7 +203,7 @@ def compile_time(ids: tuple[str, ...]) -> float:
     return time.thread_time() - begin
 
 
-def effects_table(repeats: int) -> str:
+def effects_table(repeats: int) -> dict[str, Any]:
     """Return the rows of the effects, and of their median and worst."""
     robot, soil, a_theta = load_robot(), load_soil(), load_paper().a_theta
     fine = dataclasses.replace(LEAN, relative=1e-9, absolute=1e-11, order=5)
@@ -232,7 +239,8 @@ def effects_table(repeats: int) -> str:
     rows.append(_row("**median**", np.median(figures, 0)))
     worst = np.max(figures, 0)
     worst[2] = np.min(figures, 0)[2]
-    return "\n".join([*rows, _row("**worst**", worst)])
+    table = "\n".join([*rows, _row("**worst**", worst)])
+    return {"effects": table, "median_ms": float(np.median(figures, 0)[0]), "worst_ms": float(worst[0])}
 
 
 def _row(name: str, f: Sequence[float] | Array) -> str:
@@ -342,12 +350,12 @@ def main() -> None:
         figures = {
             "machine": platform.machine(), "python": platform.python_version(), "cold": cold, "warm": warm,
             "never": never, "help": process_time(["--help"], options.repeats),
-            "whole": process_time(whole, options.repeats), "rows": paper_table(options.repeats),
+            "whole": process_time(whole, options.repeats), **paper_table(options.repeats),
             **derivatives(options.repeats), **box(options.draws),
         }  # fmt: skip
         os.environ[machine.FOLDER] = f"{folder}/empty"
         graphs.forget()
-        figures["effects"] = effects_table(options.repeats)
+        figures |= effects_table(options.repeats)
     text = PAGE.format(**figures)
     print(text)
     if options.out:
