@@ -12,7 +12,18 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.parameters import load_paper
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.names import MUCH, capital, describe, listed, next_steps, percent, plain, times
+from granite_lab.reporting.names import (
+    MUCH,
+    capital,
+    describe,
+    listed,
+    next_steps,
+    percent,
+    plain,
+    times,
+    together,
+    with_found,
+)
 from granite_lab.reporting.rounding import Number, decided, shown_as, significant, tidy_unit, with_unit
 from granite_lab.reporting.summary import IN_PHASE, NOISE, VISIBLE, Gap, Speed, by_speed, gaps, worst_of
 
@@ -54,6 +65,7 @@ class SpeedAnswer:
         trials: with a slip ratio.
         slip: mean λ_R over the trials [%], with its standard error and 95 % interval.
         k92: mean of the fitted k_92 [–], likewise.
+        k92_note: stands in place of k_92 where no trial has an inner optimum.
         paper_slip: λ_R of the paper's experiment [%] as printed there; NaN where it has none.
         paper_k92: k_92 of the paper; NaN likewise.
         agrees: the paper's slip lies in the interval as printed; None where that cannot be said.
@@ -63,6 +75,7 @@ class SpeedAnswer:
     trials: int
     slip: Number
     k92: Number
+    k92_note: str
     paper_slip: float
     paper_k92: float
     agrees: bool | None
@@ -145,7 +158,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     channels = channels_of(gaps([r.comparison for r in result.trials], wheels_as_one=True))
     questions = [
         *((_slip(speeds),) if speeds else ()),
-        *((law_answer(result.a_theta),) if speeds else ()),
+        *((law_answer(result.a_theta, finding),) if speeds else ()),
         *((model_answer(channels, finding),) if speeds else ()),
         missing_answer(finding, result.unsearched),
         *((closes_answer(finding),) if finding else ()),
@@ -212,8 +225,16 @@ def _speed(s: Speed) -> SpeedAnswer:
     # The paper prints three digits; the tail of 100 times a fraction is none of them.
     paper_slip = round(100 * paper.slip_measured, 6) if paper else math.nan
     agrees = slip.holds(paper_slip)
+    bounded = all(r.comparison.fit.status.endswith("bound") for r in s.results)
     return SpeedAnswer(
-        s.velocity, s.slip.count, slip, k92, paper_slip, paper.k92 if paper else math.nan, agrees
+        s.velocity,
+        s.slip.count,
+        slip,
+        k92,
+        "at its limit" if bounded else "",
+        paper_slip,
+        paper.k92 if paper else math.nan,
+        agrees,
     )
 
 
@@ -249,8 +270,8 @@ def a_theta_of(fit: AThetaFit | None) -> tuple[Number | None, bool | None]:
     return number, number.holds(fit.published) if enough else None
 
 
-def law_answer(fit: AThetaFit | None) -> Answer:
-    """Say whether a_θ agrees with the paper's."""
+def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
+    """Say whether a_θ agrees with the paper's; a finding says whether the model lacks something."""
     number, agrees = a_theta_of(fit)
     question = f"Does a_θ agree with the paper's {load_paper().a_theta:g} s/m?"
     if fit is None or number is None:
@@ -265,10 +286,13 @@ def law_answer(fit: AThetaFit | None) -> Answer:
         text += f" The law k_92 = exp(−a_θ v) needs {SPEEDS} speeds to be tested; here are {speeds}."
         return Answer("a_theta", question, "Not tested", text)
     if agrees:
-        return Answer("a_theta", question, "Yes", text)
+        return Answer("a_theta", question, "Yes", text, "good")
     off = abs(number.value / fit.published - 1)
     way = "above" if number.value > fit.published else "below"
-    return Answer("a_theta", question, "No", f"{text} It is {percent(off)} {way} the paper's.", "fair")
+    text += f" It is {percent(off)} {way} the paper's."
+    if finding is not None and finding.effects:
+        text += " k_92 is fitted with the paper's model, so that what is missing can cause this."
+    return Answer("a_theta", question, "No", text, "fair")
 
 
 def channels_of(found: dict[tuple[str, str], Gap]) -> tuple[ChannelAnswer, ...]:
@@ -312,7 +336,7 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
     if differ:
         worst = differ[0]
         text += (
-            f" {capital(listed([c.name for c in differ]))} {_verb(differ)}; largest against its noise: "
+            f" {capital(together([c.name for c in differ]))} {_verb(differ)}; largest against its noise: "
             f"{worst.name}, {worst.size} rms, {significant(worst.rms / worst.noise, 2)} times the noise."
         )
     if unseen:
@@ -322,6 +346,9 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
         return Answer("model", question, "In part", text, "fair")
     if not differ:
         return Answer("model", question, "Yes", text, "good")
+    if finding is not None and finding.verdict == "none":
+        text = f"With the sand of the parameter file: {text} With the sand fitted, the sensors agree too."
+        return Answer("model", question, "Yes, once the sand is fitted", text, "good")
     return Answer("model", question, "In part" if agree else "No", text, "fair" if agree else "bad")
 
 
@@ -391,7 +418,7 @@ def closes_answer(finding: Finding) -> Answer:
         f"{times(after)} times {limit}."
     )
     closes = 1 - finding.remainder
-    verdict = percent(min(max(closes, 0.0), 1.0)) if math.isfinite(closes) else "Not known"
+    verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
     return Answer("closes", question, verdict, text, "good" if finding.remainder <= MUCH else "fair")
 
 
@@ -407,13 +434,12 @@ def _trust(result: StudyResult | None, finding: Finding | None) -> Answer:
             doubts.append(f"{len(doubtful)} of {_plural(n, 'estimate')} doubtful ({_some(doubtful)})")
         if result.failures:
             doubts.append(f"{_plural(len(result.failures), 'trial')} could not be used")
-        speeds = Counter(round(r.comparison.motion.variant.velocity, 2) for r in result.trials)
-        if n and len(speeds) < SPEEDS:
-            doubts.append(f"only {_plural(len(speeds), 'speed')}")
-        if n and max(speeds.values()) < 2:
-            doubts.append("no speed was driven twice")
+        if finding is None or not finding.provisional:
+            speeds = Counter(round(r.comparison.motion.variant.velocity, 2) for r in result.trials)
+            doubts += [f"only {_plural(len(speeds), 'speed')}"] if 0 < len(speeds) < SPEEDS else []
+            doubts += ["no speed was driven twice"] if speeds and max(speeds.values()) < 2 else []
     if finding is not None:
-        doubts += [d for d in (_own_doubt(x) for x in finding.provisional) if d not in doubts]
+        doubts += [reason.rstrip(".") for reason in finding.provisional]
         doubts += [f"{plain(e.id)} has a twin" for e in finding.effects if e.twins]
         if finding.dropped:
             doubts.append(f"{_plural(len(finding.dropped), 'trial')} left out because no model fits")
@@ -421,8 +447,8 @@ def _trust(result: StudyResult | None, finding: Finding | None) -> Answer:
         left = ((finding.trials_left_out, "trials"), (finding.speeds_left_out, "speeds"))
         counts = [f"{sum(x.after < x.before for x in f)} of {len(f)} {what}" for f, what in left if f]
         if finding.effects and counts:
-            what = "the empirical law" if finding.verdict == "unknown" else "the effects found"
-            grounds.append(f"With {what}, {listed(counts)} left out of the fit are predicted better.")
+            left_out = f"{listed(counts)} left out of the fit are predicted better"
+            grounds.append(f"{capital(with_found(finding))}, {left_out}.")
         elif finding.effects:
             doubts.append("nothing could be left out of the fit, so that no prediction tests it")
     text = " ".join([*grounds, *([f"Doubts: {'; '.join(doubts)}."] if doubts else ())])
@@ -431,10 +457,6 @@ def _trust(result: StudyResult | None, finding: Finding | None) -> Answer:
         "trust", "How far can this be trusted?", "With care" if doubts else "Well, for trials like these",
         text.strip(), "fair" if doubts else "good",
     )  # fmt: skip
-
-
-def _own_doubt(text: str) -> str:
-    return "no speed was driven twice" if text == "no command was driven twice" else text.rstrip(".")
 
 
 def _next(steps: Sequence[str]) -> tuple[Answer, ...]:

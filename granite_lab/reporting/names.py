@@ -217,6 +217,17 @@ def listed(parts: Sequence[str], last: str = "and") -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"
 
 
+def together(names: Sequence[str]) -> str:
+    """Join names of quantities; those of both axles become one."""
+    merged = list(names)
+    for name in names:
+        front, rear = name, f"rear {name.removeprefix('front ')}"
+        if name.startswith("front ") and rear in merged:
+            merged[merged.index(front)] = f"{name.removeprefix('front ')}s"
+            merged.remove(rear)
+    return listed(merged)
+
+
 def capital(text: str) -> str:
     """Return a text with a capital letter in front."""
     return text[:1].upper() + text[1:]

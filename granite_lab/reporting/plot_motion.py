@@ -19,17 +19,17 @@ from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import channels_of
 from granite_lab.reporting.figures import Figure
-from granite_lab.reporting.names import listed
+from granite_lab.reporting.names import together
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import Speed, gaps
 
 Mask = npt.NDArray[np.bool_]
 
-HEIGHTS = [1.35, 1.15, 1.15, 0.95]
+HEIGHTS = [1.25, 1.05, 1.05, 0.85]
 BLOCK = 0.1
 """Differences are averaged over this time before they are drawn [s]."""
 
-SLIP_STD_SHOWN = 0.10
+SLIP_STD_SHOWN = 0.04
 """Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
 
 WIDEST = 0.3
@@ -123,7 +123,7 @@ def _verdict(comparisons: list[Comparison]) -> str:
         return "measured and simulated"
     if not differ:
         return "measurement and simulation agree"
-    return f"{listed(differ)} {'differs' if len(differ) == 1 else 'differ'}, the rest agrees"
+    return f"{together(differ)} {'differs' if len(differ) == 1 else 'differ'}"
 
 
 def channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
@@ -172,11 +172,15 @@ def _history(c: Comparison) -> Canvas:
                 for value, std in (channel(c, source, name),)
                 if np.isfinite(value[inside]).any()
             ]
-            _panel(axis, c.t[inside], lines, anchored=panel.id != "pitch", slip=panel.id == "slip")
+            wide = _panel(axis, c.t[inside], lines, anchored=panel.id != "pitch", slip=panel.id == "slip")
             if panel.id == "velocity":
                 _desired(axis, c, inside)
             measured = any(line.source == "measured" for line in lines)
             key = panel.key if measured else "not measured"
+            if wide:
+                unit = panel.label.partition("[")[2].rstrip("]")
+                key = f"{key}; " if key else ""
+                key += f"±2σ of the measurement, not drawn: {significant(wide, 2)} {unit}"
             axis.text(1, 1.02, key, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)
             axis.set_ylabel(panel.label)
             axis.yaxis.set_major_locator(MaxNLocator(5))
@@ -207,13 +211,14 @@ class Line:
         return COLOURS[self.source][self.light]
 
 
-def _panel(axis: Axes, t: Array, lines: list[Line], *, anchored: bool, slip: bool) -> None:
-    """Draw the lines of a panel, bands that do not flood it, and a mark where a line leaves it."""
+def _panel(axis: Axes, t: Array, lines: list[Line], *, anchored: bool, slip: bool) -> float:
+    """Draw lines, bands and marks where a line leaves the panel; return ±2σ that is too wide to draw."""
     bounds = limits([line.value for line in lines], anchored)
     if bounds is None:
-        return
+        return 0.0
     low, high = (max(bounds[0], -60.0), min(bounds[1], 105.0)) if slip else bounds
     axis.set_ylim(low, high)
+    wide = 0.0
     for line in lines:
         half = float(np.nanmedian(2 * line.std)) if np.isfinite(line.std).any() else math.nan
         if half <= WIDEST / 2 * (high - low):
@@ -222,15 +227,13 @@ def _panel(axis: Axes, t: Array, lines: list[Line], *, anchored: bool, slip: boo
             )
             axis.fill_between(s, below, above, color=line.colour, alpha=0.25, linewidth=0)
         elif math.isfinite(half) and not line.light:
-            axis.text(
-                0.985, 0.04, f"±2σ of the measurement: {significant(half, 2)}, too wide to draw", fontsize=7,
-                transform=axis.transAxes, ha="right", va="bottom", color=line.colour,
-            )  # fmt: skip
+            wide = half
         s, y = canvas.envelope(t, line.value)
         dashed = line.light and line.source == "simulated"
         axis.plot(s, y, color=line.colour, linestyle=(0, (4, 1.5)) if dashed else "-")
     for up, edge in ((True, high), (False, low)):
         _beyond(axis, t, lines, edge, up=up)
+    return wide
 
 
 def _beyond(axis: Axes, t: Array, lines: list[Line], edge: float, *, up: bool) -> None:

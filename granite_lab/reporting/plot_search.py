@@ -128,7 +128,7 @@ def candidates_figure(finding: Finding) -> Figure | None:
     title = (
         "No candidate explains the disagreement" if finding.verdict == "unknown" else "No candidate is needed"
     )
-    if named:
+    if named and finding.verdict == "named":
         title = (
             f"Of {len(every)} candidates, {listed(named)} {'is' if len(named) == 1 else 'are'} in the model"
         )
@@ -137,8 +137,7 @@ def candidates_figure(finding: Finding) -> Figure | None:
     return Figure(
         "found_candidates", title,
         "Posterior probability that the effect is in the model, and share of the gap that it closes "
-        "alone; more "
-        f"than 100 % fits the noise too.{rest}",
+        f"alone.{rest}",
         "Posterior probability of the candidate effects, and the share of the gap that each closes alone.",
         partial(_candidates, shown, finding), finding.virtual,
     )  # fmt: skip
@@ -152,7 +151,7 @@ def _candidates(shown: list[Candidate], finding: Finding) -> Canvas:
             if not own:
                 continue
             y, colour = [i for i, _ in own], canvas.FITTED if status == "named" else canvas.GREY
-            closes = [100 * c.closes for _, c in own]
+            closes = [100 * min(c.closes, 1.0) for _, c in own]
             for axis, x in ((left, [100 * c.probability for _, c in own]), (right, closes)):
                 axis.plot(
                     x, y, linestyle="none", marker=marker, markersize=5, color=colour, label=STATUS[status],
@@ -163,7 +162,7 @@ def _candidates(shown: list[Candidate], finding: Finding) -> Canvas:
         left.set_xlim(-8, 105)
         left.set_xlabel("probability [%]")
         finite = [100 * c.closes for c in shown if math.isfinite(c.closes)]
-        right.set_xlim(min([-8.0, *finite]) - 2, max([100.0, *finite]) + 5)
+        right.set_xlim(max(min([-8.0, *finite]) - 2, -60), 105)
         right.set_xlabel("closes alone [%]")
         canvas.legend_on_top(figure, left, 3)
         canvas.mark_virtual(figure, finding.virtual)

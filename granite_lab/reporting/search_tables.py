@@ -57,26 +57,28 @@ def effects_table(
         effects: of the finding, those that were named or the small ones.
         small: they are the small ones.
     """
-    rows = []
+    rows, twins = [], any(e.twins for e in effects)
     for e in effects:
-        for p in e.parameters or (FoundParameter(NONE, "", Estimate(math.nan)),):
+        for k, p in enumerate(e.parameters or (FoundParameter(NONE, "", Estimate(math.nan)),)):
             half, value = LIKELY * p.estimate.std, p.estimate.value
             unit, scale = scale_of(e.id, p.name, p.unit, value)
             text = "term of an empirical law" if e.empirical else meaning(e.id, p.name, known) or NONE
+            first = k == 0  # what holds for the whole effect stands in its first row
             rows.append(
                 (
-                    words(plain(e.id)), words("amount" if e.empirical else p.name.replace("_", " ")),
-                    words(text),
+                    Cell(plain(e.id) if first else "", (plain(e.id),)),
+                    words("amount" if e.empirical else p.name.replace("_", " ")), words(text),
                     Cell(amount(e, p), (value, p.estimate.std, p.unit)),
                     Cell(interval(value - half, value + half, unit, scale), (value - half, value + half)),
-                    words(", ".join(plain(t) for t in e.twins) or "none"), _percent(e.probability),
-                    Cell(percent_of(e.closes), (e.closes.value, e.closes.std)),
+                    *((words(", ".join(plain(t) for t in e.twins) or "none"),) if twins else ()),
+                    Cell(percent(e.probability) if first else "", (e.probability,)),
+                    Cell(percent_of(e.closes) if first else "", (e.closes.value, e.closes.std)),
                 )
             )  # fmt: skip
     head = columns(
         "effect", "number", "what it is", ("value ± std", ("value", "std", "unit")),
-        ("95 % interval", ("low", "high")), "cannot be told from", ("probability", ("probability",)),
-        ("closes of the gap", ("closes", "closes_std")),
+        ("95 % interval", ("low", "high")), *(("cannot be told from",) if twins else ()),
+        ("probability", ("probability",)), ("gap lost without it", ("closes", "closes_std")),
     )  # fmt: skip
     if small:
         return _table(
@@ -85,8 +87,9 @@ def effects_table(
         )  # fmt: skip
     return _table(
         finding, "effects", "What is missing, with sizes",
-        "Fitted together with the sand and the errors of the sensors. The share of the gap is that on trials "
-        "left out of the fit, ± its standard error.", head, rows,
+        "Fitted together with the sand and the errors of the sensors. Last column: share of the closed "
+        "gap that "
+        "opens again without the effect, on trials left out of the fit.", head, rows,
     )  # fmt: skip
 
 
@@ -159,7 +162,7 @@ def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table | N
     rows = [
         (
             words(plain(c.id)), words(known[c.id].title if c.id in known else NONE), _percent(c.probability),
-            number(c.closes, 2, "%", 100), number(c.gain, 3), words(f"{STATUS[c.status]}{_bounds(c.bounds)}"),
+            _closed(c.closes), number(c.gain, 3), words(f"{STATUS[c.status]}{_bounds(c.bounds)}"),
         )
         for c in shown_candidates(finding)
     ]  # fmt: skip
@@ -278,6 +281,11 @@ def dropped_table(finding: Finding) -> Table | None:
         finding, "dropped", "Trials that no model fits", "They are in no fit and no figure.",
         columns("trial", "why"), rows,
     )  # fmt: skip
+
+
+def _closed(share: float) -> Cell:
+    """Return the share of a gap that a candidate closes; a fit to the noise is no more than all of it."""
+    return Cell(percent(min(share, 1.0)), (share,))
 
 
 def _percent(share: float) -> Cell:

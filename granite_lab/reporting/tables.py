@@ -34,17 +34,16 @@ def slip_table(answers: Answers) -> Table:
             _decided(s.slip, 0.01), Cell(s.slip.interval, (0.01 * s.slip.low, 0.01 * s.slip.high)),
             number(s.paper_slip / 100, 3, scale=100),
             Cell(AGREES[s.agrees][0], (s.agrees,), AGREES[s.agrees][1]),
-            Cell(s.k92.with_std, (s.k92.value, s.k92.std)), _as_printed(s.paper_k92), count(s.trials),
+            Cell(s.k92_note or s.k92.with_std, (s.k92.value, s.k92.std)), _as_printed(s.paper_k92),
+            count(s.trials),
         )
         for s in answers.speeds
     )  # fmt: skip
     return Table(
         "slip_by_speed", "Slip ratio λ_R and contact-angle ratio k_92 by speed",
-        "Means over the trials. The interval is the wider of two 95 % intervals: from the scatter between "
-        "the "
-        "trials (Student's t) and from their standard deviations. k_92 ± standard error is fitted to the "
-        "slip, "
-        "so that the simulated slip equals the measured slip.",
+        "Means over the trials; the interval covers their scatter and their standard deviations. k_92 ± "
+        "standard "
+        "error is fitted to the slip.",
         columns(
             ("speed [m/s]", ("speed_mps",)), ("slip [%]", ("slip_ratio",)),
             ("95 % interval [%]", ("slip_ratio_low95", "slip_ratio_high95")),

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +14,8 @@ import pytest
 from granite_lab.reporting import write, write_report
 from granite_lab.reporting.content import StudyResult
 from tests.reporting.chromium import Page, browser, chromium
+from tests.reporting.made_up import made_up_study
+from tests.reporting.made_up_finding import made_up_finding
 
 ARTEFACTS = Path(__file__).parent.parent / "artefacts"
 
@@ -66,12 +72,18 @@ STACKED_LETTERS = """(() => {
   return found;
 })()"""
 
+CUT_TABLES = """[...document.querySelectorAll('.scroll')]
+  .filter(e => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1)
+  .map(e => e.getAttribute('aria-labelledby'))"""
+
+HEADINGS = "[...document.querySelectorAll('h2, h3')].filter(e => e.checkVisibility()).map(e => e.textContent)"
+
 JUMP = """(async () => {
   const images = [...document.querySelectorAll('figure img')], image = images[images.length - 2];
   location.hash = image.closest('figure').id;
   while (!image.complete || !image.naturalWidth) await new Promise(done => setTimeout(done, 50));
   await new Promise(done => setTimeout(done, 300));
-  return [images.length > 5, Math.round(Math.abs(image.getBoundingClientRect().top))];
+  return [images.length > 5, Math.round(Math.abs(image.closest('figure').getBoundingClientRect().top))];
 })()"""
 
 COLOURS = """(() => {
@@ -85,6 +97,15 @@ COLOURS = """(() => {
 def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     with browser(tmp_path_factory.mktemp("profile")) as tab:
         yield tab
+
+
+@pytest.fixture(scope="module")
+def twelve(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of twelve trials at four speeds with a finding."""
+    folder = tmp_path_factory.mktemp("reports") / "twelve"
+    study = dataclasses.replace(made_up_study(), finding=made_up_finding(twins=("slip_sinkage",)))
+    write_report(study, folder, model="model.toml", jobs=2)
+    return folder
 
 
 @pytest.mark.parametrize("which", ["folder", "hostile_folder", "discovery_folder"])
@@ -136,11 +157,35 @@ def test_light_and_dark_are_both_readable(page: Page, folder: Path, dark: bool) 
     page.screenshot(ARTEFACTS / f"report_{'dark' if dark else 'light'}.png", whole=False)
 
 
-def test_print_shows_what_is_folded_on_screen(page: Page, folder: Path) -> None:
-    page.open((folder / "index.html").as_uri(), 794, 1123, media="print")
-    hidden = page.evaluate(
-        "[...document.querySelectorAll('details figure')].filter(f => "
-        "!f.getBoundingClientRect().height).length"
+def test_the_page_is_short_with_all_details_closed(page: Page, twelve: Path) -> None:
+    page.open((twelve / "index.html").as_uri(), 1280, 900)
+    assert page.evaluate("document.documentElement.scrollHeight") <= 9000
+    bottom = page.evaluate("document.getElementById('answers').getBoundingClientRect().bottom")
+    assert bottom <= 1100  # the answers stand on the first screen
+    assert page.evaluate("document.querySelectorAll('details[open]').length") == 0
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_no_open_table_is_cut_off(page: Page, twelve: Path, width: int) -> None:
+    page.open((twelve / "index.html").as_uri(), width, 900)
+    assert page.evaluate(CUT_TABLES) == []
+
+
+def test_print_takes_eight_pages_with_details_closed_and_no_heading_alone(page: Page, twelve: Path) -> None:
+    page.open((twelve / "index.html").as_uri(), 794, 1123, media="print")
+    assert not page.evaluate(
+        "[...document.querySelectorAll('details figure')].filter(f => f.checkVisibility()).length"
     )
-    assert hidden == 0
-    page.pdf(ARTEFACTS / "report.pdf")
+    assert page.evaluate(CUT_TABLES) == []
+    path = ARTEFACTS / "report.pdf"
+    page.pdf(path)
+    assert 2 <= len(re.findall(rb"/Type\s*/Page\b", path.read_bytes())) <= 8
+    if shutil.which("pdftotext") is None:
+        return
+    text = subprocess.run(
+        ["pdftotext", "-layout", path, "-"], capture_output=True, text=True, check=True
+    ).stdout
+    headings = {" ".join(h.split()) for h in page.evaluate(HEADINGS)}
+    for sheet in text.split("\f"):
+        lines = [" ".join(line.split()) for line in sheet.splitlines() if line.strip()]
+        assert not lines or lines[-1] not in headings, lines[-1]

@@ -103,7 +103,7 @@ def test_reasons_of_a_provisional_verdict_are_doubts() -> None:
     trust = answers.question("trust")
     assert trust is not None
     assert trust.verdict == "With care"
-    assert "no speed was driven twice" in trust.text
+    assert "no command was driven twice" in trust.text
 
 
 def test_histories_are_means_over_the_repetitions_with_gaps_left_out(findings: dict[str, Finding]) -> None:
