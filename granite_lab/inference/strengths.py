@@ -1,0 +1,39 @@
+"""Numbers of effects as parameters of a fit: their priors, and the steps of differences by them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granite_lab.model.effect import EffectParameter
+
+EFFECT_STEP = 0.02
+"""Step of a difference by an effect's parameter, as a share of its prior range."""
+
+MOVING_STEP = 0.03
+"""Step by a parameter whose trace moves in time, as a share of its value."""
+
+
+def step_of(p: EffectParameter, value: float) -> float:
+    """Return the step of the difference by an effect's parameter."""
+    width = p.prior_high - p.prior_low
+    h = EFFECT_STEP * width
+    if p.moving:  # blows come at other times already with a little more of it
+        h = float(np.clip(MOVING_STEP * abs(value - p.neutral), 0.1 * h, h))
+    return h if value + h <= p.high else -h
+
+
+def own_name(id_: str) -> str:
+    """Return the name of the scale of the numbers that an effect has in each trial."""
+    return f"{id_} own"
+
+
+def width_of(p: EffectParameter) -> float:
+    """Return the std of the prior of an effect's parameter: the range that the literature leads to expect."""
+    if p.shape:
+        return (p.prior_high - p.prior_low) / 2
+    return max(abs(p.prior_high - p.neutral), abs(p.prior_low - p.neutral))
+
+
+def centre_of(p: EffectParameter) -> float:
+    """Return the mean of the prior of an effect's parameter."""
+    return (p.prior_high + p.prior_low) / 2 if p.shape else p.neutral
