@@ -47,7 +47,7 @@ class Option:
     conditions: Conditions
     like: Driven
     why: str
-    how: str = "rake, and drive it like the others"
+    how: str = "rake the sand and drive as before"
     repeats: bool = False
 
 
@@ -70,7 +70,7 @@ def options(
         free = 0.8 * drive.voltage_max / (drive.emf_constant * drive.gear_ratio) * design.robot.wheels.radius
     top = max_speed or max(speeds[-1], min(FASTER * speeds[-1], free))
     found = [
-        Option(d.variant, d.conditions, d, "averages noise and raking", repeats=True)
+        Option(d.variant, d.conditions, d, "averages noise and scatter of the sand", repeats=True)
         for d, v in zip(ranked, speeds, strict=True)
         if d.variant.distance <= room and v <= top
     ]
@@ -87,19 +87,17 @@ def options(
             known.add((new, PLAIN))
             found.append(Option(new, PLAIN, like, why))
 
-    add(slow, SLOWER * speeds[0], starts[0], "slower than so far: sinkage and slip of slow shear")
+    add(slow, SLOWER * speeds[0], starts[0], "lower speed than before: sinkage and slip at slow shear")
     if top > 1.02 * speeds[-1]:
-        add(fast, top, starts[-1], "faster than so far: what grows with speed stands out")
+        add(fast, top, starts[-1], "higher speed than before: effects that grow with speed are larger")
     below, above = max(pairwise(speeds), key=lambda p: p[1] / p[0], default=(1.0, 1.0))
     if above > 1.2 * below:
-        add(fast, math.sqrt(below * above), starts[-1], "a speed between those so far")
+        add(fast, math.sqrt(below * above), starts[-1], "speed between the previous ones")
     for like, v in ((slow, speeds[0]), (fast, speeds[-1])):
-        add(
-            like, v, SHARPER * max(starts), "a sharper start than so far: pitch, tyres and gears answer to it"
-        )
-        add(like, v, min(starts) / SHARPER, "a gentler start than so far: inertia matters less")
+        add(like, v, SHARPER * max(starts), "higher acceleration than before: excites pitch, tyres and gears")
+        add(like, v, min(starts) / SHARPER, "lower acceleration than before: less influence of inertia")
     if room > 1.2 * fast.variant.distance:
-        add(fast, speeds[-1], starts[-1], "a longer way: what goes with distance or time adds up", room)
+        add(fast, speeds[-1], starts[-1], "longer distance: effects of distance or time accumulate", room)
     plain = [o.like for o in found if o.repeats and o.conditions == PLAIN]
     for like in dict.fromkeys(plain[:1] + plain[-1:]):
         for under, why, how in _conditions(design, effects):
@@ -109,26 +107,26 @@ def options(
 
 
 def _conditions(design: Design, effects: Collection[str]) -> list[tuple[Conditions, str, str]]:
-    """List conditions with why and how: only a slope knows directions, only a rut remembers."""
+    """List conditions with why and how."""
     level = f"by {RAMP:g}°, measured with a level"
     found = [
-        (Conditions(slope=RAMP), "a known pull against the way: more slip, the drives stay the same",
+        (Conditions(slope=RAMP), "known force against the motion: more slip, same drives",
          f"raise the far end of the box {level}"),
-        (Conditions(slope=-RAMP), "a known pull along the way: less slip, the drives stay the same",
+        (Conditions(slope=-RAMP), "known force along the motion: less slip, same drives",
          f"raise the near end of the box {level}"),
-        (Conditions(wheels_up=True), "without ground only the drives are seen",
+        (Conditions(wheels_up=True), "no ground contact: only the drives are measured",
          "put the robot on a block so that no wheel touches anything, and give the command"),
     ]  # fmt: skip
     if design.robot.chassis is not None:
         mass = float(f"{PAYLOAD * design.robot.chassis.total_mass:.1g}")
         why, how = (
-            "more weight on the wheels, the drives stay the same",
+            "more load on the wheels, same drives",
             f"fix {mass:g} kg at the centre of mass",
         )
         found.append((Conditions(payload=mass), why, how))
     if "ground_slope" in effects:
         how = "turn the robot round and drive back over ground raked as before; do not move the IMU"
-        found.append((Conditions(turned=True), "the slope changes its sign, everything else stays", how))
+        found.append((Conditions(turned=True), "slope with opposite sign, everything else unchanged", how))
     if "multi_pass" in effects:
         how = "drive once on raked sand, lift the robot back and drive again in the same rut"
         found.append((Conditions(same_rut=True), "all wheels run in compacted sand from the start", how))
