@@ -128,8 +128,8 @@ def draw(effect: Effect, path: Path) -> str:
     from granite_lab.effects.signature import typical
     from granite_lab.files import write_bytes
     from granite_lab.parameters import load_robot, load_soil, load_variants
+    from granite_lab.planning.imprint import imprint
     from granite_lab.reporting.canvas import to_png, to_svg
-    from granite_lab.reporting.imprint import imprint
     from granite_lab.reporting.plot_effect import effect_drawing
 
     found = imprint(

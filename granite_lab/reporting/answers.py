@@ -25,10 +25,13 @@ from granite_lab.reporting.names import (
     with_found,
 )
 from granite_lab.reporting.rounding import Number, decided, shown_as, significant, tidy_unit, with_unit
-from granite_lab.reporting.summary import IN_PHASE, NOISE, VISIBLE, Gap, Speed, by_speed, gaps, worst_of
+from granite_lab.reporting.summary import IN_PHASE, Gap, Speed, by_speed, gaps, worst_phase
 
 SPEEDS = 3
 """A law over speed is tested by at least so many speeds."""
+
+NOISE, CLEAR = 1.5, 3.0
+"""Difference over noise up to which a channel agrees, and above which it differs clearly."""
 
 SMALL, UNSEEN = 0.01, 0.2
 """Shares of a channel's largest value: a difference below the first is small; noise above the second is
@@ -155,7 +158,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     groups = by_speed(result, paper)
     speeds = tuple(_speed(s) for s in groups)
     a_theta, agrees = a_theta_of(result.a_theta)
-    channels = channels_of(gaps([r.comparison for r in result.trials], wheels_as_one=True))
+    channels = channels_of(gaps([r.comparison for r in result.trials]))
     questions = [
         *((_slip(speeds),) if speeds else ()),
         *((law_answer(result.a_theta, finding),) if speeds else ()),
@@ -301,12 +304,12 @@ def channels_of(found: dict[tuple[str, str], Gap]) -> tuple[ChannelAnswer, ...]:
     for gap in (g for g in found.values() if g.phase == "all"):
         unit, scale = shown_as(gap.unit)
         noise = gap.rms / gap.normalised if gap.normalised > 0 else math.nan
-        worst = worst_of(g for g in found.values() if g.channel == gap.channel)
+        worst = worst_phase(g for g in found.values() if g.channel == gap.channel)
         verdict, tone = _judge(gap, noise)
         judged.append(
             ChannelAnswer(
                 gap.channel, gap.name, tidy_unit(unit), gap.rms * scale, noise * scale, gap.size * scale,
-                verdict, tone, IN_PHASE.get(worst.phase, worst.phase) if worst else "",
+                verdict, tone, IN_PHASE.get(worst, ""),
             )
         )  # fmt: skip
     return tuple(judged)
@@ -321,7 +324,7 @@ def _judge(gap: Gap, noise: float) -> tuple[str, str]:
         return "agrees", "good"
     if gap.size > 0 and gap.rms < SMALL * gap.size:
         return f"differs by less than {percent(SMALL)}", "good"
-    return ("differs", "fair") if gap.normalised <= VISIBLE else ("differs clearly", "bad")
+    return ("differs", "fair") if gap.normalised <= CLEAR else ("differs clearly", "bad")
 
 
 def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = None) -> Answer:

@@ -95,20 +95,10 @@ def _mean(mean: MeanEstimate) -> dict[str, Any]:
 
 
 def _speed(speed: Speed) -> dict[str, Any]:
-    published = speed.published
     return {
         "speed_mps": speed.velocity,
         "slip_ratio": _mean(speed.slip),
-        "slip_ratio_simulated": speed.simulated,
         "k92": _mean(speed.k92),
-        "paper": {
-            "slip_ratio_simulated": published.slip_simulated,
-            "slip_ratio_measured": published.slip_measured,
-            "k92": published.k92,
-        }
-        if published
-        else None,
-        "paper_inside_interval": speed.slip.holds(published.slip_measured) if published else None,
         "trials": [r.trial.name for r in speed.results],
     }
 

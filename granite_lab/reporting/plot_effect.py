@@ -11,9 +11,9 @@ from matplotlib.figure import Figure as Canvas
 from granite_lab.inference.noise import NOMINAL
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import steady_interval
+from granite_lab.planning.imprint import Imprint, Seen
 from granite_lab.reporting import canvas
 from granite_lab.reporting.figures import Figure
-from granite_lab.reporting.imprint import Imprint, Seen
 from granite_lab.reporting.rounding import significant, tidy_unit, with_unit
 
 ROWS = (

@@ -26,8 +26,6 @@ from granite_lab.reporting.summary import Speed, gaps
 Mask = npt.NDArray[np.bool_]
 
 HEIGHTS = [1.25, 1.05, 1.05, 0.85]
-BLOCK = 0.1
-"""Differences are averaged over this time before they are drawn [s]."""
 
 SLIP_STD_SHOWN = 0.04
 """Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
@@ -49,7 +47,6 @@ class Panel:
         scale: from the unit of the comparison to that of the axis.
         channels: of its lines, the dark one first; "wheels" is the mean of the four.
         key: what dark and light lines are.
-        difference: label and scale of the panel of differences.
     """
 
     id: str
@@ -57,48 +54,28 @@ class Panel:
     scale: float
     channels: tuple[str, ...]
     key: str
-    difference: tuple[str, float]
 
 
-DEG = 180 / math.pi
 PANELS = (
-    Panel("velocity", "velocity [m/s]", 1.0, ("velocity", "wheels"), "dark: body, light: wheels",
-    ("velocity [mm/s]", 1e3)),
-    Panel("slip", "slip ratio [%]", 100.0, ("slip_f", "slip_r"), "dark: front, light: rear",
-    ("slip ratio [%]", 100.0)),
-    Panel("torque", "wheel torque [N m]", 1.0, ("torque_f", "torque_r"), "dark: front, light: rear",
-          ("wheel torque [N m]", 1.0)),
-    Panel("pitch", "pitch [°]", DEG, ("pitch",), "", ("pitch [°]", DEG)),
-)  # fmt: skip
+    Panel("velocity", "velocity [m/s]", 1.0, ("velocity", "wheels"), "dark: body, light: wheels"),
+    Panel("slip", "slip ratio [%]", 100.0, ("slip_f", "slip_r"), "dark: front, light: rear"),
+    Panel("torque", "wheel torque [N m]", 1.0, ("torque_f", "torque_r"), "dark: front, light: rear"),
+    Panel("pitch", "pitch [°]", 180 / math.pi, ("pitch",), ""),
+)
 
 
-def motion_figures(speed: Speed) -> tuple[Figure, Figure]:
-    """Draw one speed: measured and simulated of its typical trial, and the differences of all its trials."""
+def motion_figure(speed: Speed) -> Figure:
+    """Draw one speed, measured and simulated: its typical trial; the title judges all of them."""
     c, n = speed.typical.comparison, len(speed.results)
-    stem = f"motion_{speed.velocity:.2f}".replace(".", "p")
-    virtual = any(r.comparison.motion.virtual for r in speed.results)
     which = f"Trial {c.motion.trial}" + (f", the middle one of {n} by slip" if n > 1 else "")
     like = f"; as {PAPER[speed.velocity]} of the paper" if speed.velocity in PAPER else ""
-    return (
-        Figure(
-            stem, f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}",
-            f"{which}{like}.",
-            f"Velocity, slip ratio, wheel torques and pitch over time at {speed.velocity:g} m/s, measured "
-            "and "
-            "simulated.",
-            partial(_history, c), virtual,
-        ),
-        Figure(
-            f"{stem}_difference",
-            f"{speed.velocity:g} m/s: simulated minus measured, "
-            f"{f'all {n} trials' if n > 1 else 'one trial'}",
-            f"Means over {BLOCK:g} s. What all trials share is an error of the model; the rest is noise "
-            "and the "
-            "scatter of the sand.",
-            f"Differences of velocity, slip ratio, torques and pitch over time for {n} trials at "
-            f"{speed.velocity:g} m/s.",
-            partial(_differences, speed), virtual,
-        ),
+    return Figure(
+        f"motion_{speed.velocity:.2f}".replace(".", "p"),
+        f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}",
+        f"{which}{like}.",
+        f"Velocity, slip ratio, wheel torques and pitch over time at {speed.velocity:g} m/s, measured and "
+        "simulated.",
+        partial(_history, c), any(r.comparison.motion.virtual for r in speed.results),
     )  # fmt: skip
 
 
@@ -117,7 +94,7 @@ def comparison_figure(c: Comparison, index: int) -> Figure:
 def _verdict(comparisons: list[Comparison]) -> str:
     """Say which of the drawn quantities differ."""
     drawn = {name for panel in PANELS for name in panel.channels}
-    judged = [c for c in channels_of(gaps(comparisons, wheels_as_one=True)) if c.channel in drawn]
+    judged = [c for c in channels_of(gaps(comparisons)) if c.channel in drawn]
     differ = [c.name for c in judged if c.tone in ("fair", "bad")]
     if not judged:
         return "measured and simulated"
@@ -292,70 +269,6 @@ def _steady_part(axis: Axes, c: Comparison) -> None:
     start, end = c.run.steady
     if math.isfinite(start) and math.isfinite(end):
         axis.axvspan(start, end, color=canvas.SHADE, linewidth=0, zorder=0)
-
-
-def _differences(speed: Speed) -> Canvas:
-    figure, axes = canvas.stacked(HEIGHTS, [1] * len(HEIGHTS))
-    typical = speed.typical.comparison
-    start, end = span(typical)
-    with canvas.styled():
-        for axis, panel in zip(axes, PANELS, strict=True):
-            _steady_part(axis, typical)
-            label, scale = panel.difference
-            names = [name for name in panel.channels if name != "wheels"]
-            key = panel.key if len(names) > 1 else panel.key.split(",")[0].removeprefix("dark: ")
-            if not _difference_lines(axis, names, scale, speed, (start, end)):
-                key = "not measured"
-            axis.text(1, 1.02, key, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)
-            axis.axhline(0, color=canvas.INK, linewidth=0.6)
-            axis.set_ylabel(label)
-            axis.yaxis.set_major_locator(MaxNLocator(5))
-        _finish(axes, start, end)
-        canvas.mark_virtual(figure, any(r.comparison.motion.virtual for r in speed.results))
-    return figure
-
-
-def _difference_lines(
-    axis: Axes, names: list[str], scale: float, speed: Speed, ends: tuple[float, float]
-) -> bool:  # fmt: skip
-    """Draw the differences of all trials; say whether there is one."""
-    largest = []
-    for light, name in enumerate(names):
-        for result in speed.results:
-            c = result.comparison
-            inside = (c.t >= ends[0]) & (c.t <= ends[1])
-            gap = (channel(c, "simulated", name)[0] - channel(c, "measured", name)[0])[inside] * scale
-            if np.isfinite(gap).any():
-                t, y = block_means(c.t[inside], gap, BLOCK)
-                axis.plot(t, y, color=canvas.GREY if light else canvas.INK, linewidth=0.9)
-                largest.append(float(np.nanmax(np.abs(y))))
-    if largest:
-        height = 1.15 * max(largest) or 1.0
-        axis.set_ylim(-height, height)
-    return bool(largest)
-
-
-def block_means(t: Array, value: Array, length: float) -> tuple[Array, Array]:
-    """Average a trace over blocks of a length in time; NaN samples are left out.
-
-    Args:
-        t: (N,) uniform instants [s].
-        value: (N,).
-        length: of a block [s].
-
-    Returns:
-        instants and means, one per block.
-    """
-    step = float(np.median(np.diff(t))) if len(t) > 1 else length
-    size = max(1, round(length / step))
-    n = len(t) // size * size
-    if n == 0:
-        return t, value
-    blocks = value[:n].reshape(-1, size)
-    there = np.isfinite(blocks)
-    count = there.sum(axis=1)
-    means = np.where(count > 0, np.where(there, blocks, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
-    return t[:n].reshape(-1, size).mean(axis=1), means
 
 
 def _finish(axes: list[Axes], start: float, end: float) -> None:

@@ -90,6 +90,8 @@ def health_figure(motion: Motion, index: int) -> Figure:
     ratio = np.abs(h.innovation) / np.where(h.innovation_std > 0, h.innovation_std, np.nan)
     outside = 100 * float(np.mean(ratio[np.isfinite(ratio)] > 2)) if np.isfinite(ratio).any() else math.nan
     text = f"{significant(outside, 2)} % of the innovations lie outside ±2σ; 5 % are expected. "
+    nis = ", ".join(f"{kind.replace('_', ' ')} {significant(x, 2)}" for kind, x in h.nis.items())
+    text += f"Mean normalised innovation squared (1 is ideal): {nis}. " if nis else ""
     return Figure(
         f"health_{index:02d}", f"{motion.trial}: the estimate is {'good' if h.good else 'doubtful'}",
         f"{'' if math.isnan(outside) else text}Grey: standstills."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -22,12 +22,11 @@ from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import Speed
 
-PANEL = [2.6]
+VELOCITY, SLIP, RATIO = "desired velocity [m/s]", "robot slip ratio [%]", "contact-angle ratio k₉₂ [–]"
 APART, WIDE = 0.008, 0.05
 """Abscissae of the trials of a speed [m/s]: from one to the next, and from first to last at most."""
 CROWD = 12
 """So many trials of a speed are drawn in full; more are drawn smaller and fainter."""
-PAPER: dict[str, Any] = {"color": canvas.PAPER, "marker": "+", "markersize": 10, "markeredgewidth": 1.8}
 
 
 def slip_figure(answers: Answers, speeds: Sequence[Speed], paper: Paper) -> Figure:
@@ -41,52 +40,37 @@ def slip_figure(answers: Answers, speeds: Sequence[Speed], paper: Paper) -> Figu
     if judged:
         inside = sum(bool(s.agrees) for s in judged)
         title += f"; the paper's experiment is in the interval at {inside} of {len(judged)} speeds"
+
+    def draw(axis: Axes) -> None:
+        trials = [
+            (x, 0.0, slip.value, slip.std, len(s.results))
+            for s in speeds
+            for x, r in zip(spread(s), s.results, strict=True)
+            for slip in (r.comparison.motion.slip_ratio,)
+        ]
+        _trials(axis, trials, (1.0, 100.0), color=canvas.MEASURED_LIGHT)
+        for k, s in enumerate(known):
+            bars = [[_bar(s.slip.value - s.slip.low)], [_bar(s.slip.high - s.slip.value)]]
+            axis.errorbar(
+                s.velocity, s.slip.value, yerr=bars, color=canvas.MEASURED, marker="D", markersize=4.5,
+                capsize=4, linewidth=1.4, label="mean, 95 %" if k == 0 else None,
+            )  # fmt: skip
+        _published(axis, [(p.velocity, 100 * p.slip_measured) for p in paper.table3])
+        axis.set_xlim(left=0)
+        axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
+
     return Figure(
         "slip_over_speed", title,
         "Robot slip ratio λ_R over the steady part of each trial, its mean with the 95 % interval, and the "
         "experiment of the paper.",
-        "Robot slip ratio over desired velocity: trials, means with 95 % intervals, and the paper's "
-        "experiment.",
-        partial(_slip, answers, speeds, paper), bool(answers.virtual),
+        "Robot slip ratio over desired velocity: trials, means with 95 % intervals, the paper's experiment.",
+        partial(_panel, draw, VELOCITY, SLIP, bool(answers.virtual)), bool(answers.virtual),
     )  # fmt: skip
-
-
-def _slip(answers: Answers, speeds: Sequence[Speed], paper: Paper) -> Canvas:
-    figure, (axis,) = canvas.stacked(PANEL, [1])
-    with canvas.styled():
-        for i, speed in enumerate(speeds):
-            estimates = [r.comparison.motion.slip_ratio for r in speed.results]
-            for j, (x, slip) in enumerate(zip(spread(speed), estimates, strict=True)):
-                if math.isfinite(slip.value):
-                    axis.errorbar(
-                        x, 100 * slip.value, yerr=196 * _bar(slip.std), color=canvas.MEASURED_LIGHT,
-                        marker="o",
-                        linestyle="none", label="one trial" if i + j == 0 else None, **dress(len(estimates)),
-                    )  # fmt: skip
-        means = [s for s in answers.speeds if math.isfinite(s.slip.value)]
-        for k, s in enumerate(means):
-            bars = [[_bar(s.slip.value - s.slip.low)], [_bar(s.slip.high - s.slip.value)]]
-            axis.errorbar(
-                s.velocity, s.slip.value, yerr=bars, color=canvas.MEASURED, marker="D", markersize=4.5,
-                capsize=4,
-                linewidth=1.4, label="mean, 95 %" if k == 0 else None,
-            )  # fmt: skip
-        axis.plot(
-            [p.velocity for p in paper.table3], [100 * p.slip_measured for p in paper.table3],
-            linestyle="none",
-            label="paper", zorder=5, **PAPER,
-        )  # fmt: skip
-        _frame(axis, "desired velocity [m/s]", "robot slip ratio [%]")
-        axis.set_xlim(left=0)
-        axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
-        canvas.legend_above(axis)
-        canvas.mark_virtual(figure, bool(answers.virtual))
-    return figure
 
 
 def k92_figure(answers: Answers, result: StudyResult, speeds: Sequence[Speed], paper: Paper) -> Figure:
     """Draw k_92 over the desired velocity with the fitted law and the paper's: Fig. 3 of the paper."""
-    number = answers.a_theta
+    number, fit = answers.a_theta, result.a_theta
     title = "k_92 by trial; the law could not be fitted"
     if number is not None:
         where = {
@@ -95,51 +79,34 @@ def k92_figure(answers: Answers, result: StudyResult, speeds: Sequence[Speed], p
             None: "fewer than three speeds do not test the law",
         }[answers.a_theta_agrees].format(answers.a_theta_paper)
         title = f"a_θ = {number.with_std} s/m; {where}"
-    return Figure(
-        "k92_over_velocity", title,
-        "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law "
-        "k_92 = exp(−a_θ v) and its 95 % interval (as Fig. 3 of the paper).",
-        "Contact-angle ratio k92 over desired velocity: trials, fitted exponential law with its 95 % "
-        "interval, "
-        "the paper's law and values.",
-        partial(_k92, answers, result, speeds, paper), bool(answers.virtual),
-    )  # fmt: skip
-
-
-def _k92(answers: Answers, result: StudyResult, speeds: Sequence[Speed], paper: Paper) -> Canvas:
-    figure, (axis,) = canvas.stacked(PANEL, [1])
     top = max([s.velocity for s in speeds] + [p.velocity for p in paper.table3]) * 1.1
     v = np.linspace(0, top, 200)
-    fit = result.a_theta
-    with canvas.styled():
-        if fit is not None and math.isfinite(fit.a_theta.value):
+
+    def draw(axis: Axes) -> None:
+        if fit is not None and number is not None:
             if all(map(math.isfinite, fit.ci95)):
                 low, high = (np.exp(-a * v) for a in fit.ci95)
                 axis.fill_between(v, low, high, color=canvas.FITTED, alpha=0.25, linewidth=0)
             axis.plot(v, np.exp(-fit.a_theta.value * v), color=canvas.FITTED, label="law, 95 %")
         axis.plot(v, np.exp(-paper.a_theta * v), color=canvas.PAPER, linestyle=(0, (4, 1.5)))
-        first = True
-        for speed in speeds:
-            for x, trial in zip(spread(speed), speed.results, strict=True):
-                k92, inner = trial.comparison.fit.k92, trial.comparison.fit.status == "ok"
-                if math.isfinite(k92.value):
-                    axis.errorbar(
-                        x, k92.value, yerr=1.96 * _bar(k92.std), color=canvas.MEASURED,
-                        marker="o" if inner else "v",
-                        linestyle="none", label="one trial, 95 %" if first and inner else None,
-                        **dress(len(speed.results)),
-                    )  # fmt: skip
-                    first = first and not inner
-        axis.plot(
-            [p.velocity for p in paper.table3], [p.k92 for p in paper.table3], linestyle=(0, (4, 1.5)),
-            label="paper", zorder=5, linewidth=0, **PAPER,
-        )  # fmt: skip
-        _frame(axis, "desired velocity [m/s]", "contact-angle ratio k₉₂ [–]")
+        trials = [
+            (x, 0.0, r.comparison.fit.k92.value, r.comparison.fit.k92.std, len(s.results))
+            for s in speeds
+            for x, r in zip(spread(s), s.results, strict=True)
+        ]
+        _trials(axis, trials, (1.0, 1.0))
+        _published(axis, [(p.velocity, p.k92) for p in paper.table3])
         axis.set_xlim(0, top)
         axis.set_ylim(-0.03, 1.03)
-        canvas.legend_above(axis)
-        canvas.mark_virtual(figure, bool(answers.virtual))
-    return figure
+
+    return Figure(
+        "k92_over_velocity", title,
+        "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law "
+        "k_92 = exp(−a_θ v) and its 95 % interval (as Fig. 3 of the paper).",
+        "Contact-angle ratio k92 over desired velocity: trials, fitted law with its 95 % interval, the "
+        "paper's law and values.",
+        partial(_panel, draw, VELOCITY, RATIO, bool(answers.virtual)), bool(answers.virtual),
+    )  # fmt: skip
 
 
 def k92_over_slip(answers: Answers, result: StudyResult, speeds: Sequence[Speed], paper: Paper) -> Figure:
@@ -150,44 +117,63 @@ def k92_over_slip(answers: Answers, result: StudyResult, speeds: Sequence[Speed]
     if line is not None and line[1].value < 0:
         own = significant(-100 * line[0].value / line[1].value, 3)
         title = f"k_92 = 0, the limit of the model, is reached at {own} % slip; {root} % in the paper"
-    return Figure(
-        "k92_over_slip", title, "k_92 of each trial over its slip ratio (as Fig. 4 of the paper).",
-        "Contact-angle ratio k92 over robot slip ratio: trials, fitted line, the paper's line and values.",
-        partial(_over_slip, answers, result, speeds, paper), bool(answers.virtual),
-    )  # fmt: skip
-
-
-def _over_slip(answers: Answers, result: StudyResult, speeds: Sequence[Speed], paper: Paper) -> Canvas:
-    figure, (axis,) = canvas.stacked(PANEL, [1])
-    line = fitted_line(result.a_theta)
+    fits = [(r.comparison.fit, len(s.results)) for s in speeds for r in s.results]
     slips = [p.slip_measured for p in paper.table3] + [s.slip.value for s in speeds]
     x = np.linspace(0, max(0.25, 1.1 * max(s for s in slips if math.isfinite(s))), 2)
-    with canvas.styled():
+
+    def draw(axis: Axes) -> None:
         if line is not None:
             axis.plot(100 * x, line[0].value + line[1].value * x, color=canvas.FITTED, label="fitted line")
         own = paper.fig4_intercept + paper.fig4_slope * x
         axis.plot(100 * x, own, color=canvas.PAPER, linestyle=(0, (4, 1.5)))
-        first = True
-        for trial, trials in ((t, len(s.results)) for s in speeds for t in s.results):
-            k92, slip = trial.comparison.fit.k92, trial.comparison.fit.slip_measured
-            if math.isfinite(k92.value + slip.value):
-                axis.errorbar(
-                    100 * slip.value, k92.value, xerr=196 * _bar(slip.std), yerr=1.96 * _bar(k92.std),
-                    color=canvas.MEASURED, marker="o", linestyle="none",
-                    label="one trial, 95 %" if first else None, **dress(trials),
-                )  # fmt: skip
-                first = False
-        axis.plot(
-            [100 * p.slip_measured for p in paper.table3], [p.k92 for p in paper.table3],
-            linestyle=(0, (4, 1.5)),
-            label="paper", zorder=5, linewidth=0, **PAPER,
-        )  # fmt: skip
+        slip = [(f.slip_measured.value, f.slip_measured.std, f.k92.value, f.k92.std, n) for f, n in fits]
+        _trials(axis, slip, (100.0, 1.0))
+        _published(axis, [(100 * p.slip_measured, p.k92) for p in paper.table3])
         axis.axhline(0, color=canvas.INK, linewidth=0.6)
-        _frame(axis, "robot slip ratio [%]", "contact-angle ratio k₉₂ [–]")
         axis.set_xlim(0, 100 * x[-1])
+
+    return Figure(
+        "k92_over_slip", title, "k_92 of each trial over its slip ratio (as Fig. 4 of the paper).",
+        "Contact-angle ratio k92 over robot slip ratio: trials, fitted line, the paper's line and values.",
+        partial(_panel, draw, SLIP, RATIO, bool(answers.virtual)), bool(answers.virtual),
+    )  # fmt: skip
+
+
+def _panel(draw: Callable[[Axes], None], x: str, y: str, virtual: bool) -> Canvas:
+    figure, (axis,) = canvas.stacked([2.6], [1])
+    with canvas.styled():
+        draw(axis)
+        axis.set_xlabel(x)
+        axis.set_ylabel(y)
+        canvas.align_labels([axis])
         canvas.legend_above(axis)
-        canvas.mark_virtual(figure, bool(answers.virtual))
+        canvas.mark_virtual(figure, virtual)
     return figure
+
+
+Point = tuple[float, float, float, float, int]
+"""x and y of a trial, each with its std behind it, and the number of trials at its speed."""
+
+
+def _trials(
+    axis: Axes, points: Sequence[Point], scale: tuple[float, float], color: str = canvas.MEASURED
+) -> None:
+    """Draw the trials that have both numbers, with their 95 % intervals."""
+    there = [p for p in points if math.isfinite(p[0] + p[2])]
+    for k, (x, x_std, y, y_std, n) in enumerate(there):
+        axis.errorbar(
+            scale[0] * x, scale[1] * y, xerr=1.96 * scale[0] * _bar(x_std) or None,
+            yerr=1.96 * scale[1] * _bar(y_std), color=color, marker="o", linestyle="none",
+            label="one trial, 95 %" if k == 0 else None, **dress(n),
+        )  # fmt: skip
+
+
+def _published(axis: Axes, points: Sequence[tuple[float, float]]) -> None:
+    x, y = zip(*points, strict=True)
+    axis.plot(
+        x, y, color=canvas.PAPER, marker="+", markersize=10, markeredgewidth=1.8, linestyle=(0, (4, 1.5)),
+        linewidth=0, label="paper", zorder=5,
+    )  # fmt: skip
 
 
 def fitted_line(fit: AThetaFit | None) -> tuple[Estimate, Estimate] | None:
@@ -218,9 +204,3 @@ def dress(trials: int) -> dict[str, Any]:
 def _bar(half: float) -> float:
     """Return the half length of a bar, zero where it is not known."""
     return half if math.isfinite(half) and half > 0 else 0.0
-
-
-def _frame(axis: Axes, x: str, y: str) -> None:
-    axis.set_xlabel(x)
-    axis.set_ylabel(y)
-    canvas.align_labels([axis])

@@ -6,16 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
-from granite_lab.discovery.finding import Candidate, Confusion, Finding, Residual
+from granite_lab.discovery.finding import Candidate, Finding, Residual
 from granite_lab.logs.trial import Array
-from granite_lab.model.effect import Effect
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import gap_pair
 from granite_lab.reporting.canvas import AFTER, BEFORE
@@ -34,7 +32,6 @@ from granite_lab.reporting.names import (
     with_found,
 )
 from granite_lab.reporting.rounding import places, significant, tidy_unit
-from granite_lab.reporting.search_tables import Share, shares
 
 Pair = tuple[float, float]
 """Before and after; NaN where not known."""
@@ -165,110 +162,6 @@ def _candidates(shown: list[Candidate], finding: Finding) -> Canvas:
         right.set_xlim(max(min([-8.0, *finite]) - 2, -60), 105)
         right.set_xlabel("closes alone [%]")
         canvas.legend_on_top(figure, left, 3)
-        canvas.mark_virtual(figure, finding.virtual)
-    return figure
-
-
-def confusion_figure(finding: Finding) -> Figure | None:
-    """Draw how alike the candidates' signatures are on these trials; None without any."""
-    check = finding.confusion
-    if check is None or len(check.ids) < 2:
-        return None
-    values = np.abs(check.cosines) - 2 * np.eye(len(check.ids))
-    alike = [
-        f"{plain(e.id)} is most like {plain(check.ids[k])} ({values[check.ids.index(e.id), k]:.2f})"
-        for e in finding.effects
-        if e.id in check.ids
-        for k in (int(np.argmax(values[check.ids.index(e.id)])),)
-    ]
-    return Figure(
-        "found_confusion", capital("; ".join(alike)) if alike else "Which candidates look alike",
-        "Likeness of two candidates: 1 means that both change the readings in the same way once sand and "
-        "sensor "
-        "errors are fitted again, so that only other trials can tell them apart.",
-        "Heat map of how alike the signatures of all candidates are.",
-        partial(_confusion, check, finding), finding.virtual,
-    )  # fmt: skip
-
-
-def _confusion(check: Confusion, finding: Finding) -> Canvas:
-    ids, named = check.ids, {e.id for e in finding.effects}
-    names = [brief(i) for i in ids]
-    figure, (axis,) = canvas.named_rows(names, row=0.138, head=0.08, foot=2.0)
-    with canvas.styled():
-        edges = np.arange(len(ids) + 1) - 0.5
-        image = axis.pcolormesh(
-            edges,
-            edges,
-            np.abs(check.cosines),
-            cmap="cividis",
-            vmin=0,
-            vmax=1,
-            edgecolors="white",
-            linewidth=0.3,
-        )
-        axis.set_xticks(range(len(ids)), names, rotation=90, fontsize=6.5)
-        axis.tick_params(axis="both", length=0)
-        axis.tick_params(axis="y", labelsize=6.5)
-        for ticks in (axis.get_yticklabels(), axis.get_xticklabels()):
-            for tick, id_ in zip(ticks, ids, strict=True):
-                tick.set_fontweight("bold" if id_ in named else "normal")
-        axis.grid(visible=False)
-        axis.spines[:].set_visible(False)
-        canvas.colour_bar(figure, image, "likeness of two candidates [–]")
-        canvas.mark_virtual(figure, finding.virtual)
-    return figure
-
-
-LIMITS: dict[str, dict[str, Any]] = {
-    "noise": {"marker": "o", "linestyle": "none", "markersize": 4.5},
-    "tolerance": {"marker": "o", "linestyle": "none", "markersize": 4.5, "markerfacecolor": "none"},
-}
-"""What limits a size, as it is drawn."""
-
-
-def detectable_figure(finding: Finding, known: Mapping[str, Effect]) -> Figure | None:
-    """Draw the smallest size of each candidate that these trials show, over what is expected of it."""
-    smallest = shares(finding, known)
-    if not smallest:
-        return None
-    hidden = [plain(i) for i, s in smallest.items() if s.low > 100]
-    title = "These trials can show every candidate at the size expected of it"
-    if hidden:
-        title = f"These trials cannot show {listed(hidden)} at the size expected"
-    return Figure(
-        "found_detectable", title,
-        "Smallest size that is named with a probability of 80 %, over the largest that the literature "
-        "leads to "
-        "expect; further left is easier to see.",
-        "Smallest size of each candidate effect that these trials show, over the largest that is expected.",
-        partial(_detectable, smallest, finding), finding.virtual,
-    )  # fmt: skip
-
-
-def _detectable(smallest: Mapping[str, Share], finding: Finding) -> Canvas:
-    ranked = sorted(smallest, key=lambda i: smallest[i].low)
-    finite = [v for s in smallest.values() for v in (s.low, s.high) if math.isfinite(v) and v > 0]
-    figure, (axis,) = canvas.named_rows([brief(i) for i in ranked], row=0.165, head=0.45)
-    named = {e.id for e in finding.effects}
-    with canvas.styled():
-        low, high = 0.7 * min([*finite, 50.0]), 1.4 * max([*finite, 200.0])
-        for k, id_ in enumerate(ranked):
-            colour, own = AFTER if id_ in named else canvas.MEASURED, smallest[id_]
-            if not math.isfinite(own.low):
-                axis.text(low, k, "  not visible", ha="left", va="center", fontsize=7)
-                continue
-            if math.isfinite(own.high) and own.high > own.low:
-                axis.plot([own.low, own.high], [k, k], color=colour, linewidth=1.2)
-            axis.plot(own.low, k, color=colour, **LIMITS[own.limit])
-            if id_ in named:
-                axis.get_yticklabels()[k].set_fontweight("bold")
-        axis.axvline(100, color=canvas.INK, linewidth=1.0, linestyle=(0, (4, 1.5)), label="largest expected")
-        for limit, marker in LIMITS.items():
-            axis.plot([], [], color=canvas.MEASURED, label=f"limited by {limit}", **marker)
-        canvas.log_axis(axis, low, high)
-        axis.set_xlabel("smallest size over the largest expected [%]")
-        canvas.legend_on_top(figure, axis, 2)
         canvas.mark_virtual(figure, finding.virtual)
     return figure
 

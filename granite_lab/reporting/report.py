@@ -54,7 +54,7 @@ def study_report(
         folder: of the report, as its commands name it.
     """
     decided = decide.of_study(result, model, folder)
-    paper, found = load_paper(), gaps([r.comparison for r in result.trials], wheels_as_one=True)
+    paper, found = load_paper(), gaps([r.comparison for r in result.trials])
     speeds = by_speed(result, paper)
     sections: list[Section] = []
     if result.trials:
@@ -65,11 +65,10 @@ def study_report(
                     plot_results.slip_figure(decided, speeds, paper),
                     plot_results.k92_figure(decided, result, speeds, paper),
                 )),
-                *_more("k_92 over slip, laws compared, Table 3 of the paper", [
+                *_more("k_92 over slip, and laws compared", [
                     Gallery((plot_results.k92_over_slip(decided, result, speeds, paper),)),
                     *([tables.law_table(result.a_theta, virtual)] if result.a_theta else []),
                     *_listing(result.a_theta.notes if result.a_theta else ()),
-                    tables.table3(decided, paper),
                 ]),
             )),
             Section("model", "Model and measurement", tuple(_model(decided, speeds, found))),
@@ -140,22 +139,19 @@ def _model(
     decided: Answers, speeds: Sequence[Speed], found: dict[tuple[str, str], Gap]
 ) -> Iterator[Block]:  # fmt: skip
     virtual = bool(decided.virtual)
-    drawn = [plot_motion.motion_figures(s) for s in speeds]
-    shown = set(range(len(drawn)))
-    if len(drawn) > OPEN_SPEEDS:
-        half = OPEN_SPEEDS // 2
-        shown = {*range(half), *range(len(drawn) - half, len(drawn))}
+    drawn = [plot_motion.motion_figure(s) for s in speeds]
+    half = OPEN_SPEEDS // 2
+    few = len(drawn) <= OPEN_SPEEDS
+    shown, rest = (drawn, []) if few else ([*drawn[:half], *drawn[-half:]], drawn[half:-half])
     yield Words(
         "Blue: measured; orange: simulated, with k_92 fitted to the slip of the trial and all else from the "
         "parameter files. Grey: the steady part of the motion, over which λ_R is taken. Bands: ±2σ of the "
         "measurement. Triangles: a spike leaves the panel."
     )
-    misfit = plot_quality.misfit_figure(found, decided.channels, virtual)
-    yield from _gallery(*(overlay for k, (overlay, _) in enumerate(drawn) if k in shown))
+    yield from _gallery(*shown)
     yield tables.channel_table(decided.channels, virtual)
-    rest = tuple(overlay for k, (overlay, _) in enumerate(drawn) if k not in shown)
-    yield from _more("Differences by phase, and over time for every trial", [
-        *_gallery(misfit, *rest, *(difference for _, difference in drawn)),
+    yield from _more("Differences by phase", [
+        *_gallery(plot_quality.misfit_figure(found, decided.channels, virtual), *rest),
         tables.misfit_table(found, virtual) if found else None,
     ])  # fmt: skip
 
@@ -179,25 +175,22 @@ def _missing(finding: Finding, effects: Mapping[str, Effect] | None) -> Iterator
         yield Listing(formulas)
     latency = latency_in_words(finding.latency)
     notes = [in_plain_words(note, finding) for note in (*finding.provisional, *finding.notes)]
-    yield from _listing([*notes, *([f"{latency}."] if latency else ()), *finding.failures])
+    dropped = [f"{trial} is in no fit: {reason}" for trial, reason in finding.dropped]
+    yield from _listing([*notes, *dropped, *([f"{latency}."] if latency else ()), *finding.failures])
     yield from _more("When the model disagrees, sensor by sensor", [
         *_gallery(plot_search.intervals_figure(finding), *plot_search.history_figures(finding)),
-        search_tables.gaps_table(finding), search_tables.intervals_table(finding, finding.where),
-        search_tables.intervals_table(finding, finding.left, after=True) if finding.effects else None,
+        search_tables.gaps_table(finding),
     ])  # fmt: skip
-    yield from _more("Prediction of trials and speeds left out of the fit", [
-        *_gallery(plot_search.held_out_figure(finding)), search_tables.left_out_table(finding),
-    ])  # fmt: skip
+    yield from _more(
+        "Prediction of trials and speeds left out of the fit",
+        _gallery(plot_search.held_out_figure(finding)),
+    )
     yield from _more("Candidates, and what these trials could have shown of them", [
         search_tables.candidates_table(finding, known),
         search_tables.effects_table(finding, known, finding.small, small=True),
-        *_gallery(plot_search.detectable_figure(finding, known), plot_search.confusion_figure(finding)),
         search_tables.detectable_table(finding, known), search_tables.confusion_table(finding),
     ])  # fmt: skip
-    yield from _more("Sand and sensors, as fitted", [
-        search_tables.scales_table(finding), search_tables.sand_table(finding),
-        search_tables.dropped_table(finding),
-    ])  # fmt: skip
+    yield from _more("Sand and sensors, as fitted", [search_tables.fitted_table(finding)])
 
 
 def _quality(result: StudyResult) -> Iterator[Block]:
@@ -221,7 +214,7 @@ def _quality(result: StudyResult) -> Iterator[Block]:
     notes = shared([(r.trial.name, r.comparison.fit.notes) for r in result.trials])
     yield from _more("Results of each trial", [tables.trial_table(result), *_listing(notes)])
     drawn = tuple(plot_quality.health_figure(r.comparison.motion, i) for i, r in enumerate(result.trials, 1))
-    yield from _more("Checks of each estimate", [tables.health_table(result), Gallery(drawn)])
+    yield from _more("Checks of each estimate", [Gallery(drawn)])
 
 
 def _provenance(source: Source, steps: Sequence[str]) -> Section:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.discovery.finding import Disagreement, Finding, FoundEffect, FoundParameter
+from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter
 from granite_lab.estimate import Estimate
-from granite_lab.model.effect import Effect, EffectParameter
+from granite_lab.model.effect import Effect
 from granite_lab.reporting.names import (
     SAND,
     SCALES,
@@ -26,15 +25,10 @@ from granite_lab.reporting.names import (
     shown_candidates,
 )
 from granite_lab.reporting.rounding import NONE, interval, significant
-from granite_lab.reporting.table import Cell, Column, Table, columns, fixed, number, words
-
-MOST = 25
-"""Intervals that are listed."""
+from granite_lab.reporting.table import Cell, Column, Table, columns, number, words
 
 LIKELY = 1.96
 """Standard deviations on either side of a value that make its 95 % interval."""
-
-BEFORE_AFTER = (("without [–]", ("before",)), ("with [–]", ("after",)))
 
 
 def _table(
@@ -132,31 +126,6 @@ def gaps_table(finding: Finding) -> Table | None:
     )  # fmt: skip
 
 
-def intervals_table(finding: Finding, found: Sequence[Disagreement], *, after: bool = False) -> Table | None:
-    """List the intervals in which the model without or with the effects disagrees most."""
-    strongest = sorted(found, key=lambda d: -d.share)[:MOST]
-    more = len(found) - len(strongest)
-    rest = f" {more} smaller intervals are in the JSON file." if more else ""
-    rows = [
-        (
-            words(channel_name(d.channel)), words(d.phase), Cell(f"{d.variant:g}", (d.variant,)),
-            fixed(d.start, 2), fixed(d.end, 2),
-            number(d.frequency, 2) if d.frequency > 0 else Cell("constant", (d.frequency,)),
-            number(d.share, 2, scale=100), number(d.score, 2),
-        )
-        for d in strongest
-    ]  # fmt: skip
-    head = columns(
-        "sensor", "phase", ("speed [m/s]", ("speed_mps",)), ("from [s]", ("start_s",)),
-        ("to [s]", ("end_s",)),
-        ("main frequency [Hz]", ("frequency_hz",)), ("difference over the sensor's rms [%]", ("share",)),
-        ("over its std [–]", ("score",)),
-    )  # fmt: skip
-    which = "with the effects still disagrees" if after else "without effects disagrees most"
-    caption = f"Times count from the start of the command.{rest}"
-    return _table(finding, "left" if after else "intervals", f"Where the model {which}", caption, head, rows)
-
-
 def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table | None:
     """List every candidate with its probability, the share of the gap it closes, and what became of it."""
     rows = [
@@ -234,55 +203,6 @@ def confusion_table(finding: Finding) -> Table | None:
     )  # fmt: skip
 
 
-def scales_table(finding: Finding) -> Table | None:
-    """List what differs from trial to trial, with its std as learnt."""
-    rows = []
-    for name, std in finding.scales.items():
-        text, unit, scale = SCALES.get(name, (name, "", 1.0))
-        rows.append((words(text), Cell(f"{significant(std * scale, 2)} {unit}".strip(), (std,))))
-    return _table(
-        finding, "scales", "What differs from trial to trial", "Standard deviations learnt from the trials.",
-        columns("number", ("std from trial to trial", ("std",))), rows,
-    )  # fmt: skip
-
-
-def sand_table(finding: Finding) -> Table | None:
-    """List the sand common to all trials over its file; a_θ has an answer of its own."""
-    rows = []
-    for name, log in finding.sand.items():
-        if name != "a_theta":
-            ratio = Estimate(float(np.expm1(log.value)), float(np.exp(log.value) * log.std))
-            rows.append((words(SAND.get(name, name)), Cell(percent_of(ratio), (ratio.value, ratio.std))))
-    return _table(
-        finding, "sand", f"The sand, compared with {finding.soil.title}",
-        "Fitted together with everything else, common to all trials.",
-        columns("parameter", ("difference from the file", ("off", "std"))), rows,
-    )  # fmt: skip
-
-
-def left_out_table(finding: Finding) -> Table | None:
-    """List how well each trial and each speed is predicted by a fit that did not see it."""
-    rows = [(words(x.name), number(x.before, 3), number(x.after, 3)) for x in finding.trials_left_out]
-    rows += [
-        (words(f"all at {x.name} m/s"), number(x.before, 3), number(x.after, 3))
-        for x in finding.speeds_left_out
-    ]
-    return _table(
-        finding, "left_out", "Trials and speeds left out of the fit",
-        "Gap of the prediction, without and with the effects found.", columns("left out", *BEFORE_AFTER),
-        rows,
-    )  # fmt: skip
-
-
-def dropped_table(finding: Finding) -> Table | None:
-    """List the trials that no model fits."""
-    rows = [(words(name), words(why)) for name, why in finding.dropped]
-    return _table(
-        finding, "dropped", "Trials that no model fits", "They are in no fit and no figure.",
-        columns("trial", "why"), rows,
-    )  # fmt: skip
-
-
 def _closed(share: float) -> Cell:
     """Return the share of a gap that a candidate closes; a fit to the noise is no more than all of it."""
     return Cell(percent(min(share, 1.0)), (share,))
@@ -292,36 +212,24 @@ def _percent(share: float) -> Cell:
     return Cell(percent(share), (share,))
 
 
-@dataclass(frozen=True)
-class Share:
-    """Smallest visible sizes of a candidate over the largest that is expected [%].
+def fitted_table(finding: Finding) -> Table | None:
+    """List the sand common to all trials over its file, and what differs from trial to trial.
 
-    Attributes:
-        low, high: over its strengths; infinite where these trials cannot show it.
-        limit: what sets the least of them, "noise" or "tolerance".
+    a_θ has an answer of its own.
     """
-
-    low: float
-    high: float
-    limit: str
-
-
-def reach(p: EffectParameter) -> float:
-    """Return how far from its neutral value a strength may be expected to be, or a shape from zero."""
-    start = 0.0 if p.shape else p.neutral
-    return max((p.prior_high - start, p.prior_low - start), key=abs) or 1.0
-
-
-def shares(finding: Finding, known: Mapping[str, Effect]) -> dict[str, Share]:
-    """Return per candidate its smallest sizes; one that is not in `known` is left out."""
-    declared = {id_: {p.name: p for p in e.parameters} for id_, e in known.items()}
-    found: dict[str, Share] = {}
-    for d in finding.detectable:
-        p = declared.get(d.effect, {}).get(d.parameter)
-        if p is None or p.shape:
-            continue
-        share = 100 * d.size / abs(reach(p)) if math.isfinite(d.size) else math.inf
-        old = found.get(d.effect, Share(math.inf, 0.0, d.limit))
-        limit = d.limit if share < old.low else old.limit
-        found[d.effect] = Share(min(old.low, share), max(old.high, share), limit)
-    return found
+    rows = []
+    for name, log in finding.sand.items():
+        if name != "a_theta":
+            ratio = Estimate(float(np.expm1(log.value)), float(np.exp(log.value) * log.std))
+            rows.append(
+                (words(SAND.get(name, name)), words("from the file"), Cell(percent_of(ratio), (ratio.value,)))
+            )
+    for name, std in finding.scales.items():
+        text, unit, scale = SCALES.get(name, (name, "", 1.0))
+        shown = Cell(f"{significant(std * scale, 2)} {unit}".strip(), (std,))
+        rows.append((words(text), words("from trial to trial, std"), shown))
+    return _table(
+        finding, "fitted", f"Sand and sensors as fitted, compared with {finding.soil.title}",
+        "Fitted together with everything else.",
+        columns("number", "difference", ("size", ("size",))), rows,
+    )  # fmt: skip

@@ -26,10 +26,6 @@ IN_PHASE = {
 CHANNELS = {
     "velocity": "body velocity",
     "wheels": "wheel speeds",
-    "wheel_fl": "front left wheel speed",
-    "wheel_fr": "front right wheel speed",
-    "wheel_rl": "rear left wheel speed",
-    "wheel_rr": "rear right wheel speed",
     "slip_f": "front slip ratio",
     "slip_r": "rear slip ratio",
     "torque_f": "front driving torque",
@@ -56,17 +52,6 @@ class MeanEstimate:
     low: float
     high: float
     count: int
-
-    @property
-    def estimate(self) -> Estimate:
-        """The mean with its standard error."""
-        return Estimate(self.value, self.std)
-
-    def holds(self, value: float) -> bool | None:
-        """Whether the interval holds a value; None where there is no interval."""
-        if not (math.isfinite(self.low) and math.isfinite(self.high) and math.isfinite(value)):
-            return None
-        return self.low <= value <= self.high
 
 
 def mean_over(estimates: Iterable[Estimate]) -> MeanEstimate:
@@ -102,7 +87,6 @@ class Speed:
         velocity: desired velocity [m/s].
         results: the trials.
         slip: λ_R as measured, over the trials.
-        simulated: mean λ_R of the simulations with the fitted k_92.
         k92: fitted to the steady slip, over the trials.
         published: the paper's row of Table 3; None where it has none.
     """
@@ -110,7 +94,6 @@ class Speed:
     velocity: float
     results: tuple[TrialResult, ...]
     slip: MeanEstimate
-    simulated: float
     k92: MeanEstimate
     published: Published | None
 
@@ -135,26 +118,17 @@ def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
         groups.setdefault(round(trial.comparison.motion.variant.velocity, 2), []).append(trial)
     rows = []
     for velocity, trials in sorted(groups.items()):
-        simulated = [
-            t.comparison.fit.slip_simulated for t in trials if math.isfinite(t.comparison.fit.slip_simulated)
-        ]
         fits = [t.comparison.fit for t in trials]
         rows.append(
             Speed(
                 velocity=velocity,
                 results=tuple(trials),
                 slip=mean_over(t.comparison.motion.slip_ratio for t in trials),
-                simulated=float(np.mean(simulated)) if simulated else math.nan,
                 k92=mean_over(f.k92 for f in fits if f.status == "ok"),
                 published=next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None),
             )
         )
     return tuple(rows)
-
-
-NOISE, VISIBLE, SMALL = 1.5, 3.0, 0.01
-"""Misfit over noise below which a channel is met within it, and above which a gap is large; a gap
-below this share of the channel's size is small however quiet the sensor."""
 
 
 @dataclass(frozen=True)
@@ -180,33 +154,15 @@ class Gap:
     trials: int
 
     @property
-    def relative(self) -> float:
-        """The misfit as a share of the channel's size; NaN if that is not known."""
-        return self.rms / self.size if self.size > 0 else math.nan
-
-    @property
-    def word(self) -> str:
-        """The misfit in words."""
-        if not math.isfinite(self.normalised):
-            return "not judged: its noise is not known"
-        if self.normalised <= NOISE:
-            return "within the noise"
-        if self.relative < SMALL:
-            return "small gap"
-        return "visible gap" if self.normalised <= VISIBLE else "large gap"
-
-    @property
     def name(self) -> str:
         """The channel as a reader calls it."""
         return CHANNELS.get(self.channel, self.channel)
 
 
-def gaps(comparisons: Sequence[Comparison], *, wheels_as_one: bool = False) -> dict[tuple[str, str], Gap]:
+def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
     """Pool the misfits of several trials, weighted by samples; (channel, phase) to gap.
 
-    Args:
-        comparisons: the trials.
-        wheels_as_one: pool the speeds of the four wheels as "wheels".
+    The speeds of the four wheels are one channel, "wheels".
     """
     pooled: dict[tuple[str, str], list[Misfit]] = {}
     sizes: dict[str, float] = {}
@@ -214,7 +170,7 @@ def gaps(comparisons: Sequence[Comparison], *, wheels_as_one: bool = False) -> d
         simulated = comparison.simulated
         own = {name: _size(simulated, name) for name in dict.fromkeys(m.channel for m in comparison.misfits)}
         for m in comparison.misfits:
-            channel = "wheels" if wheels_as_one and m.channel.startswith("wheel_") else m.channel
+            channel = "wheels" if m.channel.startswith("wheel_") else m.channel
             sizes[channel] = max(sizes.get(channel, 0.0), own[m.channel])
             if m.samples and math.isfinite(m.rms):
                 pooled.setdefault((channel, m.phase), []).append(m)
@@ -256,9 +212,7 @@ def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> Gap:
     )
 
 
-def worst_of(found: Iterable[Gap]) -> Gap | None:
-    """Return the gap that matters most in a phase: the furthest beyond its noise, small ones last."""
+def worst_phase(found: Iterable[Gap]) -> str:
+    """Return the phase in which a difference is largest against its noise; empty where that is not known."""
     known = [g for g in found if g.phase in PHASES and math.isfinite(g.normalised)]
-    return max(
-        known, key=lambda g: (g.word not in ("within the noise", "small gap"), g.normalised), default=None
-    )
+    return max(known, key=lambda g: g.normalised).phase if known else ""

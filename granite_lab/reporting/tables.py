@@ -8,7 +8,6 @@ from pathlib import Path
 
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit
-from granite_lab.parameters import Paper
 from granite_lab.reporting.answers import Answers, ChannelAnswer
 from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.rounding import NONE, Number, plus_minus, shown_as, significant, tidy_unit
@@ -62,36 +61,6 @@ def _decided(value: Number, scale: float = 1.0) -> Cell:
 def _as_printed(value: float) -> Cell:
     """Return a number of the paper with the digits that it prints."""
     return Cell(f"{value:g}" if math.isfinite(value) else NONE, (value,))
-
-
-def table3(answers: Answers, paper: Paper) -> Table:
-    """Return Table 3 of the paper with the rows of this study."""
-    own = {s.velocity: s for s in answers.speeds}
-    published = {round(p.velocity, 2): p for p in paper.table3}
-    velocities = sorted(own.keys() | published.keys())
-    nothing = Cell(NONE, (None,))
-
-    def of_paper(name: str, scale: float) -> list[Cell]:
-        found = [getattr(published[v], name) if v in published else math.nan for v in velocities]
-        return [number(x, 3, scale=scale) if scale > 1 else _as_printed(x) for x in found]
-
-    slips = [
-        Cell(own[v].slip.with_std, (own[v].slip.value / 100,)) if v in own else nothing for v in velocities
-    ]
-    k92 = [Cell(own[v].k92.with_std, (own[v].k92.value,)) if v in own else nothing for v in velocities]
-    rows = (
-        (words("paper, simulation"), words("λ_R [%]"), *of_paper("slip_simulated", 100)),
-        (words("paper, simulation"), words("k_92 [–]"), *of_paper("k92", 1)),
-        (words("paper, experiment"), words("λ_R [%]"), *of_paper("slip_measured", 100)),
-        (words("this study, experiment"), words("λ_R [%]"), *slips),
-        (words("this study, simulation"), words("k_92 [–]"), *k92),
-    )
-    return Table(
-        "table3", "Table 3 of the paper with the rows of this study",
-        "Means over the trials ± standard error. The CSV file holds slip ratios as fractions.",
-        columns("source", "quantity", *((f"{v:g} m/s", (f"at_{v:g}_mps",)) for v in velocities)),
-        rows, bool(answers.virtual),
-    )  # fmt: skip
 
 
 def channel_table(channels: Sequence[ChannelAnswer], virtual: bool) -> Table:
@@ -252,42 +221,6 @@ def k92_table(fits: Sequence[K92Fit]) -> Table:
         ),
         rows, any(f.virtual for f in fits),
     )  # fmt: skip
-
-
-def health_table(result: StudyResult) -> Table:
-    """Return the checks of the estimates."""
-    rows = []
-    for r in result.trials:
-        h = r.comparison.motion.health
-        nis = ", ".join(f"{kind.replace('_', ' ')} {significant(x, 2)}" for kind, x in h.nis.items())
-        white = ", ".join(
-            f"{kind.replace('_', ' ')} {_chance(h.ljung_box.get(kind, math.nan))}"
-            for kind, x in h.whiteness.items()
-            if math.isfinite(x)
-        )
-        rest = sum(end - start for start, end in h.rests)
-        rows.append(
-            (
-                words(r.trial.name), words("good" if h.good else "doubtful", "good" if h.good else "bad"),
-                number(rest, 2), words(nis or NONE), words(white or NONE),
-            )
-        )  # fmt: skip
-    return Table(
-        "health", "Checks of the estimates",
-        "NIS: mean normalised innovation squared of the Kalman filter; 1 is ideal, above 1 the stated "
-        "standard "
-        "deviations are too small. Ljung–Box: probability that independent innovations correlate as much as "
-        "these do, over ten lags.",
-        columns(
-            "trial", "estimate", ("at rest [s]", ("rest_s",)), "NIS by kind of update",
-            "Ljung–Box probability by kind of update",
-        ),
-        tuple(rows), result.virtual,
-    )  # fmt: skip
-
-
-def _chance(probability: float) -> str:
-    return "<0.001" if probability < 0.001 else significant(probability, 1)
 
 
 def parameter_table(source: Source) -> Table:

@@ -199,7 +199,7 @@ def show_a_theta(fit: AThetaFit, console: Console) -> None:
 
 def show_misfits(comparisons: Sequence[Comparison], console: Console) -> None:
     """Print the difference of simulation and measurement by quantity, over all trials."""
-    judged = decide.channels_of(gaps(comparisons, wheels_as_one=True))
+    judged = decide.channels_of(gaps(comparisons))
     virtual = any(c.motion.virtual for c in comparisons)
     show_table(tables.channel_table(judged, virtual), console, only=SHORT)
 

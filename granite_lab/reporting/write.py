@@ -122,7 +122,7 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     Raises:
         LabError: a file cannot be written.
     """
-    found = gaps(comparisons, wheels_as_one=True)
+    found = gaps(comparisons)
     judged, virtual = channels_of(found), any(c.motion.virtual for c in comparisons)
     figures = [comparison_figure(c, i) for i, c in enumerate(comparisons, 1)]
     heat = misfit_figure(found, judged, virtual)

@@ -16,7 +16,7 @@ from granite_lab.effects import get
 from granite_lab.model.effect import Effect, EffectParameter, Own, activate
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, load_robot, load_soil, load_variants
-from granite_lab.reporting.imprint import Imprint, imprint
+from granite_lab.planning.imprint import Imprint, imprint
 from granite_lab.reporting.plot_effect import ROWS, effect_drawing
 
 TWO = (load_variants()[1], load_variants()[3])

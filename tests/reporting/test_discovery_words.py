@@ -23,14 +23,13 @@ from granite_lab.reporting.names import (
     next_steps,
     percent,
 )
-from granite_lab.reporting.plot_search import candidates_figure, detectable_figure
+from granite_lab.reporting.plot_search import candidates_figure
 from granite_lab.reporting.report import search_report
 from granite_lab.reporting.search_tables import (
     candidates_table,
     confusion_table,
     detectable_table,
     effects_table,
-    intervals_table,
 )
 from tests.reporting.made_up_finding import made_up_finding
 from tests.reporting.test_figures import texts
@@ -146,9 +145,6 @@ def test_what_limits_a_size_is_said_and_what_cannot_be_seen() -> None:
     assert limits["payload mass"][1] == "tolerance"
     assert limits["bulldozing"][1] == "noise"
     assert limits["IMU tilt"][0] == "not visible"
-    drawing = detectable_figure(finding, library())
-    assert drawing is not None
-    assert drawing.title == "These trials cannot show IMU tilt at the size expected"
 
 
 def test_what_a_candidate_would_be_taken_for_stands_in_percent() -> None:
@@ -208,11 +204,3 @@ def test_advice_fits_the_verdict_and_its_commands_can_be_pasted() -> None:
     assert "More is missing" in steps(dataclasses.replace(made_up_finding(), remainder=0.4))
     assert "effect of your own" in steps(made_up_finding("unknown"))
     assert "Nothing needs to be added" in steps(made_up_finding("none"))
-
-
-def test_seconds_before_the_start_have_a_true_minus_and_no_zero_has_one() -> None:
-    finding = made_up_finding()
-    where = tuple(dataclasses.replace(d, start=-0.14, end=-0.001) for d in finding.where)
-    table = intervals_table(finding, where)
-    assert table is not None
-    assert [cell.text for cell in table.rows[0]][3:5] == ["−0.14", "0.00"]

@@ -17,7 +17,7 @@ from granite_lab.parameters import load_paper
 from granite_lab.reporting.canvas import RC, envelope, to_svg
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.figures import Figure
-from granite_lab.reporting.plot_motion import block_means, comparison_figure
+from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.plot_results import spread
 from granite_lab.reporting.report import study_report
 from granite_lab.reporting.summary import by_speed
@@ -143,12 +143,3 @@ def test_thinning_keeps_peaks_and_gaps() -> None:
     assert np.nanmax(thin) == 9.0
     assert np.isnan(thin[(s > t[5_050]) & (s < t[5_350])]).all()
     assert np.all(np.diff(s) > 0)
-
-
-def test_block_means_leave_out_gaps() -> None:
-    t = np.arange(0, 1, 0.01)
-    y = np.where(t < 0.5, 1.0, np.nan)
-    centre, mean = block_means(t, y, 0.1)
-    assert len(centre) == 10
-    np.testing.assert_allclose(mean[:5], 1.0)
-    assert np.isnan(mean[5:]).all()
