@@ -57,31 +57,26 @@ SIGNALS = {"v_mps": 1e3, "imu_ax_mps2": 1e3, "imu_az_mps2": 1e3, "cur_f_A": 1e3}
 
 PAGE = """# Speed and accuracy of the simulator
 
-* **A trial of the paper takes {fastest:.1f} to {slowest:.1f} ms** and is {least:.1f} to {most:.1f} times
-  faster than with CVODES. The velocity differs by at most {error:.3f} mm/s from that of the paper's
-  fixed-step method.
-* With effects, as in the search, a run takes {median_ms:.1f} ms (median; worst {worst_ms:.1f} ms).
+* **A trial of the paper takes {fastest:.1f} to {slowest:.1f} ms**, {least:.1f} to {most:.1f} times faster
+  than with CVODES. The velocity differs by at most {error:.3f} mm/s from the paper's fixed-step method.
+* A run with effects takes {median_ms:.1f} ms (median; worst {worst_ms:.1f} ms).
 * Of {draws} random robots, soils, commands and effects {solved} converge with both methods and {refused}
-  are refused by both with a reason. {compiled_only} converge only with machine code, {cvodes_only} only
-  with CVODES.
-* The first run of a process takes {cold:.2f} s, and {warm:.2f} s once the code is cached.
+  are refused by both. {compiled_only} converge only with machine code, {cvodes_only} only with CVODES.
+* The first run of a process takes {cold:.2f} s, {warm:.2f} s with cached code and {never:.2f} s with
+  CVODES. `granite-lab --help` takes {help:.2f} s, `granite-lab simulate --variant 0.5` {whole:.2f} s.
 
 ## Method
 
-The equations are a CasADi graph, compiled to machine code by LLVM (`llvmlite`) together with its
-derivatives. RODASP2, a Rosenbrock method of order 4, integrates it and restarts at each corner of the
-command. The code is cached in the user's cache folder or in `GRANITE_LAB_CACHE`. Without `llvmlite`, for an
-operation that is not compiled, or with `GRANITE_LAB_INTERPRETED=1`, CasADi interprets the graph and CVODES
-integrates it ("CVODES" below).
+The CasADi graph of the equations is compiled by LLVM (`llvmlite`) and integrated by RODASP2, a Rosenbrock
+method of order 4, which restarts at each corner of the command. If it cannot be compiled, or with
+`GRANITE_LAB_INTERPRETED=1`, CVODES integrates the interpreted graph.
 
-`make bench-simulator` writes this page. One core, {machine}, Python {python}; times are medians of CPU
-time, in turn in one process. The ratios are more reliable than the times.
+`make bench-simulator` writes this page. One core, {machine}, Python {python}; medians of CPU time.
 
 ## Trials of the paper
 
-Outputs every 5 ms, relative tolerance 10⁻⁴. The fixed-step method is that of the paper: Runge–Kutta of
-fourth order at 0.05 ms (`benchmarks/rk4.py`, numba). Δv is the largest difference of velocity from it after
-the start of the command.
+Relative tolerance 10⁻⁴. Fixed step: Runge–Kutta of fourth order, 0.05 ms, as in the paper
+(`benchmarks/rk4.py`). Δv is the largest difference of velocity from it.
 
 | v [m/s] | trial [s] | compiled [ms] | CVODES [ms] | ratio | fixed step [ms] | Δv compiled [mm/s] | \
 Δv CVODES [mm/s] | Δv at 10⁻⁶ [mm/s] | λ_R |
@@ -90,9 +85,9 @@ the start of the command.
 
 ## With effects
 
-Settings of the search: relative tolerance 5·10⁻⁵, absolute 10⁻⁷; parameters at three quarters of the
-expected range. Times are medians over the four variants. Differences are the largest ones from CVODES at
-10⁻⁹. "First" is the time to build and compile the graph once.
+Settings of the search (relative tolerance 5·10⁻⁵); parameters at three quarters of the expected range.
+Times are medians over the four variants, differences the largest ones from CVODES at 10⁻⁹. "First" is the
+time to compile the graph.
 
 | effects | compiled [ms] | CVODES [ms] | ratio | Δv compiled [mm/s] | Δv CVODES [mm/s] | \
 Δa compiled [mm/s²] | Δa CVODES [mm/s²] | Δi compiled [mA] | Δi CVODES [mA] | first [ms] |
@@ -101,8 +96,7 @@ expected range. Times are medians over the four variants. Differences are the la
 
 ## Random parameters
 
-Draws within the bounds of the parameters (`tests/model/box.py`), relative tolerance 10⁻⁴, compared with
-CVODES at 10⁻⁹.
+Draws within the bounds of the parameters, relative tolerance 10⁻⁴, compared with CVODES at 10⁻⁹.
 
 | | median | 90 % | worst |
 |---|---|---|---|
@@ -110,15 +104,9 @@ CVODES at 10⁻⁹.
 
 ## Derivatives
 
-`integrate_many` integrates other parameter values with the steps of the first run, so that one-sided
-differences are smooth. For {numbers} parameters of the sand and of one effect (step 10⁻⁴) the rms error of
-the derivatives is {shared:.1e} of their rms (median), against central differences of CVODES at 10⁻¹⁰. With
-separate CVODES runs at the tolerance of the search it is {alone:.2g}. Each further run takes {more:.1f} ms.
-
-## Start
-
-CVODES needs {never:.2f} s for the first run of a process. Whole processes (wall time): `granite-lab --help`
-{help:.2f} s, `granite-lab simulate --variant 0.5` {whole:.2f} s.
+`integrate_many` uses the steps of the first run for all parameter values, so that differences are smooth.
+For {numbers} parameters the rms error of the derivatives is {shared:.1e} of their rms (median). With separate
+CVODES runs it is {alone:.2g}. Each further run takes {more:.1f} ms.
 """
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from granite_lab.effects.library import library
 from granite_lab.model.effect import Effect, EffectParameter
 
@@ -128,23 +130,32 @@ def markdown() -> str:
 
 
 def _section(effect: Effect) -> str:
-    rows = "\n".join(_row(p) for p in effect.parameters)
+    pairs = {name for pair in effect.circles for name in pair}
+    alike = [p for p in effect.parameters if p.name in pairs]
+    rows = [_row([p]) for p in effect.parameters if p.name not in pairs]
+    rows += [_row(alike)] if alike else []
     return (
         f"### `{effect.id}`: {effect.title}\n\n"
         f"{effect.signature}\n\n"
         f"- Equation: {effect.equation}\n"
         f"- Source: {effect.source}\n\n"
         "| parameter | unit | meaning | neutral | bounds | expected |\n|---|---|---|---|---|---|\n"
-        f"{rows}\n"
+        + "\n".join(rows)
+        + "\n"
     )
 
 
-def _row(p: EffectParameter) -> str:
+def _row(alike: Sequence[EffectParameter]) -> str:
+    """Return one row; cosine and sine parts of all wheels share it."""
+    p = alike[0]
     kind = ", ".join(word for word, yes in (("shape", p.shape), ("per trial", p.per_trial)) if yes)
     meaning = f"{p.meaning} ({kind})" if kind else p.meaning
+    if len(alike) > 1:
+        meaning = meaning.replace("cosine part", "cosine and sine parts").replace("front", "front and rear")
     neutral = f"any (start {p.neutral:g})" if p.shape else f"{p.neutral:g}"
+    names = ", ".join(f"`{q.name}`" for q in alike)
     return (
-        f"| `{p.name}` | {p.unit or '-'} | {meaning} | {neutral} | {p.low:g} to {p.high:g} | "
+        f"| {names} | {p.unit or '-'} | {meaning} | {neutral} | {p.low:g} to {p.high:g} | "
         f"{p.prior_low:g} to {p.prior_high:g} |"
     )
 
