@@ -97,7 +97,7 @@ def discover(
     if as_json:
         print_json(finding_as_json(found, model))
     else:
-        show_finding(found, console())
+        show_finding(found, console(), str(out), model)
         for what, path in (("report", page), ("model with what was found", model)):
             if path is not None:
                 console().print(f"{what}: {path}", soft_wrap=True)

@@ -131,7 +131,7 @@ def study(
             }
         )
     else:
-        show_study(result, console())
+        show_study(result, console(), str(out), MODEL if (out / MODEL).exists() else None)
         if page is not None:
             console().print(f"report: {page}", soft_wrap=True)
     tell([*(found.failures if found is not None else ()), *guard.lines])
@@ -175,11 +175,24 @@ def _verify(report: Path, logs: list[Path], execution: Execution, *, quiet: bool
 def view(
     what: Annotated[Path, typer.Argument(help="A recording (.rrd), a report folder, or a log (CSV).")],
     trial: Annotated[str | None, typer.Option(help="With a report folder: the trial to open.")] = None,
+    web: Annotated[bool, typer.Option("--web", help="Serve the viewer to a browser until Ctrl+C.")] = False,
+    screenshot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Save a picture instead; needs no display.")
+    ] = None,
+    at: Annotated[
+        float | None,
+        typer.Option(help="Time of the picture: seconds after the start of the command.", show_default="middle"),
+    ] = None,
     robot: RobotOption = None,
     soil: SoilOption = None,
     column_map: MapOption = None,
 ) -> None:
-    """Open a timeline in the Rerun viewer."""
+    """Open a timeline in the Rerun viewer, in a browser, or as a picture."""
     from granite_lab.api.view import view as run
 
-    run(what, trial=trial, robot=robot, soil=soil, column_map=column_map)
+    run(
+        what, trial=trial, web=web, screenshot=screenshot, at=at, robot=robot, soil=soil,
+        column_map=column_map, tell=lambda address: typer.echo(f"{address}\nCtrl+C ends it."),
+    )  # fmt: skip
+    if screenshot is not None:
+        typer.echo(screenshot)

@@ -362,8 +362,8 @@ def _verb(items: Sequence[object]) -> str:
 def _explained(finding: Finding) -> Answer:
     """Say how far the model without effects is from the sensors, for a search alone."""
     question = "Does the paper's model explain the sensors?"
-    gap = times(finding.gap.train[0])
-    text = f"Sensors and model differ by {gap} times {_limit(finding)}."
+    gap, _, where = gap_pair(finding)
+    text = f"Sensors and model differ by {times(gap)} times {_limit(finding)}, {where}."
     if finding.verdict == "none":
         return Answer("model", question, "Yes", text, "good")
     return Answer("model", question, "No", text, "fair")

@@ -13,11 +13,10 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.estimation.motion import Motion
-from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import ChannelAnswer
 from granite_lab.reporting.figures import Figure
-from granite_lab.reporting.names import listed
+from granite_lab.reporting.names import together
 from granite_lab.reporting.rounding import shown_as, significant, tidy_unit
 from granite_lab.reporting.summary import CHANNELS, PHASES, Gap
 
@@ -35,7 +34,7 @@ def misfit_figure(
     differ = [c.name for c in judged if c.tone in ("fair", "bad")]
     title = "No quantity differs from the simulation by more than its noise"
     if differ:
-        title = f"Model and measurement differ in {listed(differ)}"
+        title = f"Model and measurement differ in {together(differ)}"
     return Figure(
         "misfit", title,
         "Root mean square of simulated minus measured in each phase (numbers), and the same over the "
@@ -85,7 +84,7 @@ def _cell(gap: Gap | None) -> str:
 
 
 def health_figure(motion: Motion, index: int) -> Figure:
-    """Draw the checks of one estimate: innovations with bounds, biases with 2σ, rests shaded."""
+    """Draw the checks of one estimate: innovations with bounds, rests shaded."""
     h = motion.health
     ratio = np.abs(h.innovation) / np.where(h.innovation_std > 0, h.innovation_std, np.nan)
     outside = 100 * float(np.mean(ratio[np.isfinite(ratio)] > 2)) if np.isfinite(ratio).any() else math.nan
@@ -96,32 +95,23 @@ def health_figure(motion: Motion, index: int) -> Figure:
         f"health_{index:02d}", f"{motion.trial}: the estimate is {'good' if h.good else 'doubtful'}",
         f"{'' if math.isnan(outside) else text}Grey: standstills."
         + ("" if h.good else f" {h.verdict}"),
-        f"Body velocity with standstills, innovations with bounds, accelerometer and gyroscope bias of trial "
+        f"Body velocity with standstills, and innovations with bounds, of trial "
         f"{motion.trial}.", partial(_health, motion), motion.virtual,
     )  # fmt: skip
 
 
 def _health(motion: Motion) -> Canvas:
-    h, n = motion.health, len(motion.t)
-    panels = ["velocity", "innovation"]
-    panels += ["accel"] if len(h.accel_bias) == n and np.isfinite(h.accel_bias).any() else []
-    panels += ["gyro"] if len(h.gyro_bias) == n and np.isfinite(h.gyro_bias).any() else []
-    kinds = len(dict.fromkeys(h.kind))
-    rows = [1, 1 if kinds < 3 else 2, 1, 1][: len(panels)]
-    figure, axes = canvas.stacked([1.0, 1.2, 0.9, 0.9][: len(panels)], rows)
+    figure, axes = canvas.stacked([1.0, 1.2], [1, 1 if len(set(motion.health.kind)) < 3 else 2])
     with canvas.styled():
         for axis in axes:
-            for start, end in h.rests:
+            for start, end in motion.health.rests:
                 axis.axvspan(start, end, color=canvas.SHADE, linewidth=0, zorder=0)
-        _band(axes[0], motion.t, motion.v, motion.v_std, "body velocity ±2σ")
+        t, v, std = canvas.envelope(motion.t, motion.v, motion.v_std, points=300)
+        if np.isfinite(v).any():
+            axes[0].fill_between(t, v - 2 * std, v + 2 * std, color=canvas.MEASURED, alpha=0.25, linewidth=0)
+            axes[0].plot(t, v, color=canvas.MEASURED, label="body velocity ±2σ")
         axes[0].set_ylabel("velocity [m/s]")
         _innovations(axes[1], motion)
-        for axis, panel in zip(axes[2:], panels[2:], strict=True):
-            accel = panel == "accel"
-            value, std = (h.accel_bias, h.accel_bias_std) if accel else (h.gyro_bias, h.gyro_bias_std)
-            label = "accelerometer bias with tilt, ±2σ" if accel else "gyroscope bias, ±2σ"
-            _band(axis, motion.t, 1e3 * value, 1e3 * std, label)
-            axis.set_ylabel("bias [mm/s²]" if accel else "bias [mrad/s]")
         for axis in axes:
             axis.yaxis.set_major_locator(MaxNLocator(4))
             canvas.legend_above(axis, 3)
@@ -148,10 +138,3 @@ def _innovations(axis: Axes, motion: Motion) -> None:
     top = np.nanmax(np.abs(ratio)) if np.isfinite(ratio).any() else 3.0
     axis.set_ylim(-min(max(3.2, 1.1 * top), 8), min(max(3.2, 1.1 * top), 8))
     axis.set_ylabel("innovation [σ]")
-
-
-def _band(axis: Axes, t: Array, value: Array, std: Array, label: str) -> None:
-    if np.isfinite(value).any():
-        s, y, e = canvas.envelope(t, value, std, points=300)
-        axis.fill_between(s, y - 2 * e, y + 2 * e, color=canvas.MEASURED, alpha=0.25, linewidth=0)
-        axis.plot(s, y, color=canvas.MEASURED, label=label)

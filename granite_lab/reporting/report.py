@@ -211,8 +211,7 @@ def _quality(result: StudyResult) -> Iterator[Block]:
     if warnings:
         yield Words("Warnings:")
         yield Listing(warnings)
-    notes = shared([(r.trial.name, r.comparison.fit.notes) for r in result.trials])
-    yield from _more("Results of each trial", [tables.trial_table(result), *_listing(notes)])
+    yield from _more("Results of each trial", [tables.trial_table(result)])
     drawn = tuple(plot_quality.health_figure(r.comparison.motion, i) for i, r in enumerate(result.trials, 1))
     yield from _more("Checks of each estimate", [Gallery(drawn)])
 

@@ -31,6 +31,10 @@ LIKELY = 1.96
 """Standard deviations on either side of a value that make its 95 % interval."""
 
 
+SURE = 0.95
+"""Share of sets from which on a candidate is told from all others."""
+
+
 def _table(
     finding: Finding, name: str, title: str, caption: str, head: Sequence[Column],
     rows: Sequence[Sequence[Cell]]
@@ -190,26 +194,17 @@ def confusion_table(finding: Finding) -> Table | None:
         return None
     rows = []
     for k, id_ in enumerate(check.ids):
-        if math.isfinite(check.missed[k]):
+        if math.isfinite(check.missed[k]) and check.matrix[k, k] < SURE:
             wrong = ", ".join(f"{plain(other)} ({percent(share)})" for other, share in check.taken_for(id_))
             first, missed = float(check.matrix[k, k]), float(check.missed[k])
             rows.append((words(plain(id_)), _percent(first), _percent(missed), words(wrong or "none")))
     return _table(
-        finding, "confusion", "What these trials would say of each candidate",
+        finding, "confusion", "Candidates that these trials could take for another",
         f"Each candidate in turn at {check.factor:g} times its smallest visible size, {check.draws} times "
         "with "
-        "other noise.",
+        f"other noise. All others are named first in at least {percent(SURE)} of these sets.",
         columns("candidate", ("named first", ("first",)), ("nothing named", ("missed",)), "taken for"), rows,
     )  # fmt: skip
-
-
-def _closed(share: float) -> Cell:
-    """Return the share of a gap that a candidate closes; a fit to the noise is no more than all of it."""
-    return Cell(percent(min(share, 1.0)), (share,))
-
-
-def _percent(share: float) -> Cell:
-    return Cell(percent(share), (share,))
 
 
 def fitted_table(finding: Finding) -> Table | None:
@@ -233,3 +228,12 @@ def fitted_table(finding: Finding) -> Table | None:
         "Fitted together with everything else.",
         columns("number", "difference", ("size", ("size",))), rows,
     )  # fmt: skip
+
+
+def _closed(share: float) -> Cell:
+    """Return the share of a gap that a candidate closes; a fit to the noise is no more than all of it."""
+    return Cell(percent(min(share, 1.0)), (share,))
+
+
+def _percent(share: float) -> Cell:
+    return Cell(percent(share), (share,))

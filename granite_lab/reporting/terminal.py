@@ -20,10 +20,10 @@ from granite_lab.reporting.answers import Answer
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.grid import TONES, clean, grid, say
 from granite_lab.reporting.listings import show_effect, show_effects, show_inspection, show_parameters
-from granite_lab.reporting.names import channel_name, in_plain_words, latency_in_words, listed, percent, plain
+from granite_lab.reporting.names import in_plain_words, latency_in_words
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import gaps
-from granite_lab.reporting.table import Cell, Column, Table, columns, estimate, fixed, words
+from granite_lab.reporting.table import Cell, Column, Table, columns, estimate, words
 
 __all__ = [
     "show_a_theta",
@@ -40,8 +40,6 @@ __all__ = [
 ]
 
 VIRTUAL = "virtual data: written by a simulator"
-MOST = 6
-"""Rows of a long table."""
 
 
 def show_table(table: Table, console: Console, *, only: Sequence[str] = (), most: int = 0) -> None:
@@ -169,12 +167,15 @@ def _against_reference(judged: Judgement) -> str:
     )
 
 
-def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = True) -> None:
-    """Print k_92 of each trial, by the steady slip and by the whole trajectory, and notes that trials "
-    "share."""
+def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = False) -> None:
+    """Print k_92 of each trial, by the steady slip and by the whole trajectory; with `notes` those of "
+    "the fits."""
     show_table(tables.k92_table(fits), console)
-    for note in merged([(fit.trial, fit.notes) for fit in fits]) if notes else ():
+    said = merged([(fit.trial, fit.notes) for fit in fits])
+    for note in said if notes else ():
         say(console, note, "yellow")
+    if said and not notes:
+        say(console, f"{len(said)} notes of the fits: --json lists them", "dim")
 
 
 def merged(lines: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
@@ -212,51 +213,18 @@ def show_finding(
 ) -> None:
     """Print the answers of a search and its tables; arguments as in `show_study`."""
     decided = decide.of_search(finding, model, folder)
-    if finding.virtual:
+    if finding.virtual and not finding.effects:
         say(console, f"{VIRTUAL}.", "yellow")
     _answers(decided.questions, console)
-    known: dict[str, Table | None] = {
-        "missing effect": search_tables.effects_table(finding, {}, finding.effects),
-        "small effect": search_tables.effects_table(finding, {}, finding.small, small=True),
-    }
-    for title, table in known.items():
+    for title, effects in (("missing", finding.effects), ("small", finding.small)):
+        table = search_tables.effects_table(finding, {}, effects, small=title == "small")
         if table is not None:
             console.print()
-            say(console, f"{title}s" if len(table.rows) > 1 else title, "bold")
-            show_table(_plain(table), console, only=("effect", "number", "value ± std", "probability"))
-    if finding.where:
-        console.print()
-        say(console, "where the paper's model disagrees most", "bold")
-        show_table(_where(finding), console)
-    for e in finding.effects:
-        if e.twins:
-            twins = listed([plain(t) for t in e.twins], "or")
-            say(console, f"these trials cannot tell {plain(e.id)} from {twins}", "yellow")
+            say(console, f"{title} effect{'s' if len(effects) > 1 else ''}", "bold")
+            show_table(table, console, only=("effect", "number", "value ± std", "probability"))
     if latency := latency_in_words(finding.latency):
         say(console, f"{latency}.")
     for trial, reason in finding.dropped:
         say(console, f"left out: {trial}: {reason}", "red")
     for note in finding.notes:
         say(console, f"note: {in_plain_words(note, finding)}", "yellow")
-
-
-def _plain(table: Table) -> Table:
-    """Return a table that does not say again whose data are virtual."""
-    return Table(table.name, table.title, table.caption, table.columns, table.rows)
-
-
-def _where(finding: Finding) -> Table:
-    strongest = sorted(finding.where, key=lambda d: -d.share)[:MOST]
-    rows = tuple(
-        (
-            words(channel_name(d.channel)), words(d.phase), Cell(f"{d.variant:g}", (d.variant,)),
-            fixed(d.start, 2),
-            fixed(d.end, 2), Cell(percent(d.share), (d.share,)),
-        )
-        for d in strongest
-    )  # fmt: skip
-    head = columns(
-        "sensor", "phase", ("speed [m/s]", ("v",)), ("from [s]", ("start",)), ("to [s]", ("end",)),
-        ("over the sensor's rms", ("share",)),
-    )  # fmt: skip
-    return Table("where", "", "", head, rows)
