@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.logs.trial import Array
+from granite_lab.model.command import duration
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import channels_of
@@ -107,7 +108,7 @@ def channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
     """Return a channel and its std in the comparison's unit, NaN where there is nothing to show.
 
     Slip is left out where it is not defined well: simulated below 0.02 m/s at the wheel, measured
-    where its own standard deviation exceeds `SLIP_STD_SHOWN`.
+    where its own standard deviation exceeds `SLIP_STD_SHOWN` and outside the command.
     """
     nothing = np.full(len(c.t), np.nan)
     values = c.measured if source == "measured" else c.simulated
@@ -117,7 +118,9 @@ def channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
     std = c.measured_std.get(name, nothing) if source == "measured" else nothing
     if name.startswith("slip"):
         crawls = ~(np.abs(_mean_of_wheels(values, nothing)) > 0.02)
-        value = np.where(std > SLIP_STD_SHOWN if source == "measured" else crawls, np.nan, value)
+        outside = (c.t < 0) | (c.t > duration(c.run.variant))
+        hidden = (std > SLIP_STD_SHOWN) | outside if source == "measured" else crawls
+        value = np.where(hidden, np.nan, value)
     return value, std
 
 

@@ -75,7 +75,7 @@ def channel_table(channels: Sequence[ChannelAnswer], virtual: bool) -> Table:
     return Table(
         "channels", "Simulated minus measured, by quantity",
         "Root mean square of the difference over whole trials, beside the noise of the measurement (its "
-        "standard deviation) and the largest simulated value.",
+        "standard deviation) and the largest simulated value. Points: percentage points of slip.",
         columns(
             "quantity", "verdict", ("difference, rms", ("rms", "rms_unit")),
             ("noise", ("noise", "noise_unit")),
