@@ -1,10 +1,11 @@
-"""`view`: a recording in the Rerun viewer."""
+"""`view`: a recording in the Rerun viewer, in a browser, or as a picture."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
-from granite_lab.errors import InputError
+from granite_lab.errors import InputError, UsageError
 from granite_lab.files import is_folder
 from granite_lab.logs.named import is_bag, name_of
 
@@ -13,36 +14,64 @@ def view(
     what: str | Path,
     *,
     trial: str | None = None,
+    web: bool = False,
+    screenshot: str | Path | None = None,
+    at: float | None = None,
     robot: str | Path | None = None,
     soil: str | Path | None = None,
     column_map: str | Path | None = None,
+    tell: Callable[[str], None] = print,
 ) -> None:
     """Open a timeline in the Rerun viewer, and return while it stays open.
 
     Args:
         what: a recording (.rrd), a report folder, or a log.
         trial: with a report folder, the trial to open.
+        web: serve the viewer to a browser on this machine instead, until interrupted.
+        screenshot: save a picture of the viewer (.png) instead; no display is needed.
+        at: with `screenshot`, the time since the start of the command [s]; else the middle.
         robot, soil, column_map: with a log, names or files.
+        tell: called with the address, with `web`.
 
     Raises:
         InputError: there is no such recording, or the log cannot be used.
-        LabError: there is no display or viewer.
+        UsageError: `web` and `screenshot` together, `at` alone or outside of the recording.
+        LabError: there is no display, viewer or graphics driver.
     """
-    from granite_lab.reporting.recording import open_viewer, record_trial  # noqa: PLC0415, heavy
+    from granite_lab.reporting.recording import open_viewer, save_picture, serve  # noqa: PLC0415, heavy
 
-    path = Path(what)
-    if is_folder(path) and not is_bag(path):
-        open_viewer(recording_in(path, trial))
-    elif path.suffix == ".rrd":
-        open_viewer(path)
+    if web and screenshot is not None:
+        raise UsageError("--web and --screenshot: one of them at a time", "run the command twice")
+    if at is not None and screenshot is None:
+        raise UsageError("--at: only a picture has a time", "add --screenshot FILE.png")
+    path = _recording(Path(what), trial, robot, soil, column_map)
+    if screenshot is not None:
+        save_picture(path, Path(screenshot), at)
+    elif web:
+        serve(path, tell)
     else:
-        from granite_lab.api.options import options_of  # noqa: PLC0415, heavy
-        from granite_lab.study import analyse  # noqa: PLC0415, heavy
+        open_viewer(path)
 
-        result = analyse(path, options_of(robot=robot, soil=soil, column_map=column_map))
-        made = Path("reports") / "view" / f"{name_of(path)}.rrd"
-        record_trial(result.trial, result.comparison, made)
-        open_viewer(made)
+
+def _recording(
+    path: Path,
+    trial: str | None,
+    robot: str | Path | None,
+    soil: str | Path | None,
+    column_map: str | Path | None,
+) -> Path:
+    """Return the recording that is meant; of a log, it is made below ``reports/view``."""
+    if is_folder(path) and not is_bag(path):
+        return recording_in(path, trial)
+    if path.suffix == ".rrd":
+        return path
+    from granite_lab.api.options import options_of  # noqa: PLC0415, heavy
+    from granite_lab.reporting.recording import record_trial  # noqa: PLC0415, heavy
+    from granite_lab.study import analyse  # noqa: PLC0415, heavy
+
+    result = analyse(path, options_of(robot=robot, soil=soil, column_map=column_map))
+    made = Path("reports") / "view" / f"{name_of(path)}.rrd"
+    return record_trial(result.trial, result.comparison, made)
 
 
 def recording_in(folder: Path, trial: str | None) -> Path:

@@ -181,7 +181,7 @@ def view(
     ] = None,
     at: Annotated[
         float | None,
-        typer.Option(help="Time of the picture: seconds after the start of the command.", show_default="middle"),
+        typer.Option(help="Seconds after the start of the command.", show_default="middle"),
     ] = None,
     robot: RobotOption = None,
     soil: SoilOption = None,

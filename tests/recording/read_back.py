@@ -38,8 +38,9 @@ class ReadBack:
         return np.array(rows)
 
     def scalars(self, entity: str) -> np.ndarray:
-        """Samples (N,) or, of several lines, (N, K)."""
-        values = self.values(entity, "Scalars:scalars").astype(float)
+        """Samples (N,) or, of several lines, (N, K), in the unit of the plot."""
+        dots = "Scalars:scalars" in self.batches[entity][0].schema.names
+        values = self.values(entity, "Scalars:scalars" if dots else "Measurements:values").astype(float)
         return values[:, 0] if values.shape[1] == 1 else values
 
     def texts(self, entity: str, component: str) -> list[str]:

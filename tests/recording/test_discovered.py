@@ -17,6 +17,7 @@ from tests.recording.read_back import ReadBack, verify
 from tests.reporting.made_up_finding import BUMP, CHANNELS, START, made_up_finding
 
 NANOSECOND = 0.6e-9
+DEGREE = 180 / np.pi
 LATE = START - 102.0
 """The search starts the command so much later than the comparison [s]."""
 
@@ -47,15 +48,15 @@ def test_rerun_accepts_it(path: Path) -> None:
 
 
 def test_disagreements_are_bars_on_the_trials_own_clock(back: ReadBack) -> None:
-    lane = "/bars/simulation_differs/pitch_rate"
-    assert back.texts(lane, "StateChange:state") == ["none", "35\u00a0% of the rms", "none"]
+    lane = "/simulation_differs/pitch_rate"
+    assert back.texts(lane, "StateChange:state") == ["none", "35 %", "none"]
     np.testing.assert_allclose(back.t(lane), [-2.0, BUMP[0] + LATE, BUMP[1] + LATE], atol=NANOSECOND)
     colours = back.fixed(lane, "StateConfiguration:colors")
     assert colours[0] != colours[1]
 
 
 def test_a_disagreement_at_another_speed_is_not_this_trials(back: ReadBack) -> None:
-    assert not [e for e in back.entities() if "motor" in e and "bars" in e]
+    assert not [e for e in back.entities() if "motor" in e and "simulation_differs" in e]
 
 
 def test_simulations_before_and_after_stand_beside_what_was_measured(
@@ -64,40 +65,41 @@ def test_simulations_before_and_after_stand_beside_what_was_measured(
     own = {r.channel: r for r in finding.residuals if r.trial == trial.trial.name}
     assert set(own) == set(CHANNELS)
     r = own["pitch_rate"]
-    values = back.scalars("/found_pitch_rate/lines")
-    np.testing.assert_array_equal(values, np.column_stack([r.measured, r.before, r.after]))
-    np.testing.assert_allclose(back.t("/found_pitch_rate/lines"), r.t + LATE, atol=NANOSECOND)
-    names = back.fixed("/found_pitch_rate/lines", "SeriesLines:names")
-    assert names == ["measured [rad/s]", "before [rad/s]", "after [rad/s]"]
+    np.testing.assert_allclose(back.scalars("/found_pitch_rate/measured"), DEGREE * r.measured)
+    model = back.scalars("/found_pitch_rate/from_model")
+    np.testing.assert_allclose(model, DEGREE * np.column_stack([r.before, r.after]))
+    np.testing.assert_allclose(back.t("/found_pitch_rate/from_model"), r.t + LATE, atol=NANOSECOND)
+    names = back.fixed("/found_pitch_rate/from_model", "Measurements:names")
+    assert names == ["simulated without the effect", "simulated with the effect"]
     r = own["wheel"]
-    np.testing.assert_array_equal(
-        back.scalars("/found_wheel/lines"), np.column_stack([r.measured - r.before, r.measured - r.after])
+    np.testing.assert_allclose(
+        back.scalars("/found_wheel/from_model"),
+        DEGREE * np.column_stack([r.measured - r.before, r.measured - r.after]),
     )
 
 
 def test_the_discrepancy_stands_with_its_band(trial: TrialResult, finding: Finding, back: ReadBack) -> None:
     r = next(r for r in finding.residuals if r.trial == trial.trial.name and r.channel == "pitch_rate")
-    after, half = r.discrepancy_after, 2 * r.std
-    np.testing.assert_array_equal(
-        back.scalars("/discrepancy_pitch_rate/lines"),
-        np.column_stack([r.discrepancy_before, after, after - half, after + half]),
-    )
-    names = back.fixed("/discrepancy_pitch_rate/lines", "SeriesLines:names")
-    assert names[:2] == ["discrepancy before [rad/s]", "discrepancy after [rad/s]"]
+    before, after = "/discrepancy_pitch_rate/from_model", "/discrepancy_pitch_rate/remaining"
+    np.testing.assert_allclose(back.scalars(before), DEGREE * r.discrepancy_before)
+    np.testing.assert_allclose(back.scalars(after), DEGREE * r.discrepancy_after)
+    variance = back.values(after, "Measurements:variances")[:, 0].astype(float)
+    np.testing.assert_allclose(np.sqrt(variance), DEGREE * r.std)
+    assert back.fixed(after, "Measurements:names") == ["with the effect"]
+    assert back.fixed(after, "Measurements:units") == ["°/s"]
 
 
 def test_a_gap_in_the_log_is_a_gap_in_the_line(back: ReadBack) -> None:
-    values = back.scalars("/found_accel_x/lines")
-    assert np.isnan(values[42, 0])
-    assert np.isfinite(values[42, 1])
+    assert np.isnan(back.scalars("/found_accel_x/measured")[42])
+    assert np.isfinite(back.scalars("/found_accel_x/from_model")[42]).all()
 
 
 def test_log_lines_name_what_is_missing_and_where(back: ReadBack) -> None:
     lines = back.texts("/events", "TextLog:text")
     (missing,) = [line for line in lines if "missing from the model" in line]
     assert "rear wheels in the compacted rut (pressure 0.300 ± 0.004" in missing
-    (where,) = [line for line in lines if "% of the rms" in line]
-    assert "pitch rate: 35\u00a0% of the rms, 0.53 s to 1.53 s" in where
+    (where,) = [line for line in lines if "% of its rms" in line]
+    assert "simulated pitch rate differs from the measured one by 35 % of its rms, 0.53 s to 1.53 s" in where
     assert [line for line in lines if "IMU stamps 4.0 ± 1.0\u00a0ms behind those of wheels" in line]
     levels = dict(zip(lines, back.texts("/events", "TextLog:level"), strict=True))
     assert levels[missing] == levels[where] == "WARN"
@@ -108,7 +110,9 @@ def test_nothing_found_is_said_and_no_after_is_drawn(trial: TrialResult, tmp_pat
     back = ReadBack(path)
     assert not [e for e in back.entities() if "simulation_differs" in e]
     assert [line for line in back.texts("/events", "TextLog:text") if "these trials show none" in line]
-    assert back.scalars("/found_pitch_rate/lines").shape[1] == 2
+    assert back.scalars("/found_pitch_rate/from_model").ndim == 1
+    assert back.fixed("/found_pitch_rate/from_model", "Measurements:names") == ["simulated"]
+    assert "/discrepancy_pitch_rate/from_model" not in back.entities()
 
 
 def test_a_trial_that_was_not_searched_is_recorded_as_without(trial: TrialResult, tmp_path: Path) -> None:
@@ -131,8 +135,8 @@ def test_a_study_shows_it_in_every_trial(tmp_path: Path, finding: Finding) -> No
     back = ReadBack(record_study(study, tmp_path / "study.rrd", finding=finding))
     for result in study.trials:
         root = f"/{result.trial.name}"
-        assert f"{root}/found_current_r/lines" in back.entities()
-        assert f"{root}/bars/simulation_differs/pitch_rate" in back.entities()
+        assert f"{root}/found_current_r/from_model" in back.entities()
+        assert f"{root}/simulation_differs/pitch_rate" in back.entities()
 
 
 def test_it_still_takes_less_than_a_second_and_two_megabytes(finding: Finding, tmp_path: Path) -> None:

@@ -14,12 +14,13 @@ from granite_lab.parameters import WHEELS
 from granite_lab.reporting.content import TrialResult
 from granite_lab.reporting.recording import Interval, record_study, record_trial
 from granite_lab.reporting.recording import write as write_module
-from granite_lab.reporting.recording.scene import FORCE_SCALE
-from granite_lab.reporting.recording.signals import MOST_ROWS, Line
+from granite_lab.reporting.recording.lines import MOST_ROWS, Line
+from granite_lab.reporting.recording.scene import FORCE_SCALE, arc_arrow
 from tests.recording.made_up import REST, made_up_study, made_up_trial
 from tests.recording.read_back import ReadBack, verify
 
 NANOSECOND = 0.6e-9
+DEGREE = 180 / np.pi
 
 
 @pytest.fixture(scope="module")
@@ -60,9 +61,9 @@ def test_motion_is_the_estimates_sample_by_sample(trial: TrialResult, back: Read
     motion = trial.comparison.motion
     for entity, expected, every in (
         ("/velocity/measured", motion.v, 1),
-        ("/pitch/measured", motion.pitch, 1),
+        ("/pitch/measured", DEGREE * motion.pitch, 1),
         ("/wheel_velocity/measured", motion.v_wheel, 4),
-        ("/wheel_slip/measured", motion.slip, 4),
+        ("/wheel_slip/measured", 100 * motion.slip, 4),
     ):
         np.testing.assert_allclose(back.t(entity), motion.t[::every] - 102.0, atol=NANOSECOND)
         np.testing.assert_array_equal(back.scalars(entity), expected[::every])
@@ -74,33 +75,47 @@ def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: TrialResult, back: Re
     assert np.isfinite(back.scalars("/wheel_slip/measured")[moving]).all()
     assert np.isnan(back.scalars("/wheel_slip/measured")[: int(REST / 0.02)]).all()
     for entity in back.batches:
-        if "slip" in entity or "Scalars:scalars" not in back.batches[entity][0].schema.names:
+        if "slip" in entity or "Measurements:values" not in back.batches[entity][0].schema.names:
             continue
         assert np.isfinite(back.scalars(entity)).all(), entity
 
 
 def test_simulation_is_the_runs(trial: TrialResult, back: ReadBack) -> None:
     run = trial.comparison.run
-    for entity, signal in (
-        ("/velocity/desired", "v_desired_mps"),
-        ("/velocity/simulated", "v_mps"),
-        ("/pitch/simulated", "pitch_rad"),
-        ("/torque/simulated_rear", "torque_r_Nm"),
-        ("/slip/simulated_front", "slip_f"),
+    for entity, expected in (
+        ("/velocity/desired", run["v_desired_mps"]),
+        ("/velocity/from_model", run["v_mps"]),
+        ("/pitch/from_model", DEGREE * run["pitch_rad"]),
+        ("/torque/from_model", np.column_stack([run["torque_f_Nm"], run["torque_r_Nm"]])),
+        ("/slip/from_model", 100 * np.column_stack([run["slip_f"], run["slip_r"]])),
     ):
         assert np.diff(back.t(entity)).max() < 0.011
         rows = np.searchsorted(run.t, back.t(entity) - 1e-6)
         np.testing.assert_allclose(run.t[rows], back.t(entity), atol=NANOSECOND)
-        np.testing.assert_array_equal(back.scalars(entity), run[signal][rows])
+        np.testing.assert_array_equal(back.scalars(entity), expected[rows])
 
 
-def test_thin_lines_stand_two_standard_deviations_beside(trial: TrialResult, back: ReadBack) -> None:
+def test_bands_are_one_standard_deviation_wide(trial: TrialResult, back: ReadBack) -> None:
     motion = trial.comparison.motion
-    t = back.t("/velocity/measured_2sigma")
-    low, high = back.scalars("/velocity/measured_2sigma").T
-    rows = np.searchsorted(motion.t - 102.0, t - 1e-6)
-    np.testing.assert_allclose(low, motion.v[rows] - 2 * motion.v_std[rows])
-    np.testing.assert_allclose(high, motion.v[rows] + 2 * motion.v_std[rows])
+    for entity, std in (("/velocity/measured", motion.v_std), ("/pitch/measured", DEGREE * motion.pitch_std)):
+        variance = back.values(entity, "Measurements:variances")[:, 0].astype(float)
+        np.testing.assert_allclose(np.sqrt(variance), std)
+
+
+def test_measured_lines_are_drawn_over_simulated_ones(back: ReadBack) -> None:
+    """Rerun draws what is of one kind in the order of its entities."""
+    plots: dict[str, list[str]] = {}
+    for entity in back.static:
+        if "Measurements:widths" in back.static[entity][0].schema.names:
+            plots.setdefault(entity.split("/")[1], []).append(entity)
+    both = [entities for entities in plots.values() if len(entities) > 1]
+    assert len(both) >= 5
+    for entities in both:
+        ghosts = [entity for entity in entities if entity.endswith("/from_model")]
+        measured = [entity for entity in entities if "/measured" in entity]
+        assert max(ghosts) < min(measured)
+        thickest = max(w for entity in measured for w in back.fixed(entity, "Measurements:widths"))
+        assert min(w for entity in ghosts for w in back.fixed(entity, "Measurements:widths")) > thickest
 
 
 def test_residuals_are_simulated_minus_measured(trial: TrialResult, back: ReadBack) -> None:
@@ -122,12 +137,18 @@ def test_innovations_are_dots_in_units_of_their_std(trial: TrialResult, back: Re
 
 
 def test_every_line_names_its_unit(back: ReadBack) -> None:
-    lines = [e for e in back.static if "SeriesLines:names" in back.static[e][0].schema.names]
-    assert len(lines) > 30
+    lines = [e for e in back.static if "Measurements:units" in back.static[e][0].schema.names]
+    assert len(lines) > 20
     for entity in lines:
-        for name in back.fixed(entity, "SeriesLines:names"):
-            assert name.endswith("]"), (entity, name)
-            assert " [" in name
+        units = back.fixed(entity, "Measurements:units")
+        assert len(units) == len(back.fixed(entity, "Measurements:names"))
+        assert set(units) <= {"m/s", "%", "N m", "°", "°/s", "m/s²", "A"}, (entity, units)
+    for entity, unit in (
+        ("/slip/measured_front", "%"),
+        ("/pitch/measured", "°"),
+        ("/gyro_bias/estimated", "°/s"),
+    ):
+        assert back.fixed(entity, "Measurements:units") == [unit]
 
 
 def test_the_measured_robot_is_where_the_estimate_says(trial: TrialResult, back: ReadBack) -> None:
@@ -162,8 +183,9 @@ def test_the_ghost_is_where_the_simulation_says(trial: TrialResult, back: ReadBa
     x = back.values("/scene/simulated", "Transform3D:translation")[:, 0, 0]
     start = np.interp(0.0, run.t, run["x_m"])
     np.testing.assert_allclose(x[inside], np.interp(t[inside], run.t, run["x_m"]) - start, atol=1e-6)
-    colour = np.array(back.fixed("/scene/simulated/body", "Mesh3D:albedo_factor"), np.uint32)
-    assert 0 < (int(colour[0]) & 0xFF) < 255  # translucent
+    outline, solid = (back.fixed(f"/scene/{k}/body", "Boxes3D:fill_mode") for k in ("simulated", "measured"))
+    assert outline != solid  # an outline hides nothing
+    assert "Cylinders3D:radii" not in back.static["/scene/simulated/fr/tyre"][0].schema.names
 
 
 def test_ground_forces_are_the_simulations_at_the_near_wheels(trial: TrialResult, back: ReadBack) -> None:
@@ -182,13 +204,38 @@ def test_ground_forces_are_the_simulations_at_the_near_wheels(trial: TrialResult
     np.testing.assert_allclose(-origins[:, 2], sinkage, atol=3e-3)
 
 
+def test_the_wheel_is_as_large_as_its_parameters_say(back: ReadBack) -> None:
+    tyre = "/scene/measured/fr/tyre"
+    assert max(back.fixed(tyre, "Cylinders3D:radii")) == pytest.approx(0.0965, rel=0.02)
+    assert back.fixed(tyre, "Cylinders3D:lengths")[0] == pytest.approx(0.128)
+    reach = np.array(back.fixed(tyre, "Boxes3D:centers"))
+    half = np.array(back.fixed(tyre, "Boxes3D:half_sizes"))
+    assert (np.linalg.norm(reach, axis=1) + half[:, 2]).max() == pytest.approx(0.0965)
+    ring = np.array(back.fixed("/scene/simulated/fr/tyre", "LineStrips3D:strips")[0])
+    np.testing.assert_allclose(np.linalg.norm(ring[:, [0, 2]], axis=1), 0.0965, rtol=1e-6)
+
+
+def test_a_torque_that_drives_forward_bends_its_arrow_forward() -> None:
+    arcs = arc_arrow(2.0, np.array([np.pi / 2, -np.pi / 2, 0.0]))
+    np.testing.assert_allclose(arcs[:, -2], [[2, 0, 0], [-2, 0, 0], [0, 0, 2]], atol=1e-6)
+    assert np.isfinite(arcs).all()
+    barb = arcs[0, -1]  # the head points back from the tip: up at the front of the wheel
+    assert barb[2] > 0.1
+
+
+def _sand(back: ReadBack) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and the highest corner of the sand."""
+    middle, half = (np.array(back.fixed("/scene/sand", f"Boxes3D:{k}")) for k in ("centers", "half_sizes"))
+    return (middle - half).min(axis=0), (middle + half).max(axis=0)
+
+
 def test_the_sand_is_cut_away_behind_the_near_wheels(back: ReadBack) -> None:
-    sand = np.array(back.fixed("/scene/sand", "Mesh3D:vertex_positions"))
+    low, high = _sand(back)
     inner_face, outer_face = -(0.59 - 0.128) / 2, (0.59 + 0.128) / 2
-    assert inner_face < sand[:, 1].min() < inner_face + 0.02  # shows the near wheels whole
-    assert sand[:, 1].max() > outer_face  # carries the far ones
-    assert sand[:, 2].max() == 0.0
-    assert sand[:, 2].min() < -0.03
+    assert inner_face < low[1] < inner_face + 0.02  # shows the near wheels whole
+    assert high[1] > outer_face  # carries the far ones
+    assert high[2] == pytest.approx(0.0, abs=1e-6)
+    assert low[2] < -0.03
 
 
 def test_there_is_sand_under_a_robot_that_drives_backward_or_far(trial: TrialResult, tmp_path: Path) -> None:
@@ -197,10 +244,10 @@ def test_there_is_sand_under_a_robot_that_drives_backward_or_far(trial: TrialRes
         x = factor * c.motion.x
         moved = dataclasses.replace(c, motion=dataclasses.replace(c.motion, x=x))
         back = ReadBack(record_trial(trial.trial, moved, tmp_path / "a.rrd"))
-        sand = np.array(back.fixed("/scene/sand", "Mesh3D:vertex_positions"))
+        low, high = _sand(back)
         robot = back.values("/scene/measured", "Transform3D:translation")[:, 0, 0]
-        assert sand[:, 0].min() < robot.min() - 0.425 / 2
-        assert sand[:, 0].max() > robot.max() + 0.425 / 2
+        assert low[0] < robot.min() - 0.425 / 2
+        assert high[0] > robot.max() + 0.425 / 2
         assert 2 < len(back.fixed("/scene/sand/distance", "LineStrips3D:strips")) < 120
         names = back.fixed("/scene/sand/distance_names", "Points3D:labels")
         assert "0 m" in names
@@ -220,15 +267,15 @@ def test_nothing_in_the_scene_is_not_a_number(back: ReadBack) -> None:
 
 
 def test_phases_are_the_motions(trial: TrialResult, back: ReadBack) -> None:
-    states = back.texts("/bars/phase", "StateChange:state")
+    states = back.texts("/phase", "StateChange:state")
     assert states == ["rest", "accelerate", "steady", "brake", "rest"]
     motion = trial.comparison.motion
     changes = [0, *(i for i in range(1, len(motion.t)) if motion.phase[i] != motion.phase[i - 1])]
-    np.testing.assert_allclose(back.t("/bars/phase"), motion.t[changes] - 102.0, atol=NANOSECOND)
+    np.testing.assert_allclose(back.t("/phase"), motion.t[changes] - 102.0, atol=NANOSECOND)
 
 
 def test_intervals_become_bars_that_end_and_do_not_overlap(back: ReadBack) -> None:
-    lane = "/bars/simulation_differs/slip_f"
+    lane = "/simulation_differs/slip_f"
     assert back.texts(lane, "StateChange:state") == ["none", "too low", "too high", "none"]
     np.testing.assert_allclose(back.t(lane), [-2.0, 2.0, 3.0, 5.0], atol=NANOSECOND)
     visible = dict(
@@ -239,8 +286,8 @@ def test_intervals_become_bars_that_end_and_do_not_overlap(back: ReadBack) -> No
         )
     )
     assert visible == {"none": False, "too low": True, "too high": True}
-    assert "/bars/simulation_differs/velocity" in back.entities()
-    assert "/bars/simulation_differs/slip_r" not in back.entities()  # lies outside the log
+    assert "/simulation_differs/velocity" in back.entities()
+    assert "/simulation_differs/slip_r" not in back.entities()  # lies outside the log
 
 
 def test_the_log_tells_what_the_filter_did(trial: TrialResult, back: ReadBack) -> None:
@@ -297,7 +344,7 @@ def test_the_properties_say_what_the_recording_is(trial: TrialResult, back: Read
 def test_the_page_about_the_trial_says_that_it_is_virtual(back: ReadBack) -> None:
     (text,) = back.fixed("/about", "TextDocument:text")
     assert "**virtual**" in text
-    assert "0.0830 ± 0.0040" in text
+    assert "8.3 ± 0.4\u00a0%" in text
     assert "3 duplicate stamps were dropped" in text
 
 
@@ -323,7 +370,7 @@ def test_a_channel_that_was_not_measured_is_left_out(trial: TrialResult, tmp_pat
     bare = dataclasses.replace(trial.trial, currents=None)
     back = ReadBack(record_trial(bare, dataclasses.replace(c, measured=measured), tmp_path / "a.rrd"))
     torque = {e for e in back.entities() if e.startswith(("/torque", "/current", "/residual_torque"))}
-    assert torque == {"/torque/simulated_front", "/torque/simulated_rear"}
+    assert torque == {"/torque/from_model"}
     assert "/scene/measured/fr_torque" in back.entities()  # as simulated
 
 
@@ -373,9 +420,15 @@ def test_a_study_lays_its_trials_over_each_other_on_one_clock(tmp_path: Path) ->
         motion = result.comparison.motion
         np.testing.assert_array_equal(back.scalars(f"{root}/velocity/measured"), motion.v)
         np.testing.assert_allclose(back.t(f"{root}/velocity/measured"), motion.t - 102.0, atol=NANOSECOND)
-        mean = back.scalars(f"{root}/robot_slip/measured")
-        steady = (back.t(f"{root}/robot_slip/measured") > 1) & (back.t(f"{root}/robot_slip/measured") < 3)
-        assert mean[steady].mean() == pytest.approx(motion.slip_ratio.value, abs=0.01)
+        row = 0 if motion.variant.velocity == 0.2 else 1
+        slip = f"/all_trials/{row}/slip/measured/{result.trial.name}"
+        steady = (back.t(slip) > 1) & (back.t(slip) < 3)
+        assert back.scalars(slip)[steady].mean() == pytest.approx(100 * motion.slip_ratio.value, abs=1)
+        assert back.fixed(slip, "Measurements:names") == [result.trial.name]
+    colours = [
+        back.fixed(e, "Measurements:colors")[0] for e in back.static if "all_trials/1/slip/measured" in e
+    ]
+    assert len(set(colours)) == 2  # each trial has a colour of its own
     assert back.fixed("/__properties/study", "trials") == [r.trial.name for r in study.trials]
     assert "broken" in back.fixed("/__properties/study", "failures")[0]
 
@@ -413,7 +466,7 @@ def test_a_trial_takes_less_than_a_second_and_two_megabytes(tmp_path: Path) -> N
 
 def test_an_hour_is_thinned_so_that_it_still_opens() -> None:
     t = np.arange(0, 3600, 0.005)
-    line = Line("velocity/measured", ("measured [m/s]",), t, np.sin(t), ((0, 0, 0),)).thinned()
+    line = Line("velocity/measured", ("measured",), "m/s", t, np.sin(t), ((0, 0, 0),)).shown()
     assert len(line.t) <= MOST_ROWS
     np.testing.assert_array_equal(line.value, np.sin(line.t))
     assert line.t[-1] > 3590

@@ -50,13 +50,14 @@ def test_no_display_is_said_with_a_way_out(recorded: Path, monkeypatch: pytest.M
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(LabError, match="no display") as caught:
         open_viewer(recorded)
-    assert "rerun a.rrd" in caught.value.hint
+    assert str(recorded.resolve()) in caught.value.hint
+    assert "--web" in caught.value.hint
 
 
 def _pretend(monkeypatch: pytest.MonkeyPatch, code: str) -> list[subprocess.Popen[bytes]]:
     started: list[subprocess.Popen[bytes]] = []
 
-    def start(*_: object) -> subprocess.Popen[bytes]:
+    def start(*_: object, **__: object) -> subprocess.Popen[bytes]:
         started.append(subprocess.Popen([sys.executable, "-c", code]))
         return started[0]
 
@@ -144,7 +145,7 @@ def test_a_trial_looks_right_at_three_times(headless: Any, tmp_path: Path) -> No
         robot = next(view for view in state.views if view.view_class == "3D")
         pictures.append(_picture(headless.take_screenshot(robot.view_id), f"recording_robot_{t:g}s"))
     for picture in pictures:
-        assert _share(picture, SAND) > 0.15
+        assert _share(picture, SAND) > 0.12
         assert _share(picture, PAINT) > 0.05
         assert _share(picture, MAGENTA) > 0.001
     assert np.abs(pictures[2] - pictures[0]).mean() > 1  # it moves
@@ -159,11 +160,11 @@ def test_a_discovery_is_seen_as_bars(headless: Any, tmp_path: Path) -> None:
     time.sleep(3)
     views = headless.get_state().views
     names = {view.name for view in views}
-    assert {"Pitch rate read by the IMU [rad/s]", "Motor current, rear [A]"} <= names
+    assert {"IMU pitch rate [°/s]", "Motor current, rear [A]"} <= names
     for view in views:
         assert not view.reports, (view.name, view.reports)
     _picture(headless.take_screenshot(), "recording_discovery")
-    bars = next(view for view in views if view.name == "Phases and intervals")
+    bars = next(view for view in views if view.name.startswith("Phases"))
     assert _share(_picture(headless.take_screenshot(bars.view_id), "recording_bars"), (213, 94, 0)) > 0.002
 
 

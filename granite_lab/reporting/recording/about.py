@@ -1,4 +1,4 @@
-"""The page beside the log: what this trial is, what came out, and how to read the 3D view."""
+"""The pages of text: the key to colours and arrows, and what this trial is and what came out."""
 
 from __future__ import annotations
 
@@ -8,25 +8,41 @@ import rerun as rr
 
 from granite_lab import __version__
 from granite_lab.comparison.record import Comparison
-from granite_lab.estimate import Estimate
 from granite_lab.logs.trial import Trial
+from granite_lab.reporting.recording.lines import SHOWN
+from granite_lab.reporting.recording.stream import drawable
+from granite_lab.reporting.rounding import plus_minus, significant
 
-KEY = """
-### The 3D view
-
-| what | how it is drawn |
-|---|---|
-| measured robot | blue, solid: distance and pitch as estimated, wheels as their encoders read |
-| simulated robot | orange edges and a translucent body; hidden inside the measured one where both agree |
-| sinkage | **simulated, for both robots**: nothing on the robot measures it |
-| sand | cut away in front of its near edge; lines on the cut 10, 20 and 30 mm deep, a tick each 0.25 m |
-| ground reaction | magenta arrow at the near wheels, simulated, 22 mm for 10 N |
-| thrust F (14), resistance R (13) | green and red arrow, simulated, same scale |
-| drive torque | light blue arc on the near wheels as measured, orange if only simulated; 20° for 1 N m |
-
-The white spoke shows how far a wheel has turned. All plots share their time axis: zero is the start of
-the command. All numbers are in SI units.
+PLOTS = """
+- **0 s**: start of the command
+- **slip** has no bounds while the robot starts and stops; its plots are cut there
 """
+
+KEY = f"""
+- **solid**, blue body: measured robot
+- **orange outline**: simulated robot
+- **white spoke**: angle of the wheel
+- **magenta arrow**: ground reaction; **green**: thrust F (14); **red**: resistance R (13); \
+all simulated, 22 mm for 10 N
+- **light blue arc**: drive torque, 20° for 1 N m; orange where it was not measured
+- **sand**: cut open; lines 10, 20, 30 mm deep; the sinkage of both robots is simulated
+- **thin lines**, blue tones: measured, with a band of ± 1 standard deviation
+- **wide lines**, orange tones: simulated, drawn below the measured ones
+{PLOTS.strip()}
+"""
+
+STUDY_KEY = f"""
+Each row is a speed. Each tab above holds the trials of one speed.
+
+- **thin lines**, one colour a trial: measured
+- **wide orange lines**: simulated, one a trial, drawn below the measured ones
+{PLOTS.strip()}
+"""
+
+
+def key(text: str) -> Any:
+    """Return a key as a Markdown document."""
+    return rr.TextDocument(text.strip(), media_type="text/markdown")
 
 
 def _plain(text: str) -> str:
@@ -34,54 +50,38 @@ def _plain(text: str) -> str:
     return "".join(f"\\{c}" if c in "\\`*_{}[]<>#|!~" else c for c in " ".join(text.split()))
 
 
-def _show(estimate: Estimate, digits: int, unit: str = "") -> str:
-    return f"{estimate.value:.{digits}f} ± {estimate.std:.{digits}f}{unit}"
-
-
 def about(trial: Trial, comparison: Comparison) -> Any:
     """Return the page of one trial as a Markdown document."""
     motion, run, fit = comparison.motion, comparison.run, comparison.fit
     kind = "**virtual**: its log was written by a simulator" if motion.virtual else "real"
     v = motion.variant
+    command = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m ({motion.variant_source})"
+    model = f"{run.k92_law} k_92 law, {run.k92_value:.4g}; effects: {', '.join(run.effects) or 'none'}"
+    whole = f"{plus_minus(fit.k92_trajectory)} ({fit.status_trajectory.replace('_', ' ')})"
     rows = [
         ("trial", kind),
         ("robot, soil", f"{_plain(run.robot.title)}; {_plain(run.soil.title)}"),
-        (
-            "desired motion",
-            f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m ({motion.variant_source})",
-        ),
-        ("slip ratio λ_R (2), measured", _show(motion.slip_ratio, 4)),
-        ("slip ratio λ_R (2), simulated", f"{run.slip_ratio:.4f}"),
-        ("distance, measured", _show(motion.distance, 3, " m")),
-        ("k_92 by steady slip", f"{_show(fit.k92, 4)} ({fit.status.replace('_', ' ')})"),
-        (
-            "k_92 by whole trajectory",
-            f"{_show(fit.k92_trajectory, 4)} ({fit.status_trajectory.replace('_', ' ')})",
-        ),
-        (
-            "simulated with",
-            f"{run.k92_law} k_92 law, {run.k92_value:.4g}; effects: {', '.join(run.effects) or 'none'}",
-        ),
+        ("desired motion", command),
+        ("slip λ_R (2), measured", plus_minus(motion.slip_ratio, "%", 100)),
+        ("slip λ_R (2), simulated", f"{100 * run.slip_ratio:.1f} %"),
+        ("distance, measured", plus_minus(motion.distance, "m")),
+        ("k_92 by steady slip", f"{plus_minus(fit.k92)} ({fit.status.replace('_', ' ')})"),
+        ("k_92 by whole trajectory", whole),
+        ("simulated with", _plain(model)),
         ("filter", _plain(motion.health.verdict)),
         ("written by", f"granite-lab {__version__}"),
     ]
-    text = [
-        f"# {_plain(trial.name)}",
-        "",
-        "| what | value |",
-        "|---|---|",
-        *(f"| {a} | {b} |" for a, b in rows),
-    ]
+    text = [f"# {_plain(trial.name)}", "", "| what | value |", "|---|---|"]
+    text += [f"| {a} | {b} |" for a, b in rows]
     text += ["", "### Simulated minus measured, whole trial", "", "| channel | rms | mean | largest | unit |"]
     text += ["|---|---|---|---|---|"]
-    text += [
-        f"| {_plain(m.channel)} | {m.rms:.3g} | {m.bias:.3g} | {m.peak:.3g} | {m.unit or '-'} |"
-        for m in comparison.misfits
-        if m.phase == "all"
-    ]
+    for m in (m for m in comparison.misfits if m.phase == "all"):
+        unit, factor = SHOWN.get(m.unit or "-", (m.unit, 1.0))
+        values = " | ".join(significant(factor * value) for value in (m.rms, m.bias, m.peak))
+        text.append(f"| {_plain(m.channel)} | {values} | {unit} |")
     if motion.warnings:
         text += ["", "### Warnings", "", *(f"- {_plain(w)}" for w in motion.warnings)]
-    return rr.TextDocument("\n".join(text) + "\n" + KEY, media_type="text/markdown")
+    return rr.TextDocument(drawable("\n".join(text)) + "\n", media_type="text/markdown")
 
 
 def properties(trial: Trial, comparison: Comparison) -> Any:

@@ -11,10 +11,24 @@ import numpy as np
 import rerun as rr
 
 from granite_lab.comparison.record import Comparison
-from granite_lab.reporting.recording.signals import BLUE, GREEN, GREY, PURPLE, VERMILION, Rgb, command_start
-from granite_lab.reporting.recording.stream import Writer
+from granite_lab.discovery.finding import Finding
+from granite_lab.reporting.names import channel_name, effects_in_words, latency_in_words
+from granite_lab.reporting.recording.lines import (
+    BLUE,
+    GREEN,
+    GREY,
+    PURPLE,
+    VERMILION,
+    Rgb,
+    command_start,
+    residuals_of,
+)
+from granite_lab.reporting.recording.stream import Writer, drawable
+from granite_lab.reporting.rounding import plus_minus, significant
 
 PHASES = {"rest": GREY, "accelerate": GREEN, "steady": BLUE, "brake": PURPLE}
+DIFFERS = "simulation_differs"
+"""First part of the lanes that show where simulation and measurement disagree."""
 CALM = "none"
 OUTLIER = 4.0
 """Innovation, in its predicted std, from which a measurement update is worth a line."""
@@ -52,10 +66,25 @@ class Event:
     level: str = "INFO"
 
 
-def within(intervals: Sequence[Interval], comparison: Comparison) -> list[Interval]:
-    """Return the intervals cut to the time of the log, without those outside it."""
+def intervals_of(
+    comparison: Comparison, given: Sequence[Interval], finding: Finding | None
+) -> list[Interval]:
+    """Return given intervals and those of a search, on the comparison's clock, cut to the time of the log.
+
+    A disagreement that was found is shared by the repetitions of a command: it holds for each of its trials.
+    """
     τ = comparison.motion.t - command_start(comparison)
-    cut = [replace(i, start=max(i.start, float(τ[0])), end=min(i.end, float(τ[-1]))) for i in intervals]
+    bars = list(given)
+    if finding is not None and (own := residuals_of(finding, comparison)):
+        late = own[0].t_start - command_start(comparison)
+        bars += [
+            Interval(
+                d.start + late, d.end + late, channel_name(d.channel), f"{significant(100 * d.share, 2)} %"
+            )
+            for d in finding.where
+            if d.variant == own[0].variant
+        ]
+    cut = [replace(i, start=max(i.start, float(τ[0])), end=min(i.end, float(τ[-1]))) for i in bars]
     return [i for i in cut if i.start < i.end]
 
 
@@ -65,60 +94,55 @@ def lanes_of(intervals: Sequence[Interval]) -> int:
 
 
 def write_events(
-    writer: Writer, comparison: Comparison, intervals: Sequence[Interval], further: Sequence[Event] = ()
+    writer: Writer, comparison: Comparison, intervals: Sequence[Interval], finding: Finding | None
 ) -> None:
-    """Write phases, standstills, intervals of disagreement, log lines and further ones."""
+    """Write phases, standstills, intervals of disagreement and log lines."""
     motion = comparison.motion
     start = command_start(comparison)
     t = motion.t - start
     first = [0] + [i for i in range(1, len(t)) if motion.phase[i] != motion.phase[i - 1]]
-    _lane(writer, "phase", t[first].tolist(), [motion.phase[i] for i in first], dict(PHASES))
-    rests = [Interval(a - start, b - start, "standstill", "at rest") for a, b in motion.health.rests]
-    _bars(writer, "standstill", within(rests, comparison), t[0], GREY)
+    _lane(writer, "phase", t[first].tolist(), [motion.phase[i] for i in first], PHASES)
+    rests = [Interval(a - start, b - start, "", "at rest") for a, b in motion.health.rests]
+    _bars(writer, "robot_at_rest", rests, t, GREY)
     for channel in sorted({i.channel for i in intervals}):
         own = [i for i in intervals if i.channel == channel]
         lane = re.sub(r"\W+", "_", channel)
-        name = f"simulation_differs/{rr.escape_entity_path_part(lane)}"
-        _bars(writer, name, own, t[0], VERMILION)
-    events = sorted([*_events(comparison, intervals), *further], key=lambda e: e.t)
-    levels = [e.level for e in events]
+        _bars(writer, f"{DIFFERS}/{rr.escape_entity_path_part(lane)}", own, t, VERMILION)
+    events = [*_events(comparison), *_updates(comparison, start), *_found(comparison, finding)]
+    for one in intervals:
+        what = f"simulated {one.channel} differs from the measured one by {one.label} of its rms"
+        what = what if one.label.endswith("%") else f"{one.channel}: {one.label}"
+        events.append(Event(one.start, f"{what}, {one.start:.2f} s to {one.end:.2f} s", "WARN"))
+    events.sort(key=lambda e: e.t)
+    text = [drawable(f"{e.t:6.2f} s  {e.text}") for e in events]
     stamps = np.clip([e.t for e in events], t[0], t[-1])
-    writer.rows(
-        "events", stamps, rr.TextLog.columns(text=[f"{e.t:6.2f} s  {e.text}" for e in events], level=levels)
-    )
+    writer.rows("events", stamps, rr.TextLog.columns(text=text, level=[e.level for e in events]))
 
 
 def _lane(
-    writer: Writer,
-    name: str,
-    t: Sequence[float],
-    states: Sequence[str],
-    colours: dict[str, Rgb],
+    writer: Writer, name: str, t: Sequence[float], states: Sequence[str], colours: dict[str, Rgb]
 ) -> None:
     values = list(colours)
-    writer.static(
-        f"bars/{name}",
-        rr.StateConfiguration(
-            values=values,
-            labels=["" if v == CALM else v for v in values],
-            colors=[colours[v] for v in values],
-            visible=[v != CALM for v in values],
-        ),
+    style = rr.StateConfiguration(
+        values=values, colors=list(colours.values()), visible=[v != CALM for v in values]
     )
-    writer.rows(f"bars/{name}", np.asarray(t), rr.StateChange.columns(state=list(states)))
+    writer.static(f"{name}", style)
+    writer.rows(f"{name}", np.asarray(t), rr.StateChange.columns(state=list(states)))
 
 
-def _bars(writer: Writer, name: str, intervals: Sequence[Interval], low: float, colour: Rgb) -> None:
-    """Write one lane of bars from time `low` on; where bars of a lane overlap, the later one shows."""
-    changes: dict[float, str] = {float(low): CALM}
+def _bars(writer: Writer, name: str, intervals: Sequence[Interval], t: np.ndarray, colour: Rgb) -> None:
+    """Write one lane of bars within times `t`; where bars of a lane overlap, the later one shows."""
+    low, high = float(t[0]), float(t[-1])
+    changes: dict[float, str] = {low: CALM}
     for one in sorted(intervals, key=lambda i: i.start):
-        changes = {t: s for t, s in changes.items() if t <= one.start} | {one.start: one.label, one.end: CALM}
+        a, b = max(one.start, low), min(one.end, high)
+        changes = {k: s for k, s in changes.items() if k <= a} | {a: drawable(one.label), b: CALM}
     labels = dict.fromkeys(s for s in changes.values() if s != CALM)
-    t = sorted(changes)
-    _lane(writer, name, t, [changes[k] for k in t], {CALM: (60, 60, 60)} | dict.fromkeys(labels, colour))
+    times = sorted(changes)
+    _lane(writer, name, times, [changes[k] for k in times], {CALM: GREY} | dict.fromkeys(labels, colour))
 
 
-def _events(comparison: Comparison, intervals: Sequence[Interval]) -> Iterator[Event]:
+def _events(comparison: Comparison) -> Iterator[Event]:
     motion, fit, run = comparison.motion, comparison.fit, comparison.run
     start = command_start(comparison)
     begin = float(motion.t[0] - start)
@@ -126,24 +150,33 @@ def _events(comparison: Comparison, intervals: Sequence[Interval]) -> Iterator[E
     yield Event(begin, f"{kind}, {motion.variant.velocity:g} m/s, variant {motion.variant_source}")
     for warning in motion.warnings:
         yield Event(begin, warning, "WARN")
-    verdict = motion.health.verdict
-    yield Event(begin, f"filter: {verdict}", "INFO" if motion.health.good else "WARN")
+    yield Event(begin, f"filter: {motion.health.verdict}", "INFO" if motion.health.good else "WARN")
     for note in fit.notes:
         yield Event(begin, f"fit: {note}")
     if fit.status != "ok":
         yield Event(begin, f"fit of k_92: {fit.status.replace('_', ' ')}", "WARN")
-    yield Event(0.0, f"command starts ({start:.3f} ± {motion.t_start.std:.3f} s in the log's time)")
+    yield Event(0.0, f"command starts, at {plus_minus(motion.t_start, 's')} of the log's own time")
     for phase, rows in groupby(range(len(motion.t)), key=lambda i: motion.phase[i]):
         yield Event(float(motion.t[next(rows)] - start), f"phase: {phase}")
     for a, b in motion.health.rests:
         yield Event(a - start, f"standstill found: {a - start:.2f} s to {b - start:.2f} s")
-    yield from _updates(comparison, start)
-    for one in intervals:
-        yield Event(one.start, f"{one.channel}: {one.label}, {one.start:.2f} s to {one.end:.2f} s", "WARN")
     t1, t2 = motion.steady
-    λ = motion.slip_ratio
-    slip = f"measured {λ.value:.4f} ± {λ.std:.4f}, simulated {run.slip_ratio:.4f}"
-    yield Event(t2 - start, f"slip ratio λ_R (2) over the steady part of {t2 - t1:.2f} s: {slip}")
+    slip = f"measured {plus_minus(motion.slip_ratio, '%', 100)}, simulated {100 * run.slip_ratio:.1f} %"
+    yield Event(t2 - start, f"slip λ_R (2) over the steady part of {t2 - t1:.2f} s: {slip}")
+
+
+def _found(comparison: Comparison, finding: Finding | None) -> Iterator[Event]:
+    """Yield what a search found, at the start of the trial; for a trial that it left out, why."""
+    if finding is None:
+        return
+    t = float(comparison.motion.t[0] - command_start(comparison))
+    for trial, reason in finding.dropped:
+        if trial == comparison.motion.trial:
+            yield Event(t, f"left out of the search: {reason}", "WARN")
+    if residuals_of(finding, comparison):
+        yield Event(t, effects_in_words(finding), "INFO" if finding.verdict == "none" else "WARN")
+        if latency := latency_in_words(finding.latency):
+            yield Event(t, latency)
 
 
 def _updates(comparison: Comparison, start: float) -> Iterator[Event]:
@@ -156,9 +189,9 @@ def _updates(comparison: Comparison, start: float) -> Iterator[Event]:
         for run in np.split(t, np.flatnonzero(np.diff(t) > max(pause, 0.25)) + 1):
             what = f"{kind.replace('_', '-')} updates: {len(run)}, until {run[-1]:.2f} s"
             nis = health.nis.get(kind)
-            yield Event(float(run[0]), what + (f" (mean NIS of all {nis:.2f})" if nis is not None else ""))
+            mean = f" (mean normalized innovation squared of all: {nis:.2f})" if nis is not None else ""
+            yield Event(float(run[0]), what + mean)
     ratio = np.abs(health.innovation) / np.where(health.innovation_std > 0, health.innovation_std, np.inf)
-    bad = [i for i in np.argsort(-ratio) if ratio[i] > OUTLIER][:MOST_OUTLIERS]
-    for i in bad:
+    for i in [i for i in np.argsort(-ratio) if ratio[i] > OUTLIER][:MOST_OUTLIERS]:
         text = f"{health.kind[i].replace('_', '-')} update {ratio[i]:.1f} times its std off"
         yield Event(float(health.t[i] - start), text, "WARN")

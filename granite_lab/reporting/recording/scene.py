@@ -1,7 +1,11 @@
-"""The 3D view: the measured robot, the simulated one as its ghost, cut-away sand, forces and torques."""
+"""The 3D view: the measured robot, the simulated one as an outline, cut-away sand, forces and torques.
+
+Axes as in frame R: x forward, y left, z up, origin midway between the axles at wheel-centre height.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +14,8 @@ import rerun as rr
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.logs.trial import Array
-from granite_lab.parameters import WHEELS, Chassis, Robot
-from granite_lab.reporting.recording import shapes
-from granite_lab.reporting.recording.signals import MOST_ROWS, SIMULATED, command_start
+from granite_lab.parameters import WHEELS, Chassis, Robot, Wheels
+from granite_lab.reporting.recording.lines import MOST_ROWS, SIMULATED, Rgb, command_start
 from granite_lab.reporting.recording.stream import Writer, thinned
 
 STEP = 0.03
@@ -21,15 +24,20 @@ FORCE_SCALE = 0.0022
 """Length of a force arrow [m/N]."""
 TORQUE_SCALE = 0.35
 """Sweep of a torque's arc [rad/(N m)]."""
-FORCES = {
-    "ground_reaction": ((240, 90, 200), "ground reaction"),
-    "thrust": ((0, 190, 140), "thrust F, (14)"),
-    "resistance": ((235, 60, 50), "motion resistance R, (13)"),
+FORCES: dict[str, Rgb] = {
+    "ground_reaction": (240, 90, 200),
+    "thrust": (0, 190, 140),
+    "resistance": (235, 60, 50),
 }
 VIEWPOINT = "scene/viewpoint"
-SAND, SAND_CUT, TICK = (214, 184, 132), (181, 148, 97), (110, 84, 48)
+SAND, SAND_CUT, TICK, DEPTH = (214, 184, 132), (181, 148, 97), (110, 84, 48), (150, 118, 72)
 TORQUE_MEASURED = (150, 215, 255)
-PAINT = (52, 120, 178)
+PAINT, DARK, WHITE = (52, 120, 178), (45, 47, 52), (235, 235, 235)
+TYRE, LUG, RIM = (38, 38, 40), (72, 72, 76), (58, 58, 62)
+EDGE = 0.0016
+"""Radius of the simulated robot's outlines [m]."""
+Block = tuple[tuple[float, float, float], tuple[float, float, float], Rgb]
+"""A box: lowest corner and highest corner [m], colour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +93,8 @@ def poses(comparison: Comparison, t: Array) -> tuple[Pose, Pose]:
 def write_scene(writer: Writer, comparison: Comparison) -> None:
     """Write the scene of one trial."""
     robot = comparison.run.robot
-    assert robot.chassis is not None  # or there were no run
+    chassis = robot.chassis
+    assert chassis is not None  # or there were no run
     t = thinned(comparison.motion.t - command_start(comparison), STEP, MOST_ROWS)
     measured, simulated = poses(comparison, t)
     writer.static("scene", rr.ViewCoordinates.FLU)
@@ -93,21 +102,28 @@ def write_scene(writer: Writer, comparison: Comparison) -> None:
     along = np.column_stack([measured.x, np.zeros_like(t), np.zeros_like(t)])
     writer.rows(VIEWPOINT, t, rr.Transform3D.columns(translation=along))
     travel = np.concatenate([measured.x, simulated.x])
-    _write_sand(writer, robot, robot.chassis, float(travel.min()), float(travel.max()))
-    _write_solid(writer, "scene/measured", robot, robot.chassis, t, measured)
-    _write_ghost(writer, "scene/simulated", robot, robot.chassis, t, simulated)
-    _write_forces(writer, comparison, robot.chassis, t[::2], measured.every(2))
-    _write_torques(writer, comparison, robot.chassis, t[::2])
+    _write_sand(writer, robot, chassis, float(travel.min()), float(travel.max()))
+    _write_robot(writer, "scene/measured", t, measured, chassis, (_body(chassis, robot.wheels),),
+                 _wheel(robot.wheels))  # fmt: skip
+    _write_robot(writer, "scene/simulated", t, simulated, chassis, (_body_outline(chassis, robot.wheels),),
+                 _wheel_outline(robot.wheels))  # fmt: skip
+    _write_forces(writer, comparison, chassis, t[::2], measured.every(2))
+    _write_torques(writer, comparison, chassis, t[::2])
 
 
-def _mesh(shape: shapes.Shape, tint: tuple[int, ...] | None = None) -> Any:
-    return rr.Mesh3D(
-        vertex_positions=shape.vertices,
-        triangle_indices=shape.triangles,
-        vertex_normals=shape.normals,
-        vertex_colors=shape.colours if tint is None else None,
-        albedo_factor=tint,
-    )
+def _write_robot(
+    writer: Writer, entity: str, t: Array, pose: Pose, chassis: Chassis,
+    body: Sequence[Any], wheel: Sequence[Any],
+) -> None:  # fmt: skip
+    """Write a body and four wheels, each with its own spin."""
+    place = np.column_stack([pose.x, np.zeros_like(t), pose.z])
+    writer.rows(entity, t, rr.Transform3D.columns(translation=place, quaternion=_quaternion(pose.pitch)))
+    writer.static(f"{entity}/body", *body)
+    for i, (name, (x, y)) in enumerate(_mount(chassis).items()):
+        writer.static(f"{entity}/{name}", rr.Transform3D(translation=(x, y, 0)))
+        spin = f"{entity}/{name}/tyre"
+        writer.static(spin, *wheel)
+        writer.rows(spin, t, rr.Transform3D.columns(quaternion=_quaternion(pose.spin[:, i])))
 
 
 def _mount(chassis: Chassis) -> dict[str, tuple[float, float]]:
@@ -122,46 +138,74 @@ def _quaternion(angle: Array) -> Array:
     return np.column_stack([zero, np.sin(angle / 2), zero, np.cos(angle / 2)])
 
 
-def _write_pose(writer: Writer, entity: str, t: Array, pose: Pose) -> None:
-    place = np.column_stack([pose.x, np.zeros_like(t), pose.z])
-    writer.rows(entity, t, rr.Transform3D.columns(translation=place, quaternion=_quaternion(pose.pitch)))
+def _boxes(blocks: Sequence[Block]) -> Any:
+    low, high, colours = zip(*blocks, strict=True)
+    return rr.Boxes3D(
+        mins=low, sizes=np.subtract(high, low), colors=colours, fill_mode="solid", show_labels=False
+    )
 
 
-def _write_solid(writer: Writer, entity: str, robot: Robot, chassis: Chassis, t: Array, pose: Pose) -> None:
-    """Write the measured robot: body and four wheels, each with its own spin."""
-    _write_pose(writer, entity, t, pose)
-    writer.static(f"{entity}/body", _mesh(shapes.body(chassis, robot.wheels, PAINT)))
-    tyre = _mesh(shapes.wheel(robot.wheels, PAINT))
-    for i, (wheel, (x, y)) in enumerate(_mount(chassis).items()):
-        writer.static(f"{entity}/{wheel}", rr.Transform3D(translation=(x, y, 0)))
-        spin = f"{entity}/{wheel}/tyre"
-        writer.static(spin, tyre)
-        writer.rows(spin, t, rr.Transform3D.columns(quaternion=_quaternion(pose.spin[:, i])))
+def _hull(chassis: Chassis, wheels: Wheels) -> tuple[float, float, float, float]:
+    """Return the half length, half width, bottom and top of the body [m]."""
+    r = wheels.radius
+    x, y = chassis.wheel_base / 2 + 0.35 * r, chassis.track / 2 - wheels.width / 2 - 0.12 * r
+    return x, y, -0.25 * r, 1.45 * r
 
 
-def _write_ghost(writer: Writer, entity: str, robot: Robot, chassis: Chassis, t: Array, pose: Pose) -> None:
-    """Write the simulated robot: translucent, a little smaller, its edges drawn, wheels in pairs.
-
-    It hides inside the solid robot where the two agree, and comes out where they do not.
-    """
-    tint, wheels, half = (*SIMULATED, 70), robot.wheels, chassis.track / 2
-    _write_pose(writer, entity, t, pose)
-    body = shapes.shrunk(shapes.body(chassis, wheels, PAINT), 0.985)
-    writer.static(f"{entity}/body", _mesh(body, tint))
-    writer.static(f"{entity}/body/edges", _edges(shapes.body_edges(chassis, wheels)))
-    tyre = shapes.shrunk(shapes.wheel(wheels, PAINT, spokes=False), 0.985)
-    pair = shapes.merge(*(shapes.moved(tyre, (0, y, 0)) for y in (half, -half)))
-    rims = [e + np.array([0, y, 0], np.float32) for e in shapes.wheel_edges(wheels) for y in (half, -half)]
-    for i, axle, x in ((0, "front", chassis.wheel_base / 2), (2, "rear", -chassis.wheel_base / 2)):
-        writer.static(f"{entity}/{axle}", rr.Transform3D(translation=(x, 0, 0)))
-        spin = f"{entity}/{axle}/tyres"
-        writer.static(spin, _mesh(pair, tint))
-        writer.static(f"{spin}/edges", _edges(rims))
-        writer.rows(spin, t, rr.Transform3D.columns(quaternion=_quaternion(pose.spin[:, i])))
+def _body(chassis: Chassis, wheels: Wheels) -> Any:
+    """Return the robot's body between its wheels, with axles, a deck and a bow that tells the front."""
+    r, half = wheels.radius, chassis.track / 2
+    x, y, low, high = _hull(chassis, wheels)
+    blocks: list[Block] = [
+        ((-x, -y, low), (x, y, high), PAINT),
+        ((-0.8 * x, -0.8 * y, high), (0.45 * x, 0.8 * y, high + 0.12 * r), DARK),
+        ((0.62 * x, -0.55 * y, high), (0.8 * x, 0.55 * y, high + 0.5 * r), DARK),
+        ((x, -0.6 * y, low + 0.5 * r), (x + 0.1 * r, 0.6 * y, high - 0.45 * r), WHITE),
+    ]
+    for axle in (-chassis.wheel_base / 2, chassis.wheel_base / 2):
+        blocks.append(((axle - 0.1 * r, -half, -0.1 * r), (axle + 0.1 * r, half, 0.1 * r), DARK))
+    return _boxes(blocks)
 
 
-def _edges(strips: list[shapes.Floats]) -> Any:
-    return rr.LineStrips3D(strips, colors=SIMULATED, radii=0.0012)
+def _wheel(wheels: Wheels) -> tuple[Any, Any]:
+    """Return a wheel about its own centre: tyre, rim and hub; and lugs and spokes, one spoke marked."""
+    r, width = wheels.radius, wheels.width
+    lying = rr.Quaternion(xyzw=[np.sqrt(0.5), 0, 0, np.sqrt(0.5)])  # a cylinder's own axis is z
+    tyre = rr.Cylinders3D(
+        radii=[0.99 * r, 0.72 * r, 0.22 * r],
+        lengths=[width, width + 0.002, width + 0.010],
+        quaternions=[lying] * 3, colors=[TYRE, RIM, PAINT], fill_mode="solid",
+    )  # fmt: skip
+    lugs = round(wheels.lugs) or 24
+    at = 2 * np.pi * np.concatenate([np.arange(lugs) / lugs, np.arange(5) / 5])
+    middle = np.concatenate([np.full(lugs, 0.985 * r), np.full(5, 0.45 * r)])
+    half = np.concatenate([
+        np.tile([0.5 * np.pi * r / lugs, 0.49 * width, 0.015 * r], (lugs, 1)),
+        np.tile([0.05 * r, width / 2 + 0.003, 0.27 * r], (5, 1)),
+    ])  # fmt: skip
+    bars = rr.Boxes3D(
+        centers=np.column_stack([middle * np.sin(at), np.zeros_like(at), middle * np.cos(at)]),
+        half_sizes=half, quaternions=_quaternion(at),
+        colors=[LUG] * lugs + [WHITE] + [PAINT] * 4, fill_mode="solid",
+    )  # fmt: skip
+    return tyre, bars
+
+
+def _body_outline(chassis: Chassis, wheels: Wheels) -> Any:
+    x, y, low, high = _hull(chassis, wheels)
+    return rr.Boxes3D(
+        mins=[(-x, -y, low)], sizes=[(2 * x, 2 * y, high - low)],
+        colors=SIMULATED, radii=EDGE, fill_mode="majorwireframe",
+    )  # fmt: skip
+
+
+def _wheel_outline(wheels: Wheels) -> tuple[Any]:
+    """Return the edges of a wheel, and one spoke on each of its sides."""
+    angle = np.linspace(0, 2 * np.pi, 49)
+    ring = np.column_stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)]) * wheels.radius
+    sides = [np.array([0, y, 0]) for y in (-0.54 * wheels.width, 0.54 * wheels.width)]
+    strips = [strip + side for side in sides for strip in (ring, np.stack([0 * ring[0], ring[0]]))]
+    return (rr.LineStrips3D(strips, colors=SIMULATED, radii=EDGE),)
 
 
 def _write_sand(writer: Writer, robot: Robot, chassis: Chassis, start: float, end: float) -> None:
@@ -170,9 +214,9 @@ def _write_sand(writer: Writer, robot: Robot, chassis: Chassis, start: float, en
     near = -(chassis.track - robot.wheels.width) / 2 + 0.004
     far, depth = chassis.track / 2 + 2.5 * robot.wheels.radius, 1.1 * robot.wheels.radius
     low, high = start - half - 0.1, end + half + 0.1
-    top = shapes.box((low, near, -depth), (high, far, 0.0), SAND)
-    cut = shapes.box((low, near - 0.001, -depth), (high, near, -0.0005), SAND_CUT)
-    writer.static("scene/sand", _mesh(shapes.merge(top, cut)))
+    top: Block = ((low, near, -depth), (high, far, 0.0), SAND)
+    cut: Block = ((low, near - 0.001, -depth), (high, near, -0.0005), SAND_CUT)
+    writer.static("scene/sand", _boxes([top, cut]))
     face = near - 0.003
     tick = 0.25 * 10.0 ** max(0, np.ceil(np.log10((end - start + 0.1) / 25)))
     marks = tick * np.arange(np.ceil(start / tick), end / tick + 1) + 0.0  # no "-0 m"
@@ -189,9 +233,7 @@ def _write_sand(writer: Writer, robot: Robot, chassis: Chassis, start: float, en
     )  # fmt: skip
     depths = np.arange(0.01, 0.031, 0.01)
     strata = [[(low, face + 0.001, -z), (high, face + 0.001, -z)] for z in depths]
-    writer.static(
-        "scene/sand/depth_10_20_30_mm", rr.LineStrips3D(strata, colors=(150, 118, 72), radii=0.0006)
-    )
+    writer.static("scene/sand/depth_10_20_30_mm", rr.LineStrips3D(strata, colors=DEPTH, radii=0.0006))
 
 
 def _write_forces(writer: Writer, comparison: Comparison, chassis: Chassis, t: Array, pose: Pose) -> None:
@@ -211,11 +253,31 @@ def _write_forces(writer: Writer, comparison: Comparison, chassis: Chassis, t: A
             (f"resistance_{axle}_N", "resistance", 0),
         ):
             rows[name][:, k, axis] = FORCE_SCALE * _at(t, run.t, run[signal])
-    for name, (colour, _) in FORCES.items():
+    for name, colour in FORCES.items():
         entity = f"scene/force_{name}"
         writer.static(entity, rr.Arrows3D.from_fields(colors=colour, radii=0.005))
         columns = rr.Arrows3D.columns(vectors=rows[name].reshape(-1, 3), origins=origins.reshape(-1, 3))
         writer.rows(entity, t, columns.partition([2] * len(t)))
+
+
+def arc_arrow(radius: float, sweep: Array, steps: int = 7) -> Array:
+    """Return arcs with an arrow head in the plane y = 0, one per sweep angle.
+
+    Args:
+        radius: of the arc [m].
+        sweep: (N,) angle from the top [rad], positive the way a wheel rolls forward.
+
+    Returns:
+        (N, steps + 3, 3) points of one line strip each [m].
+    """
+    a = sweep[:, None] * np.linspace(0, 1, steps)[None, :]
+    points = radius * np.stack([np.sin(a), np.zeros_like(a), np.cos(a)], axis=-1)
+    tip, zero = points[:, -1], np.zeros_like(sweep)
+    forward = np.sign(sweep)[:, None] * np.stack([np.cos(sweep), zero, -np.sin(sweep)], axis=-1)
+    outward = np.stack([np.sin(sweep), zero, np.cos(sweep)], axis=-1)
+    head = 0.22 * radius * np.minimum(1, np.abs(sweep) / 0.3)[:, None]
+    barbs = [tip - head * forward + 0.6 * side * head * outward for side in (1, -1)]
+    return np.concatenate([points, barbs[0][:, None], tip[:, None], barbs[1][:, None]], axis=1)
 
 
 def _write_torques(writer: Writer, comparison: Comparison, chassis: Chassis, t: Array) -> None:
@@ -224,14 +286,12 @@ def _write_torques(writer: Writer, comparison: Comparison, chassis: Chassis, t: 
     y = -run.robot.wheels.width / 2 - 0.008  # does not turn with the wheel
     for axle, wheel in (("f", "fr"), ("r", "rr")):
         mount = _mount(chassis)[wheel]
-        offset = np.array([mount[0], mount[1] + y, 0.0])
         measured = comparison.measured.get(f"torque_{axle}", np.full(1, np.nan))
         known = bool(np.isfinite(measured).any())
         torque = _at(t, comparison.t, measured) if known else _at(t, run.t, run[f"torque_{axle}_Nm"])
-        sweep = np.clip(TORQUE_SCALE * torque, -2.8, 2.8).astype(np.float32)
-        strips = shapes.arc_arrow(0.84 * run.robot.wheels.radius, sweep) + offset.astype(np.float32)
+        sweep = np.clip(TORQUE_SCALE * torque, -2.8, 2.8)
+        strips = arc_arrow(0.84 * run.robot.wheels.radius, sweep) + np.array([mount[0], mount[1] + y, 0.0])
         entity = f"scene/measured/{wheel}_torque"
-        writer.static(
-            entity, rr.LineStrips3D.from_fields(colors=TORQUE_MEASURED if known else SIMULATED, radii=0.003)
-        )
-        writer.rows(entity, t, rr.LineStrips3D.columns(strips=list(strips)))
+        colour = TORQUE_MEASURED if known else SIMULATED
+        writer.static(entity, rr.LineStrips3D.from_fields(colors=colour, radii=0.003))
+        writer.rows(entity, t, rr.LineStrips3D.columns(strips=list(strips.astype(np.float32))))

@@ -20,6 +20,14 @@ from granite_lab.logs.trial import Array
 TIMELINE = "time"
 """The one timeline: a duration since the start of the command, negative while the robot waits for it."""
 
+NO_GLYPH = re.compile(r"[^\n -~\u00a0-\u017f\u0391-\u03a9\u03b1-\u03c9\u0400-\u045f‐-‧∂∆∑−√∞≈≠≤≥±²³°→₀-₉]")
+"""What the viewer's only font, Inter, may lack; the viewer ends with an error where it meets one."""
+
+
+def drawable(text: str) -> str:
+    """Return a text of which the viewer can draw every character; others become question marks."""
+    return NO_GLYPH.sub("?", text)
+
 
 @dataclass(frozen=True, eq=False)
 class Writer:
@@ -87,7 +95,7 @@ def recording(path: Path, name: str, blueprint: Any) -> Iterator[Any]:
         with TemporaryDirectory() as folder:
             file = Path(folder) / "recording.rrd"
             stream.save(file, default_blueprint=blueprint)
-            stream.send_recording_name(name)
+            stream.send_recording_name(drawable(name))
             yield stream
             stream.disconnect()  # writes the footer
             write_bytes(path, file.read_bytes())

@@ -1,19 +1,35 @@
-"""Opening a recording in the Rerun viewer."""
+"""Recordings in the Rerun viewer: in a window, in a browser, or as a picture."""
 
 from __future__ import annotations
 
+import io
 import os
+import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from granite_lab.errors import InputError, LabError
-from granite_lab.files import readable, refuse_special
+from granite_lab.errors import InputError, LabError, UsageError
+from granite_lab.files import readable, refuse_special, write_bytes
+from granite_lab.reporting.recording.stream import TIMELINE
 
 PATIENCE = 4.0
 """How long a viewer that cannot start may take to say so [s]."""
+START = 30.0
+"""How long a viewer may take until it answers, and until its picture stands still [s]."""
+SIZE = (1920, 1080)
+"""Width and height of a picture's window [pixels]."""
+TITLE_BAR = 37
+"""Height of the viewer's own title bar, which a picture leaves out [pixels]."""
 MAGIC = b"RRF"
+WEB_PORT, DATA_PORT = 9090, 9876
+"""Where Rerun serves a page and its data unless the ports are taken."""
 
 
 def open_viewer(path: Path) -> None:
@@ -22,6 +38,115 @@ def open_viewer(path: Path) -> None:
     Raises:
         InputError: there is no such file, or it is no recording.
         LabError: this machine has no display, no viewer, or no graphics driver.
+    """
+    _refuse_others(path)
+    elsewhere = (
+        f"see it in a browser with 'granite-lab view {path.resolve()} --web', "
+        "or copy that file to a computer with a screen and open it with 'rerun FILE'"
+    )
+    if sys.platform.startswith("linux") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise LabError("there is no display to open the Rerun viewer on", elsewhere)
+    viewer = _start(["--new", str(path.resolve())], start_new_session=True)
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        if viewer.poll() not in (None, 0):
+            raise LabError(f"the Rerun viewer ended at once with code {viewer.returncode}", elsewhere)
+        time.sleep(0.05)
+
+
+def serve(path: Path, tell: Callable[[str], None]) -> None:
+    """Serve a recording and the web viewer on this machine until interrupted.
+
+    Args:
+        path: of the recording.
+        tell: called with the address once a browser can open it.
+
+    Raises:
+        InputError: there is no such file, or it is no recording.
+        LabError: there is no viewer, or it ended.
+    """
+    _refuse_others(path)
+    web, data = _free_port(WEB_PORT), _free_port(DATA_PORT)
+    options = ["--serve-web", "--port", str(data), "--web-viewer-port", str(web)]
+    with _running(options, path) as server:
+        for port in (web, data):
+            _wait_for(server, lambda port=port: _listens(port))  # type: ignore[misc]
+        try:
+            with _ended_by_terminate():
+                tell(f"http://127.0.0.1:{web}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy")
+                code = server.wait()
+        except KeyboardInterrupt:
+            return
+    raise LabError(f"the Rerun server ended with code {code}", "start it again")
+
+
+def save_picture(path: Path, picture: Path, at: float | None = None) -> Path:
+    """Save a picture of the viewer with a recording; no display is needed.
+
+    Args:
+        path: of the recording.
+        picture: of the .png file.
+        at: time since the start of the command [s]; without it the middle of the recording.
+
+    Returns:
+        `picture`.
+
+    Raises:
+        UsageError: the picture is no .png file, or the recording has no such time.
+        InputError: there is no such recording.
+        LabError: there is no viewer or no graphics driver, or the picture cannot be written.
+    """
+    from rerun.experimental import ViewerClient  # noqa: PLC0415, heavy
+
+    _refuse_others(path)
+    if picture.suffix.lower() != ".png":
+        raise UsageError(f"{picture}: a picture is a .png file", f"name it {picture.stem}.png")
+    port = _free_port(0)
+    options = ["--headless", "--port", str(port), "--hide-welcome-screen"]
+    options += ["--window-size", f"{SIZE[0]}x{SIZE[1]}"]
+    with _running(options, path) as viewer:
+        address = f"rerun+http://127.0.0.1:{port}/proxy"
+        client = _wait_for(viewer, lambda: ViewerClient.connect(address))
+        loaded = _wait_for(viewer, lambda: _loaded(client))
+        low, high = (loaded.start / 1e9, loaded.end / 1e9)
+        at = (low + high) / 2 if at is None else at
+        if not low <= at <= high:
+            raise UsageError(
+                f"{path}: there is nothing at {at:g} s", f"the recording holds {low:.2f} s to {high:.2f} s"
+            )
+        client.set_time(TIMELINE, duration=at, play_state="paused")
+        png = _wait_for(viewer, lambda: _still(client))
+    from matplotlib.image import imread, imsave  # noqa: PLC0415, heavy
+
+    cropped = io.BytesIO()
+    imsave(cropped, imread(io.BytesIO(png))[TITLE_BAR:], format="png")
+    write_bytes(picture, cropped.getvalue())
+    return picture
+
+
+def _loaded(client: Any) -> Any:
+    """Return the recording's timeline once it is shown, None before."""
+    state = client.get_state()
+    if not state.views or state.loading:
+        return None
+    return next((t for r in state.recordings for t in r.timelines if t.name == TIMELINE), None)
+
+
+def _still(client: Any) -> bytes | None:
+    """Return a picture if it stands still, None while the viewer still draws."""
+    before = client.take_screenshot()
+    time.sleep(0.5)
+    after: bytes = client.take_screenshot()
+    return after if after == before else None
+
+
+def _refuse_others(path: Path) -> None:
+    """Refuse what is no recording.
+
+    Raises:
+        InputError: there is no such file, or it is no recording.
     """
     refuse_special(path)
     try:
@@ -33,30 +158,92 @@ def open_viewer(path: Path) -> None:
         raise InputError(
             f"{path}: not a Rerun recording", "make one with 'granite-lab study TRIALS --out DIR'"
         )
-    elsewhere = f"copy {path.name} to a computer with a screen and run 'rerun {path.name}' there"
-    if sys.platform.startswith("linux") and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
-        raise LabError("there is no display to open the Rerun viewer on", elsewhere)
-    viewer = _start(path, elsewhere)
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        if viewer.poll() not in (None, 0):
-            raise LabError(f"the Rerun viewer ended at once with code {viewer.returncode}", elsewhere)
-        time.sleep(0.05)
 
 
-def _start(path: Path, elsewhere: str) -> subprocess.Popen[bytes]:
-    """Start the viewer that comes with the rerun-sdk package, apart from this process."""
-    command = [sys.executable, "-m", "rerun", "--new", str(path.resolve())]
+def _start(options: list[str], **how: Any) -> subprocess.Popen[bytes]:
+    """Start the viewer that comes with the rerun-sdk package, bound to this machine only.
+
+    Raises:
+        LabError: there is none.
+    """
+    import rerun_cli  # type: ignore[import-untyped]  # noqa: PLC0415, heavy
+
+    # The program itself: the Python process that 'python -m rerun' puts around it would end without it.
+    folder = Path(rerun_cli.__file__).parent
+    places = [folder / name for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun.exe", "rerun")]
+    binary = next((place for place in places if place.exists()), places[-1])
+    quiet: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     try:
-        return subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        return subprocess.Popen([binary, "--bind", "127.0.0.1", *options], **quiet, **how)
     except OSError as error:
         reason = error.strerror or type(error).__name__
-        raise LabError(f"the Rerun viewer cannot be started: {reason}", elsewhere) from None
+        hint = "install it again with 'pip install --force-reinstall rerun-sdk'"
+        raise LabError(f"the Rerun viewer cannot be started: {reason}", hint) from None
+
+
+@contextmanager
+def _running(options: list[str], path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a viewer with a recording for as long as it is needed."""
+    process = _start([*options, str(path.resolve())])
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.wait(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+@contextmanager
+def _ended_by_terminate() -> Iterator[None]:
+    """Let the signal that ends a service do as Ctrl+C does, so that the server ends with this process."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals belong to the main thread
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _wait_for(viewer: subprocess.Popen[bytes], ask: Callable[[], Any]) -> Any:
+    """Return the first answer that is not empty.
+
+    Raises:
+        LabError: the viewer ended, or took too long.
+    """
+    end = time.monotonic() + START
+    while time.monotonic() < end:
+        if viewer.poll() is not None:
+            raise LabError(
+                f"the Rerun viewer ended at once with code {viewer.returncode}",
+                "pictures need a Vulkan driver; without a graphics card install mesa-vulkan-drivers",
+            )
+        try:
+            if answer := ask():
+                return answer
+        except ConnectionError:
+            pass
+        time.sleep(0.1)
+    raise LabError(f"the Rerun viewer did not answer within {START:g} s", "try again")
+
+
+def _listens(port: int) -> bool:
+    """Say whether a server on this machine answers at a port."""
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def _free_port(wanted: int) -> int:
+    """Return a port that no other program uses: the wanted one if possible."""
+    for port in (wanted, 0):
+        with socket.socket() as probe:
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return int(probe.getsockname()[1])
+    raise LabError("there is no free port on this machine")

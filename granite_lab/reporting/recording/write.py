@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain, cycle
 from pathlib import Path
 
 import rerun as rr
@@ -13,13 +15,40 @@ from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.logs.trial import Trial
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.recording.about import about, properties
-from granite_lab.reporting.recording.discovered import found_events, found_lines, intervals_of
-from granite_lab.reporting.recording.events import Event, Interval, lanes_of, within, write_events
-from granite_lab.reporting.recording.layout import blueprint, extent_of, overlay, trial_layout
+from granite_lab.reporting.recording.about import KEY, STUDY_KEY, about, key, properties
+from granite_lab.reporting.recording.events import Interval, intervals_of, lanes_of, write_events
+from granite_lab.reporting.recording.layout import OVERLAY, blueprint, overlay, trial_layout
+from granite_lab.reporting.recording.lines import OF_TRIALS, Line, lines_of, overlaid, write_lines
 from granite_lab.reporting.recording.scene import write_scene
-from granite_lab.reporting.recording.signals import Line, lines_of, robot_slip, write_lines
-from granite_lab.reporting.recording.stream import Writer, recording, root_of
+from granite_lab.reporting.recording.stream import Writer, drawable, recording, root_of
+
+
+@dataclass(frozen=True)
+class _Content:
+    """What a recording holds of one trial."""
+
+    trial: Trial
+    comparison: Comparison
+    finding: Finding | None
+    lines: list[Line]
+    bars: list[Interval]
+
+    def layout(self, root: str, name: str) -> rrb.Horizontal:
+        return trial_layout(root, self.lines, lanes=lanes_of(self.bars), name=drawable(name))
+
+    def write(self, writer: Writer) -> None:
+        write_lines(writer, self.lines)
+        write_scene(writer, self.comparison)
+        write_events(writer, self.comparison, self.bars, self.finding)
+        writer.static("about", about(self.trial, self.comparison))
+        writer.static("key", key(KEY))
+
+
+def _content(
+    trial: Trial, comparison: Comparison, finding: Finding | None, intervals: Sequence[Interval] = ()
+) -> _Content:
+    lines = lines_of(trial, comparison, finding)
+    return _Content(trial, comparison, finding, lines, intervals_of(comparison, intervals, finding))
 
 
 def record_trial(
@@ -46,25 +75,11 @@ def record_trial(
     Raises:
         LabError: the file cannot be written.
     """
-    lines, bars, events = _contents(trial, comparison, intervals, finding)
-    layout = trial_layout("", lines, lanes=lanes_of(bars), name=trial.name)
-    with recording(path, trial.name, blueprint(layout)) as stream:
+    content = _content(trial, comparison, finding, intervals)
+    with recording(path, trial.name, blueprint(content.layout("", trial.name))) as stream:
         stream.send_property("trial", properties(trial, comparison))
-        _write(Writer(stream), trial, comparison, lines, bars, events)
+        content.write(Writer(stream))
     return path
-
-
-def _contents(
-    trial: Trial, comparison: Comparison, intervals: Sequence[Interval], finding: Finding | None
-) -> tuple[list[Line], list[Interval], list[Event]]:
-    """Return the lines, bars and further log lines of a trial."""
-    lines, bars = list(lines_of(trial, comparison)), list(intervals)
-    events: list[Event] = []
-    if finding is not None:
-        lines += found_lines(finding, comparison)
-        bars += intervals_of(finding, comparison)
-        events += found_events(finding, comparison)
-    return lines, within(bars, comparison), events
 
 
 def record_study(result: StudyResult, path: Path, *, finding: Finding | None = None) -> Path:
@@ -84,18 +99,24 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
     Raises:
         LabError: the file cannot be written.
     """
-    trials = dict(zip(_distinct([r.trial.name for r in result.trials]), result.trials, strict=True))
-    contents = {k: _contents(r.trial, r.comparison, (), finding) for k, r in trials.items()}
-    lines = {k: [*contents[k][0], *robot_slip(r.comparison)] for k, r in trials.items()}
-    groups: dict[str, list[str]] = {}
-    for name, own in sorted(trials.items(), key=lambda item: item[1].comparison.motion.variant.velocity):
-        groups.setdefault(f"{own.comparison.motion.variant.velocity:.3g} m/s", []).append(name)
-    layouts = {k: trial_layout(root_of(k), lines[k], lanes=lanes_of(contents[k][1]), name=k) for k in trials}
-    tabs = [rrb.Tabs(*(layouts[name] for name in names), name=speed) for speed, names in groups.items()]
-    extents = {
-        speed: extent_of([x for name in names for x in lines[name]]) for speed, names in groups.items()
+    names = _distinct([drawable(r.trial.name) for r in result.trials])
+    contents = {
+        name: _content(r.trial, r.comparison, finding) for name, r in zip(names, result.trials, strict=True)
     }
-    content = rrb.Tabs(overlay(groups, extents), *tabs, active_tab=0)
+    speeds: dict[float, list[str]] = {}
+    for name, own in contents.items():
+        speeds.setdefault(own.comparison.motion.variant.velocity, []).append(name)
+    tabs, rows = [], {}
+    for i, speed in enumerate(sorted(speeds)):
+        layouts = [contents[name].layout(root_of(name), name) for name in speeds[speed]]
+        tabs.append(rrb.Tabs(*layouts, name=f"{speed:.3g} m/s"))
+        rows[tabs[-1].name] = [
+            line
+            for name, colour in zip(speeds[speed], cycle(OF_TRIALS))
+            for line in overlaid(f"{OVERLAY}/{i}", name, contents[name].comparison, colour)
+        ]
+    most = max(map(len, speeds.values()))
+    content = rrb.Tabs(overlay(rows, most), *tabs, active_tab=0)
     with recording(path, result.name, blueprint(content)) as stream:
         stream.send_property(
             "study",
@@ -103,15 +124,16 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
                 name=result.name,
                 virtual=result.virtual,
                 version=__version__,
-                trials=list(trials),
+                trials=names,
                 failures=[f"{f.trial}: {f.message}" for f in result.failures] or ["none"],
             ),
         )
-        for name, own in trials.items():
+        Writer(stream).static("key", key(STUDY_KEY))
+        write_lines(Writer(stream), chain(*rows.values()))
+        for name, own in contents.items():
             root = root_of(name)
             stream.send_property(root.removeprefix("/"), properties(own.trial, own.comparison))
-            _, bars, events = contents[name]
-            _write(Writer(stream, root), own.trial, own.comparison, lines[name], bars, events)
+            own.write(Writer(stream, root))
     return path
 
 
@@ -124,17 +146,3 @@ def _distinct(names: Sequence[str]) -> list[str]:
             unique, k = f"{name} ({k})", k + 1
         seen.append(unique)
     return seen
-
-
-def _write(
-    writer: Writer,
-    trial: Trial,
-    comparison: Comparison,
-    lines: Sequence[Line],
-    intervals: Sequence[Interval],
-    events: Sequence[Event],
-) -> None:
-    write_lines(writer, lines)
-    write_scene(writer, comparison)
-    write_events(writer, comparison, intervals, events)
-    writer.static("about", about(trial, comparison))

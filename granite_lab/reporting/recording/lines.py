@@ -1,0 +1,295 @@
+"""Plotted lines of one trial: what is drawn, its entity, name, unit, colour and samples.
+
+Measured lines are thin and drawn over simulated ones, which are wide: both are seen where they agree.
+Rerun draws the entities of a plot in the order of their names, hence ``from_model`` before ``measured``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, cycle
+
+import numpy as np
+import rerun as rr
+
+from granite_lab.comparison.record import Comparison
+from granite_lab.discovery.finding import Finding, Residual
+from granite_lab.logs.trial import Array, Trial
+from granite_lab.parameters import WHEELS
+from granite_lab.reporting.recording.stream import Writer
+
+Rgb = tuple[int, int, int]
+
+# Okabe and Ito's colours, told apart by every kind of colour vision, the dark blue lightened for a dark
+# ground. As in the report's figures, blue tones are measured and orange tones simulated.
+SKY, BLUE, ORANGE, VERMILION = (86, 180, 233), (40, 120, 215), (230, 159, 0), (213, 94, 0)
+GREEN, PURPLE, GREY = (0, 158, 115), (204, 121, 167), (150, 150, 150)
+MEASURED, SIMULATED = SKY, ORANGE
+OF_WHEELS = (SKY, GREEN, BLUE, PURPLE)
+OF_TRIALS = (SKY, PURPLE, GREEN, BLUE, GREY)
+THIN, WIDE = 1.5, 4.0
+"""Widths of measured and of simulated lines, in points of the screen."""
+
+FINE, MEDIUM, COARSE = 0.01, 0.02, 0.04
+"""Spacing of lines [s]: sensors and simulation; single wheels, residuals and currents; biases.
+
+The estimated velocity and pitch keep every sample; the others keep enough for the eye.
+"""
+MOST_ROWS = 20_000
+"""A line of more samples is thinned, so that a log of an hour still opens."""
+
+SHOWN = {
+    "-": ("%", 100.0),
+    "rad": ("°", 180 / np.pi),
+    "rad/s": ("°/s", 180 / np.pi),
+    "m/s^2": ("m/s²", 1.0),
+}
+"""Unit of a record to the unit that is shown, and its factor; other units are shown as they are."""
+
+RESIDUALS = {
+    "residual_velocity": {"velocity": "robot"},
+    "residual_wheel": {f"wheel_{wheel}": f"wheel {wheel}" for wheel in WHEELS},
+    "residual_slip": {"slip_f": "front", "slip_r": "rear"},
+    "residual_torque": {"torque_f": "front", "torque_r": "rear"},
+    "residual_pitch": {"pitch": "pitch"},
+    "residual_accel": {"accel": "specific force, forward"},
+    "residual_pitch_rate": {"pitch_rate": "pitch rate"},
+}
+"""Plot of residuals to the channels of the comparison that it shows, and their names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One entity of a plot: a line, or several that share their stamps.
+
+    Attributes:
+        entity: path below the trial's root; its first part names the plot.
+        names: (K,) in the legend, without unit.
+        unit: of the samples, as in the records until `shown` turns it into the one that is drawn.
+        t: (N,) time since command start [s].
+        value: (N,) or (N, K) samples; NaN makes a gap.
+        colours: (K,) red, green, blue.
+        widths: (K,) in points of the screen.
+        std: as `value`, drawn as a band of one standard deviation on both sides.
+        step: smallest spacing that is kept [s].
+        dots: single dots, not joined by lines.
+    """
+
+    entity: str
+    names: tuple[str, ...]
+    unit: str
+    t: Array
+    value: Array
+    colours: tuple[Rgb, ...]
+    widths: tuple[float, ...] = (THIN,)
+    std: Array | None = None
+    step: float = 0.0
+    dots: bool = False
+
+    def shown(self) -> Line:
+        """Return the line as drawn: in the shown unit, thinned, NaN for what is not finite."""
+        rows = len(self.t)
+        spacing = (self.t[-1] - self.t[0]) / max(rows - 1, 1)
+        n = max(1, round(self.step / spacing) if spacing > 0 else 1, -(-rows // MOST_ROWS))
+        unit, factor = SHOWN.get(self.unit, (self.unit, 1.0))
+        value = factor * self.value[::n]
+        std = None if self.std is None else factor * self.std[::n]
+        return replace(
+            self, unit=unit, t=self.t[::n], value=np.where(np.isfinite(value), value, np.nan), std=std
+        )
+
+    @property
+    def plot(self) -> str:
+        """Key of the plot that shows the line."""
+        return self.entity.partition("/")[0]
+
+
+def _simulated(
+    plot: str, names: tuple[str, ...], unit: str, t: Array, value: Array, colours: tuple[Rgb, ...]
+) -> Line:
+    """Return wide lines that measured ones are drawn over; of several, later ones are narrower."""
+    widths = tuple(WIDE - 1.5 * k for k in range(len(names)))
+    return Line(f"{plot}/from_model", names, unit, t, value, colours, widths, step=FINE)
+
+
+def command_start(comparison: Comparison) -> float:
+    """Return the log's own time [s] at which the comparison's clock reads zero."""
+    motion = comparison.motion
+    if len(motion.t) == len(comparison.t):
+        return float(np.median(motion.t - comparison.t))
+    start = comparison.fit.t_start.value
+    return start if np.isfinite(start) else motion.t_start.value
+
+
+def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = None) -> list[Line]:
+    """Return every line of a trial as shown; one without a single finite sample is left out.
+
+    Args:
+        trial, comparison: what was logged, and measured beside simulated.
+        finding: of the search for the missing effect; its simulations join the plots.
+    """
+    lines = chain(
+        _motion(trial, comparison), _axles(comparison), _residuals(comparison), _sensors(trial, comparison),
+        _filter(comparison), _found(finding, comparison) if finding is not None else (),
+    )  # fmt: skip
+    return [line for line in (line.shown() for line in lines) if not np.isnan(line.value).all()]
+
+
+def _motion(trial: Trial, comparison: Comparison) -> Iterator[Line]:
+    motion, run = comparison.motion, comparison.run
+    t = motion.t - command_start(comparison)
+    desired = run["v_desired_mps"]
+    yield Line("velocity/desired", ("desired",), "m/s", run.t, desired, (GREY,), step=FINE)
+    yield Line("velocity/wheels", ("wheels, measured",), "m/s", t, _mean(motion.v_wheel), (GREEN,), step=FINE)
+    yield _simulated("velocity", ("simulated",), "m/s", run.t, run["v_mps"], (SIMULATED,))
+    yield Line("velocity/measured", ("measured",), "m/s", t, motion.v, (MEASURED,), std=motion.v_std)
+    if (known := trial.reference_v) is not None:
+        late = known.t - command_start(comparison)
+        yield Line("velocity/reference", ("reference",), "m/s", late, known.value, (PURPLE,))
+    yield _simulated("pitch", ("simulated",), "rad", run.t, run["pitch_rad"], (SIMULATED,))
+    yield Line("pitch/measured", ("measured",), "rad", t, motion.pitch, (MEASURED,), std=motion.pitch_std)
+    for entity, unit, value in (("wheel_velocity", "m/s", motion.v_wheel), ("wheel_slip", "-", motion.slip)):
+        yield Line(f"{entity}/measured", WHEELS, unit, t, value, OF_WHEELS, (THIN,) * 4, step=MEDIUM)
+
+
+def _axles(comparison: Comparison) -> Iterator[Line]:
+    """Yield slip and torque of the axles, front and rear."""
+    c, run = comparison, comparison.run
+    for kind, unit, signal in (("slip", "-", "slip_{}"), ("torque", "N m", "torque_{}_Nm")):
+        both = np.column_stack([run[signal.format(axle)] for axle in "fr"])
+        pair = ("front, simulated", "rear, simulated")
+        yield _simulated(kind, pair, unit, run.t, both, (ORANGE, VERMILION))
+        for axle, name, colour in (("f", "front", SKY), ("r", "rear", BLUE)):
+            if (channel := f"{kind}_{axle}") in c.measured:
+                value, std = c.measured[channel], c.measured_std[channel]
+                names = (f"{name}, measured",)
+                yield Line(f"{kind}/measured_{name}", names, unit, c.t, value, (colour,), std=std, step=FINE)
+
+
+def _residuals(comparison: Comparison) -> Iterator[Line]:
+    """Yield simulated minus measured per channel."""
+    c = comparison
+    for plot, channels in RESIDUALS.items():
+        known = [k for k in channels if k in c.measured and k in c.simulated]
+        if known:
+            value = np.column_stack([c.simulated[k] - c.measured[k] for k in known])
+            names = tuple(channels[k] for k in known)
+            colours = (OF_WHEELS if len(channels) == len(WHEELS) else (MEASURED, BLUE))[: len(known)]
+            unit = c.units[known[0]] or "-"
+            widths = (THIN,) * len(known)
+            yield Line(f"{plot}/difference", names, unit, c.t, value, colours, widths, step=MEDIUM)
+
+
+def _sensors(trial: Trial, comparison: Comparison) -> Iterator[Line]:
+    """Yield what the sensors read, beside what the model says they should."""
+    c, start = comparison, command_start(comparison)
+    for channel, plot in (("accel", "specific_force"), ("pitch_rate", "pitch_rate")):
+        if channel in c.measured:
+            unit = c.units[channel]
+            yield _simulated(plot, ("simulated",), unit, c.t, c.simulated[channel], (SIMULATED,))
+            value = c.measured[channel]
+            yield Line(f"{plot}/measured", ("measured",), unit, c.t, value, (MEASURED,), (1.0,), step=FINE)
+    if (imu := trial.imu) is not None:
+        axes, colours = tuple(f"sensor's {axis}" for axis in "xyz"), (SKY, GREEN, PURPLE)
+        t, force = imu.t - start, imu.specific_force
+        yield Line("imu/specific_force", axes, "m/s^2", t, force, colours, (1.0,) * 3, step=MEDIUM)
+    if (drawn := trial.currents) is not None:
+        t, value = drawn.t - start, drawn.current
+        yield Line("current/measured", WHEELS, "A", t, value, OF_WHEELS, (1.0,) * 4, step=MEDIUM)
+
+
+def _filter(comparison: Comparison) -> Iterator[Line]:
+    """Yield the estimated biases, and the innovations in units of their predicted std."""
+    start, health = command_start(comparison), comparison.motion.health
+    t = comparison.motion.t - start
+    for plot, unit, value, std in (
+        ("accel_bias", "m/s^2", health.accel_bias, health.accel_bias_std),
+        ("gyro_bias", "rad/s", health.gyro_bias, health.gyro_bias_std),
+    ):
+        yield Line(f"{plot}/estimated", ("estimated",), unit, t, value, (MEASURED,), std=std, step=COARSE)
+    scale = np.where(health.innovation_std > 0, health.innovation_std, np.nan)
+    for kind, colour in zip(dict.fromkeys(health.kind), cycle((*OF_WHEELS, VERMILION, GREY))):
+        own = np.array([k == kind for k in health.kind])
+        ratio = (health.innovation / scale)[own]
+        entity, names = f"innovation/{kind}", (kind.replace("_", " "),)
+        t = health.t[own] - start
+        yield Line(entity, names, "σ", t, ratio, (colour,), (1.3,), step=COARSE, dots=True)
+
+
+def residuals_of(finding: Finding, comparison: Comparison) -> list[Residual]:
+    """Return what a search holds of the comparison's trial."""
+    return [r for r in finding.residuals if r.trial == comparison.motion.trial]
+
+
+def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
+    """Yield what the sensors read beside the simulation without and with what was found, and the discrepancy.
+
+    Wheel angles grow all the time, so that of them the difference to the simulation is drawn.
+    """
+    without, later = ("simulated without the effect", "simulated with the effect"), (VERMILION, GREEN)
+    many = 2 if finding.effects else 1
+    for r in residuals_of(finding, comparison):
+        t = r.t + r.t_start - command_start(comparison)
+        both = np.column_stack([r.before, r.after][:many])
+        names = without[:many] if many > 1 else ("simulated",)
+        if r.unit == "rad":
+            names, both = tuple(f"measured − {name}" for name in names), r.measured[:, None] - both
+        else:
+            yield Line(f"found_{r.channel}/measured", ("measured",), r.unit, t, r.measured, (MEASURED,))
+        yield _simulated(f"found_{r.channel}", names, r.unit, t, both, later[:many])
+        plot = f"discrepancy_{r.channel}"
+        if many > 1:
+            name, before = ("without the effect",), r.discrepancy_before
+            yield _simulated(plot, name, r.unit, t, before, (VERMILION,))
+        names, after = ("with the effect",) if many > 1 else ("discrepancy",), r.discrepancy_after
+        yield Line(f"{plot}/remaining", names, r.unit, t, after, (later[many - 1],), std=r.std, step=MEDIUM)
+
+
+def overlaid(row: str, name: str, comparison: Comparison, colour: Rgb) -> list[Line]:
+    """Return velocity and mean slip of one trial of many, as shown, below an entity of their plots.
+
+    Args:
+        row: entity of the plots, which they share with other trials.
+        name: of the trial; its entity's last part.
+        comparison: measured beside simulated.
+        colour: of what was measured.
+    """
+    motion, run = comparison.motion, comparison.run
+    t, last = motion.t - command_start(comparison), rr.escape_entity_path_part(name)
+    slip = (run["slip_f"] + run["slip_r"]) / 2
+    lines = []
+    for plot, unit, simulated, measured in (
+        (f"{row}/velocity", "m/s", run["v_mps"], motion.v),
+        (f"{row}/slip", "-", slip, _mean(motion.slip)),
+    ):
+        wide = _simulated(plot, ("simulated",), unit, run.t, simulated, (SIMULATED,))
+        lines.append(replace(wide, entity=f"{wide.entity}/{last}"))
+        lines.append(Line(f"{plot}/measured/{last}", (name,), unit, t, measured, (colour,), step=FINE))
+    return [line.shown() for line in lines]
+
+
+def _mean(values: Array) -> Array:
+    """Return the mean over the wheels that were measured, NaN where none was; (N, 4) to (N,)."""
+    known = np.isfinite(values)
+    count = known.sum(axis=1)
+    total = np.where(known, values, 0.0).sum(axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def write_lines(writer: Writer, lines: Iterable[Line]) -> None:
+    """Write lines and dots; of lines, the viewer itself puts the unit behind the name."""
+    for line in lines:
+        many = len(line.names)
+        if line.dots:
+            names = [f"{name} [{line.unit}]" for name in line.names]
+            style = rr.SeriesPoints(names=names, colors=line.colours, marker_sizes=line.widths)
+            columns = rr.Scalars.columns(scalars=line.value.ravel())
+        else:
+            style = rr.Measurements.from_fields(
+                names=line.names, units=[line.unit] * many, colors=line.colours, widths=line.widths
+            )
+            bands = {} if line.std is None else {"variances": np.square(line.std).ravel()}
+            columns = rr.Measurements.columns(values=line.value.ravel(), **bands)
+        writer.static(line.entity, style)
+        writer.rows(line.entity, line.t, columns.partition([many] * len(line.t)) if many > 1 else columns)
