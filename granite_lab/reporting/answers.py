@@ -432,7 +432,7 @@ def _trust(result: StudyResult | None, finding: Finding | None) -> Answer:
         doubtful = [r.trial.name for r in result.trials if not r.comparison.motion.health.good]
         n = len(result.trials)
         if n and not doubtful:
-            grounds.append("The estimate of the trial is good." if n == 1 else f"All {n} estimates are good.")
+            grounds.append("The motion estimate is good." if n == 1 else f"All {n} motion estimates are good.")
         elif n:
             doubts.append(f"{len(doubtful)} of {_plural(n, 'estimate')} doubtful ({_some(doubtful)})")
         if result.failures:

@@ -94,14 +94,6 @@ def interval(low: float, high: float, unit: str = "", scale: float = 1.0) -> str
     return with_unit(f"{places(low, decimals)} to {places(high, decimals)}", unit)
 
 
-def rounded_like(value: float, std: float, unit: str = "", scale: float = 1.0) -> str:
-    """Return a value with the digits its standard deviation carries, without the deviation."""
-    std = abs(std * scale)
-    if not math.isfinite(value) or not math.isfinite(std) or std == 0:
-        return with_unit(significant(value * scale), unit)
-    return with_unit(places(value * scale, decimals_for(std)), unit)
-
-
 SHOWN_AS: dict[str, tuple[str, float]] = {
     "m/s": ("mm/s", 1e3),
     "rad": ("deg", 180 / math.pi),
