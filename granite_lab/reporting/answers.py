@@ -182,8 +182,8 @@ def of_search(finding: Finding, model: Path | str | None = None, folder: str = "
     lead = f"{_plural(len(trials), 'trial')} of {robot} driving straight on {soil} at {speeds} m/s."
     steps = next_steps(finding, model, folder or "FOLDER")
     virtual = (
-        "A simulator wrote the sensor logs of these trials; no robot was driven. Nothing here is about real "
-        "sand."
+        "A simulator wrote the sensor logs of these trials; no robot was driven. Nothing here is about "
+        "real sand."
     )
     questions = (
         _explained(finding), missing_answer(finding), closes_answer(finding), _trust(None, finding),
@@ -205,8 +205,8 @@ def _lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
     failed = len(result.failures)
     left_out = f" {_plural(failed, 'more trial')} could not be used." if failed else ""
     return (
-        f"{_plural(len(result.trials), 'trial')} of {robots} driving straight on {soils} "
-        f"at {velocities} m/s{each}.{left_out}"
+        f"{_plural(len(result.trials), 'trial')} of {robots} driving straight on {soils} at {velocities} "
+        f"m/s{each}.{left_out}"
     )
 
 
@@ -400,8 +400,7 @@ def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
 
 
 def gap_pair(finding: Finding) -> tuple[float, float, str]:
-    """Return the gap without and with what was found, and where it was taken: on trials left out if it "
-    "can."""
+    """Return the gap without and with what was found, on trials left out where there are, and say where."""
     before, after = finding.gap.held_out
     if math.isfinite(before):
         return before, after, "on trials that were left out of the fit"
@@ -432,7 +431,9 @@ def _trust(result: StudyResult | None, finding: Finding | None) -> Answer:
         doubtful = [r.trial.name for r in result.trials if not r.comparison.motion.health.good]
         n = len(result.trials)
         if n and not doubtful:
-            grounds.append("The motion estimate is good." if n == 1 else f"All {n} motion estimates are good.")
+            grounds.append(
+                "The motion estimate is good." if n == 1 else f"All {n} motion estimates are good."
+            )
         elif n:
             doubts.append(f"{len(doubtful)} of {_plural(n, 'estimate')} doubtful ({_some(doubtful)})")
         if result.failures:

@@ -37,9 +37,8 @@ def misfit_figure(
         title = f"Model and measurement differ in {together(differ)}"
     return Figure(
         "misfit", title,
-        "Root mean square of simulated minus measured in each phase (numbers), and the same over the "
-        "noise of "
-        "the measurement (colour; 1 means as large as the noise).",
+        "Root mean square of simulated minus measured in each phase (numbers), and the same over the noise "
+        "of the measurement (colour; 1 means as large as the noise).",
         "Heat map of the root mean square difference of each quantity in each phase, over the noise.",
         partial(_misfit, found, virtual), virtual,
     )  # fmt: skip

@@ -101,8 +101,8 @@ def k92_figure(answers: Answers, result: StudyResult, speeds: Sequence[Speed], p
 
     return Figure(
         "k92_over_velocity", title,
-        "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law "
-        "k_92 = exp(−a_θ v) and its 95 % interval (as Fig. 3 of the paper).",
+        "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law k_92 "
+        "= exp(−a_θ v) and its 95 % interval (as Fig. 3 of the paper).",
         "Contact-angle ratio k92 over desired velocity: trials, fitted law with its 95 % interval, the "
         "paper's law and values.",
         partial(_panel, draw, VELOCITY, RATIO, bool(answers.virtual)), bool(answers.virtual),

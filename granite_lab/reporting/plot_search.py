@@ -59,11 +59,10 @@ def gap_figure(finding: Finding) -> Figure:
         )
     return Figure(
         "found_gap", title,
-        "Root mean square of the residuals over what noise and tolerance explain, for the readings of "
-        "each sensor.",
+        "Root mean square of the residuals over what noise and tolerance explain, for the readings of each "
+        "sensor.",
         "Root mean square of the residuals over what noise and tolerance explain, without and with the "
-        "effects "
-        "found, over all sensors and for each.",
+        "effects found, over all sensors and for each.",
         partial(_dumbbells, lines, finding, rule=first), finding.virtual,
     )  # fmt: skip
 
@@ -176,11 +175,10 @@ def intervals_figure(finding: Finding) -> Figure | None:
         "found_intervals",
         f"The paper's model disagrees most in the {channel_name(worst.channel)} at {worst.variant:g} m/s "
         f"{where}",
-        f"{'One interval' if n == 1 else f'{n} intervals'} in which sensor and model differ by more than the "
-        "tolerance. Colour: difference over the rms of the sensor in motion.",
+        f"{'One interval' if n == 1 else f'{n} intervals'} in which sensor and model differ by more than "
+        "the tolerance. Colour: difference over the rms of the sensor in motion.",
         "Bars over time, per speed and sensor, where the model without effects disagrees with the trials "
-        "by more "
-        "than the tolerance.",
+        "by more than the tolerance.",
         partial(_intervals, finding), finding.virtual,
     )  # fmt: skip
 
@@ -251,8 +249,7 @@ def history_figures(finding: Finding) -> list[Figure]:
                 f"found_history_{velocity:.2f}".replace(".", "p"),
                 f"{velocity:g} m/s: {_closer(finding, drawn)}",
                 f"{which}. Grey: the paper's model disagrees by more than the tolerance. Wheel angles are "
-                "drawn "
-                "less the paper's model.",
+                "drawn less the paper's model.",
                 f"Readings over time at {velocity:g} m/s, measured and simulated without and with the "
                 "effects found.",
                 partial(_history, finding, drawn), finding.virtual,

@@ -14,7 +14,7 @@ from granite_lab.effects import library
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
-from granite_lab.reporting import plot_motion, plot_quality, plot_results, plot_search, search_tables, tables
+from granite_lab.reporting import plot_motion, plot_quality, plot_results, plot_search, tables
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.document import Block, Code, Fold, Gallery, Listing, Report, Section, Words
@@ -33,8 +33,7 @@ LIBRARIES = ("numpy", "scipy", "casadi", "matplotlib")
 LAW_NOTE = (
     "The empirical law describes the disagreement; it is no physics and holds for trials like these only. "
     "v: speed of the robot; s: slip ratio of the wheel; x and t: distance and time since the start; θ: "
-    "angle of "
-    "the wheel; z: its sinkage."
+    "angle of the wheel; z: its sinkage."
 )
 
 
@@ -144,9 +143,9 @@ def _model(
     few = len(drawn) <= OPEN_SPEEDS
     shown, rest = (drawn, []) if few else ([*drawn[:half], *drawn[-half:]], drawn[half:-half])
     yield Words(
-        "Blue: measured; orange: simulated, with k_92 fitted to the slip of the trial and all else from the "
-        "parameter files. Grey: the steady part of the motion, over which λ_R is taken. Bands: ±2σ of the "
-        "measurement. Triangles: a spike leaves the panel."
+        "Blue: measured; orange: simulated, with k_92 fitted to the slip of the trial and all else from "
+        "the parameter files. Grey: the steady part of the motion, over which λ_R is taken. Bands: ±2σ of "
+        "the measurement. Triangles: a spike leaves the panel."
     )
     yield from _gallery(*shown)
     yield tables.channel_table(decided.channels, virtual)
@@ -159,16 +158,15 @@ def _model(
 def _missing(finding: Finding, effects: Mapping[str, Effect] | None) -> Iterator[Block]:
     known = candidates_of(finding, effects)
     yield Words(
-        "The model is fitted to the readings of the sensors, together with the sand of each trial, the time "
-        "offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for a "
-        "missing "
-        "effect. What all repetitions of a command share and no parameter explains is held against each "
-        f"candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms are tolerated."
+        "The model is fitted to the readings of the sensors, together with the sand of each trial, the "
+        "time offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for "
+        "a missing effect. What all repetitions of a command share and no parameter explains is held "
+        f"against each candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms "
+        "are tolerated."
     )
     yield from _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
-    effects_table = search_tables.effects_table(finding, known, finding.effects)
-    if effects_table is not None:
-        yield effects_table
+    if finding.effects:
+        yield tables.effects_table(finding, known, finding.effects)
     formulas = law_formulas(finding)
     if formulas:
         yield Words(LAW_NOTE)
@@ -179,18 +177,19 @@ def _missing(finding: Finding, effects: Mapping[str, Effect] | None) -> Iterator
     yield from _listing([*notes, *dropped, *([f"{latency}."] if latency else ()), *finding.failures])
     yield from _more("When the model disagrees, sensor by sensor", [
         *_gallery(plot_search.intervals_figure(finding), *plot_search.history_figures(finding)),
-        search_tables.gaps_table(finding),
+        tables.gaps_table(finding),
     ])  # fmt: skip
     yield from _more(
         "Prediction of trials and speeds left out of the fit",
         _gallery(plot_search.held_out_figure(finding)),
     )
     yield from _more("Candidates, and what these trials could have shown of them", [
-        search_tables.candidates_table(finding, known),
-        search_tables.effects_table(finding, known, finding.small, small=True),
-        search_tables.detectable_table(finding, known), search_tables.confusion_table(finding),
+        tables.candidates_table(finding, known) if finding.candidates else None,
+        tables.effects_table(finding, known, finding.small, small=True) if finding.small else None,
+        tables.detectable_table(finding, known) if finding.detectable else None,
+        tables.confusion_table(finding),
     ])  # fmt: skip
-    yield from _more("Sand and sensors, as fitted", [search_tables.fitted_table(finding)])
+    yield from _more("Sand and sensors, as fitted", [tables.fitted_table(finding)])
 
 
 def _quality(result: StudyResult) -> Iterator[Block]:

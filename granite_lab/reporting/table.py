@@ -6,8 +6,9 @@ import csv
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from granite_lab.estimate import Estimate
 from granite_lab.reporting.rounding import NONE, places, plus_minus, significant, with_unit
@@ -50,6 +51,11 @@ class Cell:
     text: str
     raw: tuple[Raw, ...]
     tone: str = ""
+
+
+T = TypeVar("T")
+Spec = tuple[str, str, Callable[[T], Cell | str]]
+"""A column of `tabulate`."""
 
 
 @dataclass(frozen=True)
@@ -133,14 +139,34 @@ def estimate(value: Estimate, scale: float = 1.0) -> Cell:
     return Cell(plus_minus(value, scale=scale), (value.value, value.std))
 
 
-def columns(*titles: str | tuple[str, Sequence[str]] | tuple[str, Sequence[str], bool]) -> tuple[Column, ...]:
-    """Build columns from (title, keys) or (title, keys, number); a bare title is a column of words."""
-    made = []
-    for t in titles:
-        title = t if isinstance(t, str) else t[0]
-        name, _, unit = title.removesuffix("]").partition(" [") if title.endswith("]") else (title, "", "")
-        if isinstance(t, str):
-            made.append(Column(name, unit, (re.sub(r"\W+", "_", t.lower()).strip("_"),), number=False))
-        else:
-            made.append(Column(name, unit, tuple(t[1]), bool(t[2]) if len(t) == 3 else True))
-    return tuple(made)
+def tabulate(
+    name: str,
+    title: str,
+    caption: str,
+    items: Iterable[T],
+    specs: Sequence[Spec[T] | None],
+    *,
+    virtual: bool = False,
+) -> Table:
+    """Return a table with a row for each item.
+
+    Args:
+        name, title, caption, virtual: as in `Table`.
+        items: what the rows are about.
+        specs: of each column its heading with the unit in brackets; its names in the CSV, none for a column
+            of words; and what makes the cell, or its text, of an item. None is no column.
+    """
+    kept = [spec for spec in specs if spec is not None]
+    columns = []
+    for heading, keys, _ in kept:
+        label, _, unit = (
+            heading.removesuffix("]").partition(" [") if heading.endswith("]") else (heading, "", "")
+        )
+        plain = re.sub(r"\W+", "_", heading.lower()).strip("_")
+        columns.append(Column(label, unit, tuple(keys.split()) or (plain,), bool(keys)))
+    rows = tuple(tuple(_cell(make(item)) for _, _, make in kept) for item in items)
+    return Table(name, title, caption, tuple(columns), rows, virtual)
+
+
+def _cell(made: Cell | str) -> Cell:
+    return made if isinstance(made, Cell) else words(made)

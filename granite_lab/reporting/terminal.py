@@ -15,7 +15,7 @@ from granite_lab.estimation.judgement import Judgement
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.reporting import answers as decide
-from granite_lab.reporting import search_tables, tables
+from granite_lab.reporting import tables
 from granite_lab.reporting.answers import Answer
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.grid import TONES, clean, grid, say
@@ -23,7 +23,7 @@ from granite_lab.reporting.listings import show_effect, show_effects, show_inspe
 from granite_lab.reporting.names import in_plain_words, latency_in_words
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import gaps
-from granite_lab.reporting.table import Cell, Column, Table, columns, estimate, words
+from granite_lab.reporting.table import Cell, Column, Table, estimate, tabulate
 
 __all__ = [
     "show_a_theta",
@@ -122,23 +122,17 @@ def _answers(questions: Sequence[Answer], console: Console) -> None:
 
 def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]], console: Console) -> None:
     """Print what was estimated of each trial, where its table stands, and how it meets a reference."""
-    table = Table(
-        "motions", "Estimates", "",
-        columns(
-            "trial", ("speed [m/s]", ("speed_mps",)), ("distance [m]", ("distance_m", "std_m")),
-            ("slip λ_R [%]", ("slip_ratio", "std")), ("wheel stamps late [ms]", ("late_s", "late_std_s")),
-            "estimate",
-        ),
-        tuple(
-            (
-                words(m.trial), Cell(f"{m.variant.velocity:.3g}", (m.variant.velocity,)),
-                estimate(m.distance),
-                estimate(m.slip_ratio, 100), tables.late(m.stamps_late),
-                words("good" if m.health.good else "doubtful", "good" if m.health.good else "bad"),
-            )
-            for m, _, _ in rows
-        ),
-        any(m.virtual for m, _, _ in rows),
+    table = tabulate(
+        "motions", "Estimates", "", [motion for motion, _, _ in rows],
+        [
+            ("trial", "", lambda m: m.trial),
+            ("speed [m/s]", "speed_mps", lambda m: Cell(f"{m.variant.velocity:.3g}", (m.variant.velocity,))),
+            ("distance [m]", "distance_m distance_std_m", lambda m: estimate(m.distance)),
+            ("slip λ_R [%]", "slip_ratio slip_ratio_std", lambda m: estimate(m.slip_ratio, 100)),
+            ("wheel stamps late [ms]", "late_s late_std_s", lambda m: tables.late(m.stamps_late)),
+            ("estimate", "", lambda m: tables.good(m.health.good)),
+        ],
+        virtual=any(m.virtual for m, _, _ in rows),
     )  # fmt: skip
     show_table(table, console)
     for motion, path, judged in rows:
@@ -168,8 +162,7 @@ def _against_reference(judged: Judgement) -> str:
 
 
 def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = False) -> None:
-    """Print k_92 of each trial, by the steady slip and by the whole trajectory; with `notes` those of "
-    "the fits."""
+    """Print k_92 of each trial by steady slip and by trajectory, and the notes of the fits if asked to."""
     show_table(tables.k92_table(fits), console)
     said = merged([(fit.trial, fit.notes) for fit in fits])
     for note in said if notes else ():
@@ -217,10 +210,10 @@ def show_finding(
         say(console, f"{VIRTUAL}.", "yellow")
     _answers(decided.questions, console)
     for title, effects in (("missing", finding.effects), ("small", finding.small)):
-        table = search_tables.effects_table(finding, {}, effects, small=title == "small")
-        if table is not None:
+        if effects:
             console.print()
             say(console, f"{title} effect{'s' if len(effects) > 1 else ''}", "bold")
+            table = tables.effects_table(finding, {}, effects, small=title == "small")
             show_table(table, console, only=("effect", "number", "value ± std", "probability"))
     if latency := latency_in_words(finding.latency):
         say(console, f"{latency}.")

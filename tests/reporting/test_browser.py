@@ -79,7 +79,7 @@ CUT_TABLES = """[...document.querySelectorAll('.scroll')]
 HEADINGS = "[...document.querySelectorAll('h2, h3')].filter(e => e.checkVisibility()).map(e => e.textContent)"
 
 JUMP = """(async () => {
-  const images = [...document.querySelectorAll('figure img')], image = images[images.length - 2];
+  const images = [...document.querySelectorAll('figure img')], image = images[images.length >> 1];
   location.hash = image.closest('figure').id;
   while (!image.complete || !image.naturalWidth) await new Promise(done => setTimeout(done, 50));
   await new Promise(done => setTimeout(done, 300));

@@ -30,13 +30,13 @@ from granite_lab.reporting.document import Report
 from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.plot_search import history_figures, intervals_figure, mean_of
 from granite_lab.reporting.report import search_report
-from granite_lab.reporting.search_tables import (
+from granite_lab.reporting.table import Table
+from granite_lab.reporting.tables import (
     discrepancies,
     effects_table,
     fitted_table,
     gaps_table,
 )
-from granite_lab.reporting.table import Table
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import BUMP, LEFT, SIZE, STRENGTH, made_up_finding

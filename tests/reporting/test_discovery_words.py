@@ -25,7 +25,7 @@ from granite_lab.reporting.names import (
 )
 from granite_lab.reporting.plot_search import candidates_figure
 from granite_lab.reporting.report import search_report
-from granite_lab.reporting.search_tables import (
+from granite_lab.reporting.tables import (
     candidates_table,
     confusion_table,
     detectable_table,
