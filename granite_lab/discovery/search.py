@@ -13,7 +13,7 @@ from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import EFFECT_ODDS, TOLERANCE
-from granite_lab.inference.fit import Fit, fit, under
+from granite_lab.inference.fit import FORMULAS, Fit, fit, under
 from granite_lab.inference.gap import moved, shares
 from granite_lab.inference.problem import Point, Problem
 
@@ -140,20 +140,37 @@ def search(
             with suppress(EstimateError):
                 found[key] = _model(key, fit(problem, start, near.scales), candidates)
 
-    def extended(model: Model, most: int = TRIED, terms: int = TRIED // 2) -> list[Score]:
-        """Fit the promising candidates beside those of a model, and return them."""
+    def extended(model: Model, wanted: Callable[[str], bool], most: int = TRIED) -> list[Score]:
+        """Fit the promising ones of the wanted candidates beside those of a model, and return them."""
         if model.effects not in looks:
             tell(f"screening candidates beside {_words(model.effects)}")
-            others = [c for c in candidates if c not in model.effects]
-            sizes = FEW if terms == 0 and model.effects else ALL  # what is left is small
-            looks[model.effects] = tuple(
-                _look(problem, f, others, sizes) for f in _origins(problem, model.fit)
-            )
-        promising = _promising(looks[model.effects], most, terms)
+            others = [c for c in candidates if c not in model.effects and wanted(c)]
+            sizes = FEW if model.effects and good(problem, model.fit, tolerance) else ALL
+            origins = _origins(problem, model.fit)
+            looks[model.effects] = tuple(_look(problem, f, others, sizes) for f in origins)
+        promising = _promising({c: p for c, p in _promises(looks[model.effects]).items() if wanted(c)}, most)
         for origin, score in promising:
             start = problem.with_effect(origin.point, score.candidate, score.values, score.own)
             fitted((*model.effects, score.candidate), start, model.fit)
         return [score for _, score in promising]
+
+    def left_open(model: Model) -> Callable[[str], bool]:
+        """Return which candidates are of interest beside a model that leaves no discrepancy.
+
+        It says nothing of what differs from trial to trial. Where the formulas of its effects need the
+        largest error that is allowed, another effect may be hidden there, which is no rival of theirs.
+        """
+        if not model.effects:
+            return lambda _: True
+        rivals: set[str] = set()
+        if model.fit.scales.formula >= FORMULAS[1]:
+            for screens in looks.values():
+                promises = {c: p.gain for c, p in _promises(screens).items()}
+                rivals |= {c for c, g in promises.items() if g >= RIVAL * max(promises.values())}
+        else:
+            rivals |= set(candidates)
+        own = {c for c in candidates if any(p.per_trial for p in problem.parameters_of(c))}
+        return lambda c: not is_empirical(c) and (c in own or c not in rivals)
 
     def best_of(model: Model, tried: Sequence[Score]) -> Model:
         sets = [tuple(sorted((*model.effects, s.candidate))) for s in tried]
@@ -164,13 +181,14 @@ def search(
     path: list[tuple[str, list[Score]]] = []
     for _ in range(MOST):
         fine = good(problem, current.fit, tolerance)
-        tried = extended(current, 1, 0) if fine else extended(current)  # the law is for a gap
+        wanted = left_open(current) if fine else lambda _: True
+        tried = extended(current, wanted, 1 if fine else TRIED)
         best = best_of(current, tried)
         if fine and best is not current:
             if not matters(problem, current.fit, best.fit, tolerance):
                 small.add(best.effects)  # it cannot be named; it is listed
                 break
-            tried = extended(current, terms=0)
+            tried = extended(current, wanted)
             best = best_of(current, tried)
         if best.log_posterior <= current.log_posterior + WORTH:
             break
@@ -226,23 +244,37 @@ def _look(problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int) 
     return Look(origin, screened, tuple(scores(problem, screened)))
 
 
-def _promising(looks: Sequence[Look], most: int, terms: int) -> list[tuple[Fit, Score]]:
-    """Return the candidates to be fitted, each from where it promises most.
+@dataclass(frozen=True, eq=False)
+class _Promise:
+    """What a candidate would bring at most over some screens: its gain, from where, and its score there."""
 
-    They are the `most` best effects of the library, and the `terms` best terms of the empirical law.
-    """
-    best: dict[str, tuple[float, Fit, Score]] = {}
+    gain: float
+    origin: Fit
+    score: Score
+
+
+def _promises(looks: Sequence[Look]) -> dict[str, _Promise]:
+    """Return candidate to what it promises, from where it promises most."""
+    best: dict[str, _Promise] = {}
     first = looks[0].origin.posterior.evidence
     for look in looks:
         for score in look.scores:
-            promise = look.origin.posterior.evidence + score.gain - first
-            if score.candidate not in best or promise > best[score.candidate][0]:
-                best[score.candidate] = (promise, look.origin, score)
-    least = max(WORTH, RIVAL * max((b[0] for b in best.values()), default=0.0))
-    ranked = sorted((b for b in best.values() if b[0] > least), key=lambda b: -b[0])
-    library = [b for b in ranked if not is_empirical(b[2].candidate)][:most]
-    law = [b for b in ranked if is_empirical(b[2].candidate)][:terms]
-    return [(origin, score) for _, origin, score in library + law]
+            gain = look.origin.posterior.evidence + score.gain - first
+            if score.candidate not in best or gain > best[score.candidate].gain:
+                best[score.candidate] = _Promise(gain, look.origin, score)
+    return best
+
+
+def _promising(promises: Mapping[str, _Promise], most: int) -> list[tuple[Fit, Score]]:
+    """Return the candidates to be fitted, each from where it promises most.
+
+    They are the `most` best effects of the library, and the best term of the empirical law.
+    """
+    least = max(WORTH, RIVAL * max((p.gain for p in promises.values()), default=0.0))
+    ranked = sorted((p for p in promises.values() if p.gain > least), key=lambda p: -p.gain)
+    library = [p for p in ranked if not is_empirical(p.score.candidate)][:most]
+    law = [p for p in ranked if is_empirical(p.score.candidate)][: most // 2]
+    return [(p.origin, p.score) for p in library + law]
 
 
 def _model(effects: tuple[str, ...], result: Fit, candidates: Sequence[str]) -> Model:

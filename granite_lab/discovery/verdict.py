@@ -45,13 +45,16 @@ class Named:
     def matters(self, remainder: float, formula: float) -> bool:
         """Tell whether it closes enough to be named.
 
-        Without it the gap must be larger by `LEAST_SHARE`, as an rms of all channels, or a channel's change
-        smaller by that share; there an effect cannot be told from the error of the formulas beside it.
+        Trials left out must show it. Without it the gap must be larger by `LEAST_SHARE`, as an rms of all
+        channels, or a channel's change smaller by that share; there an effect cannot be told from the error
+        of the formulas beside it.
 
         Args:
             remainder: share of the gap that the whole set leaves.
             formula: error of the formulas, as a share.
         """
+        if self.closes.value < 2 * self.closes.std:
+            return False  # trials left out do not show it
         left = max(remainder, 0.0)
         closes = np.sqrt(max(left + self.closes.value, 0.0)) - np.sqrt(left)
         return bool(closes >= LEAST_SHARE or self.channel[1] >= max(LEAST_SHARE, formula))
@@ -119,7 +122,7 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     law = [n for n in relevant if is_empirical(n.id)]
     sure = [n for n in library if n.probability >= CREDIBLE and len(n.twins) < LARGEST_SET]
     by_law = sum(n.closes.value for n in law)
-    enough = sum(n.closes.value for n in sure) > max(CLOSED, by_law) and remainder + by_law < CLOSED
+    enough = remainder + by_law < CLOSED
     enough |= not law and good(problem, alone.fit, tolerance)  # a gap too small to be divided
     if sure and len(sure) == len(library) and enough:
         probability = float(min(n.probability for n in sure))

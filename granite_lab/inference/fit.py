@@ -25,8 +25,9 @@ MOST_DAMPED = 1e3
 """Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
 
 SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
-FORMULAS = (FORMULA_ERROR[1] / 16, FORMULA_ERROR[1])
-"""Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows."""
+FORMULAS = (FORMULA_ERROR[1] / 256, FORMULA_ERROR[1])
+"""Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
+error of formulas, which is a share of traces that may be a thousand times the noise."""
 
 LEAST_OWN = 1e-3
 """Least scale of the numbers that an effect has in each trial, as a share of their prior's range."""
