@@ -55,6 +55,27 @@ def test_disagreements_are_bars_on_the_trials_own_clock(back: ReadBack) -> None:
     assert colours[0] != colours[1]
 
 
+def test_bars_end_do_not_overlap_and_stay_within_the_log(
+    trial: TrialResult, finding: Finding, tmp_path: Path
+) -> None:
+    one = next(d for d in finding.where if d.variant == 0.3)
+    where = [
+        dataclasses.replace(one, start=start - LATE, end=end - LATE, share=share)
+        for start, end, share in ((2.0, 4.0, 0.2), (3.0, 5.0, 0.4), (50.0, 60.0, 0.6))
+    ]
+    path = record_trial(
+        trial.trial,
+        trial.comparison,
+        tmp_path / "a.rrd",
+        finding=dataclasses.replace(finding, where=tuple(where)),
+    )
+    back, lane = ReadBack(path), "/simulation_differs/pitch_rate"
+    assert back.texts(lane, "StateChange:state") == ["none", "20 %", "40 %", "none"]
+    np.testing.assert_allclose(back.t(lane), [-2.0, 2.0, 3.0, 5.0], atol=NANOSECOND)
+    values, visible = (back.fixed(lane, f"StateConfiguration:{k}") for k in ("values", "visible"))
+    assert dict(zip(values, visible, strict=True)) == {"none": False, "20 %": True, "40 %": True}
+
+
 def test_a_disagreement_at_another_speed_is_not_this_trials(back: ReadBack) -> None:
     assert not [e for e in back.entities() if "motor" in e and "simulation_differs" in e]
 
@@ -70,7 +91,7 @@ def test_simulations_before_and_after_stand_beside_what_was_measured(
     np.testing.assert_allclose(model, DEGREE * np.column_stack([r.before, r.after]))
     np.testing.assert_allclose(back.t("/found_pitch_rate/from_model"), r.t + LATE, atol=NANOSECOND)
     names = back.fixed("/found_pitch_rate/from_model", "Measurements:names")
-    assert names == ["simulated without the effect", "simulated with the effect"]
+    assert names == ["without the effect", "with the effect"]
     r = own["wheel"]
     np.testing.assert_allclose(
         back.scalars("/found_wheel/from_model"),

@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from granite_lab.errors import InputError, LabError
-from granite_lab.reporting.recording import Interval, open_viewer, record_study, record_trial, viewer
+from granite_lab.reporting.recording import open_viewer, record_study, record_trial, viewer
 from tests.recording.made_up import made_up_study, made_up_trial
 from tests.reporting.made_up_finding import made_up_finding
 
@@ -127,8 +127,7 @@ def _share(picture: np.ndarray, colour: tuple[int, int, int]) -> float:
 @pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
 def test_a_trial_looks_right_at_three_times(headless: Any, tmp_path: Path) -> None:
     result = made_up_trial(0.3)
-    intervals = [Interval(0.0, 0.4, "velocity", "simulated too early"), Interval(2, 4, "slip_f", "too low")]
-    path = record_trial(result.trial, result.comparison, tmp_path / "trial.rrd", intervals=intervals)
+    path = record_trial(result.trial, result.comparison, tmp_path / "trial.rrd")
     state = _opened(headless, path)
     (recording,) = state.recordings
     assert recording.current_timeline == "time"

@@ -40,9 +40,9 @@ Each row is a speed. Each tab above holds the trials of one speed.
 """
 
 
-def key(text: str) -> Any:
-    """Return a key as a Markdown document."""
-    return rr.TextDocument(text.strip(), media_type="text/markdown")
+def page(text: str) -> Any:
+    """Return a Markdown document."""
+    return rr.TextDocument(drawable(text.strip()), media_type="text/markdown")
 
 
 def _plain(text: str) -> str:
@@ -81,7 +81,7 @@ def about(trial: Trial, comparison: Comparison) -> Any:
         text.append(f"| {_plain(m.channel)} | {values} | {unit} |")
     if motion.warnings:
         text += ["", "### Warnings", "", *(f"- {_plain(w)}" for w in motion.warnings)]
-    return rr.TextDocument(drawable("\n".join(text)) + "\n", media_type="text/markdown")
+    return page("\n".join(text))
 
 
 def properties(trial: Trial, comparison: Comparison) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
@@ -13,20 +13,14 @@ import rerun as rr
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.reporting.names import channel_name, effects_in_words, latency_in_words
-from granite_lab.reporting.recording.lines import (
-    BLUE,
-    GREEN,
-    GREY,
-    PURPLE,
-    VERMILION,
-    Rgb,
-    command_start,
-    residuals_of,
-)
+from granite_lab.reporting.recording import lines
+from granite_lab.reporting.recording.lines import Rgb, command_start, residuals_of
 from granite_lab.reporting.recording.stream import Writer, drawable
 from granite_lab.reporting.rounding import plus_minus, significant
 
-PHASES = {"rest": GREY, "accelerate": GREEN, "steady": BLUE, "brake": PURPLE}
+PHASES = {
+    "rest": lines.GREY, "accelerate": lines.GREEN, "steady": lines.BLUE, "brake": lines.PURPLE
+}  # fmt: skip
 DIFFERS = "simulation_differs"
 """First part of the lanes that show where simulation and measurement disagree."""
 CALM = "none"
@@ -41,56 +35,45 @@ class Interval:
 
     Attributes:
         start, end: time since command start [s].
-        channel: of the comparison, such as "velocity"; each channel is one lane.
+        channel: in words; each channel is one lane.
         label: what the bar says.
     """
 
     start: float
     end: float
     channel: str
-    label: str = "disagrees"
+    label: str
 
 
 @dataclass(frozen=True)
 class Event:
-    """One log line.
-
-    Attributes:
-        t: time since command start [s].
-        text: the line.
-        level: "INFO" or "WARN".
-    """
+    """One log line: time since command start [s], text, and level, "INFO" or "WARN"."""
 
     t: float
     text: str
     level: str = "INFO"
 
 
-def intervals_of(
-    comparison: Comparison, given: Sequence[Interval], finding: Finding | None
-) -> list[Interval]:
-    """Return given intervals and those of a search, on the comparison's clock, cut to the time of the log.
+def intervals_of(comparison: Comparison, finding: Finding | None) -> list[Interval]:
+    """Return where a search found the simulation to differ, on the comparison's clock, within the log.
 
     A disagreement that was found is shared by the repetitions of a command: it holds for each of its trials.
     """
-    τ = comparison.motion.t - command_start(comparison)
-    bars = list(given)
-    if finding is not None and (own := residuals_of(finding, comparison)):
-        late = own[0].t_start - command_start(comparison)
-        bars += [
-            Interval(
-                d.start + late, d.end + late, channel_name(d.channel), f"{significant(100 * d.share, 2)} %"
-            )
-            for d in finding.where
-            if d.variant == own[0].variant
-        ]
-    cut = [replace(i, start=max(i.start, float(τ[0])), end=min(i.end, float(τ[-1]))) for i in bars]
-    return [i for i in cut if i.start < i.end]
-
-
-def lanes_of(intervals: Sequence[Interval]) -> int:
-    """Return how many lanes of bars `write_events` draws."""
-    return 2 + len({i.channel for i in intervals})
+    own = residuals_of(finding, comparison) if finding is not None else []
+    if finding is None or not own:
+        return []
+    start = command_start(comparison)
+    late = own[0].t_start - start
+    low, high = float(comparison.motion.t[0] - start), float(comparison.motion.t[-1] - start)
+    found = [
+        Interval(
+            max(d.start + late, low), min(d.end + late, high),
+            channel_name(d.channel), f"{significant(100 * d.share, 2)} %",
+        )
+        for d in finding.where
+        if d.variant == own[0].variant
+    ]  # fmt: skip
+    return [one for one in found if one.start < one.end]
 
 
 def write_events(
@@ -101,17 +84,16 @@ def write_events(
     start = command_start(comparison)
     t = motion.t - start
     first = [0] + [i for i in range(1, len(t)) if motion.phase[i] != motion.phase[i - 1]]
-    _lane(writer, "phase", t[first].tolist(), [motion.phase[i] for i in first], PHASES)
+    _lane(writer, "phase", {float(t[i]): motion.phase[i] for i in first}, dict(PHASES))
     rests = [Interval(a - start, b - start, "", "at rest") for a, b in motion.health.rests]
-    _bars(writer, "robot_at_rest", rests, t, GREY)
+    _bars(writer, "robot_at_rest", float(t[0]), rests, lines.GREY)
     for channel in sorted({i.channel for i in intervals}):
         own = [i for i in intervals if i.channel == channel]
         lane = re.sub(r"\W+", "_", channel)
-        _bars(writer, f"{DIFFERS}/{rr.escape_entity_path_part(lane)}", own, t, VERMILION)
+        _bars(writer, f"{DIFFERS}/{rr.escape_entity_path_part(lane)}", float(t[0]), own, lines.VERMILION)
     events = [*_events(comparison), *_updates(comparison, start), *_found(comparison, finding)]
     for one in intervals:
         what = f"simulated {one.channel} differs from the measured one by {one.label} of its rms"
-        what = what if one.label.endswith("%") else f"{one.channel}: {one.label}"
         events.append(Event(one.start, f"{what}, {one.start:.2f} s to {one.end:.2f} s", "WARN"))
     events.sort(key=lambda e: e.t)
     text = [drawable(f"{e.t:6.2f} s  {e.text}") for e in events]
@@ -119,27 +101,21 @@ def write_events(
     writer.rows("events", stamps, rr.TextLog.columns(text=text, level=[e.level for e in events]))
 
 
-def _lane(
-    writer: Writer, name: str, t: Sequence[float], states: Sequence[str], colours: dict[str, Rgb]
-) -> None:
-    values = list(colours)
-    style = rr.StateConfiguration(
-        values=values, colors=list(colours.values()), visible=[v != CALM for v in values]
-    )
-    writer.static(f"{name}", style)
-    writer.rows(f"{name}", np.asarray(t), rr.StateChange.columns(state=list(states)))
+def _lane(writer: Writer, name: str, states: dict[float, str], colours: dict[str, Rgb]) -> None:
+    """Write one lane: times since command start [s] to the state from then on."""
+    visible = [state != CALM for state in colours]
+    style = rr.StateConfiguration(values=list(colours), colors=list(colours.values()), visible=visible)
+    writer.static(name, style)
+    writer.rows(name, np.array(list(states)), rr.StateChange.columns(state=list(states.values())))
 
 
-def _bars(writer: Writer, name: str, intervals: Sequence[Interval], t: np.ndarray, colour: Rgb) -> None:
-    """Write one lane of bars within times `t`; where bars of a lane overlap, the later one shows."""
-    low, high = float(t[0]), float(t[-1])
-    changes: dict[float, str] = {low: CALM}
+def _bars(writer: Writer, name: str, low: float, intervals: Sequence[Interval], colour: Rgb) -> None:
+    """Write one lane of bars from time `low` on; where bars of a lane overlap, the later one shows."""
+    states: dict[float, str] = {low: CALM}
     for one in sorted(intervals, key=lambda i: i.start):
-        a, b = max(one.start, low), min(one.end, high)
-        changes = {k: s for k, s in changes.items() if k <= a} | {a: drawable(one.label), b: CALM}
-    labels = dict.fromkeys(s for s in changes.values() if s != CALM)
-    times = sorted(changes)
-    _lane(writer, name, times, [changes[k] for k in times], {CALM: GREY} | dict.fromkeys(labels, colour))
+        before = {t: state for t, state in states.items() if t <= one.start}
+        states = before | {max(one.start, low): one.label, one.end: CALM}
+    _lane(writer, name, states, {CALM: lines.GREY} | dict.fromkeys(set(states.values()) - {CALM}, colour))
 
 
 def _events(comparison: Comparison) -> Iterator[Event]:

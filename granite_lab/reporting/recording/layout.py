@@ -3,109 +3,83 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TextLogColumnKind, TimelineColumn
 
-from granite_lab.logs.trial import Array
 from granite_lab.reporting.recording.events import DIFFERS
-from granite_lab.reporting.recording.lines import Line
+from granite_lab.reporting.recording.lines import CHANNELS, Line
 from granite_lab.reporting.recording.scene import VIEWPOINT
 from granite_lab.reporting.recording.stream import TIMELINE
 
 TITLES = {
-    "velocity": "Velocity [m/s]",
-    "slip": "Slip of the axles [%]",
-    "torque": "Drive torque per wheel [N m]",
-    "pitch": "Pitch, positive nose down [°]",
-    "wheel_velocity": "Circumferential wheel velocity, measured [m/s]",
-    "wheel_slip": "Slip of each wheel, measured [%]",
-    "current": "Motor current, measured [A]",
-    "residual_velocity": "Robot velocity, simulated − measured [m/s]",
-    "residual_wheel": "Wheel velocity, simulated − measured [m/s]",
-    "residual_slip": "Slip, simulated − measured [% points]",
-    "residual_torque": "Drive torque, simulated − measured [N m]",
-    "residual_pitch": "Pitch, simulated − measured [°]",
-    "residual_accel": "Specific force, simulated − measured [m/s²]",
-    "residual_pitch_rate": "Pitch rate, simulated − measured [°/s]",
-    "specific_force": "IMU specific force, forward [m/s²]",
-    "pitch_rate": "IMU pitch rate [°/s]",
-    "imu": "IMU specific force, the sensor's own axes [m/s²]",
-    "accel_bias": "Estimated bias of the accelerometer, tilt included [m/s²]",
-    "gyro_bias": "Estimated bias of the gyroscope [°/s]",
-    "innovation": "Innovations of the filter over their predicted std [σ]",
+    "velocity": "Velocity",
+    "slip": "Slip of the axles",
+    "torque": "Drive torque per wheel",
+    "pitch": "Pitch, positive nose down, equal before the start",
+    "wheel_velocity": "Circumferential wheel velocity",
+    "wheel_slip": "Slip of each wheel, measured",
+    "current": "Motor current, measured",
+    "specific_force": "IMU specific force, forward, equal before the start",
+    "pitch_rate": "IMU pitch rate, equal before the start",
+    "imu": "IMU specific force, the sensor's own axes",
+    "accel_bias": "Estimated bias of the accelerometer, tilt included",
+    "gyro_bias": "Estimated bias of the gyroscope",
+    "innovation": "Innovations of the filter over their predicted std",
 }
 FOUND = {
-    "accel_x": "IMU acceleration, forward{} [m/s²]",
-    "accel_z": "IMU acceleration, vertical{} [m/s²]",
-    "pitch_rate": "IMU pitch rate{} [°/s]",
-    "wheel": "Wheel angle, mean of all{} [°]",
-    "wheel_split": "Wheel angle, front − rear{} [°]",
-    "current_f": "Motor current, front{} [A]",
-    "current_r": "Motor current, rear{} [A]",
+    "accel_x": "IMU acceleration, forward",
+    "accel_z": "IMU acceleration, vertical",
+    "pitch_rate": "IMU pitch rate",
+    "wheel": "Wheel angle, mean of all",
+    "wheel_split": "Wheel angle, front − rear",
+    "current_f": "Motor current, front",
+    "current_r": "Motor current, rear",
 }
 """Channels of a search for the missing effect."""
-
-TITLES |= {
-    f"found_{c}": title.format(": measured − simulated" if c.startswith("wheel") else "")
-    for c, title in FOUND.items()
-} | {f"discrepancy_{c}": title.format(": not explained by the model") for c, title in FOUND.items()}
+TITLES |= {f"residual_{k}": f"{TITLES[k].split(',')[0]}: simulated − measured" for k in CHANNELS}
+TITLES |= {f"found_{k}": v + (": measured − simulated" if "wheel" in k else "") for k, v in FOUND.items()}
+TITLES |= {f"discrepancy_{k}": f"{v}: not explained by the model" for k, v in FOUND.items()}
+"""Plot to its title, without unit."""
 TABS = {
     "Motion": ("velocity", "slip", "torque", "pitch"),
-    "Residuals": (
-        "residual_velocity",
-        "residual_wheel",
-        "residual_slip",
-        "residual_torque",
-        "residual_pitch",
-    ),
-    "Wheels": ("wheel_velocity", "wheel_slip", "current"),
-    "Sensors": ("specific_force", "residual_accel", "pitch_rate", "residual_pitch_rate"),
+    "Residuals": tuple(f"residual_{k}" for k in CHANNELS),
+    "Wheels and sensors": ("wheel_velocity", "wheel_slip", "current", "specific_force", "pitch_rate"),
     "Filter": ("innovation", "accel_bias", "gyro_bias", "imu"),
-    "Missing effect": tuple(f"found_{c}" for c in FOUND),
-    "Discrepancy": tuple(f"discrepancy_{c}" for c in FOUND),
+    "Missing effect": tuple(f"found_{k}" for k in FOUND),
+    "Discrepancy": tuple(f"discrepancy_{k}" for k in FOUND),
 }
 OVERLAY = "all_trials"
 """Entity below which the plots of all trials stand."""
-Extent = Mapping[str, tuple[float, float]]
-"""Plot to the range of values it shows at first, where the data alone would choose a bad one."""
 TIME_AXIS = rrb.TimeAxis(link="LinkToGlobal")
-MOST_NAMED = 5
-"""Most trials of a speed that an overlay names in its legend; of more, the pointer tells the name."""
+MOST_NAMED, MOST_ROWS = 5, 5
+"""Most trials of a speed that an overlay names in its legend (of more, the pointer tells the name), and most
+plots of a tab that stand below each other."""
 
 
-def extent_of(lines: Sequence[Line]) -> Extent:
-    """Return ranges of values for the plots that these lines fill.
+def _series(origin: str, title: str, lines: Sequence[Line], *, legend: bool = True) -> Any:
+    """Return the view of one plot; its legend stands where the robot is at rest again.
 
     Slip (1) is a quotient of small numbers as the robot starts and stops and may take any value there,
     so its plots show the range that most samples need; all others show all samples.
     """
-    parts: dict[str, list[Array]] = {}
-    for line in lines:
-        parts.setdefault(line.plot, []).append(line.value.ravel())
-    extent = {}
-    for plot, values in parts.items():
-        ratio = "slip" in plot
-        known = np.concatenate([*values, [0.0]] if ratio else values)
-        low, high = np.nanpercentile(known, [4, 96] if ratio else [0, 100])
-        if ratio:  # whole tens, so that the axis has more than one number on it
-            extent[plot] = (float(10 * np.floor(low / 10 - 0.2)), float(10 * np.ceil(high / 10 + 0.2)))
-        else:
-            margin = 0.08 * (high - low) + 1e-9
-            extent[plot] = (float(low - margin), float(high + margin))
-    return extent
-
-
-def _series(origin: str, title: str, extent: tuple[float, float], *, legend: bool = True) -> Any:
-    """Return the view of one plot; its legend stands where the robot is at rest again."""
+    ratio = "slip" in origin
+    known = np.concatenate([line.value.ravel() for line in lines])
+    if len(lines) == 1 and (std := lines[0].std) is not None:  # nothing else gives the band a scale
+        known = np.concatenate([known - std.ravel(), known + std.ravel()])
+    if ratio:  # whole tens, so that the axis has more than one number on it
+        low, high = np.nanpercentile(np.append(known, 0.0), [4, 96])
+        low, high = 10 * np.floor(low / 10 - 0.2), 10 * np.ceil(high / 10 + 0.2)
+    else:
+        low, high = np.nanmin(known), np.nanmax(known)
+        low, high = low - 0.08 * (high - low) - 1e-9, high + 0.08 * (high - low) + 1e-9
     return rrb.TimeSeriesView(
         origin=origin,
-        name=title,
+        name=f"{title} [{lines[0].unit}]",
         axis_x=TIME_AXIS,
-        axis_y=rrb.ScalarAxis(range=extent),
+        axis_y=rrb.ScalarAxis(range=(float(low), float(high))),
         plot_legend=rrb.PlotLegend("RightTop", visible=legend),
     )
 
@@ -136,21 +110,24 @@ def _log(root: str) -> Any:
 
 def trial_layout(root: str, lines: Sequence[Line], *, lanes: int, name: str) -> Any:
     """Return the layout of one trial: robot, key, bars and log on the left, plots on the right."""
-    extent = extent_of(lines)
+    plots: dict[str, list[Line]] = {}
+    for line in lines:
+        plots.setdefault(line.entity.partition("/")[0], []).append(line)
     bars = rrb.StateTimelineView(
         origin=root or "/",
         contents=[f"{root}/phase", f"{root}/robot_at_rest", f"{root}/{DIFFERS}/**"],
-        name="Phases" + (", and where the simulation differs [% of the channel's rms]" if lanes > 2 else ""),
+        name="Phases" + (", and where the simulation differs [% of the channel's rms]" if lanes else ""),
         time_view=TIME_AXIS,
     )
     key = rrb.TextDocumentView(origin=f"{root}/key", name="Key")
     about = rrb.TextDocumentView(origin=f"{root}/about", name="About this trial")
-    shares = [4.4, 0.4 + 0.52 * min(lanes, 9), 2.0]
+    shares = [4.4, 1.4 + 0.52 * min(lanes, 7), 2.0]
     left = [rrb.Horizontal(_scene(root), key, column_shares=[5, 3]), bars, rrb.Tabs(_log(root), about)]
     tabs = []
     for title, keys in TABS.items():
-        if views := [_series(f"{root}/{k}", TITLES[k], extent[k]) for k in keys if k in extent]:
-            tabs.append(rrb.Vertical(*views, name=title))
+        if views := [_series(f"{root}/{k}", TITLES[k], plots[k]) for k in keys if k in plots]:
+            columns = 1 if len(views) <= MOST_ROWS else 2
+            tabs.append(rrb.Grid(*views, grid_columns=columns, name=title))
     return rrb.Horizontal(rrb.Vertical(*left, row_shares=shares), rrb.Tabs(*tabs), name=name)
 
 
@@ -164,10 +141,10 @@ def overlay(rows: Mapping[str, Sequence[Line]], many: int) -> Any:
     views = []
     for i, (speed, lines) in enumerate(rows.items()):
         pair = []
-        for plot, what in (("velocity", "velocity [m/s]"), ("slip", "slip, mean of the wheels [%]")):
+        for plot, what in (("velocity", "velocity"), ("slip", "slip, mean of the wheels")):
             root = f"{OVERLAY}/{i}/{plot}"
-            extent = extent_of([replace(x, entity=plot) for x in lines if x.entity.startswith(f"{root}/")])
-            pair.append(_series(f"/{root}", f"{speed}: {what}", extent[plot], legend=many <= MOST_NAMED))
+            own = [line for line in lines if line.entity.startswith(f"{root}/")]
+            pair.append(_series(f"/{root}", f"{speed}: {what}", own, legend=many <= MOST_NAMED))
         views.append(rrb.Horizontal(*pair, name=speed))
     key = rrb.TextDocumentView(origin="/key", name="Key")
     return rrb.Horizontal(rrb.Vertical(*views), key, column_shares=[6, 1], name="All trials")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, cycle
+from itertools import cycle
 
 import numpy as np
 import rerun as rr
@@ -32,31 +32,25 @@ THIN, WIDE = 1.5, 4.0
 """Widths of measured and of simulated lines, in points of the screen."""
 
 FINE, MEDIUM, COARSE = 0.01, 0.02, 0.04
-"""Spacing of lines [s]: sensors and simulation; single wheels, residuals and currents; biases.
-
-The estimated velocity and pitch keep every sample; the others keep enough for the eye.
-"""
+"""Spacing of lines [s], enough for the eye: channels; differences and single wheels; filter."""
 MOST_ROWS = 20_000
 """A line of more samples is thinned, so that a log of an hour still opens."""
 
 SHOWN = {
-    "-": ("%", 100.0),
-    "rad": ("°", 180 / np.pi),
-    "rad/s": ("°/s", 180 / np.pi),
-    "m/s^2": ("m/s²", 1.0),
-}
+    "-": ("%", 100.0), "rad": ("°", 180 / np.pi), "rad/s": ("°/s", 180 / np.pi), "m/s^2": ("m/s²", 1.0),
+}  # fmt: skip
 """Unit of a record to the unit that is shown, and its factor; other units are shown as they are."""
 
-RESIDUALS = {
-    "residual_velocity": {"velocity": "robot"},
-    "residual_wheel": {f"wheel_{wheel}": f"wheel {wheel}" for wheel in WHEELS},
-    "residual_slip": {"slip_f": "front", "slip_r": "rear"},
-    "residual_torque": {"torque_f": "front", "torque_r": "rear"},
-    "residual_pitch": {"pitch": "pitch"},
-    "residual_accel": {"accel": "specific force, forward"},
-    "residual_pitch_rate": {"pitch_rate": "pitch rate"},
+CHANNELS = {
+    "velocity": {"velocity": ""},
+    "slip": {"slip_f": "front", "slip_r": "rear"},
+    "torque": {"torque_f": "front", "torque_r": "rear"},
+    "pitch": {"pitch": ""},
+    "wheel_velocity": {f"wheel_{wheel}": f"wheel {wheel}" for wheel in WHEELS},
+    "specific_force": {"accel": ""},
+    "pitch_rate": {"pitch_rate": ""},
 }
-"""Plot of residuals to the channels of the comparison that it shows, and their names."""
+"""Plot to the channels of the comparison that it shows, and what tells them apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,17 +93,12 @@ class Line:
             self, unit=unit, t=self.t[::n], value=np.where(np.isfinite(value), value, np.nan), std=std
         )
 
-    @property
-    def plot(self) -> str:
-        """Key of the plot that shows the line."""
-        return self.entity.partition("/")[0]
-
 
 def _simulated(
     plot: str, names: tuple[str, ...], unit: str, t: Array, value: Array, colours: tuple[Rgb, ...]
 ) -> Line:
-    """Return wide lines that measured ones are drawn over; of several, later ones are narrower."""
-    widths = tuple(WIDE - 1.5 * k for k in range(len(names)))
+    """Return wide lines that measured ones are drawn over; a second colour is narrower."""
+    widths = tuple(WIDE if colour == colours[0] else WIDE - 1.5 for colour in colours)
     return Line(f"{plot}/from_model", names, unit, t, value, colours, widths, step=FINE)
 
 
@@ -129,74 +118,51 @@ def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = Non
         trial, comparison: what was logged, and measured beside simulated.
         finding: of the search for the missing effect; its simulations join the plots.
     """
-    lines = chain(
-        _motion(trial, comparison), _axles(comparison), _residuals(comparison), _sensors(trial, comparison),
-        _filter(comparison), _found(finding, comparison) if finding is not None else (),
-    )  # fmt: skip
+    motion, start = comparison.motion, command_start(comparison)
+    run, t = comparison.run, motion.t - start
+    wheels = _mean(motion.v_wheel)
+    lines = [
+        Line("velocity/desired", ("desired",), "m/s", run.t, run["v_desired_mps"], (GREY,), step=FINE),
+        Line("velocity/wheels", ("wheels, measured",), "m/s", t, wheels, (GREEN,), step=FINE),
+        Line("wheel_slip/measured", WHEELS, "-", t, motion.slip, OF_WHEELS, (THIN,) * 4, step=MEDIUM),
+        *_channels(comparison), *_filter(comparison),
+    ]  # fmt: skip
+    if (known := trial.reference_v) is not None:
+        t = known.t - start
+        lines.append(Line("velocity/reference", ("reference",), "m/s", t, known.value, (PURPLE,)))
+    if (imu := trial.imu) is not None:
+        names, t, colours = tuple(f"sensor's {axis}" for axis in "xyz"), imu.t - start, OF_WHEELS[:3]
+        force = imu.specific_force
+        lines.append(Line("imu/measured", names, "m/s^2", t, force, colours, (1.0,) * 3, step=MEDIUM))
+    if (drawn := trial.currents) is not None:
+        t, value = drawn.t - start, drawn.current
+        lines.append(Line("current/measured", WHEELS, "A", t, value, OF_WHEELS, (1.0,) * 4, step=MEDIUM))
+    if finding is not None:
+        lines += _found(finding, comparison)
     return [line for line in (line.shown() for line in lines) if not np.isnan(line.value).all()]
 
 
-def _motion(trial: Trial, comparison: Comparison) -> Iterator[Line]:
-    motion, run = comparison.motion, comparison.run
-    t = motion.t - command_start(comparison)
-    desired = run["v_desired_mps"]
-    yield Line("velocity/desired", ("desired",), "m/s", run.t, desired, (GREY,), step=FINE)
-    yield Line("velocity/wheels", ("wheels, measured",), "m/s", t, _mean(motion.v_wheel), (GREEN,), step=FINE)
-    yield _simulated("velocity", ("simulated",), "m/s", run.t, run["v_mps"], (SIMULATED,))
-    yield Line("velocity/measured", ("measured",), "m/s", t, motion.v, (MEASURED,), std=motion.v_std)
-    if (known := trial.reference_v) is not None:
-        late = known.t - command_start(comparison)
-        yield Line("velocity/reference", ("reference",), "m/s", late, known.value, (PURPLE,))
-    yield _simulated("pitch", ("simulated",), "rad", run.t, run["pitch_rad"], (SIMULATED,))
-    yield Line("pitch/measured", ("measured",), "rad", t, motion.pitch, (MEASURED,), std=motion.pitch_std)
-    for entity, unit, value in (("wheel_velocity", "m/s", motion.v_wheel), ("wheel_slip", "-", motion.slip)):
-        yield Line(f"{entity}/measured", WHEELS, unit, t, value, OF_WHEELS, (THIN,) * 4, step=MEDIUM)
-
-
-def _axles(comparison: Comparison) -> Iterator[Line]:
-    """Yield slip and torque of the axles, front and rear."""
-    c, run = comparison, comparison.run
-    for kind, unit, signal in (("slip", "-", "slip_{}"), ("torque", "N m", "torque_{}_Nm")):
-        both = np.column_stack([run[signal.format(axle)] for axle in "fr"])
-        pair = ("front, simulated", "rear, simulated")
-        yield _simulated(kind, pair, unit, run.t, both, (ORANGE, VERMILION))
-        for axle, name, colour in (("f", "front", SKY), ("r", "rear", BLUE)):
-            if (channel := f"{kind}_{axle}") in c.measured:
-                value, std = c.measured[channel], c.measured_std[channel]
-                names = (f"{name}, measured",)
-                yield Line(f"{kind}/measured_{name}", names, unit, c.t, value, (colour,), std=std, step=FINE)
-
-
-def _residuals(comparison: Comparison) -> Iterator[Line]:
-    """Yield simulated minus measured per channel."""
-    c = comparison
-    for plot, channels in RESIDUALS.items():
-        known = [k for k in channels if k in c.measured and k in c.simulated]
+def _channels(c: Comparison) -> Iterator[Line]:
+    """Yield each channel of the comparison as simulated and as measured, and the difference."""
+    for plot, channels in CHANNELS.items():
+        many, unit = len(channels), c.units[next(iter(channels))] or "-"
+        axle = ["front" if 2 * k < many else "rear" for k in range(many)]
+        ghosts = tuple(f"{which}, simulated" if many > 1 else "simulated" for which in axle)
+        warm = tuple(SIMULATED if which == "front" else VERMILION for which in axle)
+        yield _simulated(plot, ghosts, unit, c.t, np.column_stack([c.simulated[k] for k in channels]), warm)
+        colours = dict(zip(channels, OF_WHEELS if many == 4 else (SKY, BLUE), strict=False))
+        known = [k for k in channels if k in c.measured]
+        for k in known:
+            entity, name = f"{plot}/measured", "measured"
+            if many > 1:
+                entity, name = f"{entity}_{channels[k].replace(' ', '_')}", f"{channels[k]}, measured"
+            value, std = c.measured[k], c.measured_std[k]
+            yield Line(entity, (name,), unit, c.t, value, (colours[k],), std=std, step=FINE)
         if known:
-            value = np.column_stack([c.simulated[k] - c.measured[k] for k in known])
-            names = tuple(channels[k] for k in known)
-            colours = (OF_WHEELS if len(channels) == len(WHEELS) else (MEASURED, BLUE))[: len(known)]
-            unit = c.units[known[0]] or "-"
+            gap = np.column_stack([c.simulated[k] - c.measured[k] for k in known])
+            names, drawn = tuple(channels[k] or "difference" for k in known), tuple(colours[k] for k in known)
             widths = (THIN,) * len(known)
-            yield Line(f"{plot}/difference", names, unit, c.t, value, colours, widths, step=MEDIUM)
-
-
-def _sensors(trial: Trial, comparison: Comparison) -> Iterator[Line]:
-    """Yield what the sensors read, beside what the model says they should."""
-    c, start = comparison, command_start(comparison)
-    for channel, plot in (("accel", "specific_force"), ("pitch_rate", "pitch_rate")):
-        if channel in c.measured:
-            unit = c.units[channel]
-            yield _simulated(plot, ("simulated",), unit, c.t, c.simulated[channel], (SIMULATED,))
-            value = c.measured[channel]
-            yield Line(f"{plot}/measured", ("measured",), unit, c.t, value, (MEASURED,), (1.0,), step=FINE)
-    if (imu := trial.imu) is not None:
-        axes, colours = tuple(f"sensor's {axis}" for axis in "xyz"), (SKY, GREEN, PURPLE)
-        t, force = imu.t - start, imu.specific_force
-        yield Line("imu/specific_force", axes, "m/s^2", t, force, colours, (1.0,) * 3, step=MEDIUM)
-    if (drawn := trial.currents) is not None:
-        t, value = drawn.t - start, drawn.current
-        yield Line("current/measured", WHEELS, "A", t, value, OF_WHEELS, (1.0,) * 4, step=MEDIUM)
+            yield Line(f"residual_{plot}/difference", names, unit, c.t, gap, drawn, widths, step=MEDIUM)
 
 
 def _filter(comparison: Comparison) -> Iterator[Line]:
@@ -227,22 +193,21 @@ def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
 
     Wheel angles grow all the time, so that of them the difference to the simulation is drawn.
     """
-    without, later = ("simulated without the effect", "simulated with the effect"), (VERMILION, GREEN)
+    effect, later = ("without the effect", "with the effect"), (VERMILION, GREEN)
     many = 2 if finding.effects else 1
     for r in residuals_of(finding, comparison):
         t = r.t + r.t_start - command_start(comparison)
         both = np.column_stack([r.before, r.after][:many])
-        names = without[:many] if many > 1 else ("simulated",)
+        names = effect if many > 1 else ("simulated",)
         if r.unit == "rad":
-            names, both = tuple(f"measured − {name}" for name in names), r.measured[:, None] - both
+            both = r.measured[:, None] - both
         else:
             yield Line(f"found_{r.channel}/measured", ("measured",), r.unit, t, r.measured, (MEASURED,))
         yield _simulated(f"found_{r.channel}", names, r.unit, t, both, later[:many])
         plot = f"discrepancy_{r.channel}"
         if many > 1:
-            name, before = ("without the effect",), r.discrepancy_before
-            yield _simulated(plot, name, r.unit, t, before, (VERMILION,))
-        names, after = ("with the effect",) if many > 1 else ("discrepancy",), r.discrepancy_after
+            yield _simulated(plot, effect[:1], r.unit, t, r.discrepancy_before, later[:1])
+        names, after = effect[1:] if many > 1 else ("discrepancy",), r.discrepancy_after
         yield Line(f"{plot}/remaining", names, r.unit, t, after, (later[many - 1],), std=r.std, step=MEDIUM)
 
 

@@ -19,11 +19,9 @@ from granite_lab.reporting.recording.lines import MOST_ROWS, SIMULATED, Rgb, com
 from granite_lab.reporting.recording.stream import Writer, thinned
 
 STEP = 0.03
-"""Spacing of the poses [s]; forces and torques have twice that."""
-FORCE_SCALE = 0.0022
-"""Length of a force arrow [m/N]."""
-TORQUE_SCALE = 0.35
-"""Sweep of a torque's arc [rad/(N m)]."""
+"""Spacing of the poses [s]."""
+FORCE_SCALE, TORQUE_SCALE = 0.0022, 0.35
+"""Length of a force arrow [m/N] and sweep of a torque's arc [rad/(N m)]."""
 FORCES: dict[str, Rgb] = {
     "ground_reaction": (240, 90, 200),
     "thrust": (0, 190, 140),
@@ -54,10 +52,6 @@ class Pose:
     z: Array
     pitch: Array
     spin: Array
-
-    def every(self, n: int) -> Pose:
-        """Return every n-th sample."""
-        return Pose(self.x[::n], self.z[::n], self.pitch[::n], self.spin[::n])
 
 
 def _at(t: Array, known_t: Array, known: Array) -> Array:
@@ -103,27 +97,20 @@ def write_scene(writer: Writer, comparison: Comparison) -> None:
     writer.rows(VIEWPOINT, t, rr.Transform3D.columns(translation=along))
     travel = np.concatenate([measured.x, simulated.x])
     _write_sand(writer, robot, chassis, float(travel.min()), float(travel.max()))
-    _write_robot(writer, "scene/measured", t, measured, chassis, (_body(chassis, robot.wheels),),
-                 _wheel(robot.wheels))  # fmt: skip
-    _write_robot(writer, "scene/simulated", t, simulated, chassis, (_body_outline(chassis, robot.wheels),),
-                 _wheel_outline(robot.wheels))  # fmt: skip
-    _write_forces(writer, comparison, chassis, t[::2], measured.every(2))
-    _write_torques(writer, comparison, chassis, t[::2])
-
-
-def _write_robot(
-    writer: Writer, entity: str, t: Array, pose: Pose, chassis: Chassis,
-    body: Sequence[Any], wheel: Sequence[Any],
-) -> None:  # fmt: skip
-    """Write a body and four wheels, each with its own spin."""
-    place = np.column_stack([pose.x, np.zeros_like(t), pose.z])
-    writer.rows(entity, t, rr.Transform3D.columns(translation=place, quaternion=_quaternion(pose.pitch)))
-    writer.static(f"{entity}/body", *body)
-    for i, (name, (x, y)) in enumerate(_mount(chassis).items()):
-        writer.static(f"{entity}/{name}", rr.Transform3D(translation=(x, y, 0)))
-        spin = f"{entity}/{name}/tyre"
-        writer.static(spin, *wheel)
-        writer.rows(spin, t, rr.Transform3D.columns(quaternion=_quaternion(pose.spin[:, i])))
+    solid, outline = _solid(chassis, robot.wheels), _outline(chassis, robot.wheels)
+    for name, pose, (body, *wheel) in (("measured", measured, solid), ("simulated", simulated, outline)):
+        entity = f"scene/{name}"
+        place = np.column_stack([pose.x, np.zeros_like(t), pose.z])
+        turn = _quaternion(pose.pitch)
+        writer.rows(entity, t, rr.Transform3D.columns(translation=place, quaternion=turn))
+        writer.static(f"{entity}/body", body)
+        for i, (corner, (x, y)) in enumerate(_mount(chassis).items()):
+            writer.static(f"{entity}/{corner}", rr.Transform3D(translation=(x, y, 0)))
+            writer.static(f"{entity}/{corner}/tyre", *wheel)
+            turn = _quaternion(pose.spin[:, i])
+            writer.rows(f"{entity}/{corner}/tyre", t, rr.Transform3D.columns(quaternion=turn))
+    _write_forces(writer, comparison, chassis, t, measured)
+    _write_torques(writer, comparison, chassis, t)
 
 
 def _mount(chassis: Chassis) -> dict[str, tuple[float, float]]:
@@ -140,9 +127,7 @@ def _quaternion(angle: Array) -> Array:
 
 def _boxes(blocks: Sequence[Block]) -> Any:
     low, high, colours = zip(*blocks, strict=True)
-    return rr.Boxes3D(
-        mins=low, sizes=np.subtract(high, low), colors=colours, fill_mode="solid", show_labels=False
-    )
+    return rr.Boxes3D(mins=low, sizes=np.subtract(high, low), colors=colours, fill_mode="solid")
 
 
 def _hull(chassis: Chassis, wheels: Wheels) -> tuple[float, float, float, float]:
@@ -152,60 +137,52 @@ def _hull(chassis: Chassis, wheels: Wheels) -> tuple[float, float, float, float]
     return x, y, -0.25 * r, 1.45 * r
 
 
-def _body(chassis: Chassis, wheels: Wheels) -> Any:
-    """Return the robot's body between its wheels, with axles, a deck and a bow that tells the front."""
-    r, half = wheels.radius, chassis.track / 2
+def _solid(chassis: Chassis, wheels: Wheels) -> tuple[Any, Any, Any]:
+    """Return the measured robot.
+
+    Returns:
+        body with axles, a deck and a bow that tells the front; and of a wheel about its own centre tyre,
+        rim and hub; lugs, and spokes of which one is marked.
+    """
+    r, half, width = wheels.radius, chassis.track / 2, wheels.width
     x, y, low, high = _hull(chassis, wheels)
-    blocks: list[Block] = [
+    axles = (-chassis.wheel_base / 2, chassis.wheel_base / 2)
+    body = _boxes([
         ((-x, -y, low), (x, y, high), PAINT),
         ((-0.8 * x, -0.8 * y, high), (0.45 * x, 0.8 * y, high + 0.12 * r), DARK),
         ((0.62 * x, -0.55 * y, high), (0.8 * x, 0.55 * y, high + 0.5 * r), DARK),
         ((x, -0.6 * y, low + 0.5 * r), (x + 0.1 * r, 0.6 * y, high - 0.45 * r), WHITE),
-    ]
-    for axle in (-chassis.wheel_base / 2, chassis.wheel_base / 2):
-        blocks.append(((axle - 0.1 * r, -half, -0.1 * r), (axle + 0.1 * r, half, 0.1 * r), DARK))
-    return _boxes(blocks)
-
-
-def _wheel(wheels: Wheels) -> tuple[Any, Any]:
-    """Return a wheel about its own centre: tyre, rim and hub; and lugs and spokes, one spoke marked."""
-    r, width = wheels.radius, wheels.width
+        *(((a - 0.1 * r, -half, -0.1 * r), (a + 0.1 * r, half, 0.1 * r), DARK) for a in axles),
+    ])  # fmt: skip
     lying = rr.Quaternion(xyzw=[np.sqrt(0.5), 0, 0, np.sqrt(0.5)])  # a cylinder's own axis is z
     tyre = rr.Cylinders3D(
-        radii=[0.99 * r, 0.72 * r, 0.22 * r],
-        lengths=[width, width + 0.002, width + 0.010],
+        radii=[0.99 * r, 0.72 * r, 0.22 * r], lengths=[width, width + 0.002, width + 0.010],
         quaternions=[lying] * 3, colors=[TYRE, RIM, PAINT], fill_mode="solid",
     )  # fmt: skip
     lugs = round(wheels.lugs) or 24
     at = 2 * np.pi * np.concatenate([np.arange(lugs) / lugs, np.arange(5) / 5])
-    middle = np.concatenate([np.full(lugs, 0.985 * r), np.full(5, 0.45 * r)])
-    half = np.concatenate([
-        np.tile([0.5 * np.pi * r / lugs, 0.49 * width, 0.015 * r], (lugs, 1)),
-        np.tile([0.05 * r, width / 2 + 0.003, 0.27 * r], (5, 1)),
-    ])  # fmt: skip
+    middle = np.repeat([0.985 * r, 0.45 * r], [lugs, 5])
+    lug, spoke = [0.5 * np.pi * r / lugs, 0.49 * width, 0.015 * r], [0.05 * r, width / 2 + 0.003, 0.27 * r]
     bars = rr.Boxes3D(
         centers=np.column_stack([middle * np.sin(at), np.zeros_like(at), middle * np.cos(at)]),
-        half_sizes=half, quaternions=_quaternion(at),
+        half_sizes=[lug] * lugs + [spoke] * 5, quaternions=_quaternion(at),
         colors=[LUG] * lugs + [WHITE] + [PAINT] * 4, fill_mode="solid",
     )  # fmt: skip
-    return tyre, bars
+    return body, tyre, bars
 
 
-def _body_outline(chassis: Chassis, wheels: Wheels) -> Any:
+def _outline(chassis: Chassis, wheels: Wheels) -> tuple[Any, Any]:
+    """Return the edges of the simulated robot: of its body, and of a wheel with one spoke on each side."""
     x, y, low, high = _hull(chassis, wheels)
-    return rr.Boxes3D(
+    body = rr.Boxes3D(
         mins=[(-x, -y, low)], sizes=[(2 * x, 2 * y, high - low)],
         colors=SIMULATED, radii=EDGE, fill_mode="majorwireframe",
     )  # fmt: skip
-
-
-def _wheel_outline(wheels: Wheels) -> tuple[Any]:
-    """Return the edges of a wheel, and one spoke on each of its sides."""
     angle = np.linspace(0, 2 * np.pi, 49)
     ring = np.column_stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)]) * wheels.radius
-    sides = [np.array([0, y, 0]) for y in (-0.54 * wheels.width, 0.54 * wheels.width)]
+    sides = [np.array([0, side * 0.54 * wheels.width, 0]) for side in (-1, 1)]
     strips = [strip + side for side in sides for strip in (ring, np.stack([0 * ring[0], ring[0]]))]
-    return (rr.LineStrips3D(strips, colors=SIMULATED, radii=EDGE),)
+    return body, rr.LineStrips3D(strips, colors=SIMULATED, radii=EDGE)
 
 
 def _write_sand(writer: Writer, robot: Robot, chassis: Chassis, start: float, end: float) -> None:
@@ -223,14 +200,11 @@ def _write_sand(writer: Writer, robot: Robot, chassis: Chassis, start: float, en
     named = marks[np.isclose(np.remainder(marks / tick, 2), 0)]
     ticks = [[(x, face, 0), (x, face, -(0.03 if x in named else 0.018))] for x in marks]
     writer.static("scene/sand/distance", rr.LineStrips3D(ticks, colors=TICK, radii=0.0012))
-    writer.static(
-        "scene/sand/distance_names",
-        rr.Points3D(
-            [(x, face, -0.09) for x in named],
-            labels=[f"{x:g} m" for x in named],
-            colors=(240, 235, 225), radii=0.0005, show_labels=True,
-        ),
+    signs = rr.Points3D(
+        [(x, face, -0.09) for x in named], labels=[f"{x:g} m" for x in named],
+        colors=(240, 235, 225), radii=0.0005, show_labels=True,
     )  # fmt: skip
+    writer.static("scene/sand/distance_names", signs)
     depths = np.arange(0.01, 0.031, 0.01)
     strata = [[(low, face + 0.001, -z), (high, face + 0.001, -z)] for z in depths]
     writer.static("scene/sand/depth_10_20_30_mm", rr.LineStrips3D(strata, colors=DEPTH, radii=0.0006))

@@ -31,12 +31,7 @@ def drawable(text: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Writer:
-    """Where one trial goes: a recording and the entity below which its data stand.
-
-    Attributes:
-        stream: the open recording.
-        root: "" or an escaped entity path such as "/trial_07".
-    """
+    """Where one trial goes: an open recording, and "" or the escaped entity path of its root."""
 
     stream: Any
     root: str = ""
@@ -46,17 +41,10 @@ class Writer:
         self.stream.log(f"{self.root}/{entity}", *archetypes, static=True)
 
     def rows(self, entity: str, t: Array, columns: Any) -> None:
-        """Send one row per time.
-
-        Args:
-            entity: path below the root.
-            t: (N,) time since command start [s], rounded to nanoseconds.
-            columns: what ``Archetype.columns`` returned, N rows.
-        """
+        """Send the N rows of ``Archetype.columns`` at (N,) times since command start [s]."""
         stamps = np.round(np.asarray(t, float) * 1e9).astype("timedelta64[ns]")
-        self.stream.send_columns(
-            f"{self.root}/{entity}", indexes=[rr.TimeColumn(TIMELINE, duration=stamps)], columns=columns
-        )
+        index = rr.TimeColumn(TIMELINE, duration=stamps)
+        self.stream.send_columns(f"{self.root}/{entity}", indexes=[index], columns=columns)
 
 
 def root_of(trial: str) -> str:
@@ -66,27 +54,19 @@ def root_of(trial: str) -> str:
     return str(rr.new_entity_path([name]))
 
 
-def _application(name: str) -> str:
-    """Return an application id, of which rerun allows letters, digits, hyphens and underscores only."""
-    plain = re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
-    return f"granite_lab_{plain}_{zlib.crc32(name.encode(errors='replace')):08x}"
-
-
 @contextmanager
 def recording(path: Path, name: str, blueprint: Any) -> Iterator[Any]:
-    """Open a recording that appears at `path` only if all went well.
-
-    Args:
-        path: of the ``.rrd`` file; its folder is made.
-        name: as the viewer shows it.
-        blueprint: the layout, embedded in the file.
+    """Open a recording with a name and a layout; it appears at `path` only if all went well.
 
     Raises:
         LabError: the file cannot be written.
     """
     # The viewer keeps one layout per application id, so each name is an application of its own; the
-    # random recording id keeps it from merging two versions of the same trial.
-    stream = rr.RecordingStream(_application(name), send_properties=False)
+    # random recording id keeps it from merging two versions of the same trial. Rerun allows letters,
+    # digits and underscores.
+    plain = re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
+    application = f"granite_lab_{plain}_{zlib.crc32(name.encode(errors='replace')):08x}"
+    stream = rr.RecordingStream(application, send_properties=False)
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
     strict = rr.strict_mode()

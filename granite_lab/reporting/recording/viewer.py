@@ -19,17 +19,13 @@ from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.files import readable, refuse_special, write_bytes
 from granite_lab.reporting.recording.stream import TIMELINE
 
-PATIENCE = 4.0
-"""How long a viewer that cannot start may take to say so [s]."""
-START = 30.0
-"""How long a viewer may take until it answers, and until its picture stands still [s]."""
-SIZE = (1920, 1080)
-"""Width and height of a picture's window [pixels]."""
-TITLE_BAR = 37
-"""Height of the viewer's own title bar, which a picture leaves out [pixels]."""
-MAGIC = b"RRF"
+PATIENCE, START = 4.0, 30.0
+"""How long a viewer that cannot start may take to say so, and a picture to stand still [s]."""
+SIZE, TITLE_BAR = (1920, 1080), 37
+"""Size of a picture's window, and the height of its title bar, which is cut off [pixels]."""
 WEB_PORT, DATA_PORT = 9090, 9876
 """Where Rerun serves a page and its data unless the ports are taken."""
+MAGIC = b"RRF"
 
 
 def open_viewer(path: Path) -> None:
@@ -44,9 +40,8 @@ def open_viewer(path: Path) -> None:
         f"see it in a browser with 'granite-lab view {path.resolve()} --web', "
         "or copy that file to a computer with a screen and open it with 'rerun FILE'"
     )
-    if sys.platform.startswith("linux") and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not display:
         raise LabError("there is no display to open the Rerun viewer on", elsewhere)
     viewer = _start(["--new", str(path.resolve())], start_new_session=True)
     end = time.monotonic() + PATIENCE
@@ -69,14 +64,13 @@ def serve(path: Path, tell: Callable[[str], None]) -> None:
     """
     _refuse_others(path)
     web, data = _free_port(WEB_PORT), _free_port(DATA_PORT)
-    options = ["--serve-web", "--port", str(data), "--web-viewer-port", str(web)]
-    with _running(options, path) as server:
-        for port in (web, data):
-            _wait_for(server, lambda port=port: _listens(port))  # type: ignore[misc]
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the server ends with us
+    with _running(["--serve-web", "--port", str(data), "--web-viewer-port", str(web)], path) as server:
         try:
-            with _ended_by_terminate():
-                tell(f"http://127.0.0.1:{web}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy")
-                code = server.wait()
+            _wait_for(server, lambda: _listens(web) and _listens(data))
+            tell(f"http://127.0.0.1:{web}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy")
+            code = server.wait()
         except KeyboardInterrupt:
             return
     raise LabError(f"the Rerun server ended with code {code}", "start it again")
@@ -98,40 +92,35 @@ def save_picture(path: Path, picture: Path, at: float | None = None) -> Path:
         InputError: there is no such recording.
         LabError: there is no viewer or no graphics driver, or the picture cannot be written.
     """
+    from matplotlib.image import imread, imsave  # noqa: PLC0415, heavy
     from rerun.experimental import ViewerClient  # noqa: PLC0415, heavy
 
     _refuse_others(path)
     if picture.suffix.lower() != ".png":
         raise UsageError(f"{picture}: a picture is a .png file", f"name it {picture.stem}.png")
     port = _free_port(0)
-    options = ["--headless", "--port", str(port), "--hide-welcome-screen"]
-    options += ["--window-size", f"{SIZE[0]}x{SIZE[1]}"]
-    with _running(options, path) as viewer:
-        address = f"rerun+http://127.0.0.1:{port}/proxy"
-        client = _wait_for(viewer, lambda: ViewerClient.connect(address))
-        loaded = _wait_for(viewer, lambda: _loaded(client))
-        low, high = (loaded.start / 1e9, loaded.end / 1e9)
+    options = ["--headless", "--port", str(port), "--window-size", f"{SIZE[0]}x{SIZE[1]}"]
+    with _running([*options, "--hide-welcome-screen"], path) as viewer:
+        client = _wait_for(viewer, lambda: ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy"))
+        low, high = _wait_for(viewer, lambda: _extent(client))
         at = (low + high) / 2 if at is None else at
         if not low <= at <= high:
-            raise UsageError(
-                f"{path}: there is nothing at {at:g} s", f"the recording holds {low:.2f} s to {high:.2f} s"
-            )
+            hint = f"the recording holds {low:.2f} s to {high:.2f} s"
+            raise UsageError(f"{path}: there is nothing at {at:g} s", hint)
         client.set_time(TIMELINE, duration=at, play_state="paused")
         png = _wait_for(viewer, lambda: _still(client))
-    from matplotlib.image import imread, imsave  # noqa: PLC0415, heavy
-
     cropped = io.BytesIO()
     imsave(cropped, imread(io.BytesIO(png))[TITLE_BAR:], format="png")
     write_bytes(picture, cropped.getvalue())
     return picture
 
 
-def _loaded(client: Any) -> Any:
-    """Return the recording's timeline once it is shown, None before."""
+def _extent(client: Any) -> tuple[float, float] | None:
+    """Return the first and the last time [s] of the recording once it is shown, None before."""
     state = client.get_state()
-    if not state.views or state.loading:
-        return None
-    return next((t for r in state.recordings for t in r.timelines if t.name == TIMELINE), None)
+    timelines = [t for r in state.recordings for t in r.timelines if t.name == TIMELINE]
+    ready = state.views and not state.loading and timelines
+    return (timelines[0].start / 1e9, timelines[0].end / 1e9) if ready else None
 
 
 def _still(client: Any) -> bytes | None:
@@ -143,11 +132,7 @@ def _still(client: Any) -> bytes | None:
 
 
 def _refuse_others(path: Path) -> None:
-    """Refuse what is no recording.
-
-    Raises:
-        InputError: there is no such file, or it is no recording.
-    """
+    """Raise InputError where there is no such file, or where it is no recording."""
     refuse_special(path)
     try:
         with path.open("rb") as file:
@@ -155,17 +140,12 @@ def _refuse_others(path: Path) -> None:
     except OSError as error:
         raise readable(error, path) from None
     if magic != MAGIC:
-        raise InputError(
-            f"{path}: not a Rerun recording", "make one with 'granite-lab study TRIALS --out DIR'"
-        )
+        hint = "make one with 'granite-lab study TRIALS --out DIR'"
+        raise InputError(f"{path}: not a Rerun recording", hint)
 
 
 def _start(options: list[str], **how: Any) -> subprocess.Popen[bytes]:
-    """Start the viewer that comes with the rerun-sdk package, bound to this machine only.
-
-    Raises:
-        LabError: there is none.
-    """
+    """Start the viewer that comes with the rerun-sdk package, bound to this machine only."""
     import rerun_cli  # type: ignore[import-untyped]  # noqa: PLC0415, heavy
 
     # The program itself: the Python process that 'python -m rerun' puts around it would end without it.
@@ -189,61 +169,35 @@ def _running(options: list[str], path: Path) -> Iterator[subprocess.Popen[bytes]
         yield process
     finally:
         process.terminate()
-        try:
-            process.wait(timeout=PATIENCE)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-
-@contextmanager
-def _ended_by_terminate() -> Iterator[None]:
-    """Let the signal that ends a service do as Ctrl+C does, so that the server ends with this process."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # signals belong to the main thread
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+        process.wait()
 
 
 def _wait_for(viewer: subprocess.Popen[bytes], ask: Callable[[], Any]) -> Any:
-    """Return the first answer that is not empty.
-
-    Raises:
-        LabError: the viewer ended, or took too long.
-    """
+    """Return the first answer that is not empty; raise LabError where the viewer ends or takes too long."""
     end = time.monotonic() + START
     while time.monotonic() < end:
         if viewer.poll() is not None:
-            raise LabError(
-                f"the Rerun viewer ended at once with code {viewer.returncode}",
-                "pictures need a Vulkan driver; without a graphics card install mesa-vulkan-drivers",
-            )
+            hint = "try again; a picture needs a Vulkan driver, such as that of mesa-vulkan-drivers"
+            raise LabError(f"the Rerun viewer ended at once with code {viewer.returncode}", hint)
         try:
             if answer := ask():
                 return answer
         except ConnectionError:
-            pass
+            pass  # it has not started yet
         time.sleep(0.1)
     raise LabError(f"the Rerun viewer did not answer within {START:g} s", "try again")
 
 
 def _listens(port: int) -> bool:
-    """Say whether a server on this machine answers at a port."""
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def _free_port(wanted: int) -> int:
-    """Return a port that no other program uses: the wanted one if possible."""
-    for port in (wanted, 0):
-        with socket.socket() as probe:
-            try:
-                probe.bind(("127.0.0.1", port))
-            except OSError:
-                continue
-            return int(probe.getsockname()[1])
-    raise LabError("there is no free port on this machine")
+    """Return the wanted port of this machine, or another one where that is taken."""
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", wanted))
+        except OSError:
+            probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, cycle
+from functools import cached_property
+from itertools import chain, count, cycle
 from pathlib import Path
 
 import rerun as rr
@@ -15,8 +16,8 @@ from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.logs.trial import Trial
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.recording.about import KEY, STUDY_KEY, about, key, properties
-from granite_lab.reporting.recording.events import Interval, intervals_of, lanes_of, write_events
+from granite_lab.reporting.recording.about import KEY, STUDY_KEY, about, page, properties
+from granite_lab.reporting.recording.events import Interval, intervals_of, write_events
 from granite_lab.reporting.recording.layout import OVERLAY, blueprint, overlay, trial_layout
 from granite_lab.reporting.recording.lines import OF_TRIALS, Line, lines_of, overlaid, write_lines
 from granite_lab.reporting.recording.scene import write_scene
@@ -30,44 +31,36 @@ class _Content:
     trial: Trial
     comparison: Comparison
     finding: Finding | None
-    lines: list[Line]
-    bars: list[Interval]
+
+    @cached_property
+    def lines(self) -> list[Line]:
+        return lines_of(self.trial, self.comparison, self.finding)
+
+    @cached_property
+    def bars(self) -> list[Interval]:
+        return intervals_of(self.comparison, self.finding)
 
     def layout(self, root: str, name: str) -> rrb.Horizontal:
-        return trial_layout(root, self.lines, lanes=lanes_of(self.bars), name=drawable(name))
+        lanes = len({bar.channel for bar in self.bars})
+        return trial_layout(root, self.lines, lanes=lanes, name=drawable(name))
 
     def write(self, writer: Writer) -> None:
         write_lines(writer, self.lines)
         write_scene(writer, self.comparison)
         write_events(writer, self.comparison, self.bars, self.finding)
         writer.static("about", about(self.trial, self.comparison))
-        writer.static("key", key(KEY))
+        writer.static("key", page(KEY))
 
 
-def _content(
-    trial: Trial, comparison: Comparison, finding: Finding | None, intervals: Sequence[Interval] = ()
-) -> _Content:
-    lines = lines_of(trial, comparison, finding)
-    return _Content(trial, comparison, finding, lines, intervals_of(comparison, intervals, finding))
-
-
-def record_trial(
-    trial: Trial,
-    comparison: Comparison,
-    path: Path,
-    *,
-    intervals: Sequence[Interval] = (),
-    finding: Finding | None = None,
-) -> Path:
+def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: Finding | None = None) -> Path:
     """Write the Rerun recording of one trial, layout included.
 
     Args:
         trial: as logged.
         comparison: measured beside simulated.
         path: of the ``.rrd`` file; written whole or not at all.
-        intervals: where simulation and measurement disagree; each channel becomes a lane of bars.
-        finding: of the search for the missing effect: its intervals join `intervals`, and its
-            simulations before and after are drawn beside what was measured.
+        finding: of the search for the missing effect: where the simulation differs is shown as bars, and
+            its simulations without and with the effect are drawn beside what was measured.
 
     Returns:
         `path`.
@@ -75,7 +68,7 @@ def record_trial(
     Raises:
         LabError: the file cannot be written.
     """
-    content = _content(trial, comparison, finding, intervals)
+    content = _Content(trial, comparison, finding)
     with recording(path, trial.name, blueprint(content.layout("", trial.name))) as stream:
         stream.send_property("trial", properties(trial, comparison))
         content.write(Writer(stream))
@@ -86,23 +79,11 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
     """Write one recording of all trials of a study, on one clock that starts with each trial's command.
 
     Each trial stands below an entity of its own name and has a tab of its own; the first tab lays the
-    velocities and slips of all trials over each other.
-
-    Args:
-        result: the study.
-        path: of the ``.rrd`` file.
-        finding: of the search for the missing effect, as in `record_trial`.
-
-    Returns:
-        `path`.
-
-    Raises:
-        LabError: the file cannot be written.
+    velocities and slips of all trials over each other. Arguments and errors as in `record_trial`.
     """
     names = _distinct([drawable(r.trial.name) for r in result.trials])
-    contents = {
-        name: _content(r.trial, r.comparison, finding) for name, r in zip(names, result.trials, strict=True)
-    }
+    known = zip(names, result.trials, strict=True)
+    contents = {name: _Content(r.trial, r.comparison, finding) for name, r in known}
     speeds: dict[float, list[str]] = {}
     for name, own in contents.items():
         speeds.setdefault(own.comparison.motion.variant.velocity, []).append(name)
@@ -110,25 +91,19 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
     for i, speed in enumerate(sorted(speeds)):
         layouts = [contents[name].layout(root_of(name), name) for name in speeds[speed]]
         tabs.append(rrb.Tabs(*layouts, name=f"{speed:.3g} m/s"))
-        rows[tabs[-1].name] = [
+        rows[f"{speed:.3g} m/s"] = [
             line
             for name, colour in zip(speeds[speed], cycle(OF_TRIALS))
             for line in overlaid(f"{OVERLAY}/{i}", name, contents[name].comparison, colour)
         ]
-    most = max(map(len, speeds.values()))
-    content = rrb.Tabs(overlay(rows, most), *tabs, active_tab=0)
-    with recording(path, result.name, blueprint(content)) as stream:
-        stream.send_property(
-            "study",
-            rr.AnyValues(
-                name=result.name,
-                virtual=result.virtual,
-                version=__version__,
-                trials=names,
-                failures=[f"{f.trial}: {f.message}" for f in result.failures] or ["none"],
-            ),
-        )
-        Writer(stream).static("key", key(STUDY_KEY))
+    first = overlay(rows, max(map(len, speeds.values())))
+    with recording(path, result.name, blueprint(rrb.Tabs(first, *tabs, active_tab=0))) as stream:
+        study = rr.AnyValues(
+            name=result.name, virtual=result.virtual, version=__version__, trials=names,
+            failures=[f"{f.trial}: {f.message}" for f in result.failures] or ["none"],
+        )  # fmt: skip
+        stream.send_property("study", study)
+        Writer(stream).static("key", page(STUDY_KEY))
         write_lines(Writer(stream), chain(*rows.values()))
         for name, own in contents.items():
             root = root_of(name)
@@ -141,8 +116,6 @@ def _distinct(names: Sequence[str]) -> list[str]:
     """Return the names, later ones numbered where they repeat."""
     seen: list[str] = []
     for name in names:
-        unique, k = name, 2
-        while unique in seen:
-            unique, k = f"{name} ({k})", k + 1
-        seen.append(unique)
+        again = (f"{name} ({k})" for k in count(2))
+        seen.append(next(unique for unique in chain([name], again) if unique not in seen))
     return seen
