@@ -252,10 +252,10 @@ def _slip(speeds: Sequence[SpeedAnswer]) -> Answer:
     outside = [f"{s.velocity:g}" for s in known if s.agrees is False]
     if not inside and not outside:
         return Answer("slip", question, verdict, "The paper has no experiment to compare with.")
-    if not outside:
-        text = "The paper's experiment lies in the 95 % interval at every speed."
-    elif not inside:
-        text = "The paper's experiment lies outside the 95 % interval at every speed."
+    if not outside or not inside:
+        where = "outside" if outside else "in"
+        every = " at every speed" if len(inside) + len(outside) > 1 else ""
+        text = f"The paper's experiment lies {where} the 95 % interval{every}."
     else:
         text = (
             f"The paper's experiment lies in the 95 % interval at {listed(inside)} m/s, and outside at "

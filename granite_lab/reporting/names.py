@@ -14,7 +14,7 @@ from granite_lab.discovery.empirical import TARGETS
 from granite_lab.discovery.finding import Candidate, Finding, FoundEffect, FoundParameter
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import Effect
-from granite_lab.reporting.rounding import places, plus_minus, significant, tidy_unit, with_unit
+from granite_lab.reporting.rounding import decided, places, plus_minus, significant, tidy_unit, with_unit
 
 CHANNELS = {
     "accel_x": "forward acceleration",
@@ -321,7 +321,7 @@ def law_formulas(finding: Finding) -> tuple[str, ...]:
         if found is None or not e.parameters:
             continue
         (target, term), p = found, e.parameters[0]
-        number = with_unit(significant(abs(p.estimate.value), 3), p.unit)
+        number = with_unit(decided(abs(p.estimate.value), p.estimate.std).text, p.unit)
         sign = "−" if p.estimate.value < 0 else "+"
         part = f"{number} · {FORMULAS[term]}" if FORMULAS.get(term) else number
         sums[target] = f"{sums[target]} {sign} {part}" if target in sums else f"{sign.strip('+')}{part}"

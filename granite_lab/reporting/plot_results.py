@@ -32,14 +32,17 @@ CROWD = 12
 def slip_figure(answers: Answers, speeds: Sequence[Speed], paper: Paper) -> Figure:
     """Draw λ_R over the desired velocity: each trial, the means with their intervals, and the paper."""
     known = [s for s in answers.speeds if math.isfinite(s.slip.value)]
-    title = "Slip ratio at the speed of the trials"
+    title = ", ".join(f"{s.slip.quantity} slip at {s.velocity:g} m/s" for s in known) or "No slip ratio known"
     if len(known) > 1:
         rising = all(a.slip.value < b.slip.value for a, b in pairwise(known))
         title = "Slip grows with speed" if rising else "Slip does not grow steadily with speed"
     judged = [s for s in known if s.agrees is not None]
     if judged:
         inside = sum(bool(s.agrees) for s in judged)
-        title += f"; the paper's experiment is in the interval at {inside} of {len(judged)} speeds"
+        where = f"in the interval at {inside} of {len(judged)} speeds"
+        if len(judged) == 1:
+            where = f"{'in' if inside else 'outside'} the interval"
+        title += f"; the paper's experiment is {where}"
 
     def draw(axis: Axes) -> None:
         trials = [

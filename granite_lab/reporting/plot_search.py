@@ -147,7 +147,7 @@ def _candidates(shown: list[Candidate], finding: Finding) -> Canvas:
             if not own:
                 continue
             y, colour = [i for i, _ in own], canvas.FITTED if status == "named" else canvas.GREY
-            closes = [100 * min(c.closes, 1.0) for _, c in own]
+            closes = [100 * float(np.clip(c.closes, -0.5, 1.0)) for _, c in own]
             for axis, x in ((left, [100 * c.probability for _, c in own]), (right, closes)):
                 axis.plot(
                     x, y, linestyle="none", marker=marker, markersize=5, color=colour, label=STATUS[status],
@@ -158,7 +158,7 @@ def _candidates(shown: list[Candidate], finding: Finding) -> Canvas:
         left.set_xlim(-8, 105)
         left.set_xlabel("probability [%]")
         finite = [100 * c.closes for c in shown if math.isfinite(c.closes)]
-        right.set_xlim(max(min([-8.0, *finite]) - 2, -60), 105)
+        right.set_xlim(max(min([-8.0, *finite]), -50) - 5, 105)
         right.set_xlabel("closes alone [%]")
         canvas.legend_on_top(figure, left, 3)
         canvas.mark_virtual(figure, finding.virtual)

@@ -147,10 +147,12 @@ def _model(
         "the parameter files. Grey: the steady part of the motion, over which λ_R is taken. Bands: ±2σ of "
         "the measurement. Triangles: a spike leaves the panel."
     )
-    yield from _gallery(*shown)
+    misfit = plot_quality.misfit_figure(found, decided.channels, virtual)
+    fills = len(shown) % 2 == 1  # the second place of the last row
+    yield from _gallery(*shown, misfit if fills else None)
     yield tables.channel_table(decided.channels, virtual)
     yield from _more("Differences by phase", [
-        *_gallery(plot_quality.misfit_figure(found, decided.channels, virtual), *rest),
+        *_gallery(*rest, None if fills else misfit),
         tables.misfit_table(found, virtual) if found else None,
     ])  # fmt: skip
 

@@ -120,7 +120,7 @@ def test_the_law_stands_as_formulas_and_is_no_physics() -> None:
     assert [f.replace("\u00a0", " ") for f in law_formulas(finding)] == [
         "force along the robot = −2.90 N · exp(−x / 0.2 m)",
         "moment on the body, nose down = 1.20 N m · v / (0.5 m/s)",
-        "torque against each rear wheel = 0.0500 N m · s / 0.2",
+        "torque against each rear wheel = 0.05 N m · s / 0.2",
     ]
     answer = missing_answer(finding)
     assert answer.verdict == "Something unknown"
