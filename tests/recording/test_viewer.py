@@ -7,6 +7,8 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.parse
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,8 +17,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from granite_lab.errors import InputError, LabError
-from granite_lab.reporting.recording import open_viewer, record_study, record_trial, viewer
+from granite_lab.api.view import view as show
+from granite_lab.errors import InputError, LabError, UsageError
+from granite_lab.reporting.recording import (
+    open_viewer,
+    record_study,
+    record_trial,
+    save_picture,
+    serve,
+    viewer,
+)
 from tests.recording.made_up import made_up_study, made_up_trial
 from tests.reporting.made_up_finding import made_up_finding
 
@@ -80,6 +90,35 @@ def test_a_viewer_that_stays_is_left_alone(recorded: Path, monkeypatch: pytest.M
     assert process.poll() is None
     process.kill()
     process.wait()
+
+
+def test_options_that_exclude_each_other_are_refused(recorded: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="--web and --screenshot"):
+        show(recorded, web=True, screenshot=tmp_path / "a.png")
+    with pytest.raises(UsageError, match="--at"):
+        show(recorded, at=2.0)
+    with pytest.raises(UsageError, match=r"a\.jpg: a picture is a \.png file"):
+        show(recorded, screenshot=tmp_path / "a.jpg")
+
+
+def test_a_browser_gets_page_and_recording_on_this_machine_only(tmp_path: Path) -> None:
+    result = made_up_trial(0.7)
+    path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd")
+    seen: dict[str, Any] = {}
+
+    def look(address: str) -> None:
+        page, _, data = address.partition("?url=")
+        with urllib.request.urlopen(page) as answer:
+            seen["page"] = answer.read()
+        seen["data"] = urllib.parse.unquote(data)
+        seen["hosts"] = {urllib.parse.urlsplit(page).hostname, urllib.parse.urlsplit(seen["data"]).hostname}
+        raise KeyboardInterrupt  # as Ctrl+C does
+
+    serve(path, look)
+    assert b"<canvas" in seen["page"]
+    assert seen["hosts"] == {"127.0.0.1"}
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(seen["data"].replace("rerun+http", "http"))  # the server ended with us
 
 
 def _free_port() -> int:
@@ -165,6 +204,32 @@ def test_a_discovery_is_seen_as_bars(headless: Any, tmp_path: Path) -> None:
     _picture(headless.take_screenshot(), "recording_discovery")
     bars = next(view for view in views if view.name.startswith("Phases"))
     assert _share(_picture(headless.take_screenshot(bars.view_id), "recording_bars"), (213, 94, 0)) > 0.002
+
+
+@pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
+def test_a_picture_shows_the_time_that_was_asked_for(tmp_path: Path) -> None:
+    result = made_up_trial(0.3)
+    path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd")
+    early, late = (
+        np.asarray(Image.open(save_picture(path, tmp_path / f"{t:g}.png", t)).convert("RGB"), float)
+        for t in (0.0, 4.0)
+    )
+    assert early.shape == late.shape == (1080 - 37, 1920, 3)
+    robot = (slice(100, 400), slice(0, 600))
+    assert np.abs(early[robot] - late[robot]).mean() > 1  # it has moved on
+    assert _share(early, SAND) > 0.01
+    with pytest.raises(UsageError, match="nothing at 99 s") as caught:
+        save_picture(path, tmp_path / "a.png", 99.0)
+    assert "-2.00 s to 9.9" in caught.value.hint
+    assert not (tmp_path / "a.png").exists()
+
+
+@pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
+def test_a_name_without_glyphs_does_not_end_the_viewer(headless: Any, tmp_path: Path) -> None:
+    result = made_up_trial(0.7, name="砂 \N{LARGE BLUE SQUARE} grüße λ_R² ∂x")
+    _opened(headless, record_trial(result.trial, result.comparison, tmp_path / "a.rrd"))
+    assert headless.get_state().recordings
+    assert len(headless.take_screenshot()) > 1000
 
 
 @pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")

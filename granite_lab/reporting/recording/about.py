@@ -73,8 +73,8 @@ def about(trial: Trial, comparison: Comparison) -> Any:
     ]
     text = [f"# {_plain(trial.name)}", "", "| what | value |", "|---|---|"]
     text += [f"| {a} | {b} |" for a, b in rows]
-    text += ["", "### Simulated minus measured, whole trial", "", "| channel | rms | mean | largest | unit |"]
-    text += ["|---|---|---|---|---|"]
+    text += ["", "### Simulated minus measured, whole trial", ""]
+    text += ["| channel | rms | mean | largest | unit |", "|---|---|---|---|---|"]
     for m in (m for m in comparison.misfits if m.phase == "all"):
         unit, factor = SHOWN.get(m.unit or "-", (m.unit, 1.0))
         values = " | ".join(significant(factor * value) for value in (m.rms, m.bias, m.peak))
@@ -87,24 +87,14 @@ def about(trial: Trial, comparison: Comparison) -> Any:
 def properties(trial: Trial, comparison: Comparison) -> Any:
     """Return what a program should know of a trial without reading its samples; units in the names."""
     motion, run, fit = comparison.motion, comparison.run, comparison.fit
+    slip = motion.slip_ratio
     return rr.AnyValues(
-        name=trial.name,
-        virtual=motion.virtual,
-        version=__version__,
-        robot=run.robot.name,
-        soil=run.soil.name,
-        variant_mps=motion.variant.velocity,
-        acceleration_mps2=motion.variant.acceleration,
-        distance_m=motion.variant.distance,
-        command_start_s=motion.t_start.value,
-        slip_ratio_measured=motion.slip_ratio.value,
-        slip_ratio_measured_std=motion.slip_ratio.std,
-        slip_ratio_simulated=run.slip_ratio,
-        k92=fit.k92.value,
-        k92_std=fit.k92.std,
-        k92_status=fit.status,
-        k92_trajectory=fit.k92_trajectory.value,
-        k92_trajectory_std=fit.k92_trajectory.std,
-        effects=list(run.effects) or ["none"],
+        name=trial.name, virtual=motion.virtual, version=__version__,
+        robot=run.robot.name, soil=run.soil.name, effects=list(run.effects) or ["none"],
+        variant_mps=motion.variant.velocity, acceleration_mps2=motion.variant.acceleration,
+        distance_m=motion.variant.distance, command_start_s=motion.t_start.value,
+        slip_ratio_measured=slip.value, slip_ratio_measured_std=slip.std, slip_ratio_simulated=run.slip_ratio,
+        k92=fit.k92.value, k92_std=fit.k92.std, k92_status=fit.status,
+        k92_trajectory=fit.k92_trajectory.value, k92_trajectory_std=fit.k92_trajectory.std,
         inputs_sha256=[file.sha256 for file in trial.inputs] or ["none"],
-    )
+    )  # fmt: skip

@@ -16,17 +16,13 @@ from granite_lab.comparison.record import Comparison
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS, Chassis, Robot, Wheels
 from granite_lab.reporting.recording.lines import MOST_ROWS, SIMULATED, Rgb, command_start
-from granite_lab.reporting.recording.stream import Writer, thinned
+from granite_lab.reporting.recording.stream import Writer
 
 STEP = 0.03
 """Spacing of the poses [s]."""
 FORCE_SCALE, TORQUE_SCALE = 0.0022, 0.35
 """Length of a force arrow [m/N] and sweep of a torque's arc [rad/(N m)]."""
-FORCES: dict[str, Rgb] = {
-    "ground_reaction": (240, 90, 200),
-    "thrust": (0, 190, 140),
-    "resistance": (235, 60, 50),
-}
+FORCES = {"ground_reaction": (240, 90, 200), "thrust": (0, 190, 140), "resistance": (235, 60, 50)}
 VIEWPOINT = "scene/viewpoint"
 SAND, SAND_CUT, TICK, DEPTH = (214, 184, 132), (181, 148, 97), (110, 84, 48), (150, 118, 72)
 TORQUE_MEASURED = (150, 215, 255)
@@ -89,7 +85,8 @@ def write_scene(writer: Writer, comparison: Comparison) -> None:
     robot = comparison.run.robot
     chassis = robot.chassis
     assert chassis is not None  # or there were no run
-    t = thinned(comparison.motion.t - command_start(comparison), STEP, MOST_ROWS)
+    start, end = comparison.motion.t[[0, -1]] - command_start(comparison)
+    t = np.linspace(start, end, min(MOST_ROWS, max(2, round((end - start) / STEP) + 1)))
     measured, simulated = poses(comparison, t)
     writer.static("scene", rr.ViewCoordinates.FLU)
     # The view's origin travels with the robot, but neither pitches nor sinks: what does is then seen.

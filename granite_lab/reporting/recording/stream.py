@@ -82,9 +82,3 @@ def recording(path: Path, name: str, blueprint: Any) -> Iterator[Any]:
     finally:
         stream.disconnect()
         rr.set_strict_mode(strict)
-
-
-def thinned(t: Array, step: float, most: int) -> Array:
-    """Return times from the first to the last of `t`, evenly spaced near `step` [s], `most` at most."""
-    start, end = float(t[0]), float(t[-1])
-    return np.linspace(start, end, min(most, max(2, round((end - start) / step) + 1)))

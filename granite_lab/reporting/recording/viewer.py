@@ -64,15 +64,18 @@ def serve(path: Path, tell: Callable[[str], None]) -> None:
     """
     _refuse_others(path)
     web, data = _free_port(WEB_PORT), _free_port(DATA_PORT)
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the server ends with us
-    with _running(["--serve-web", "--port", str(data), "--web-viewer-port", str(web)], path) as server:
-        try:
+    alone = threading.current_thread() is threading.main_thread()  # signals are its own
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler) if alone else None
+    try:
+        with _running(["--serve-web", "--port", str(data), "--web-viewer-port", str(web)], path) as server:
             _wait_for(server, lambda: _listens(web) and _listens(data))
             tell(f"http://127.0.0.1:{web}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy")
             code = server.wait()
-        except KeyboardInterrupt:
-            return
+    except KeyboardInterrupt:
+        return
+    finally:
+        if alone:
+            signal.signal(signal.SIGTERM, before)
     raise LabError(f"the Rerun server ended with code {code}", "start it again")
 
 
