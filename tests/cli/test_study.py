@@ -48,8 +48,8 @@ def test_it_ends_with_the_search_for_a_missing_effect(folder: Path) -> None:
     report = json.loads((folder / "reports" / "mine" / "report.json").read_bytes())
     for key in ("verdict", "sentence", "effects", "gap"):
         assert report["discovery"][key] == found[key]
-    answers = {answer["id"]: answer for answer in report["summary"]["answers"]}
-    assert "No search" not in answers["missing"]["text"]
+    answers = {answer["id"]: answer for answer in report["answers"]["questions"]}
+    assert answers["missing"]["verdict"] != "Not searched"
     named = [e["id"] for e in found["effects"] if not e["empirical"]]
     assert [e.id for e in load_model(folder / "reports" / "mine" / "model.toml").effects] == named
 
@@ -60,7 +60,7 @@ def test_it_says_why_no_search_was_run(folder: Path) -> None:
     done = lab("study", log, "--model", model, "--out", "with", "--no-recordings", cwd=folder)
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())
-    assert "No search for a missing effect was run (no search starts from a model with effects)" in said
+    assert "Not searched. No search starts from a model with effects." in said
     assert not (folder / "with" / "model.toml").exists()
 
 
