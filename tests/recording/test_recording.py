@@ -56,7 +56,7 @@ def test_motion_is_the_estimates_sample_by_sample(trial: TrialResult, back: Read
     for entity, expected, every in (
         ("/velocity/measured", motion.v, 2),
         ("/pitch/measured", DEGREE * motion.pitch, 2),
-        ("/wheel_velocity/measured_wheel_rl", motion.v_wheel[:, 2], 2),
+        ("/wheel_velocity/measured_rl", motion.v_wheel[:, 2], 4),
         ("/wheel_slip/measured", 100 * motion.slip, 4),
     ):
         np.testing.assert_allclose(back.t(entity), motion.t[::every] - 102.0, atol=NANOSECOND)

@@ -46,7 +46,7 @@ CHANNELS = {
     "slip": {"slip_f": "front", "slip_r": "rear"},
     "torque": {"torque_f": "front", "torque_r": "rear"},
     "pitch": {"pitch": ""},
-    "wheel_velocity": {f"wheel_{wheel}": f"wheel {wheel}" for wheel in WHEELS},
+    "wheel_velocity": {f"wheel_{wheel}": wheel for wheel in WHEELS},
     "specific_force": {"accel": ""},
     "pitch_rate": {"pitch_rate": ""},
 }
@@ -145,24 +145,23 @@ def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = Non
 def _channels(c: Comparison) -> Iterator[Line]:
     """Yield each channel of the comparison as simulated and as measured, and the difference."""
     for plot, channels in CHANNELS.items():
-        many, unit = len(channels), c.units[next(iter(channels))] or "-"
-        axle = ["front" if 2 * k < many else "rear" for k in range(many)]
-        ghosts = tuple(f"{which}, simulated" if many > 1 else "simulated" for which in axle)
-        warm = tuple(SIMULATED if which == "front" else VERMILION for which in axle)
-        yield _simulated(plot, ghosts, unit, c.t, np.column_stack([c.simulated[k] for k in channels]), warm)
-        colours = dict(zip(channels, OF_WHEELS if many == 4 else (SKY, BLUE), strict=False))
-        known = [k for k in channels if k in c.measured]
+        ids, unit = list(channels), c.units[next(iter(channels))] or "-"
+        ghosts = {"front, simulated": ids[0], "rear, simulated": ids[-1]}
+        ghosts = ghosts if len(ids) > 1 else {"simulated": ids[0]}
+        value = np.column_stack([c.simulated[k] for k in ghosts.values()])
+        yield _simulated(plot, tuple(ghosts), unit, c.t, value, (SIMULATED, VERMILION)[: len(ghosts)])
+        step, drawn = (FINE, (SKY, BLUE)) if len(ids) < len(WHEELS) else (MEDIUM, OF_WHEELS)
+        colours = dict(zip(ids, drawn, strict=False))
+        known = [k for k in ids if k in c.measured]
         for k in known:
-            entity, name = f"{plot}/measured", "measured"
-            if many > 1:
-                entity, name = f"{entity}_{channels[k].replace(' ', '_')}", f"{channels[k]}, measured"
-            value, std = c.measured[k], c.measured_std[k]
-            yield Line(entity, (name,), unit, c.t, value, (colours[k],), std=std, step=FINE)
+            entity, name = f"{plot}/measured_{channels[k]}", f"{channels[k]}, measured"
+            names, value, std = (name.removeprefix(", "),), c.measured[k], c.measured_std[k]
+            yield Line(entity.rstrip("_"), names, unit, c.t, value, (colours[k],), std=std, step=step)
         if known:
             gap = np.column_stack([c.simulated[k] - c.measured[k] for k in known])
-            names, drawn = tuple(channels[k] or "difference" for k in known), tuple(colours[k] for k in known)
+            labels, few = tuple(channels[k] or "difference" for k in known), tuple(colours[k] for k in known)
             widths = (THIN,) * len(known)
-            yield Line(f"residual_{plot}/difference", names, unit, c.t, gap, drawn, widths, step=MEDIUM)
+            yield Line(f"residual_{plot}/difference", labels, unit, c.t, gap, few, widths, step=MEDIUM)
 
 
 def _filter(comparison: Comparison) -> Iterator[Line]:

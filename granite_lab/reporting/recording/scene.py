@@ -18,7 +18,7 @@ from granite_lab.parameters import WHEELS, Chassis, Robot, Wheels
 from granite_lab.reporting.recording.lines import MOST_ROWS, SIMULATED, Rgb, command_start
 from granite_lab.reporting.recording.stream import Writer
 
-STEP = 0.03
+STEP = 0.04
 """Spacing of the poses [s]."""
 FORCE_SCALE, TORQUE_SCALE = 0.0022, 0.35
 """Length of a force arrow [m/N] and sweep of a torque's arc [rad/(N m)]."""
@@ -106,7 +106,8 @@ def write_scene(writer: Writer, comparison: Comparison) -> None:
             writer.static(f"{entity}/{corner}/tyre", *wheel)
             turn = _quaternion(pose.spin[:, i])
             writer.rows(f"{entity}/{corner}/tyre", t, rr.Transform3D.columns(quaternion=turn))
-    _write_forces(writer, comparison, chassis, t, measured)
+    t = t[::2]  # forces and torques need less
+    _write_forces(writer, comparison, chassis, t, poses(comparison, t)[0])
     _write_torques(writer, comparison, chassis, t)
 
 
