@@ -60,31 +60,6 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class SpeedAnswer:
-    """Slip and k_92 at one desired velocity.
-
-    Attributes:
-        velocity: desired [m/s].
-        trials: with a slip ratio.
-        slip: mean λ_R over the trials [%], with its standard error and 95 % interval.
-        k92: mean of the fitted k_92 [–], likewise.
-        k92_note: stands in place of k_92 where no trial has an inner optimum.
-        paper_slip: λ_R of the paper's experiment [%] as printed there; NaN where it has none.
-        paper_k92: k_92 of the paper; NaN likewise.
-        agrees: the paper's slip lies in the interval as printed; None where that cannot be said.
-    """
-
-    velocity: float
-    trials: int
-    slip: Number
-    k92: Number
-    k92_note: str
-    paper_slip: float
-    paper_k92: float
-    agrees: bool | None
-
-
-@dataclass(frozen=True)
 class ChannelAnswer:
     """How well the model explains one quantity over whole trials.
 
@@ -133,7 +108,7 @@ class Answers:
 
     lead: str
     virtual: str
-    speeds: tuple[SpeedAnswer, ...]
+    speeds: tuple[Speed, ...]
     a_theta: Number | None
     a_theta_paper: float
     a_theta_agrees: bool | None
@@ -155,8 +130,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
         folder: of the report, as a shell takes it; the name of the study by default.
     """
     paper, finding = load_paper(), result.finding
-    groups = by_speed(result, paper)
-    speeds = tuple(_speed(s) for s in groups)
+    speeds = by_speed(result, paper)
     a_theta, agrees = a_theta_of(result.a_theta)
     channels = channels_of(gaps([r.comparison for r in result.trials]))
     questions = [
@@ -169,7 +143,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     ]
     steps = next_steps(finding, model, folder or result.name) if finding else ()
     return Answers(
-        _lead(result, groups), _virtual(result), speeds, a_theta, paper.a_theta, agrees, channels,
+        _lead(result, speeds), _virtual(result), speeds, a_theta, paper.a_theta, agrees, channels,
         (*questions, *_next(steps)), steps,
     )  # fmt: skip
 
@@ -221,27 +195,7 @@ def _virtual(result: StudyResult) -> str:
     )
 
 
-def _speed(s: Speed) -> SpeedAnswer:
-    slip = decided(s.slip.value, s.slip.std, s.slip.low, s.slip.high, unit="%", scale=100)
-    k92 = decided(s.k92.value, s.k92.std, s.k92.low, s.k92.high)
-    paper = s.published
-    # The paper prints three digits; the tail of 100 times a fraction is none of them.
-    paper_slip = round(100 * paper.slip_measured, 6) if paper else math.nan
-    agrees = slip.holds(paper_slip)
-    bounded = all(r.comparison.fit.status.endswith("bound") for r in s.results)
-    return SpeedAnswer(
-        s.velocity,
-        s.slip.count,
-        slip,
-        k92,
-        "at its limit" if bounded else "",
-        paper_slip,
-        paper.k92 if paper else math.nan,
-        agrees,
-    )
-
-
-def _slip(speeds: Sequence[SpeedAnswer]) -> Answer:
+def _slip(speeds: Sequence[Speed]) -> Answer:
     question = "How much does the robot slip?"
     known = [s for s in speeds if math.isfinite(s.slip.value)]
     if not known:

@@ -71,8 +71,6 @@ class Report:
         answers: the first screen.
         first: table beside the answers; None where there is none.
         sections: the evidence.
-        made: version, libraries and date, in one line.
-        command: makes the report again.
         numbers: name of the file with all numbers.
     """
 
@@ -81,8 +79,6 @@ class Report:
     answers: Answers
     first: Table | None
     sections: tuple[Section, ...]
-    made: str
-    command: str
     numbers: str = "report.json"
 
     def blocks(self) -> Iterator[Block]:

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from granite_lab.discovery.as_json import finding_as_json
-from granite_lab.parameters import load_paper
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.content import Source, StudyResult, TrialResult
 from granite_lab.reporting.document import Report
-from granite_lab.reporting.summary import MeanEstimate, Speed, by_speed, gaps
+from granite_lab.reporting.summary import gaps
 from granite_lab.reporting.tables import shown_path
 
 SCHEMA = "granite-lab/report/2"
@@ -34,7 +33,6 @@ def to_json(result: StudyResult, report: Report, model: Path | str | None = None
         "name": result.name,
         "virtual": result.virtual,
         "answers": answers_as_json(report.answers),
-        "speeds": [_speed(s) for s in by_speed(result, load_paper())],
         "a_theta": _a_theta(result),
         "misfits": [dataclasses.asdict(g) for g in gaps([r.comparison for r in result.trials]).values()],
         "discovery": finding_as_json(finding, model) if finding is not None else None,
@@ -58,7 +56,8 @@ def answers_as_json(answers: Answers) -> dict[str, Any]:
         "virtual": answers.virtual or None,
         "speeds": [
             {
-                "speed_mps": s.velocity, "trials": s.trials, "slip": s.slip.as_json(), "k92": s.k92.as_json(),
+                "speed_mps": s.velocity, "trials": [r.trial.name for r in s.results],
+                "slip": s.slip.as_json(), "k92": s.k92.as_json(),
                 "slip_paper": s.paper_slip, "k92_paper": s.paper_k92, "paper_inside_interval": s.agrees,
             }
             for s in answers.speeds
@@ -87,19 +86,6 @@ def provenance_as_json(source: Source) -> dict[str, Any]:
             {"key": key, "value": value, "unit": unit, "origin": origin}
             for key, value, unit, origin in source.parameters
         ],
-    }
-
-
-def _mean(mean: MeanEstimate) -> dict[str, Any]:
-    return {"value": mean.value, "std": mean.std, "ci95": [mean.low, mean.high], "trials": mean.count}
-
-
-def _speed(speed: Speed) -> dict[str, Any]:
-    return {
-        "speed_mps": speed.velocity,
-        "slip_ratio": _mean(speed.slip),
-        "k92": _mean(speed.k92),
-        "trials": [r.trial.name for r in speed.results],
     }
 
 

@@ -228,6 +228,19 @@ def together(names: Sequence[str]) -> str:
     return listed(merged)
 
 
+def shared(lines: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
+    """Say once what several trials say alike; each line is a trial's name and what it says."""
+    speakers: dict[str, list[str]] = {}
+    for trial, said in lines:
+        for line in dict.fromkeys(said):
+            speakers.setdefault(line, []).append(trial)
+    everybody = len(lines)
+    return tuple(
+        f"all {everybody} trials: {line}" if len(own) == everybody > 1 else f"{', '.join(own)}: {line}"
+        for line, own in speakers.items()
+    )
+
+
 def capital(text: str) -> str:
     """Return a text with a capital letter in front."""
     return text[:1].upper() + text[1:]

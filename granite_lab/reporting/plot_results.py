@@ -17,7 +17,6 @@ from granite_lab.fitting.fit import AThetaFit
 from granite_lab.parameters import Paper
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import Answers
-from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import Speed
@@ -29,7 +28,7 @@ CROWD = 12
 """So many trials of a speed are drawn in full; more are drawn smaller and fainter."""
 
 
-def slip_figure(answers: Answers, speeds: Sequence[Speed], paper: Paper) -> Figure:
+def slip_figure(answers: Answers, paper: Paper) -> Figure:
     """Draw λ_R over the desired velocity: each trial, the means with their intervals, and the paper."""
     known = [s for s in answers.speeds if math.isfinite(s.slip.value)]
     title = ", ".join(f"{s.slip.quantity} slip at {s.velocity:g} m/s" for s in known) or "No slip ratio known"
@@ -47,7 +46,7 @@ def slip_figure(answers: Answers, speeds: Sequence[Speed], paper: Paper) -> Figu
     def draw(axis: Axes) -> None:
         trials = [
             (x, 0.0, slip.value, slip.std, len(s.results))
-            for s in speeds
+            for s in answers.speeds
             for x, r in zip(spread(s), s.results, strict=True)
             for slip in (r.comparison.motion.slip_ratio,)
         ]
@@ -71,9 +70,9 @@ def slip_figure(answers: Answers, speeds: Sequence[Speed], paper: Paper) -> Figu
     )  # fmt: skip
 
 
-def k92_figure(answers: Answers, result: StudyResult, speeds: Sequence[Speed], paper: Paper) -> Figure:
+def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
     """Draw k_92 over the desired velocity with the fitted law and the paper's: Fig. 3 of the paper."""
-    number, fit = answers.a_theta, result.a_theta
+    number = answers.a_theta
     title = "k_92 by trial; the law could not be fitted"
     if number is not None:
         where = {
@@ -82,7 +81,7 @@ def k92_figure(answers: Answers, result: StudyResult, speeds: Sequence[Speed], p
             None: "fewer than three speeds do not test the law",
         }[answers.a_theta_agrees].format(answers.a_theta_paper)
         title = f"a_θ = {number.with_std} s/m; {where}"
-    top = max([s.velocity for s in speeds] + [p.velocity for p in paper.table3]) * 1.1
+    top = max([s.velocity for s in answers.speeds] + [p.velocity for p in paper.table3]) * 1.1
     v = np.linspace(0, top, 200)
 
     def draw(axis: Axes) -> None:
@@ -94,7 +93,7 @@ def k92_figure(answers: Answers, result: StudyResult, speeds: Sequence[Speed], p
         axis.plot(v, np.exp(-paper.a_theta * v), color=canvas.PAPER, linestyle=(0, (4, 1.5)))
         trials = [
             (x, 0.0, r.comparison.fit.k92.value, r.comparison.fit.k92.std, len(s.results))
-            for s in speeds
+            for s in answers.speeds
             for x, r in zip(spread(s), s.results, strict=True)
         ]
         _trials(axis, trials, (1.0, 1.0))
@@ -112,16 +111,16 @@ def k92_figure(answers: Answers, result: StudyResult, speeds: Sequence[Speed], p
     )  # fmt: skip
 
 
-def k92_over_slip(answers: Answers, result: StudyResult, speeds: Sequence[Speed], paper: Paper) -> Figure:
+def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
     """Draw k_92 over the robot slip ratio with the fitted line and the paper's: Fig. 4 of the paper."""
-    line = fitted_line(result.a_theta)
+    line = fitted_line(fit)
     root = significant(-100 * paper.fig4_intercept / paper.fig4_slope, 3)
     title = f"The paper's line reaches k_92 = 0, the limit of the model, at {root} % slip"
     if line is not None and line[1].value < 0:
         own = significant(-100 * line[0].value / line[1].value, 3)
         title = f"k_92 = 0, the limit of the model, is reached at {own} % slip; {root} % in the paper"
-    fits = [(r.comparison.fit, len(s.results)) for s in speeds for r in s.results]
-    slips = [p.slip_measured for p in paper.table3] + [s.slip.value for s in speeds]
+    fits = [(r.comparison.fit, len(s.results)) for s in answers.speeds for r in s.results]
+    slips = [p.slip_measured for p in paper.table3] + [s.slip.value / 100 for s in answers.speeds]
     x = np.linspace(0, max(0.25, 1.1 * max(s for s in slips if math.isfinite(s))), 2)
 
     def draw(axis: Axes) -> None:

@@ -19,8 +19,8 @@ from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.document import Block, Code, Fold, Gallery, Listing, Report, Section, Words
 from granite_lab.reporting.figures import Figure
-from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, percent
-from granite_lab.reporting.summary import Gap, Speed, by_speed, gaps
+from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, percent, shared
+from granite_lab.reporting.summary import Gap, gaps
 
 OPEN_SPEEDS = 4
 """So many time histories stand open; of more speeds the slowest and fastest do."""
@@ -54,23 +54,22 @@ def study_report(
     """
     decided = decide.of_study(result, model, folder)
     paper, found = load_paper(), gaps([r.comparison for r in result.trials])
-    speeds = by_speed(result, paper)
     sections: list[Section] = []
     if result.trials:
         virtual = bool(decided.virtual)
         sections += [
             Section("slip", "Slip and k_92", (
                 Gallery((
-                    plot_results.slip_figure(decided, speeds, paper),
-                    plot_results.k92_figure(decided, result, speeds, paper),
+                    plot_results.slip_figure(decided, paper),
+                    plot_results.k92_figure(decided, result.a_theta, paper),
                 )),
                 *_more("k_92 over slip, and laws compared", [
-                    Gallery((plot_results.k92_over_slip(decided, result, speeds, paper),)),
+                    Gallery((plot_results.k92_over_slip(decided, result.a_theta, paper),)),
                     *([tables.law_table(result.a_theta, virtual)] if result.a_theta else []),
                     *_listing(result.a_theta.notes if result.a_theta else ()),
                 ]),
             )),
-            Section("model", "Model and measurement", tuple(_model(decided, speeds, found))),
+            Section("model", "Model and measurement", tuple(_model(decided, found))),
         ]  # fmt: skip
     if result.finding is not None:
         sections.append(Section("missing", "What is missing", tuple(_missing(result.finding, effects))))
@@ -82,7 +81,7 @@ def study_report(
         sections.insert(0, Section("trials", "Trials that could not be used", (Listing(tuple(failures)),)))
     return Report(
         result.name, "Report of a study", decided, tables.slip_table(decided) if decided.speeds else None,
-        tuple(sections), _made(result.source), _shortened(result.source.command),
+        tuple(sections),
     )  # fmt: skip
 
 
@@ -109,8 +108,7 @@ def search_report(
         _provenance(source, decided.steps[1:]),
     )
     return Report(
-        name, "Report of a search for a missing effect", decided, None, sections, _made(source),
-        _shortened(source.command), "finding.json",
+        name, "Report of a search for a missing effect", decided, None, sections, "finding.json",
     )  # fmt: skip
 
 
@@ -135,10 +133,10 @@ def _listing(lines: Sequence[str]) -> list[Block]:
 
 
 def _model(
-    decided: Answers, speeds: Sequence[Speed], found: dict[tuple[str, str], Gap]
+    decided: Answers, found: dict[tuple[str, str], Gap]
 ) -> Iterator[Block]:  # fmt: skip
     virtual = bool(decided.virtual)
-    drawn = [plot_motion.motion_figure(s) for s in speeds]
+    drawn = [plot_motion.motion_figure(s) for s in decided.speeds]
     half = OPEN_SPEEDS // 2
     few = len(drawn) <= OPEN_SPEEDS
     shown, rest = (drawn, []) if few else ([*drawn[:half], *drawn[-half:]], drawn[half:-half])
@@ -244,18 +242,3 @@ def _shortened(command: str) -> str:
     if len(command) <= LONGEST:
         return command
     return f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
-
-
-def shared(lines: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
-    """Say once what several trials say alike."""
-    speakers: dict[str, list[str]] = {}
-    for trial, said in lines:
-        for line in dict.fromkeys(said):
-            speakers.setdefault(line, []).append(trial)
-    everybody = len(lines)
-    return tuple(
-        f"all {everybody} trials: {line}"
-        if everybody > 1 and len(trials) == everybody
-        else f"{', '.join(trials)}: {line}"
-        for line, trials in speakers.items()
-    )

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.estimate import Estimate
 from granite_lab.logs.trial import Array
-from granite_lab.parameters import Paper, Published
+from granite_lab.parameters import Paper
 from granite_lab.reporting.content import StudyResult, TrialResult
+from granite_lab.reporting.rounding import Number, decided
 
 PHASES = ("rest", "accelerate", "steady", "brake")
 
@@ -37,24 +39,17 @@ CHANNELS = {
 """Channels of a comparison, in the order of the report, as a reader calls them."""
 
 
-@dataclass(frozen=True)
-class MeanEstimate:
-    """A mean over repetitions.
-
-    Attributes:
-        value, std: the mean and its standard error.
-        low, high: 95 % interval.
-        count: how many went in.
-    """
+class Mean(NamedTuple):
+    """A mean over repetitions with its standard error, its 95 % interval, and how many went in."""
 
     value: float
     std: float
     low: float
     high: float
-    count: int
+    n: int
 
 
-def mean_over(estimates: Iterable[Estimate]) -> MeanEstimate:
+def mean_over(estimates: Iterable[Estimate]) -> Mean:
     """Average repetitions, with the wider of two 95 % intervals.
 
     One comes from the scatter between the repetitions (Student's t), the other from their stated
@@ -66,7 +61,7 @@ def mean_over(estimates: Iterable[Estimate]) -> MeanEstimate:
     finite = [e for e in estimates if math.isfinite(e.value)]
     n = len(finite)
     if n == 0:
-        return MeanEstimate(math.nan, math.nan, math.nan, math.nan, 0)
+        return Mean(math.nan, math.nan, math.nan, math.nan, 0)
     values = np.array([e.value for e in finite])
     stated = np.array([e.std for e in finite])
     by_statement = float(np.sqrt(np.sum(stated**2)) / n) if np.isfinite(stated).all() else math.nan
@@ -76,7 +71,7 @@ def mean_over(estimates: Iterable[Estimate]) -> MeanEstimate:
     half = max(known) if known else math.nan
     errors = [s for s in (by_statement, by_scatter) if math.isfinite(s)]
     mean = float(values.mean())
-    return MeanEstimate(mean, max(errors) if errors else math.nan, mean - half, mean + half, n)
+    return Mean(mean, max(errors) if errors else math.nan, mean - half, mean + half, n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,16 +81,27 @@ class Speed:
     Attributes:
         velocity: desired velocity [m/s].
         results: the trials.
-        slip: λ_R as measured, over the trials.
-        k92: fitted to the steady slip, over the trials.
-        published: the paper's row of Table 3; None where it has none.
+        trials: how many have a slip ratio.
+        slip: mean λ_R over the trials [%], with its standard error and 95 % interval.
+        k92: mean of k_92 fitted to the steady slip [–], likewise.
+        k92_note: stands in place of k_92 where no trial has an inner optimum.
+        paper_slip: λ_R of the paper's experiment [%] as printed there; NaN where it has none.
+        paper_k92: k_92 of the paper; NaN likewise.
     """
 
     velocity: float
     results: tuple[TrialResult, ...]
-    slip: MeanEstimate
-    k92: MeanEstimate
-    published: Published | None
+    trials: int
+    slip: Number
+    k92: Number
+    k92_note: str
+    paper_slip: float
+    paper_k92: float
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the paper's slip lies in the interval as printed; None where that cannot be said."""
+        return self.slip.holds(self.paper_slip)
 
     @property
     def typical(self) -> TrialResult:
@@ -119,15 +125,17 @@ def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
     rows = []
     for velocity, trials in sorted(groups.items()):
         fits = [t.comparison.fit for t in trials]
+        *slip, count = mean_over(t.comparison.motion.slip_ratio for t in trials)
+        k92 = mean_over(f.k92 for f in fits if f.status == "ok")[:4]
+        own = next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None)
         rows.append(
             Speed(
-                velocity=velocity,
-                results=tuple(trials),
-                slip=mean_over(t.comparison.motion.slip_ratio for t in trials),
-                k92=mean_over(f.k92 for f in fits if f.status == "ok"),
-                published=next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None),
+                velocity, tuple(trials), count, decided(*slip, unit="%", scale=100), decided(*k92),
+                "at its limit" if all(f.status.endswith("bound") for f in fits) else "",
+                # The paper prints three digits; the tail of 100 times a fraction is none of them.
+                round(100 * own.slip_measured, 6) if own else math.nan, own.k92 if own else math.nan,
             )
-        )
+        )  # fmt: skip
     return tuple(rows)
 
 

@@ -20,7 +20,7 @@ from granite_lab.reporting.answers import Answer
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.grid import TONES, clean, grid, say
 from granite_lab.reporting.listings import show_effect, show_effects, show_inspection, show_parameters
-from granite_lab.reporting.names import in_plain_words, latency_in_words
+from granite_lab.reporting.names import in_plain_words, latency_in_words, shared
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import gaps
 from granite_lab.reporting.table import Cell, Column, Table, estimate, tabulate
@@ -42,24 +42,20 @@ __all__ = [
 VIRTUAL = "virtual data: written by a simulator"
 
 
-def show_table(table: Table, console: Console, *, only: Sequence[str] = (), most: int = 0) -> None:
+def show_table(table: Table, console: Console, *, only: Sequence[str] = ()) -> None:
     """Print a table of the report.
 
     Args:
         table: the table.
         console: where to print.
         only: names of the columns to print, in the order of the table; all by default.
-        most: number of rows; 0 prints all. A line tells how many are left out.
     """
     kept = [i for i, c in enumerate(table.columns) if not only or c.name in only]
     flush = [k for k, i in enumerate(kept) if not table.columns[i].number]
     shown = grid(*(_heading(table.columns[i]) for i in kept), words=flush)
-    rows = table.rows[:most] if most else table.rows
-    for row in rows:
+    for row in table.rows:
         shown.add_row(*(clean(row[i].text, TONES.get(row[i].tone, "")) for i in kept))
     console.print(shown)
-    if len(rows) < len(table.rows):
-        say(console, f"{len(table.rows) - len(rows)} more rows are in the report", "dim")
     if table.virtual:
         say(console, f"{VIRTUAL}.", "yellow")
 
@@ -164,20 +160,11 @@ def _against_reference(judged: Judgement) -> str:
 def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = False) -> None:
     """Print k_92 of each trial by steady slip and by trajectory, and the notes of the fits if asked to."""
     show_table(tables.k92_table(fits), console)
-    said = merged([(fit.trial, fit.notes) for fit in fits])
+    said = shared([(fit.trial, fit.notes) for fit in fits])
     for note in said if notes else ():
         say(console, note, "yellow")
     if said and not notes:
         say(console, f"{len(said)} notes of the fits: --json lists them", "dim")
-
-
-def merged(lines: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
-    """Return each note once, with the number of trials that have it, or the trial's name."""
-    speakers: dict[str, list[str]] = {}
-    for trial, said in lines:
-        for line in dict.fromkeys(said):
-            speakers.setdefault(line, []).append(trial)
-    return [f"{t[0] if len(t) == 1 else f'{len(t)} trials'}: {line}" for line, t in speakers.items()]
 
 
 def show_a_theta(fit: AThetaFit, console: Console) -> None:
