@@ -140,7 +140,7 @@ def test_every_line_names_its_unit(back: ReadBack) -> None:
     for entity, unit in (
         ("/slip/measured_front", "%"),
         ("/pitch/measured", "°"),
-        ("/gyro_bias/estimated", "°/s"),
+        ("/pitch_rate/measured", "°/s"),
     ):
         assert back.fixed(entity, "Measurements:units") == [unit]
 
@@ -280,7 +280,6 @@ def test_the_log_tells_what_the_filter_did(trial: TrialResult, back: ReadBack) -
     assert [t for t, _, _ in lines] == sorted(t for t, _, _ in lines)
     text = "\n".join(line for _, line, _ in lines)
     assert "virtual trial" in text
-    assert text.count("standstill found") == 2
     assert text.count("zero-velocity updates") == 2
     assert text.count("zero-rate updates") == 2
     assert "WARN" in {level for _, line, level in lines if "duplicate stamps" in line}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 import rerun as rr
@@ -31,13 +30,7 @@ MOST_OUTLIERS = 20
 
 @dataclass(frozen=True)
 class Interval:
-    """A stretch of time in which simulation and measurement disagree.
-
-    Attributes:
-        start, end: time since command start [s].
-        channel: in words; each channel is one lane.
-        label: what the bar says.
-    """
+    """A bar: start and end since command start [s], its channel, which is a lane, and what it says."""
 
     start: float
     end: float
@@ -132,10 +125,6 @@ def _events(comparison: Comparison) -> Iterator[Event]:
     if fit.status != "ok":
         yield Event(begin, f"fit of k_92: {fit.status.replace('_', ' ')}", "WARN")
     yield Event(0.0, f"command starts, at {plus_minus(motion.t_start, 's')} of the log's own time")
-    for phase, rows in groupby(range(len(motion.t)), key=lambda i: motion.phase[i]):
-        yield Event(float(motion.t[next(rows)] - start), f"phase: {phase}")
-    for a, b in motion.health.rests:
-        yield Event(a - start, f"standstill found: {a - start:.2f} s to {b - start:.2f} s")
     t1, t2 = motion.steady
     slip = f"measured {plus_minus(motion.slip_ratio, '%', 100)}, simulated {100 * run.slip_ratio:.1f} %"
     yield Event(t2 - start, f"slip λ_R (2) over the steady part of {t2 - t1:.2f} s: {slip}")
@@ -163,10 +152,9 @@ def _updates(comparison: Comparison, start: float) -> Iterator[Event]:
         t = health.t[own] - start
         pause = 5 * float(np.median(np.diff(t))) if len(t) > 2 else np.inf
         for run in np.split(t, np.flatnonzero(np.diff(t) > max(pause, 0.25)) + 1):
+            mean = f"mean normalized innovation squared of all: {health.nis.get(kind, np.nan):.2f}"
             what = f"{kind.replace('_', '-')} updates: {len(run)}, until {run[-1]:.2f} s"
-            nis = health.nis.get(kind)
-            mean = f" (mean normalized innovation squared of all: {nis:.2f})" if nis is not None else ""
-            yield Event(float(run[0]), what + mean)
+            yield Event(float(run[0]), f"{what} ({mean})")
     ratio = np.abs(health.innovation) / np.where(health.innovation_std > 0, health.innovation_std, np.inf)
     for i in [i for i in np.argsort(-ratio) if ratio[i] > OUTLIER][:MOST_OUTLIERS]:
         text = f"{health.kind[i].replace('_', '-')} update {ratio[i]:.1f} times its std off"

@@ -24,9 +24,6 @@ TITLES = {
     "current": "Motor current, measured",
     "specific_force": "IMU specific force, forward, equal before the start",
     "pitch_rate": "IMU pitch rate, equal before the start",
-    "imu": "IMU specific force, the sensor's own axes",
-    "accel_bias": "Estimated bias of the accelerometer, tilt included",
-    "gyro_bias": "Estimated bias of the gyroscope",
     "innovation": "Innovations of the filter over their predicted std",
 }
 FOUND = {
@@ -46,8 +43,8 @@ TITLES |= {f"discrepancy_{k}": f"{v}: not explained by the model" for k, v in FO
 TABS = {
     "Motion": ("velocity", "slip", "torque", "pitch"),
     "Residuals": tuple(f"residual_{k}" for k in CHANNELS),
-    "Wheels and sensors": ("wheel_velocity", "wheel_slip", "current", "specific_force", "pitch_rate"),
-    "Filter": ("innovation", "accel_bias", "gyro_bias", "imu"),
+    "Wheels": ("wheel_velocity", "wheel_slip", "current"),
+    "Sensors": ("specific_force", "pitch_rate", "innovation"),
     "Missing effect": tuple(f"found_{k}" for k in FOUND),
     "Discrepancy": tuple(f"discrepancy_{k}" for k in FOUND),
 }
@@ -67,8 +64,6 @@ def _series(origin: str, title: str, lines: Sequence[Line], *, legend: bool = Tr
     """
     ratio = "slip" in origin
     known = np.concatenate([line.value.ravel() for line in lines])
-    if len(lines) == 1 and (std := lines[0].std) is not None:  # nothing else gives the band a scale
-        known = np.concatenate([known - std.ravel(), known + std.ravel()])
     if ratio:  # whole tens, so that the axis has more than one number on it
         low, high = np.nanpercentile(np.append(known, 0.0), [4, 96])
         low, high = 10 * np.floor(low / 10 - 0.2), 10 * np.ceil(high / 10 + 0.2)
@@ -132,11 +127,9 @@ def trial_layout(root: str, lines: Sequence[Line], *, lanes: int, name: str) -> 
 
 
 def overlay(rows: Mapping[str, Sequence[Line]], many: int) -> Any:
-    """Return velocity and slip of all trials, a row per speed, with a key.
+    """Return velocity and slip of all trials: a row per speed, from its lines of `overlaid`, with a key.
 
-    Args:
-        rows: speed in words to the lines of `overlaid`, of all its trials.
-        many: most trials of a speed.
+    The legends name the trials unless a speed has too `many`.
     """
     views = []
     for i, (speed, lines) in enumerate(rows.items()):

@@ -32,7 +32,7 @@ THIN, WIDE = 1.5, 4.0
 """Widths of measured and of simulated lines, in points of the screen."""
 
 FINE, MEDIUM, COARSE = 0.01, 0.02, 0.04
-"""Spacing of lines [s], enough for the eye: channels; differences and single wheels; filter."""
+"""Spacing of lines [s], enough for the eye: channels; differences and single wheels; innovations."""
 MOST_ROWS = 20_000
 """A line of more samples is thinned, so that a log of an hour still opens."""
 
@@ -125,15 +125,11 @@ def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = Non
         Line("velocity/desired", ("desired",), "m/s", run.t, run["v_desired_mps"], (GREY,), step=FINE),
         Line("velocity/wheels", ("wheels, measured",), "m/s", t, wheels, (GREEN,), step=FINE),
         Line("wheel_slip/measured", WHEELS, "-", t, motion.slip, OF_WHEELS, (THIN,) * 4, step=MEDIUM),
-        *_channels(comparison), *_filter(comparison),
+        *_channels(comparison), *_innovations(comparison),
     ]  # fmt: skip
     if (known := trial.reference_v) is not None:
         t = known.t - start
         lines.append(Line("velocity/reference", ("reference",), "m/s", t, known.value, (PURPLE,)))
-    if (imu := trial.imu) is not None:
-        names, t, colours = tuple(f"sensor's {axis}" for axis in "xyz"), imu.t - start, OF_WHEELS[:3]
-        force = imu.specific_force
-        lines.append(Line("imu/measured", names, "m/s^2", t, force, colours, (1.0,) * 3, step=MEDIUM))
     if (drawn := trial.currents) is not None:
         t, value = drawn.t - start, drawn.current
         lines.append(Line("current/measured", WHEELS, "A", t, value, OF_WHEELS, (1.0,) * 4, step=MEDIUM))
@@ -164,15 +160,9 @@ def _channels(c: Comparison) -> Iterator[Line]:
             yield Line(f"residual_{plot}/difference", labels, unit, c.t, gap, few, widths, step=MEDIUM)
 
 
-def _filter(comparison: Comparison) -> Iterator[Line]:
-    """Yield the estimated biases, and the innovations in units of their predicted std."""
+def _innovations(comparison: Comparison) -> Iterator[Line]:
+    """Yield the innovations of the filter, in units of their predicted std."""
     start, health = command_start(comparison), comparison.motion.health
-    t = comparison.motion.t - start
-    for plot, unit, value, std in (
-        ("accel_bias", "m/s^2", health.accel_bias, health.accel_bias_std),
-        ("gyro_bias", "rad/s", health.gyro_bias, health.gyro_bias_std),
-    ):
-        yield Line(f"{plot}/estimated", ("estimated",), unit, t, value, (MEASURED,), std=std, step=COARSE)
     scale = np.where(health.innovation_std > 0, health.innovation_std, np.nan)
     for kind, colour in zip(dict.fromkeys(health.kind), cycle((*OF_WHEELS, VERMILION, GREY))):
         own = np.array([k == kind for k in health.kind])
@@ -211,14 +201,7 @@ def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
 
 
 def overlaid(row: str, name: str, comparison: Comparison, colour: Rgb) -> list[Line]:
-    """Return velocity and mean slip of one trial of many, as shown, below an entity of their plots.
-
-    Args:
-        row: entity of the plots, which they share with other trials.
-        name: of the trial; its entity's last part.
-        comparison: measured beside simulated.
-        colour: of what was measured.
-    """
+    """Return velocity and mean slip of one trial, as shown, in plots of a row that many trials share."""
     motion, run = comparison.motion, comparison.run
     t, last = motion.t - command_start(comparison), rr.escape_entity_path_part(name)
     slip = (run["slip_f"] + run["slip_r"]) / 2

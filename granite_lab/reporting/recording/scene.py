@@ -23,6 +23,11 @@ STEP = 0.04
 FORCE_SCALE, TORQUE_SCALE = 0.0022, 0.35
 """Length of a force arrow [m/N] and sweep of a torque's arc [rad/(N m)]."""
 FORCES = {"ground_reaction": (240, 90, 200), "thrust": (0, 190, 140), "resistance": (235, 60, 50)}
+PARTS = (
+    ("ground_reaction", 0, "force_x_{}_N"), ("ground_reaction", 2, "force_z_{}_N"),
+    ("thrust", 0, "thrust_{}_N"), ("resistance", 0, "resistance_{}_N"),
+)  # fmt: skip
+"""Arrow, its axis, and the signal that gives its length."""
 VIEWPOINT = "scene/viewpoint"
 SAND, SAND_CUT, TICK, DEPTH = (214, 184, 132), (181, 148, 97), (110, 84, 48), (150, 118, 72)
 TORQUE_MEASURED = (150, 215, 255)
@@ -36,13 +41,7 @@ Block = tuple[tuple[float, float, float], tuple[float, float, float], Rgb]
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """How one robot moves, over (N,) times.
-
-    Attributes:
-        x, z: position of R along the ground and above its surface [m].
-        pitch: [rad], positive nose down.
-        spin: (N, 4) wheel angles [rad].
-    """
+    """(N,) x and z of R above the ground [m], pitch, nose down [rad], and (N, 4) wheel angles [rad]."""
 
     x: Array
     z: Array
@@ -74,10 +73,8 @@ def poses(comparison: Comparison, t: Array) -> tuple[Pose, Pose]:
     measured = Pose(_at(t, τ, motion.x) - x0, z, _at(t, τ, motion.pitch), spin)
     x_run0 = float(_at(np.zeros(1), run.t, run["x_m"])[0])
     angle = [_at(t, run.t, run[f"theta_{axle}_rad"]) for axle in "ffrr"]
-    simulated = Pose(
-        _at(t, run.t, run["x_m"]) - x_run0, z, _at(t, run.t, run["pitch_rad"]), np.column_stack(angle)
-    )
-    return measured, simulated
+    x, pitch = _at(t, run.t, run["x_m"]) - x_run0, _at(t, run.t, run["pitch_rad"])
+    return measured, Pose(x, z, pitch, np.column_stack(angle))
 
 
 def write_scene(writer: Writer, comparison: Comparison) -> None:
@@ -136,12 +133,7 @@ def _hull(chassis: Chassis, wheels: Wheels) -> tuple[float, float, float, float]
 
 
 def _solid(chassis: Chassis, wheels: Wheels) -> tuple[Any, Any, Any]:
-    """Return the measured robot.
-
-    Returns:
-        body with axles, a deck and a bow that tells the front; and of a wheel about its own centre tyre,
-        rim and hub; lugs, and spokes of which one is marked.
-    """
+    """Return the measured robot: body with a bow that tells the front; of a wheel tyre, hub, lugs, spokes."""
     r, half, width = wheels.radius, chassis.track / 2, wheels.width
     x, y, low, high = _hull(chassis, wheels)
     axles = (-chassis.wheel_base / 2, chassis.wheel_base / 2)
@@ -218,13 +210,8 @@ def _write_forces(writer: Writer, comparison: Comparison, chassis: Chassis, t: A
         arm = side * chassis.wheel_base / 2
         bottom = pose.z - arm * np.sin(pose.pitch) - run.robot.wheels.radius
         origins[:, k] = np.column_stack([pose.x + arm * np.cos(pose.pitch), np.full_like(t, y), bottom])
-        for signal, name, axis in (
-            (f"force_x_{axle}_N", "ground_reaction", 0),
-            (f"force_z_{axle}_N", "ground_reaction", 2),
-            (f"thrust_{axle}_N", "thrust", 0),
-            (f"resistance_{axle}_N", "resistance", 0),
-        ):
-            rows[name][:, k, axis] = FORCE_SCALE * _at(t, run.t, run[signal])
+        for name, axis, signal in PARTS:
+            rows[name][:, k, axis] = FORCE_SCALE * _at(t, run.t, run[signal.format(axle)])
     for name, colour in FORCES.items():
         entity = f"scene/force_{name}"
         writer.static(entity, rr.Arrows3D.from_fields(colors=colour, radii=0.005))
@@ -233,14 +220,9 @@ def _write_forces(writer: Writer, comparison: Comparison, chassis: Chassis, t: A
 
 
 def arc_arrow(radius: float, sweep: Array, steps: int = 7) -> Array:
-    """Return arcs with an arrow head in the plane y = 0, one per sweep angle.
+    """Return arcs with an arrow head in the plane y = 0, (N, steps + 3, 3) points of a line strip each [m].
 
-    Args:
-        radius: of the arc [m].
-        sweep: (N,) angle from the top [rad], positive the way a wheel rolls forward.
-
-    Returns:
-        (N, steps + 3, 3) points of one line strip each [m].
+    Each begins at the top and sweeps by an angle (N,) [rad], positive the way a wheel rolls forward.
     """
     a = sweep[:, None] * np.linspace(0, 1, steps)[None, :]
     points = radius * np.stack([np.sin(a), np.zeros_like(a), np.cos(a)], axis=-1)
