@@ -260,7 +260,7 @@ def test_the_table_fits_80_columns_and_says_what_to_do_and_why() -> None:
     words = shown(design)
     assert words.startswith("What would tell ground_slope and imu_tilt apart? (virtual data)")
     assert "Expected log Bayes factors with the 3 trials at hand: imu_tilt from ground_slope" in words
-    assert "the slope changes its sign" in words
+    assert "slope with opposite sign" in words
     assert "First choice: turn the robot round" in words
     assert "Write '# turned = true' into its log" in words
 
