@@ -100,7 +100,10 @@ class Arena:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        self._folder = folder if folder is not None and folder.is_dir() else None
+        try:
+            self._folder = folder if folder is not None and folder.is_dir() else None
+        except PermissionError:  # of a folder above it
+            self._folder = None
         self._room = memoryview(b"")
 
     def hold(self, data: bytes) -> Buffer:
