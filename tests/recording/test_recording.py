@@ -14,6 +14,7 @@ from granite_lab.parameters import WHEELS
 from granite_lab.reporting.content import TrialResult
 from granite_lab.reporting.recording import record_study, record_trial
 from granite_lab.reporting.recording import write as write_module
+from granite_lab.reporting.recording.layout import extent_of
 from granite_lab.reporting.recording.lines import MOST_ROWS, Line
 from granite_lab.reporting.recording.scene import FORCE_SCALE, arc_arrow
 from tests.recording.made_up import REST, made_up_study, made_up_trial
@@ -449,3 +450,14 @@ def test_an_hour_is_thinned_so_that_it_still_opens() -> None:
     assert len(line.t) <= MOST_ROWS
     np.testing.assert_array_equal(line.value, np.sin(line.t))
     assert line.t[-1] > 3590
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(-0.65, 0.65), (-0.7, 0.2), (0.31, 0.36), (3.0, 900.0), (2.0, 2.0)]
+)
+def test_a_plot_shows_all_samples_and_two_numbers_of_its_axis(low: float, high: float) -> None:
+    value = np.array([low, high, np.nan])
+    bottom, top = extent_of([Line("pitch/measured", ("measured",), "°", np.arange(3.0), value, ((0, 0, 0),))])
+    assert bottom < low <= high < top
+    step = 10 ** np.ceil(np.log10((top - bottom) / 10))  # Rerun numbers its grid at powers of ten
+    assert np.floor(top / step + 1e-9) - np.ceil(bottom / step - 1e-9) >= 1

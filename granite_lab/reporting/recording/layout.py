@@ -56,25 +56,34 @@ MOST_NAMED, MOST_ROWS = 5, 5
 plots of a tab that stand below each other."""
 
 
-def _series(origin: str, title: str, lines: Sequence[Line], *, legend: bool = True) -> Any:
-    """Return the view of one plot; its legend stands where the robot is at rest again.
+def extent_of(lines: Sequence[Line]) -> tuple[float, float]:
+    """Return the range of values that a plot shows at first, with at least two numbers on its axis.
 
     Slip (1) is a quotient of small numbers as the robot starts and stops and may take any value there,
     so its plots show the range that most samples need; all others show all samples.
     """
-    ratio = "slip" in origin
     known = np.concatenate([line.value.ravel() for line in lines])
-    if ratio:  # whole tens, so that the axis has more than one number on it
+    if "slip" in lines[0].entity:
         low, high = np.nanpercentile(np.append(known, 0.0), [4, 96])
         low, high = 10 * np.floor(low / 10 - 0.2), 10 * np.ceil(high / 10 + 0.2)
     else:
-        low, high = np.nanmin(known), np.nanmax(known)
-        low, high = low - 0.08 * (high - low) - 1e-9, high + 0.08 * (high - low) + 1e-9
+        margin = 0.08 * np.ptp(known[np.isfinite(known)]) + 1e-9
+        low, high = np.nanmin(known) - margin, np.nanmax(known) + margin
+    step = 10.0 ** np.ceil(np.log10((high - low) / 8))  # the viewer writes numbers at powers of ten
+    for _ in range(2):
+        if np.floor(high / step) - np.ceil(low / step) < 1:
+            below, above = step * np.floor(low / step), step * np.ceil(high / step)
+            low, high = (below, high) if 0 < low - below < above - high else (low, above)
+    return float(low), float(high)
+
+
+def _series(origin: str, title: str, lines: Sequence[Line], *, legend: bool = True) -> Any:
+    """Return the view of one plot; its legend stands where the robot is at rest again."""
     return rrb.TimeSeriesView(
         origin=origin,
         name=f"{title} [{lines[0].unit}]",
         axis_x=TIME_AXIS,
-        axis_y=rrb.ScalarAxis(range=(float(low), float(high))),
+        axis_y=rrb.ScalarAxis(range=extent_of(lines)),
         plot_legend=rrb.PlotLegend("RightTop", visible=legend),
     )
 
