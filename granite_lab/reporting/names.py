@@ -370,14 +370,23 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple
     """
     plan = f"granite-lab plan-next {_pasted(folder)}"
     own = "granite-lab discover TRIALS --effects my_effect.py"
+    more = (
+        ["Drive two trials or more at each of three speeds, then search again."]
+        if finding.provisional
+        else []
+    )
     if finding.verdict == "none":
-        return (f"Nothing needs to be added. Plan the trial that would show effects still hidden: {plan}",)
+        return (
+            *more,
+            f"Nothing needs to be added. Plan the trial that would show effects still hidden: {plan}",
+        )
     if finding.verdict == "unknown":
         return (
+            *more,
             f"Look where the model disagrees, then test the suspected cause as an effect of your own: {own}",
             f"Plan the trial that would tell more: {plan}",
         )
-    steps = []
+    steps = more
     faults = [plain(e.id) for e in finding.effects if e.id in SENSORS]
     if faults:
         steps.append(

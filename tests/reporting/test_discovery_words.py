@@ -204,3 +204,6 @@ def test_advice_fits_the_verdict_and_its_commands_can_be_pasted() -> None:
     assert "More is missing" in steps(dataclasses.replace(made_up_finding(), remainder=0.4))
     assert "effect of your own" in steps(made_up_finding("unknown"))
     assert "Nothing needs to be added" in steps(made_up_finding("none"))
+    assert steps(made_up_finding(repetitions=1)).startswith(
+        "Drive two trials or more at each of three speeds"
+    )
