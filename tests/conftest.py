@@ -10,10 +10,10 @@ import pytest
 
 @pytest.fixture(scope="session", autouse=True)
 def cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    before = os.environ.get("GRANITE_LAB_CACHE")
-    os.environ["GRANITE_LAB_CACHE"] = str(tmp_path_factory.mktemp("cache"))
-    yield
-    if before is None:
-        del os.environ["GRANITE_LAB_CACHE"]
-    else:
-        os.environ["GRANITE_LAB_CACHE"] = before
+    """One for all processes of pytest: what one has compiled or analysed, no other does again."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GRANITE_LAB_CACHE", str(folder / "cache"))
+        yield

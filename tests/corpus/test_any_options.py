@@ -103,7 +103,7 @@ LIGHT_ONLY = tuple(name for name in LIGHT if name != "fit-atheta")
 
 @given(args=command_lines(LIGHT_ONLY))
 @settings(
-    max_examples=3000 if SOAK else 150, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck)
+    max_examples=3000 if SOAK else 80, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck)
 )
 def test_any_command_line_ends_well(args: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder_of(tmp_path))
@@ -118,7 +118,7 @@ def test_any_command_line_ends_well(args: list[str], tmp_path: Path, monkeypatch
     )
 )
 @settings(
-    max_examples=1000 if SOAK else 60, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck)
+    max_examples=1000 if SOAK else 40, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck)
 )
 def test_any_motion_is_simulated_or_refused(
     given_: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -154,7 +154,7 @@ VALUES = st.one_of(
 
 @given(changes=st.lists(st.tuples(st.booleans(), st.integers(0, 100), VALUES), min_size=1, max_size=3))
 @settings(
-    max_examples=1500 if SOAK else 80, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck)
+    max_examples=1500 if SOAK else 40, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck)
 )
 def test_any_parameter_file_is_used_or_refused(changes: list[tuple[bool, int, str]], tmp_path: Path) -> None:
     """Numbers of robot and soil replaced by anything; with what is accepted a run is made or refused."""

@@ -107,11 +107,13 @@ def test_what_may_not_be_read_is_one_line(
 ) -> None:
     args, name = READERS[reader]
     path = tmp_path / name
+    words = [path if a is None else a for a in args]
+    lab(*words)  # imports what it needs: root's Python may be unreadable, too
     path.write_text(LOG)
     path.chmod(0)
     monkeypatch.chdir("/")
     with somebody_else():
-        done = lab(*[path if a is None else a for a in args])
+        done = lab(*words)
     refused(done, 3, "permission denied", "permissions")
 
 
@@ -121,19 +123,9 @@ WRITERS: dict[str, tuple[object, ...]] = {
     "a virtual log": ("simulate", "--variant", "0.5", "--out", "RUN", "--log", "OUT/log.csv"),
     "a motion": ("ingest", SAMPLE, "--out", "OUT", "--jobs", "1"),
     "a map": ("inspect", SAMPLE, "--write-map", "OUT/map.toml"),
-    "a comparison": ("compare", SAMPLE, "--out", "OUT", "--jobs", "1", "--no-cache"),
-    "a report": (
-        "study",
-        SAMPLE,
-        "--out",
-        "OUT",
-        "--jobs",
-        "1",
-        "--no-cache",
-        "--no-discover",
-        "--no-recordings",
-    ),
-    "a recording": ("study", SAMPLE, "--out", "OUT", "--jobs", "1", "--no-cache", "--no-discover"),
+    "a comparison": ("compare", SAMPLE, "--out", "OUT", "--jobs", "1"),
+    "a report": ("study", SAMPLE, "--out", "OUT", "--jobs", "1", "--no-discover", "--no-recordings"),
+    "a recording": ("study", SAMPLE, "--out", "OUT", "--jobs", "1", "--no-discover"),
     "a hidden set": ("hide", "--effect", "none", "--out", "OUT", "--repetitions", "1"),
 }
 
