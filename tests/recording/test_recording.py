@@ -326,6 +326,17 @@ def test_the_page_about_the_trial_says_that_it_is_virtual(back: ReadBack) -> Non
     assert "3 duplicate stamps were dropped" in text
 
 
+def test_the_key_stands_beside_the_robot_and_says_what_is_virtual(trial: TrialResult, tmp_path: Path) -> None:
+    for virtual in (True, False):
+        motion = dataclasses.replace(trial.comparison.motion, virtual=virtual)
+        comparison = dataclasses.replace(trial.comparison, motion=motion)
+        back = ReadBack(record_trial(trial.trial, comparison, tmp_path / "a.rrd"))
+        (text,) = back.fixed("/key", "TextDocument:text")
+        assert text.startswith("**Virtual data**") == virtual
+        for word in ("orange outline", "magenta arrow", "22 mm for 10 N", "20° for 1 N m", "0 s"):
+            assert word in text
+
+
 def test_it_opens_paused_on_its_timeline_with_a_layout(path: Path) -> None:
     reader = ReadBack(path).reader
     (store,) = reader.blueprints()

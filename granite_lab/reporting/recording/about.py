@@ -13,6 +13,8 @@ from granite_lab.reporting.recording.lines import SHOWN
 from granite_lab.reporting.recording.stream import drawable
 from granite_lab.reporting.rounding import plus_minus, significant
 
+VIRTUAL = "**Virtual data**: a simulator wrote the log that is called measured here.\n\n"
+
 PLOTS = """
 - **0 s**: start of the command
 - **slip** has no bounds while the robot starts and stops; its plots are cut there

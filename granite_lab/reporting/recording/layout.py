@@ -69,7 +69,7 @@ def extent_of(lines: Sequence[Line]) -> tuple[float, float]:
     else:
         margin = 0.08 * np.ptp(known[np.isfinite(known)]) + 1e-9
         low, high = np.nanmin(known) - margin, np.nanmax(known) + margin
-    step = 10.0 ** np.ceil(np.log10((high - low) / 8))  # the viewer writes numbers at powers of ten
+    step = 10.0 ** np.ceil(np.log10((high - low) / 9))  # the viewer writes numbers at powers of ten
     for _ in range(2):
         if np.floor(high / step) - np.ceil(low / step) < 1:
             below, above = step * np.floor(low / step), step * np.ceil(high / step)

@@ -16,7 +16,7 @@ from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.logs.trial import Trial
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.recording.about import KEY, STUDY_KEY, about, page, properties
+from granite_lab.reporting.recording.about import KEY, STUDY_KEY, VIRTUAL, about, page, properties
 from granite_lab.reporting.recording.events import Interval, intervals_of, write_events
 from granite_lab.reporting.recording.layout import OVERLAY, blueprint, overlay, trial_layout
 from granite_lab.reporting.recording.lines import OF_TRIALS, Line, lines_of, overlaid, write_lines
@@ -49,7 +49,7 @@ class _Content:
         write_scene(writer, self.comparison)
         write_events(writer, self.comparison, self.bars, self.finding)
         writer.static("about", about(self.trial, self.comparison))
-        writer.static("key", page(KEY))
+        writer.static("key", page((VIRTUAL if self.comparison.motion.virtual else "") + KEY.strip()))
 
 
 def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: Finding | None = None) -> Path:
@@ -103,7 +103,7 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
             failures=[f"{f.trial}: {f.message}" for f in result.failures] or ["none"],
         )  # fmt: skip
         stream.send_property("study", study)
-        Writer(stream).static("key", page(STUDY_KEY))
+        Writer(stream).static("key", page((VIRTUAL if result.virtual else "") + STUDY_KEY.strip()))
         write_lines(Writer(stream), chain(*rows.values()))
         for name, own in contents.items():
             root = root_of(name)
