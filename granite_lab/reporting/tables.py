@@ -11,6 +11,7 @@ import numpy as np
 from granite_lab.discovery.finding import Detectable, Finding, FoundEffect, FoundParameter
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit
+from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.model.effect import Effect
 from granite_lab.reporting.answers import Answers, ChannelAnswer
 from granite_lab.reporting.content import Source, StudyResult
@@ -274,8 +275,8 @@ def effects_table(
         "Small effects" if small else "What is missing, with sizes",
         "Possibly present; they close little of the gap or stay below the tolerance."
         if small
-        else "Fitted together with the sand and the errors of the sensors. Last column: share of the "
-             "closed gap "
+        else "Fitted together with the sand and the errors of the sensors. The std of a strength includes "
+        f"{percent(FORMULA_ERROR[0])} for the error of its formula. Last column: share of the closed gap "
         "that opens again without the effect, on trials left out of the fit.",
         [(e, p, k == 0) for e in effects for k, p in enumerate(e.parameters or (NO_NUMBER,))],
         [
