@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -41,13 +42,14 @@ class Answer:
         return {n.id for n in self.judgement.named}
 
 
+@cache
 def ask(
-    put_in: Mapping[str, float],
     *,
     commands: tuple[int, ...] = SIX,
     candidates: tuple[str, ...] = CANDIDATES,
     discrepancy: float = 0.004,
     seed: int = 0,
+    **put_in: float,
 ) -> Answer:
     """Search trials with effects of some sizes, in scattered sand, with a little discrepancy."""
     rng = np.random.default_rng(seed)
@@ -65,7 +67,7 @@ def ask(
 
 @pytest.mark.parametrize("seed", range(2))
 def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
-    answer = ask({}, seed=seed)
+    answer = ask(seed=seed)
     assert answer.judgement.verdict == "none"
     assert answer.named == set()
     assert answer.judgement.model.effects == ()
@@ -73,12 +75,12 @@ def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
 
 
 def test_a_discrepancy_within_the_tolerance_is_none() -> None:
-    assert ask({}, discrepancy=0.5 * TOLERANCE, seed=1).judgement.verdict == "none"
+    assert ask(discrepancy=0.5 * TOLERANCE, seed=1).judgement.verdict == "none"
 
 
 @pytest.mark.parametrize(("id_", "size"), [("push", 0.3), ("pull", 0.3), ("shake", 0.4)])
 def test_one_missing_effect_is_named_and_closes_the_gap(id_: str, size: float) -> None:
-    judgement = ask({id_: size}).judgement
+    judgement = ask(**{id_: size}).judgement
     assert judgement.verdict == "named"
     (only,) = judgement.named
     assert (only.id, only.twins) == (id_, ())
@@ -91,14 +93,14 @@ def test_one_missing_effect_is_named_and_closes_the_gap(id_: str, size: float) -
 
 
 def test_two_missing_effects_are_named() -> None:
-    answer = ask({"push": 0.3, "pull": 0.3})
+    answer = ask(push=0.3, pull=0.3)
     assert answer.judgement.verdict == "named"
     assert answer.named == {"push", "pull"}
     assert answer.judgement.remainder < 0.1
 
 
 def test_effects_with_the_same_trace_are_twins() -> None:
-    answer = ask({"push": 0.3}, candidates=("pull", "push", "shove", *LAW))
+    answer = ask(push=0.3, candidates=("pull", "push", "shove", *LAW))
     assert answer.judgement.verdict == "named"
     (only,) = answer.judgement.named
     assert {only.id, *only.twins} == {"push", "shove"}
@@ -108,7 +110,7 @@ def test_effects_with_the_same_trace_are_twins() -> None:
 
 
 def test_what_no_candidate_explains_is_unknown_and_described_by_the_law() -> None:
-    answer = ask({"hidden": 0.3})
+    answer = ask(hidden=0.3)
     assert answer.judgement.verdict == "unknown"
     assert "empirical.force_motion" in answer.named
     assert not answer.named & {"push", "pull", "shake"}
@@ -116,20 +118,20 @@ def test_what_no_candidate_explains_is_unknown_and_described_by_the_law() -> Non
 
 
 def test_what_neither_candidate_nor_law_explains_is_unknown_and_nothing_is_named() -> None:
-    answer = ask({}, discrepancy=0.3, seed=2)
+    answer = ask(discrepancy=0.3, seed=2)
     assert answer.judgement.verdict == "unknown"
     assert not answer.named - set(LAW)
 
 
 def test_an_effect_that_closes_little_is_small() -> None:
-    answer = ask({"push": 0.5, "pull": 0.012}, discrepancy=0.0, seed=3)
+    answer = ask(push=0.5, pull=0.012, discrepancy=0.0, seed=3)
     assert answer.judgement.verdict == "named"
     assert answer.named == {"push"}
     assert {n.id for n in answer.judgement.small} <= {"pull"}
 
 
 def test_the_likeliest_model_has_the_highest_posterior_and_probabilities_add_up() -> None:
-    found = ask({"push": 0.3}).search
+    found = ask(push=0.3).search
     posteriors = [m.log_posterior for m in found.models]
     assert posteriors == sorted(posteriors, reverse=True)
     assert found.probability(lambda _: True) == pytest.approx(1.0)
@@ -139,7 +141,7 @@ def test_the_likeliest_model_has_the_highest_posterior_and_probabilities_add_up(
 
 
 def test_a_trial_left_out_is_worse_predicted_without_the_effect() -> None:
-    judgement = ask({"push": 0.3}).judgement
+    judgement = ask(push=0.3).judgement
     assert (judgement.after.left_out < judgement.before.left_out).all()
     assert (judgement.after.speed_left_out < judgement.before.speed_left_out).all()
 
@@ -154,18 +156,18 @@ def test_few_trials_make_the_first_words_provisional() -> None:
         ((0, 0, 1, 1), "2 of at least 3 speeds"),
         ((1, 1), "1 of at least 3 speeds"),
     ):
-        answer = ask({}, commands=commands)
+        answer = ask(commands=commands)
         assert said(answer).startswith("Provisional (")
         assert words in said(answer)
-    assert said(ask({})).startswith("The model explains")
+    assert said(ask()).startswith("The model explains")
 
 
 def test_trials_that_cannot_be_left_out_say_nothing_of_such() -> None:
-    answer = ask({"push": 0.3}, commands=(1,))
+    answer = ask(push=0.3, commands=(1,))
     assert np.isnan(answer.judgement.before.left_out).all()
     assert answer.judgement.verdict == "named"
     assert "No trial could be left out; in the fit itself" in said(answer)
-    assert "On trials that were left out" in said(ask({"push": 0.3}))
+    assert "On trials that were left out" in said(ask(push=0.3))
 
 
 @pytest.mark.parametrize(
@@ -190,12 +192,12 @@ def test_an_effect_matters_by_the_gap_that_it_closes_or_by_a_channel(
 
 def test_a_second_effect_is_found_where_the_first_leaves_less_than_the_tolerance() -> None:
     """Numbers that change from trial to trial leave no discrepancy that repetitions share."""
-    answer = ask({"push": 0.3, "shake": 0.15}, discrepancy=0.0)
+    answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
     assert answer.named == {"push", "shake"}
 
 
 def test_the_posterior_alone_names_where_nothing_can_be_predicted() -> None:
-    answer = ask({"push": 0.3})
+    answer = ask(push=0.3)
     judgement = by_posterior(answer.problem, answer.search)
     assert (judgement.verdict, [n.id for n in judgement.named]) == ("named", ["push"])
     assert np.isnan(judgement.remainder)
