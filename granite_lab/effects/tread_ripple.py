@@ -22,8 +22,8 @@ class TreadRipple(Effect):
     title = "force ripple from the lugs of the tread"
     equation = "(8) with k (1 + c cos(N θ) + s sin(N θ)), N lugs on the circumference"
     source = (
-        "Irani, Bauer, Warkentin, J. Terramechanics 48, 2011, 307-318; Shikanai et al., Journal "
-        "of Terramechanics 37, 2000, 21-39 (sinusoidal drawbar pull)"
+        "Irani, Bauer, Warkentin, J. Terramechanics 48, 2011, 307-318; Shikanai et al., J. "
+        "Terramechanics 37, 2000, 21-39 (sinusoidal drawbar pull)"
     )
     signature = (
         "Accelerations and pitch rate oscillate at N times the wheel rate: 8-28 Hz for 24 lugs at 0.2-0.7 "
