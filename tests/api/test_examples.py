@@ -3,47 +3,45 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
+import runpy
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent.parent
 SAMPLES = ROOT / "data" / "samples"
+SCRIPT = str(ROOT / "examples" / "trial_to_report.py")
 BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.DOTALL)
 
 
-@pytest.mark.parametrize("number", range(len(BLOCKS)))
-def test_a_block_of_the_page_runs(number: int, tmp_path: Path) -> None:
-    (tmp_path / "data").symlink_to(ROOT / "data")
-    code = "import matplotlib; matplotlib.use('agg')\n" + BLOCKS[number]
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
 
 
-def test_the_example_script_goes_from_logs_to_a_report(tmp_path: Path) -> None:
-    logs = [SAMPLES / "virtual_v0.3_r1.csv", SAMPLES / "virtual_v0.7_r1.csv"]
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / "trial_to_report.py"), *map(str, logs)],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "reports" / "example" / "report" / "index.html").is_file()
-    assert (tmp_path / "reports" / "example" / "motion.csv").stat().st_size > 100_000
-    assert "a_θ = " in done.stdout
-    assert "virtual_v0.3_r1: slip ratio" in done.stdout
-    assert done.stderr == ""
+@pytest.mark.parametrize("block", BLOCKS)
+def test_a_block_of_the_page_runs(block: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("data").symlink_to(ROOT / "data")
+    exec(block, {"__name__": "__main__"})
+    assert capsys.readouterr().out
 
 
-def test_the_example_script_ends_known_trouble_in_two_lines(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / "trial_to_report.py"), "none.csv"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 1
-    assert done.stderr.startswith("error: ")
-    assert "Traceback" not in done.stderr
+def test_the_example_script_goes_from_logs_to_a_report(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = [str(SAMPLES / f"virtual_{name}.csv") for name in ("v0.3_r1", "v0.7_r1")]
+    monkeypatch.setattr("sys.argv", [SCRIPT, *logs])
+    runpy.run_path(SCRIPT, run_name="__main__")
+    said = capsys.readouterr()
+    assert Path("reports/example/report/index.html").is_file()
+    assert Path("reports/example/motion.csv").stat().st_size > 100_000
+    assert "a_θ = " in said.out
+    assert "virtual_v0.3_r1: slip ratio" in said.out
+    assert said.err == ""
+
+
+def test_the_example_script_ends_known_trouble_in_two_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", [SCRIPT, "none.csv"])
+    with pytest.raises(SystemExit, match=r"^error: [^\n]+\nhint: [^\n]+$"):
+        runpy.run_path(SCRIPT, run_name="__main__")
