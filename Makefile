@@ -36,7 +36,7 @@ study: $(USE)
 	$(BIN)/granite-lab study data/samples --out reports/samples
 
 test: lint types $(DEV)
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(DEV)
 	$(BIN)/ruff check
@@ -46,7 +46,7 @@ types: $(DEV)
 	$(BIN)/mypy
 
 soak: $(DEV)
-	GRANITE_SOAK=1 $(BIN)/python -m pytest -n 2 -rP
+	GRANITE_SOAK=1 $(BIN)/python -m pytest -n 2 --dist worksteal -rP
 
 bench: bench-simulator bench-estimation bench-many
 
