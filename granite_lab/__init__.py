@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from granite_lab.lazily import lazily
 
 if TYPE_CHECKING:
+    from granite_lab.api.check import Checked, check
     from granite_lab.api.hidden import hide, reveal
     from granite_lab.api.kit import kit
     from granite_lab.api.logs import ingest, inspect
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from granite_lab.api.trials import compare, fit_a_theta, fit_k92, record, report, study
     from granite_lab.api.view import view
     from granite_lab.api.wheel import wheel
-    from granite_lab.errors import LabError
+    from granite_lab.errors import EstimateError, InputError, LabError, UsageError
     from granite_lab.estimate import Estimate
 
 __version__ = "0.1.0"
@@ -31,6 +32,7 @@ __version__ = "0.1.0"
 __getattr__ = lazily(
     __name__,
     {
+        "granite_lab.api.check": ("Checked", "check"),
         "granite_lab.api.hidden": ("hide", "reveal"),
         "granite_lab.api.kit": ("kit",),
         "granite_lab.api.logs": ("ingest", "inspect"),
@@ -41,14 +43,19 @@ __getattr__ = lazily(
         "granite_lab.api.trials": ("compare", "fit_a_theta", "fit_k92", "record", "report", "study"),
         "granite_lab.api.view": ("view",),
         "granite_lab.api.wheel": ("wheel",),
-        "granite_lab.errors": ("LabError",),
+        "granite_lab.errors": ("EstimateError", "InputError", "LabError", "UsageError"),
         "granite_lab.estimate": ("Estimate",),
     },
 )
 
 __all__ = [
+    "Checked",
     "Estimate",
+    "EstimateError",
+    "InputError",
     "LabError",
+    "UsageError",
+    "check",
     "compare",
     "discover",
     "fit_a_theta",

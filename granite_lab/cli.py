@@ -37,6 +37,7 @@ def _options(
 
 def _register() -> None:
     from granite_lab.commands import (
+        check,
         discover,
         effects,
         fit,
@@ -50,7 +51,20 @@ def _register() -> None:
         wheel,
     )
 
-    for module in (logs, simulate, wheel, fit, study, discover, plan, parameters, effects, hidden, kit):
+    for module in (
+        check,
+        logs,
+        simulate,
+        wheel,
+        fit,
+        study,
+        discover,
+        plan,
+        parameters,
+        effects,
+        hidden,
+        kit,
+    ):
         module.register(app)
 
 

@@ -25,8 +25,20 @@ def ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
         InputError: the log cannot be used.
         EstimateError: the motion cannot be had from it.
     """
-    from granite_lab.estimation import correct  # noqa: PLC0415, heavy
+    trial, robot = read(path, options)
+    clean, motion = estimate(trial, robot, options)
+    return clean, robot, motion
 
+
+def read(path: Path, options: Options) -> tuple[Trial, Robot]:
+    """Read a log.
+
+    Returns:
+        the trial as it was logged, and its robot.
+
+    Raises:
+        InputError: the log cannot be used.
+    """
     trial = read_trial(
         path,
         imu=options.imu,
@@ -39,9 +51,18 @@ def ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
         info=options.info,
         topics=dict(options.topics),
     )
-    robot = load_robot(options.robot or trial.info.robot or "granite")
-    clean, motion = correct(trial, robot, rests=options.rests, distance_measured=options.distance_measured)
-    return clean, robot, motion
+    return trial, load_robot(options.robot or trial.info.robot or "granite")
+
+
+def estimate(trial: Trial, robot: Robot, options: Options) -> tuple[Trial, Motion]:
+    """Return the corrected trial and its motion.
+
+    Raises:
+        EstimateError: the motion cannot be had from it.
+    """
+    from granite_lab.estimation import correct  # noqa: PLC0415, heavy
+
+    return correct(trial, robot, rests=options.rests, distance_measured=options.distance_measured)
 
 
 def to_search(

@@ -26,6 +26,7 @@ SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
 OTHER = SAMPLES / "virtual_v0.7_r2.csv"
 
 FUNCTIONS = {
+    "check": "check",
     "inspect": "inspect",
     "ingest": "ingest",
     "simulate": "simulate",
