@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,10 +28,21 @@ from scipy.stats import f as f_distribution
 from scipy.stats import norm, t
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimate import Estimate
+from granite_lab.estimate import Estimate, Part
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.fitting.laws import fit_laws, log_slope
-from granite_lab.fitting.points import PointRow, Points, Source, beyond, expected, gather, groups, rows_of
+from granite_lab.fitting.likelihood import a_theta_interval, chosen
+from granite_lab.fitting.points import (
+    PointRow,
+    Points,
+    Source,
+    beyond,
+    expected,
+    gather,
+    groups,
+    rows_of,
+    usable_row,
+)
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import load_paper
 
@@ -41,16 +52,35 @@ if TYPE_CHECKING:
 LACK_OF_FIT = 0.05
 """Significance at which the speeds are taken to disagree with (27) by more than their trials do."""
 
+WITHIN = "scatter of k_92 between trials"
+"""Name of that component in a budget."""
+
 _FAR = 50.0  # of a_θ [s/m]; k_92 at 0.2 m/s would be 5e-5
 _LARGEST = 3.0  # relative scatter; beyond it k_92 says nothing about a_θ
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Weighted:
+    """A fit of a_θ.
+
+    Attributes:
+        a, std: a_θ [s/m].
+        scatter: relative std of k_92 from trial to trial beyond the stated ones.
+        dof: degrees of freedom of the interval.
+        sensitivity: (n,) da_θ/dk_92 of the points [s/m].
+        own, common: (n,) variance of each k_92 with the scatter between trials, and that which the trials at
+            one speed share.
+        parts: of the std, besides that of the points.
+    """
+
     a: float
     std: float
     scatter: float
     dof: int
+    sensitivity: Array = field(default_factory=lambda: np.zeros(0))
+    own: Array = field(default_factory=lambda: np.zeros(0))
+    common: Array = field(default_factory=lambda: np.zeros(0))
+    parts: tuple[Part, ...] = ()
 
 
 def fit_a_theta(
@@ -82,9 +112,15 @@ def fit_a_theta(
     else:
         fit, more = _weighted(points) if points.known else _unweighted(points)
     quantile = float(t.ppf(0.975, fit.dof) if fit.dof else norm.ppf(0.975))
-    ci95 = (fit.a - quantile * fit.std, fit.a + quantile * fit.std)
+    linear = (fit.a - quantile * fit.std, fit.a + quantile * fit.std)
+    ci95 = chosen(linear, _by_likelihood(items, points, fit, quantile) if by == "slip" else None)
     laws, remarks = fit_laws(points)
     published = load_paper().a_theta
+    if ci95 != linear:
+        more.append(
+            f"the interval of a_θ is by the likelihood; by the covariance it is {linear[0]:.3f} to "
+            f"{linear[1]:.3f} s/m"
+        )
     left_out = points.inner & (points.k <= 0)
     if left_out.any():
         more.append(f"{int(left_out.sum())} k_92 <= 0 cannot enter the fit on log k_92")
@@ -99,7 +135,29 @@ def fit_a_theta(
         points=tuple(rows_of(items, by)),
         laws=laws,
         notes=(*notes, *more, *remarks),
+        parts=fit.parts,
+        sensitivity=_of_all(rows_of(items, by), fit),
+        linear95=linear,
     )
+
+
+def _by_likelihood(
+    items: Sequence[K92Fit | PointRow], points: Points, fit: _Weighted, quantile: float
+) -> tuple[float, float] | None:
+    """Return the interval of a_θ by the likelihood; None for rows, and where it cannot be had."""
+    rows = zip(items, rows_of(items, "slip"), strict=True)
+    fits = [item for item, row in rows if isinstance(item, K92Fit) and usable_row(row)]
+    if len(fits) < points.v.size or not fit.own.size:
+        return None
+    return a_theta_interval(fits, points.v, fit.own, fit.common, (fit.a, fit.std), quantile)
+
+
+def _of_all(rows: Sequence[PointRow], fit: _Weighted) -> tuple[float, ...]:
+    """Return da_θ/dk_92 of all rows, those that were left out too; empty where it is not known."""
+    if not fit.sensitivity.size:
+        return ()
+    found = iter(fit.sensitivity.tolist())
+    return tuple(next(found) if usable_row(row) else 0.0 for row in rows)
 
 
 def published_fit() -> AThetaFit:
@@ -132,7 +190,9 @@ def _unweighted(points: Points) -> tuple[_Weighted, list[str]]:
     a, dof = log_slope(points), int(use.sum()) - 1
     scatter = math.sqrt(float(((y + a * v) ** 2).sum()) / dof) if dof else math.nan
     note = "k_92 without stated uncertainties: the interval follows from the residuals alone"
-    return _Weighted(a, scatter / math.sqrt(v @ v), scatter, dof), [note]
+    std = scatter / math.sqrt(v @ v)
+    parts = (Part("residuals of ln k_92", "A", "normal", "1", scatter, std),)
+    return _Weighted(a, std, scatter, dof, parts=parts), [note]
 
 
 def _weighted(points: Points) -> tuple[_Weighted, list[str]]:
@@ -146,11 +206,41 @@ def _weighted(points: Points) -> tuple[_Weighted, list[str]]:
             f"the speeds deviate from (27) by more than their repetitions scatter (p = {p_value:.2g}): "
             f"the interval of a_θ is over {means.v.size} speeds, not {points.v.size} trials"
         )
-        within = _within_scatter(points, fit)
-        fit = _Weighted(over_speeds.a, over_speeds.std, within, over_speeds.dof)
+        fit = _over_speeds(points, fit, means, over_speeds)
     if not fit.dof:
         notes.append("one trial only: the interval holds no scatter between trials")
     return fit, notes
+
+
+def _over_speeds(points: Points, trials: _Weighted, means: Points, speeds: _Weighted) -> _Weighted:
+    """Return the fit over speeds, with the sensitivity of each trial in the mean of its speed."""
+    within = _within_scatter(points, trials)
+    spread = within * np.exp(-trials.a * points.v)
+    own, group = points.sigma**2 + spread**2, np.searchsorted(np.round(means.v, 4), np.round(points.v, 4))
+    group = np.minimum(group, means.v.size - 1)  # of a speed at a bound only; its weight is 0
+
+    inner = points.inner
+    weight = np.where(inner, 1 / own, 0.0)
+    share = weight / np.bincount(group, weight)[group]
+    sensitivity, between = (
+        share * speeds.sensitivity[group],
+        np.sqrt(np.maximum(speeds.own - means.sigma**2, 0.0)),
+    )
+    by_trials = Part(WITHIN, "A", "normal", "1", within, float(np.linalg.norm(sensitivity * spread)))
+    by_speeds = Part(
+        "departure of the speeds from the law (27)", "A", "normal", "1", speeds.scatter,
+        float(np.linalg.norm(speeds.sensitivity * between)),
+    )  # fmt: skip
+    return _Weighted(
+        speeds.a,
+        speeds.std,
+        within,
+        speeds.dof,
+        sensitivity,
+        own,
+        between[group] ** 2,
+        (by_trials, by_speeds),
+    )
 
 
 def _paule_mandel(points: Points) -> _Weighted:
@@ -170,8 +260,12 @@ def _paule_mandel(points: Points) -> _Weighted:
         τ = float(brentq(surplus, 0.0, _LARGEST, xtol=1e-6))
     a = _solve(points, τ)
     m, std = _model(points, a, τ)
-    information = float((((points.v * m / std) ** 2) * _information(points, m, std)).sum())
-    return _Weighted(a, 1 / math.sqrt(information), τ, dof)
+    kept = _information(points, m, std)
+    information = float((((points.v * m / std) ** 2) * kept).sum())
+    sensitivity = -np.sqrt(kept) * points.v * m / std**2 / information
+    scatter = Part(WITHIN, "A", "normal", "1", τ, float(np.linalg.norm(sensitivity * τ * m)))
+    parts = (scatter,) if τ > 0 else ()
+    return _Weighted(a, 1 / math.sqrt(information), τ, dof, sensitivity, std**2, np.zeros(m.size), parts)
 
 
 def _model(points: Points, a: float, τ: float) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from granite_lab.estimate import Estimate
+from granite_lab.estimate import Estimate, Part
 from granite_lab.parameters import Variant
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ class K92Fit:
         notes: what a reader should know, one line each.
         std_measurement: the part of the std of `k92` that comes from the measured slip ratio.
         std_sand: the part that comes from the scatter of the sand from trial to trial.
+        parts: what the std of `k92` is made of, source by source; empty where it has none.
+        curve: (k_92, λ_R) of the simulations, by k_92: the likelihood of `k92` goes by it.
     """
 
     trial: str
@@ -49,6 +51,8 @@ class K92Fit:
     notes: tuple[str, ...] = ()
     std_measurement: float = math.nan
     std_sand: float = math.nan
+    parts: tuple[Part, ...] = ()
+    curve: tuple[tuple[float, float], ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
         """Return the fit as one row, units in the column names."""
@@ -112,6 +116,11 @@ class AThetaFit:
         points: (trial, velocity [m/s], k_92, λ_R) that went in.
         laws: the rivals, best first.
         notes: what a reader should know, one line each.
+        parts: what the std of `a_theta` is made of besides the std of the points.
+        sensitivity: da_θ/dk_92 of each point [s/m]; 0 for those that were left out. The squares of
+            sensitivity times std of the points and of `parts` add up to the variance of `a_theta`.
+        linear95: the interval by the covariance; `ci95` is by the likelihood where the two differ by more
+            than a tenth [s/m].
     """
 
     a_theta: Estimate
@@ -124,6 +133,9 @@ class AThetaFit:
     points: tuple[tuple[str, float, Estimate, Estimate], ...]
     laws: tuple[Law, ...]
     notes: tuple[str, ...] = ()
+    parts: tuple[Part, ...] = ()
+    sensitivity: tuple[float, ...] = ()
+    linear95: tuple[float, float] = (math.nan, math.nan)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the points that went in, one row a trial, units in the column names."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimate import Estimate
+from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92Fit
-from granite_lab.fitting.slip import SlipFit, fit_slip, raking_std, simulated_slip
+from granite_lab.fitting.slip import K92_BOUNDS, Curve, SlipFit, fit_slip, raking_parts, simulated_slip
 from granite_lab.fitting.trajectory import Trajectories, fit_trajectories
 from granite_lab.inference.constants import TOLERANCE
 from granite_lab.logs.trial import Trial
@@ -62,8 +62,11 @@ def fit_k92(
         return simulated_slip(simulate(variant, robot, on, k92=k92, effects=effects), interval)
 
     by_slip = fit_slip(measured.value, slip_of)
-    std_sand = raking_std(by_slip, soil, lambda on: slip_of(by_slip.k92, on))
+    sand = raking_parts(by_slip, soil, lambda on: slip_of(by_slip.k92, on))
+    std_sand = math.hypot(*(part.contribution for part in sand))
     std_measurement = measured.std / abs(by_slip.slope)
+    std = math.hypot(std_measurement, std_sand)
+    sources = motion.slip_parts or (Part("λ_R as measured", "B", "normal", "1", measured.std, measured.std),)
     notes = _notes(by_slip, measured, std_measurement, std_sand)
     history, reason = None, "not asked for"
     if trajectory:
@@ -76,7 +79,7 @@ def fit_k92(
         trial=motion.trial,
         virtual=motion.virtual,
         variant=variant,
-        k92=Estimate(by_slip.k92, math.hypot(std_measurement, std_sand)),
+        k92=Estimate(by_slip.k92, std),
         k92_trajectory=k92_at(history.own[0], peak_velocity(variant)) if history else Estimate(math.nan),
         t_start=history.t_start[0] if history else motion.t_start,
         slip_measured=measured,
@@ -86,7 +89,19 @@ def fit_k92(
         notes=tuple(notes),
         std_measurement=std_measurement,
         std_sand=std_sand,
+        parts=(*(part.times(1 / by_slip.slope) for part in sources), *sand) if math.isfinite(std) else (),
+        curve=_with_neighbours(by_slip, std, slip_of),
     )
+
+
+def _with_neighbours(by_slip: SlipFit, std: float, slip_of: Callable[[float], float]) -> Curve:
+    """Return the simulated slip ratio over k_92, with a value each std near the root."""
+    known = dict(by_slip.curve)
+    low, high = K92_BOUNDS
+    for steps in (-4, -2, -1, 1, 2, 4) if math.isfinite(std) else ():
+        k = min(max(by_slip.k92 + steps * std, low), high)
+        known.setdefault(k, slip_of(k))
+    return tuple(sorted(known.items()))
 
 
 def k92_at(a_theta: Estimate, v: float) -> Estimate:

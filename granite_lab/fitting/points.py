@@ -68,6 +68,11 @@ def rows_of(items: Sequence[K92Fit | PointRow], by: Source) -> tuple[PointRow, .
     return tuple(_row_of(item, by) if isinstance(item, K92Fit) else item for item in items)
 
 
+def usable_row(row: PointRow) -> bool:
+    """Whether a row has k_92 and velocity."""
+    return math.isfinite(row[2].value) and math.isfinite(row[1]) and row[1] > 0
+
+
 def _row_of(fit: K92Fit, by: Source) -> PointRow:
     k92 = fit.k92 if by == "slip" else fit.k92_trajectory
     return fit.trial, peak_velocity(fit.variant), k92, fit.slip_measured
@@ -83,7 +88,7 @@ def gather(items: Sequence[K92Fit | PointRow], by: Source) -> tuple[Points, tupl
     usable = []
     for item in items:
         (row,) = rows_of([item], by)
-        if math.isfinite(row[2].value) and math.isfinite(row[1]) and row[1] > 0:
+        if usable_row(row):
             usable.append((row, _censored(item, by)))
     if len(usable) < len(items):
         notes.append(f"{len(items) - len(usable)} of {len(items)} trials have no k_92 and are left out")

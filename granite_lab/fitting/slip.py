@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from granite_lab.errors import EstimateError
+from granite_lab.estimate import Part
 from granite_lab.fitting.fit import FitStatus
 from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import RAKING
@@ -25,8 +26,15 @@ K92_BOUNDS = (0.0, 1.0)
 LEAST_K92 = 1e-3
 """Below it the exponential law's exponent runs away: it takes k_92 for this value."""
 
+RAKED_AS = ("k_φ, from raking to raking", "c, from raking to raking")
+"""The parameters of the sand that change with the raking besides a_θ, as a budget calls them."""
+
 _TOLERANCE = 1e-5  # of the root; the simulated slip ratio is good to about the same
 _STEP = 0.01  # of k_92 in finite differences
+
+
+Curve = tuple[tuple[float, float], ...]
+"""Simulated slip ratio as a function of k_92: (k_92, λ_R), by k_92."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +47,7 @@ class SlipFit:
         slope: dλ_R/dk_92 there (negative).
         status: "ok", "at_lower_bound" or "at_upper_bound".
         attainable: λ_R at the bounds of k_92, smallest first.
+        curve: (k_92, λ_R) of every simulation, by k_92.
     """
 
     k92: float
@@ -46,6 +55,7 @@ class SlipFit:
     slope: float
     status: FitStatus
     attainable: tuple[float, float]
+    curve: Curve = ()
 
 
 def simulate_k92(
@@ -113,7 +123,8 @@ def fit_slip(measured: float, slip_of: Callable[[float], float]) -> SlipFit:
     else:
         k = float(brentq(lambda k: λ(k) - measured, low, high, xtol=_TOLERANCE))
     left, right = max(low, k - _STEP), min(high, k + _STEP)
-    return SlipFit(k, λ(k), (λ(right) - λ(left)) / (right - left), status, attainable)
+    slope = (λ(right) - λ(left)) / (right - left)
+    return SlipFit(k, λ(k), slope, status, attainable, tuple(sorted(memory.items())))
 
 
 def fit_k92_to_slip(
@@ -141,10 +152,10 @@ def fit_k92_to_slip(
     return fit.k92
 
 
-def raking_std(fit: SlipFit, soil: Soil, slip_on: Callable[[Soil], float]) -> float:
-    """Return the std of k_92 from the scatter of k_φ and c from raking to raking, dk_92 = -dλ_R / slope.
+def raking_parts(fit: SlipFit, soil: Soil, slip_on: Callable[[Soil], float]) -> tuple[Part, ...]:
+    """Return the parts of the std of k_92 that the scatter of k_φ and c from raking to raking causes.
 
-    The mean square of the steps to either side is taken, because (10) has a kink.
+    dk_92 = -dλ_R / slope. The mean square of the steps to either side is taken, because (10) has a kink.
 
     Args:
         fit: the root.
@@ -156,5 +167,8 @@ def raking_std(fit: SlipFit, soil: Soil, slip_on: Callable[[Soil], float]) -> fl
         other = dataclasses.replace(soil, **{name: getattr(soil, name) * math.exp(step)})
         return (slip_on(other) - fit.slip) / fit.slope
 
-    raked = zip(SAND[1:RAKED], RAKING[1:], strict=True)
-    return math.sqrt(sum((shift(name, std) ** 2 + shift(name, -std) ** 2) / 2 for name, std in raked))
+    def size(name: str, std: float) -> float:
+        return math.sqrt((shift(name, std) ** 2 + shift(name, -std) ** 2) / 2)
+
+    raked = zip(SAND[1:RAKED], RAKED_AS, RAKING[1:], strict=True)
+    return tuple(Part(shown, "B", "log-normal", "1", std, size(name, std)) for name, shown, std in raked)

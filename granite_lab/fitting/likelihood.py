@@ -1,0 +1,125 @@
+r"""95 % intervals of k_92 and a_θ by the likelihood, where the covariance is not enough.
+
+What is measured is λ_R, whose error is near normal; k_92 follows from it through the curve of the model,
+which bends, and which ends at k_92 = 0. The deviation of trial i is therefore taken in λ_R,
+
+.. math:: d_i(k) = (λ_i - λ_i(k)) / |λ_i'|
+
+in units of k_92 by the slope λ_i' at the root, so that for a straight curve d_i(k) is k less the root. Sand
+and scatter enter as in the covariance: the sand's shift of λ_R is profiled out, which adds its variance, and
+the scatter between trials is held at its estimate. The two kinds of interval then differ by the bend of the
+curve alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq, minimize_scalar
+
+from granite_lab.fitting.fit import K92Fit
+from granite_lab.fitting.slip import K92_BOUNDS
+from granite_lab.logs.trial import Array
+
+Interval = tuple[float, float]
+
+DIFFERENT = 0.1
+"""An interval by the likelihood takes the place of that by the covariance where an end of it is off by more
+than this share of half its width."""
+
+_FAR = 8.0  # stds of a_θ within which the ends of its interval are looked for
+
+
+def deviation(fit: K92Fit) -> Callable[[float], float] | None:
+    """Return d(k), the deviation of a trial in units of k_92; None where its curve is not known."""
+    slope = fit.slip_measured.std / fit.std_measurement if fit.std_measurement > 0 else math.nan
+    if len(fit.curve) < 4 or not math.isfinite(slope) or slope <= 0:
+        return None
+    k, slip = np.array(fit.curve).T
+    curve = PchipInterpolator(k, slip)
+    return lambda at: float(fit.slip_measured.value - curve(min(max(at, k[0]), k[-1]))) / slope
+
+
+def k92_interval(fits: Sequence[K92Fit], half: float) -> Interval | None:
+    """Return the interval of the mean k_92 of trials at one speed.
+
+    Args:
+        fits: of the trials.
+        half: half the width of the interval by the covariance.
+
+    Returns:
+        the k_92 for which the mean deviation is `half` or less, within the bounds of k_92; None where a
+        trial's curve is not known.
+    """
+    each = [deviation(fit) for fit in fits]
+    known = [d for d in each if d is not None]
+    if not fits or len(known) < len(each) or not math.isfinite(half):
+        return None
+
+    def mean(k: float) -> float:
+        return float(np.mean([d(k) for d in known]))
+
+    low, high = K92_BOUNDS
+
+    def end(target: float, beyond: float) -> float:
+        if (mean(low) - target) * (mean(high) - target) > 0:
+            return beyond
+        return float(brentq(lambda k: mean(k) - target, low, high, xtol=1e-7))
+
+    return end(-half, low), end(half, high)
+
+
+def a_theta_interval(
+    fits: Sequence[K92Fit], v: Array, own: Array, common: Array, start: Interval, quantile: float
+) -> Interval | None:
+    """Return the interval of a_θ for which the deviance stays within `quantile` squared of its least.
+
+    Args:
+        fits: of n trials.
+        v: (n,) desired velocities [m/s]; equal ones share an error.
+        own: (n,) variance of each k_92 with the scatter between trials.
+        common: (n,) variance that the trials of a speed share.
+        start: a_θ and its std by the covariance [s/m].
+        quantile: half the width of the interval in stds.
+
+    Returns:
+        the interval [s/m]; None where a trial's curve is not known, or where the deviance does not close it.
+    """
+    each = [deviation(fit) for fit in fits]
+    known = [d for d in each if d is not None]
+    if len(known) < len(each):
+        return None
+    covariance = np.diag(own) + np.where(v[:, None] == v[None, :], np.sqrt(np.outer(common, common)), 0.0)
+    precision = np.linalg.inv(covariance)
+
+    def deviance(a: float) -> float:
+        d = np.array([of(k) for of, k in zip(known, np.exp(-a * v), strict=True)])
+        return float(d @ precision @ d)
+
+    a, std = start
+    far = _FAR * std
+    best = minimize_scalar(
+        deviance, bounds=(a - far, a + far), method="bounded", options={"xatol": 1e-4 * std}
+    )
+    least, limit = float(best.x), float(best.fun) + quantile**2
+    ends = []
+    for step in (-std, std):
+        reach = least + quantile * step
+        while deviance(reach) < limit and abs(reach - least) < 2 * far:
+            reach += quantile * step
+        if deviance(reach) < limit:
+            return None
+        ends.append(float(brentq(lambda x: deviance(x) - limit, least, reach, xtol=1e-6 * std)))
+    return ends[0], ends[1]
+
+
+def chosen(linear: Interval, likelihood: Interval | None) -> Interval:
+    """Return the interval by the likelihood where it differs from that by the covariance, else the latter."""
+    if likelihood is None or not all(map(math.isfinite, (*linear, *likelihood))):
+        return linear
+    half = (linear[1] - linear[0]) / 2
+    off = max(abs(a - b) for a, b in zip(linear, likelihood, strict=True))
+    return likelihood if off > DIFFERENT * half else linear
