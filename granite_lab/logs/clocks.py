@@ -116,6 +116,36 @@ def unwrap_stamps(raw: Array, wrap: float = 0.0) -> tuple[Array, str]:
     return raw, ""
 
 
+def stray(raw: Array) -> list[slice]:
+    """Find rows whose stamps leave the time line and come back to it as if the rows had been in time.
+
+    A block that was written late is none of these: where it is missing, the time line has no hole.
+
+    Args:
+        raw: (N,) stamps as logged, in any unit.
+
+    Returns:
+        the blocks of rows whose stamps are wrong.
+    """
+    seen = np.flatnonzero(np.isfinite(raw))
+    steps = np.diff(raw[seen])
+    usual = float(np.median(np.abs(steps[steps != 0]))) if (steps != 0).any() else 0.0
+    jumps = np.flatnonzero(np.abs(steps) > 20 * usual)
+    if not 2 <= len(jumps) <= 1000:
+        return []
+    period = float(np.mean(np.delete(steps, jumps)))
+    found: list[slice] = []
+    done = -1
+    for k, i in enumerate(jumps):
+        for j in jumps[k + 1 : k + 20]:
+            hole, count = raw[seen[j + 1]] - raw[seen[i]], int(j - i)
+            if i > done and count < 0.2 * len(seen) and 0.3 < hole / ((count + 1) * period) < 3:
+                found.append(slice(int(seen[i + 1]), int(seen[j]) + 1))
+                done = j
+                break
+    return found
+
+
 def tidy(t: Array, what: str, values: Array | None = None) -> Stamps:
     """Put stamps in order: drop missing ones, sort late ones, keep the first of equal ones.
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import describe_gaps
+from granite_lab.logs.lies import check_sensors
 from granite_lab.logs.metadata import fill, trial_info
 from granite_lab.logs.named import name_of
 from granite_lab.logs.plausibility import check_imu
@@ -125,6 +126,13 @@ def assemble(
         inputs=_inputs(sources),
         layout=" + ".join(dict.fromkeys(s.match.layout.name for s in sources.values())),
     )
+    names: dict[str, str] = {}
+    for source in sources.values():
+        for binding in source.match.bindings:
+            names.setdefault(binding.channel, binding.name)
+    if whole:
+        trial, more = check_sensors(trial, the_robot, str(first), names)
+        doubts += more
     doubts += _across(trial)
     return dataclasses.replace(trial, warnings=tuple(dict.fromkeys(doubts)))
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from granite_lab.errors import InputError
 from granite_lab.logs import paths
-from granite_lab.logs.clocks import ClockResetError, tidy, unit_factor, unwrap_stamps
+from granite_lab.logs.clocks import ClockResetError, stray, tidy, unit_factor, unwrap_stamps
 from granite_lab.logs.encoders import convert
 from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.matching import Binding
@@ -98,7 +98,15 @@ def _clock(source: Source, parts: Parts) -> Array:
             f"{source.path}: column '{clocks[0].name}' does not advance, expected time stamps",
             "a log needs at least two rows with stamps that increase",
         )
-    raw, doubt = unwrap_stamps(source.columns[binding.place], binding.spec.wrap)
+    logged = source.columns[binding.place]
+    for block in stray(logged):
+        parts.doubts.append(
+            f"{source.place(block.start)}: column '{binding.name}': {block.stop - block.start} stamps "
+            f"from here on leave the time line (to {logged[block][0]:.10g}) and come back: left out"
+        )
+        logged = logged.copy()
+        logged[block] = np.nan
+    raw, doubt = unwrap_stamps(logged, binding.spec.wrap)
     if doubt:
         parts.doubts.append(f"{source.path.name}: {doubt}")
     factor = binding.unit.factor * binding.spec.scale

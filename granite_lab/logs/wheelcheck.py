@@ -42,7 +42,7 @@ def check_wheels(
     t, speed = mean_speed(wheels, robot)
     if len(t) < 10:
         return wheels, doubts
-    doubts += _dead(wheels)
+    doubts += _dead(wheels, imu)
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
     if not 0.3 < ratio < 8:
         units = next((kind for kind in _UNITS.values() if declared in kind), {})
@@ -106,16 +106,24 @@ def _ratio(t: Array, speed: Array, imu: ImuStream) -> float:
     return plateau / size if size > max(0.08, 0.5 * feigned) else math.nan
 
 
-def _dead(wheels: WheelStream) -> list[str]:
-    """Report wheels that stand while the others turn."""
+def _dead(wheels: WheelStream, imu: ImuStream | None) -> list[str]:
+    """Report wheels that stand while the others turn; a whole side may, where the robot turns about it."""
     names = ("fl", "fr", "rl", "rr")
     spans = np.array([np.ptp(a[np.isfinite(a)]) if np.isfinite(a).any() else np.nan for a in wheels.angle.T])
     if not np.nanmax(spans) > 1.0:
         return []
+    still = spans < 0.01 * np.nanmax(spans)
+    yaw = np.nan_to_num(imu.angular_rate) if imu is not None else np.zeros((1, 3))
+    turned = float(np.abs(np.median(yaw, axis=0) - yaw).max())
+    if (
+        turned > 0.2
+        and (still == [True, False, True, False]).all() | (still == [False, True, False, True]).all()
+    ):
+        return []
     return [
         f"encoder {name} stands still while the others turn: not connected?"
-        for name, span in zip(names, spans, strict=True)
-        if span < 0.01 * np.nanmax(spans)
+        for name, stands in zip(names, still, strict=True)
+        if stands
     ]
 
 
