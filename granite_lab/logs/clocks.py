@@ -133,7 +133,9 @@ def stray(raw: Array) -> list[slice]:
     jumps = np.flatnonzero(np.abs(steps) > 20 * usual)
     if not 2 <= len(jumps) <= 1000:
         return []
-    period = float(np.mean(np.delete(steps, jumps)))
+    period = float(np.mean(np.delete(steps, jumps))) if len(jumps) < len(steps) else 0.0
+    if period <= 0:
+        return []
     found: list[slice] = []
     done = -1
     for k, i in enumerate(jumps):
