@@ -154,15 +154,18 @@ def check_declaration(cls: type[Effect], path: str) -> None:
             f"{where}: every parameter is a shape",
             "at least one parameter must switch the effect off at its neutral value",
         )
+    order = "the numbers of EffectParameter are: low, high, neutral, expected from, expected to"
     for p in parameters:
         if not p.low <= p.neutral <= p.high:
             raise InputError(
-                f"{where}: {p.name}: neutral {p.neutral:g} is out of its bounds {p.low:g} to {p.high:g}"
+                f"{where}: {p.name}: neutral {p.neutral:g} is out of its bounds {p.low:g} to {p.high:g}",
+                order,
             )
         if not p.low <= p.prior_low < p.prior_high <= p.high:
             raise InputError(
                 f"{where}: {p.name}: prior range {p.prior_low:g} to {p.prior_high:g} is not inside "
-                f"its bounds {p.low:g} to {p.high:g}"
+                f"its bounds {p.low:g} to {p.high:g}",
+                order,
             )
     free = [p.name for p in parameters if p.per_trial]
     for pair in cls.circles if isinstance(cls.circles, tuple) else (cls.circles,):

@@ -265,6 +265,7 @@ def test_on_hard_ground_sinkage_and_slip_vanish_together() -> None:
         assert harder == pytest.approx(softer * 10 ** (-1 / (SOIL.exponent + 0.5)), rel=0.02)
     slips = [abs(run.slip_ratio) for run in runs]
     assert slips[2] < 1e-3
+    assert runs[2]["sinkage_f_m"].max() < 1e-3
 
 
 def test_without_slip_thrust_vanishes_with_the_contact_and_the_ground_takes_power() -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from granite_lab.errors import InputError, UsageError
 from granite_lab.parameters import (
     CATALOGUE,
     load_paper,
@@ -15,7 +14,6 @@ from granite_lab.parameters import (
     load_soil,
     load_variants,
     names,
-    variant_of,
 )
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.parameters.records import replace_path
@@ -56,74 +54,10 @@ def test_every_robot_of_the_catalogue_can_be_read(name: str) -> None:
     assert load_robot(name).name
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message", "hint"),
-    [
-        ("body_mass_kg = 36.54", "body_mass_kg = -1", "body_mass_kg = -1 is out of range", "0.1 to 2000 kg"),
-        (
-            "body_mass_kg = 36.54",
-            "body_mass_kg = nan",
-            "body_mass_kg = nan is out of range",
-            "0.1 to 2000 kg",
-        ),
-        ("body_mass_kg = 36.54", 'body_mass_kg = "36"', "body_mass_kg = '36' is not a number", "0.1 to 2000"),
-        ("body_mass_kg = 36.54", "", "'body_mass_kg' is missing", "add body_mass_kg"),
-        ("body_mass_kg", "body_mas_kg", "unknown key 'body_mas_kg'", "did you mean 'body_mass_kg'?"),
-        ("[wheels]", "[wheels", "not valid TOML", "toml.io"),
-        ('name = "granite"', "name = 3", "name = 3 is not a text", "quotes"),
-        ("gear_efficiency = 0.8", "gear_efficiency = 8", "gear_efficiency = 8 is out of range", "0.05 to 1"),
-        (
-            'grade = "industrial"',
-            'grade = "industrial"\nforward = "up"',
-            "forward = 'up' is not known",
-            "given",
-        ),
-    ],
-)
-def test_a_wrong_robot_file_names_file_key_value_and_range(
-    tmp_path: Path, old: str, new: str, message: str, hint: str
-) -> None:
-    path = tmp_path / "mine.toml"
-    assert old in GRANITE
-    path.write_text(GRANITE.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        load_robot(path)
-    assert str(path) in caught.value.message
-    assert message in caught.value.message
-    assert hint in caught.value.hint
-    assert "\n" not in caught.value.message
-
-
 def test_a_file_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("\ufeff" + GRANITE, encoding="utf-8")
     assert load_robot(path).wheels == load_robot().wheels
-
-
-@pytest.mark.parametrize("content", [b"\xff\xfe\x00a", b"\x00\x01\x02\x80"])
-def test_a_binary_file_is_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_bytes(content)
-    with pytest.raises(InputError):
-        load_robot(path)
-
-
-def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
-        load_robot(tmp_path / "none.toml")
-    (tmp_path / "folder.toml").mkdir()
-    with pytest.raises(InputError, match="cannot be read"):
-        load_soil(tmp_path / "folder.toml")
-
-
-def test_an_unknown_name_suggests_the_nearest() -> None:
-    with pytest.raises(UsageError) as caught:
-        load_robot("granit")
-    assert "did you mean 'granite'?" in caught.value.hint
-    with pytest.raises(UsageError, match=r"unknown variant '0\.4'"):
-        variant_of(0.4)
-    with pytest.raises(UsageError, match="unknown IMU grade"):
-        load_robot("granite", "tactical")
 
 
 def test_every_parameter_in_force_has_unit_range_and_origin() -> None:
