@@ -102,16 +102,6 @@ def test_two_trials_of_one_speed_are_provisional_and_no_speed_is_left_out(good: 
     assert good.dropped == ()
 
 
-def test_a_trial_alone_is_provisional_and_nothing_is_left_out(short_law: None) -> None:
-    finding = found(logs("o03", ("0.5_1",)), FEW)
-    assert finding.sentence.startswith("Provisional (no command was repeated")
-    assert "trials that were left out" not in finding.sentence
-    assert finding.trials_left_out == ()
-    assert finding.speeds_left_out == ()
-    assert np.isnan(finding.gap.held_out).all()
-    assert effects_of(finding) == ["drive_reaction"]
-
-
 def test_trials_without_repetition_do_not_take_what_is_missing_for_noise(short_law: None) -> None:
     finding = found(logs("o03", ("0.5_1", "0.7_1")), FEW)
     assert finding.sentence.startswith("Provisional (no command was repeated")
@@ -181,7 +171,7 @@ def test_a_trial_that_nothing_fits_is_left_out_and_said(
     assert abs(alone.estimate.value - first.estimate.value) < 0.2 * first.estimate.std
 
 
-def test_a_defect_after_the_search_does_not_lose_the_finding(
+def test_a_trial_alone_is_provisional_and_a_defect_after_the_search_does_not_lose_the_finding(
     monkeypatch: pytest.MonkeyPatch, short_law: None
 ) -> None:
     def broken(*_: object) -> None:
@@ -196,6 +186,11 @@ def test_a_defect_after_the_search_does_not_lose_the_finding(
     assert "Traceback" in finding.tracebacks[0]
     assert finding.detectable == ()
     assert finding.confusion is None
+    assert finding.sentence.startswith("Provisional (no command was repeated")
+    assert "trials that were left out" not in finding.sentence
+    assert finding.trials_left_out == ()
+    assert finding.speeds_left_out == ()
+    assert np.isnan(finding.gap.held_out).all()
 
 
 def test_a_robot_that_cannot_be_simulated_is_refused(short_law: None) -> None:
