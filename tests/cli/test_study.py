@@ -19,7 +19,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two good trials of different speed and a broken one, analysed once."""
     root = tmp_path_factory.mktemp("study")
     (root / "trials").mkdir()
-    for name in ("virtual_v0.2_r2", "virtual_v0.7_r1"):
+    for name in ("virtual_v0.5_r2", "virtual_v0.7_r1"):
         shutil.copy(SAMPLES / f"{name}.csv", root / "trials")
     text = (SAMPLES / "virtual_v0.5_r1.csv").read_text(encoding="utf-8")
     (root / "trials" / "broken.csv").write_text(text.replace("imu_gy_radps", "tilt"), encoding="utf-8")
@@ -69,7 +69,7 @@ def test_report_and_recordings_are_complete(folder: Path) -> None:
     for name in ("index.html", "report.md", "report.json"):
         assert (report / name).stat().st_size > 1000
     recordings = {path.stem: path.stat().st_size for path in (report / "recordings").glob("*.rrd")}
-    assert set(recordings) == {"study", "virtual_v0.2_r2", "virtual_v0.7_r1"}
+    assert set(recordings) == {"study", "virtual_v0.5_r2", "virtual_v0.7_r1"}
     assert all(size < 2_000_000 for name, size in recordings.items() if name != "study")
     assert not [path for path in report.rglob("*") if path.name.endswith(".part")]
     page = (report / "index.html").read_text(encoding="utf-8")
@@ -97,7 +97,7 @@ def test_compare_writes_the_panels_of_a_trial(folder: Path) -> None:
 
 
 def test_results_do_not_depend_on_order_or_number_of_processes(folder: Path) -> None:
-    names = ["trials/virtual_v0.2_r2.csv", "trials/virtual_v0.7_r1.csv"]
+    names = ["trials/virtual_v0.5_r2.csv", "trials/virtual_v0.7_r1.csv"]
     one = lab("fit-atheta", *names, "--jobs", "1", "--json", cwd=folder)
     two = lab("fit-atheta", *reversed(names), "--jobs", "2", "--json", cwd=folder)
     a, b = (json.loads(done.stdout) for done in (one, two))
@@ -108,7 +108,7 @@ def test_fits_leave_out_a_trial_that_fails_unless_told_otherwise(folder: Path) -
     done = lab("fit-k92", "trials", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
-    assert [fit["trial"] for fit in document["fits"]] == ["virtual_v0.2_r2", "virtual_v0.7_r1"]
+    assert [fit["trial"] for fit in document["fits"]] == ["virtual_v0.5_r2", "virtual_v0.7_r1"]
     assert "trials/broken.csv" in {i["file"] for i in document["provenance"]["inputs"]}
     assert "warning: broken: left out" in done.stderr
     strict = lab("fit-atheta", "trials", "--strict", cwd=folder)
@@ -120,4 +120,4 @@ def test_view_without_a_display_says_what_to_do(folder: Path) -> None:
     done = lab("view", "reports/mine", "--trial", "nobody", cwd=folder)
     assert done.returncode == 3
     assert "no recording of trial 'nobody'" in done.stderr
-    assert "virtual_v0.2_r2" in done.stderr
+    assert "virtual_v0.5_r2" in done.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -60,12 +61,14 @@ def test_nothing_found_has_no_after() -> None:
 
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A search in two short trials, with its report beside a file of somebody else."""
+    """A search, which tests/cli/test_study.py makes too, with its report beside somebody else's file."""
     root = tmp_path_factory.mktemp("discover")
+    (root / "trials").mkdir()
+    for name in ("v0.5_r2", "v0.7_r1"):
+        shutil.copy(SAMPLES / f"virtual_{name}.csv", root / "trials")
     (root / "found").mkdir()
     (root / "found" / "mine.txt").write_text("kept")
-    logs = [SAMPLES / f"virtual_v0.7_r{r}.csv" for r in (1, 2)]
-    done = lab("discover", *logs, "--out", "found", "--jobs", "1", "--json", cwd=root)
+    done = lab("discover", "trials", "--out", "found", "--jobs", "1", "--json", cwd=root)
     assert done.returncode == 0, done.stderr
     (root / "stdout").write_text(done.stdout, encoding="utf-8")
     (root / "stderr").write_text(done.stderr, encoding="utf-8")
@@ -104,7 +107,7 @@ def test_the_command_prints_one_document_with_all_that_was_promised(searched: Pa
         assert place["phase"] in ("rest", "accelerate", "steady", "brake")
     for part in ("train", "held_out"):
         assert set(document["gap"][part]) == {"before", "after"}
-    assert document["provisional"]  # one speed
+    assert document["provisional"]  # two speeds
     assert document["model"] == "found/model.toml"
     assert "virtual_v0.7_r1" in (searched / "found" / "index.html").read_text(encoding="utf-8")
 
