@@ -16,6 +16,7 @@ from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
 from granite_lab.reporting import plot_motion, plot_quality, plot_results, plot_search, tables
 from granite_lab.reporting.answers import Answers
+from granite_lab.reporting.budgets import budget_tables
 from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.document import Block, Code, Fold, Gallery, Listing, Report, Section, Words
 from granite_lab.reporting.figures import Figure
@@ -68,6 +69,7 @@ def study_report(
                     *([tables.law_table(result.a_theta, virtual)] if result.a_theta else []),
                     *_listing(result.a_theta.notes if result.a_theta else ()),
                 ]),
+                *_more("Uncertainty budgets", budget_tables(result, decided.speeds)),
             )),
             Section("model", "Model and measurement", tuple(_model(decided, found))),
         ]  # fmt: skip

@@ -11,6 +11,8 @@ import numpy as np
 
 from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.estimate import Estimate
+from granite_lab.fitting.fit import K92Fit
+from granite_lab.fitting.likelihood import chosen, k92_interval
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Paper
 from granite_lab.reporting.content import StudyResult, TrialResult
@@ -126,7 +128,7 @@ def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
     for velocity, trials in sorted(groups.items()):
         fits = [t.comparison.fit for t in trials]
         *slip, count = mean_over(t.comparison.motion.slip_ratio for t in trials)
-        k92 = mean_over(f.k92 for f in fits if f.status == "ok")[:4]
+        k92 = _k92([f for f in fits if f.status == "ok"])
         own = next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None)
         rows.append(
             Speed(
@@ -137,6 +139,12 @@ def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
             )
         )  # fmt: skip
     return tuple(rows)
+
+
+def _k92(fits: Sequence[K92Fit]) -> tuple[float, float, float, float]:
+    """Return the mean k_92 with std and interval, which is by the likelihood where the covariance is off."""
+    value, std, low, high, _ = mean_over(f.k92 for f in fits)
+    return value, std, *chosen((low, high), k92_interval(fits, (high - low) / 2))
 
 
 @dataclass(frozen=True)
