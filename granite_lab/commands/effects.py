@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from granite_lab.model.effect import Effect
 
 app = typer.Typer(
-    help="The physical effects that can be added to the paper's model.", invoke_without_command=True
+    help="The physical effects that can be added to the paper's model.",
+    invoke_without_command=True,
+    rich_markup_mode=None,
 )
 
 
