@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 DIGITS = "%.9g"
 """How a number is written."""
 
+STAMPS, STAMP_DIGITS = ("t", "t_s"), "%.16g"
+"""Columns of stamps; those beyond 1000 s, as seconds since 1970, are written to the microsecond."""
+
 BLOCK = 20_000
 """Rows that are formatted at a time."""
 
@@ -56,7 +59,10 @@ def _runs(table: pd.DataFrame) -> list[tuple[bool, list[int]]]:
 def _numbers(part: pd.DataFrame) -> list[str]:
     """Lines of cells, formatted all at once."""
     values = part.to_numpy(dtype="float64")
-    line = ",".join([DIGITS] * values.shape[1]) + "\n"
+    late = [
+        name in STAMPS and (abs(column) >= 1000).any() for name, column in zip(part, values.T, strict=True)
+    ]
+    line = ",".join(STAMP_DIGITS if is_late else DIGITS for is_late in late) + "\n"
     text = line * len(values) % tuple(values.ravel().tolist())
     return text.replace("nan", "").split("\n")[:-1]
 
