@@ -12,7 +12,7 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import GAP_PERIODS
 from granite_lab.logs.dialect import Dialect, is_number, sniff
-from granite_lab.logs.guess import Guess, guess
+from granite_lab.logs.guess import Guess, by_name, guess
 from granite_lab.logs.inspected import ColumnReport, FileReport, Inspection, StreamReport
 from granite_lab.logs.layouts import Column, Layout
 from granite_lab.logs.mapfile import Entry
@@ -84,6 +84,9 @@ def _inspect(
         layout, name = _layout_of(path, entries), ""
         used = [g.confidence for g in guesses if g.to]
         confidence = min(used, default=0.0)
+    more, stubs = _unused(dialect, columns, {report.place for report in reports})
+    reports = sorted([*reports, *more], key=lambda report: report.place)
+    entries = [*entries, *stubs]  # in the order of the map: of several clocks the first counts
     head = tuple((key, value) for key, value in _head(layout))
     report = FileReport(
         path, dialect, name, confidence, tuple(reports), doubts=tuple(doubts), problem=problem,
@@ -187,10 +190,26 @@ def _guessed(
         # Two columns of one name cannot be told apart by a map.
         clear = not dialect.headers or dialect.headers[0].count(name) == 1
         entries.append(Entry(name, place, one.to if clear else (), one.unit, note=note))
-    if not dialect.headers:
-        texts = [p for p in range(dialect.width) if p not in columns]
-        entries += [Entry(f"column {p + 1}", p, (), "", note="texts") for p in texts]
-        entries.sort(key=lambda entry: entry.place)
+    return reports, entries
+
+
+def _unused(
+    dialect: Dialect, columns: dict[int, Array], used: set[int]
+) -> tuple[list[ColumnReport], list[Entry]]:
+    """Report the columns that nothing is taken from, with what they may be, and write stubs for them."""
+    reports, entries = [], []
+    for place in sorted(set(range(dialect.width)) - used):
+        name = dialect.headers[0][place] if dialect.headers else f"column {place + 1}"
+        values = columns.get(place)
+        low, high, filled = _range(np.zeros(0) if values is None else values)
+        one = by_name(name) if values is not None else None
+        why = "not used; texts or empty" if values is None else "not used; not recognised"
+        unit = one.unit if one else ""
+        if one is not None:
+            why = f"not used; its name suggests {', '.join(one.to)} [{unit}]"
+        reports.append(ColumnReport(name, place, (), unit, 0.0, why, low, high, filled))
+        note = why if values is None else f"{why}; values from {low:.6g} to {high:.6g}"
+        entries.append(Entry(name, place, (), unit, note=note))
     return reports, entries
 
 

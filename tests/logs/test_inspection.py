@@ -153,6 +153,21 @@ def test_files_without_header_and_with_double_names_get_a_usable_map(tmp_path: P
     assert len(trial.imu.t) == len(lines) - 1
 
 
+def test_every_column_is_listed_and_has_a_stub_in_the_map(tmp_path: Path) -> None:
+    """Of a known layout, too: a column that is not used, one of texts, and an empty one."""
+    lines = make.lines()
+    path, chart = tmp_path / "more.csv", tmp_path / "more.toml"
+    path.write_text("\n".join([lines[0] + ",battery,note,spare", *(x + ",24.1,ok," for x in lines[1:])]))
+    report = inspect_logs([path]).files[0]
+    assert report.layout == "canonical"
+    assert [c.name for c in report.columns] == [*lines[0].split(","), "battery", "note", "spare"]
+    assert all(c.why.startswith("not used") for c in report.columns[-3:])
+    text = report.to_map_toml()
+    assert all(f'name = "{name}"' in text for name in ("battery", "note", "spare"))
+    chart.write_text(text)
+    assert read_trial(path, map=chart).imu is not None
+
+
 cell_names = st.text(st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), max_size=15)
 
 
