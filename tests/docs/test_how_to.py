@@ -100,10 +100,11 @@ def test_the_tutorial_goes_from_a_foreign_log_to_slip_and_k92(folder: Path) -> N
     assert done.returncode == 0, done.stderr
     # what follows takes minutes; tests/cli/test_study.py and tests/discovery have it
     long = ("study", "view", "discover", "reveal", "compare", "simulate", "plan-next")
-    unknown, _, seen, ingested, fit = follow("docs/tutorial.md", without=long)
+    unknown, _, seen, checked, ingested, fit = follow("docs/tutorial.md", without=long)
     assert "the layout is not known" in unknown.out
     assert 'name = "clock [ms]"\nto = ["t"]\nunit = "ms"' in (folder / "draft.toml").read_text("utf-8")
     assert "2.50 m at the wheels" in seen.out
+    assert "The run is good." in checked.out
     text = text_of("docs/tutorial.md")
     (stated,) = re.findall(r"it slipped by ([\d.]+) ± [\d.]+ %", text)
     found = re.search(r"run07.* (\d+\.\d+) ± \d\.\d+ ", ingested.out)

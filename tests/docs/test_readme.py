@@ -16,6 +16,7 @@ LONG = ("study", "view", "discover", "plan-next", "fit-k92")
 
 SAID = {
     "inspect": "trial.csv",
+    "check": "The run is good.",
     "ingest": "slip",
     "simulate": "λ_R",
     "wheel": "drawbar pull",
