@@ -27,7 +27,11 @@ from granite_lab.running.options import NOTHING_SAID
 from granite_lab.running.reading import ingest
 from granite_lab.running.search import save_found, search
 
+EXCLUDED = "excluded: "
+"""How the reason of a trial that `granite-lab.toml` excludes begins in a report."""
+
 __all__ = [
+    "EXCLUDED",
     "Options",
     "analyse",
     "each_trial",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,11 @@ from granite_lab import __version__
 from granite_lab.errors import InputError
 from granite_lab.files import readable
 from granite_lab.logs.named import name_of, trial_files
+from granite_lab.reporting.content import Failure
 from granite_lab.reporting.json_report import SCHEMA
 from granite_lab.running import Execution, Options
 from granite_lab.running.fingerprint import code, fingerprint
-from granite_lab.study import study, write
+from granite_lab.study import EXCLUDED, study, write
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,12 @@ def verify(
     path = report / "report.json" if report.is_dir() else report
     old = _load(path)
     origin = old["provenance"]
+    excluded = [Failure(**f) for f in old["failures"] if f["message"].startswith(EXCLUDED)]
+    left_out = {failure.trial for failure in excluded}
     names = [t["name"] for t in old["trials"]] + [f["trial"] for f in old["failures"]]
+    names = [name for name in names if name not in left_out]
     files = trial_files(logs) if logs else _recorded(origin, names, path)
+    files = [file for file in files if name_of(file) not in left_out]
     said = [(o["name"], o["value"]) for o in origin["options"]]
     options = Options.from_given(said)
     differences = list(_inputs(origin, [*files, *options.files()]))
@@ -69,6 +74,7 @@ def verify(
     result = study(
         files, old["name"], options, execution=how, discover=searching, done=done, progress=progress
     )
+    result = replace(result, failures=(*result.failures, *excluded))
     with tempfile.TemporaryDirectory(prefix="granite-lab-verify-") as temporary:
         folder = Path(temporary) / "report"
         write(result, options, folder)

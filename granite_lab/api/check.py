@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granite_lab.api.options import options_of
+from granite_lab.api.project import choose
 from granite_lab.errors import EstimateError, InputError, LabError
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Array, Trial
@@ -102,7 +103,8 @@ def check(
         UsageError: unknown robot or column map.
     """
     path = Path(log)
-    options = options_of(robot=robot, column_map=column_map, topics=topics)
+    said = choose(path, robot, None, column_map, everything=True)
+    options = options_of(robot=said.robot, column_map=said.column_map, topics=topics)
     try:
         trial, body = read(path, options)
     except InputError as error:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granite_lab.api.project import choose
 from granite_lab.api.records import Records, all_good
 from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import judge
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs import Inspection, inspect_logs
-from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.parameters import Robot
 from granite_lab.running import Options, each_trial
@@ -104,7 +104,8 @@ def ingest(
         EstimateError: the motion cannot be had from it.
         UsageError: the arguments do not fit together.
     """
-    files = trial_files(logs)
+    choice = choose(logs, robot, None, column_map)
+    files, robot, column_map = choice.files, choice.robot, choice.column_map
     if len(files) > 1 and any((imu, encoders, currents, reference)):
         raise UsageError("files of single sensors go with one trial", "ingest the trials one by one")
     options = Options(

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 from granite_lab import __version__
 from granite_lab.api.options import options_of
+from granite_lab.api.project import choose
 from granite_lab.api.records import all_good
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library, load_effects
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
-from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting.content import Source, command_of
@@ -65,11 +65,12 @@ def discover(
         InputError: a log cannot be used, or nothing says what was commanded.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
+    choice = choose(logs, robot, soil, column_map)
     options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, effects=effects,
-        tolerance=tolerance, latency=latency,
+        robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics,
+        effects=effects, tolerance=tolerance, latency=latency,
     )  # fmt: skip
-    files = trial_files(logs)
+    files = choice.files
     execution = Execution(jobs)
     read = all_good(to_search(files, options, execution))
     trials, motions = [trial for trial, _ in read], [motion for _, motion in read]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from granite_lab.api.options import options_of
+from granite_lab.api.project import Chosen, choose
 from granite_lab.api.records import Records, all_good
 from granite_lab.comparison.record import Comparison
 from granite_lab.errors import UsageError
@@ -13,17 +15,22 @@ from granite_lab.fitting import fit_a_theta as fit_over_trials
 from granite_lab.fitting import published_fit
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
-from granite_lab.logs.named import trial_files
-from granite_lab.reporting.content import StudyResult, TrialResult
-from granite_lab.study import Options, analyse, each_trial, write
+from granite_lab.reporting.content import Failure, StudyResult, TrialResult
+from granite_lab.study import EXCLUDED, Options, analyse, each_trial, write
 from granite_lab.study import record as record_all
 from granite_lab.study import study as run
 
 Logs = str | Path | Sequence[str | Path]
 
 
-def _analysed(logs: Logs, options: Options, jobs: int, done: Callable[[Path], None]) -> list[TrialResult]:
-    return all_good(each_trial(analyse, trial_files(logs), options, jobs=jobs, done=done))
+def _analysed(choice: Chosen, options: Options, jobs: int, done: Callable[[Path], None]) -> list[TrialResult]:
+    return all_good(each_trial(analyse, choice.files, options, jobs=jobs, done=done))
+
+
+def with_excluded(result: StudyResult, choice: Chosen) -> StudyResult:
+    """Return a study that also lists the trials that `granite-lab.toml` excludes, with the reason."""
+    excluded = (Failure(item.trial, f"{EXCLUDED}{item.reason}", "") for item in choice.left_out)
+    return replace(result, failures=(*result.failures, *excluded))
 
 
 def fit_k92(
@@ -57,10 +64,12 @@ def fit_k92(
         InputError: a log or file cannot be used.
         EstimateError: an estimate or fit cannot be had.
     """
+    choice = choose(logs, robot, soil, column_map)
     options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects
-    )
-    return Records([result.comparison.fit for result in _analysed(logs, options, jobs, done)])
+        robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
+        effects=effects,
+    )  # fmt: skip
+    return Records([result.comparison.fit for result in _analysed(choice, options, jobs, done)])
 
 
 def fit_a_theta(
@@ -131,10 +140,12 @@ def compare(
         InputError, EstimateError: as in `fit_k92`.
         LabError: a file cannot be written.
     """
+    choice = choose(logs, robot, soil, column_map)
     options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects
-    )
-    found = [result.comparison for result in _analysed(logs, options, jobs, done)]
+        robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
+        effects=effects,
+    )  # fmt: skip
+    found = [result.comparison for result in _analysed(choice, options, jobs, done)]
     if out is not None:
         from granite_lab.reporting import write_comparison  # noqa: PLC0415, heavy
 
@@ -179,14 +190,16 @@ def study(
     Raises:
         LabError: no trial went through, or a file cannot be written.
     """
+    choice = choose(logs, robot, soil, column_map)
     options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects,
-        tolerance=tolerance, latency=latency,
+        robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
+        effects=effects, tolerance=tolerance, latency=latency,
     )  # fmt: skip
     folder = None if out is None else Path(out)
     result = run(
-        trial_files(logs), folder.name if folder else name, options, jobs=jobs, discover=discover, done=done
+        choice.files, folder.name if folder else name, options, jobs=jobs, discover=discover, done=done
     )
+    result = with_excluded(result, choice)
     if folder is not None:
         if recordings:
             record(result, folder / "recordings")

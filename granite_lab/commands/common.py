@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
+    from granite_lab.api.project import Chosen
+
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress display.")]
 TrialsArgument = Annotated[
@@ -155,15 +157,36 @@ def progress(quiet: bool) -> Iterator[Progress]:
         yield display
 
 
-def trial_files(paths: Sequence[Path] | None, default: Path | None = None) -> list[Path]:
-    """Return the logs that were named; a folder stands for the logs in it.
+def chosen(
+    paths: Sequence[Path] | None, robot: str | None, soil: str | None, column_map: str | None
+) -> Chosen:
+    """Return the logs that were named and what `granite-lab.toml` beside them says; tell which are excluded.
 
     Raises:
-        UsageError: nothing was named, or a folder holds no log.
+        UsageError, InputError: as `granite_lab.api.project.choose`.
     """
-    from granite_lab.logs.named import trial_files as found
+    from granite_lab.api.project import choose
 
-    return found(list(paths or ([default] if default else [])))
+    found = choose(list(paths or []), robot, soil, column_map)
+    warn([f"{item.trial}: excluded: {item.reason}" for item in found.left_out])
+    return found
+
+
+def files_of(choice: Chosen) -> dict[str, Any]:
+    """Return the trials that are excluded, as it stands in JSON; nothing where there are none."""
+    return {"excluded": choice.left_out} if choice.left_out else {}
+
+
+def refuse_missing(paths: Sequence[Path] | None) -> None:
+    """Refuse logs of which none is there, before a command imports anything heavy.
+
+    Raises:
+        InputError: none of the paths exists.
+    """
+    if paths and not any(path.exists() for path in paths):
+        from granite_lab.files import refuse_special
+
+        refuse_special(paths[0])
 
 
 def topics_of(given: Sequence[str] | None) -> dict[str, str]:

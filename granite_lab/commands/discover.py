@@ -19,11 +19,13 @@ from granite_lab.commands.common import (
     ToleranceOption,
     TopicOption,
     TrialsArgument,
+    chosen,
     console,
+    files_of,
     print_json,
     progress,
+    refuse_missing,
     topics_of,
-    trial_files,
     warn,
 )
 from granite_lab.commands.running import (
@@ -43,9 +45,12 @@ def register(app: typer.Typer) -> None:
 
 def discover(
     trials: TrialsArgument = None,
-    out: Annotated[Path, typer.Option(help="Folder of the report, finding.json and model.toml.")] = Path(
-        "reports/discover"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the report, finding.json and model.toml.", show_default="reports/discover"
+        ),
+    ] = None,
     effects: EffectsOption = None,
     robot: RobotOption = None,
     soil: SoilOption = None,
@@ -61,6 +66,7 @@ def discover(
     as_json: JsonOption = False,
 ) -> None:
     """Find the physical effect that the model lacks; write the case for it and the model with it."""
+    refuse_missing(trials)
     from granite_lab.api.search import write_found
     from granite_lab.discovery.as_json import finding_as_json
     from granite_lab.reporting.terminal import show_finding
@@ -70,12 +76,13 @@ def discover(
     from granite_lab.running.reading import to_search
     from granite_lab.running.search import search
 
+    choice = chosen(trials, robot, soil, column_map)
+    files, out = choice.files, out or choice.out / "discover"
     options = Options(
-        robot=robot, soil=soil, column_map=column_map, effects=effects,
+        robot=choice.robot, soil=choice.soil, column_map=choice.column_map, effects=effects,
         topics=tuple(topics_of(topic).items()), tolerance=tolerance, latency=latency / 1e3,
     )  # fmt: skip
     execution = execution_of(jobs, scheduler, cache)
-    files = trial_files(trials)
     read = good(files, to_search(files, options, execution), strict)
     clean, motions = [trial for trial, _ in read], [motion for _, motion in read]
     for trial in clean:
@@ -95,7 +102,7 @@ def discover(
         found, page, model = write_found(finding, options, clean, motions, out, files, execution.jobs)
     tidy(execution)
     if as_json:
-        print_json(finding_as_json(found, model))
+        print_json(finding_as_json(found, model) | files_of(choice))
     else:
         show_finding(found, console(), str(out), model)
         for what, path in (("report", page), ("model with what was found", model)):

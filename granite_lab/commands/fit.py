@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,11 +19,13 @@ from granite_lab.commands.common import (
     SoilOption,
     TopicOption,
     TrialsArgument,
+    chosen,
     console,
+    files_of,
     print_json,
     progress,
+    refuse_missing,
     topics_of,
-    trial_files,
     warn,
 )
 from granite_lab.commands.running import (
@@ -36,11 +39,10 @@ from granite_lab.commands.running import (
 from granite_lab.errors import UsageError
 
 if TYPE_CHECKING:
+    from granite_lab.api.project import Chosen
     from granite_lab.fitting.fit import AThetaFit, K92Fit
     from granite_lab.reporting.content import TrialResult
     from granite_lab.running import Execution, Options
-
-SAMPLES = Path("data/samples")
 
 
 def register(app: typer.Typer) -> None:
@@ -51,7 +53,7 @@ def register(app: typer.Typer) -> None:
 
 
 def analysed(
-    files: list[Path], options: Options, execution: Execution, *, strict: bool, quiet: bool
+    files: Sequence[Path], options: Options, execution: Execution, *, strict: bool, quiet: bool
 ) -> list[TrialResult]:
     """Take trials through the chain, with progress; one that fails is told and left out.
 
@@ -72,23 +74,19 @@ def analysed(
     return results
 
 
-def options_of(
-    robot: str | None,
-    soil: str | None,
-    column_map: str | None,
-    topic: list[str] | None,
-    model: Path | None,
-    effects: Path | None,
-) -> Options:
-    """Return what the options of a command say about the trials."""
+def options_of(choice: Chosen, topic: list[str] | None, model: Path | None, effects: Path | None) -> Options:
+    """Return what the options of a command, and the file beside the logs, say about the trials."""
     from granite_lab.study import Options
 
     topics = tuple(topics_of(topic).items())
-    return Options(robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects)
+    return Options(
+        robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
+        effects=effects,
+    )  # fmt: skip
 
 
 def provenance(
-    command: str, files: list[Path], results: list[TrialResult], options: Options
+    command: str, files: Sequence[Path], results: list[TrialResult], options: Options
 ) -> dict[str, Any]:
     """Return where results come from, as it stands in JSON."""
     from granite_lab.reporting.json_report import provenance_as_json
@@ -113,11 +111,12 @@ def fit_k92(
     as_json: JsonOption = False,
 ) -> None:
     """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory."""
+    refuse_missing(trials)
     from granite_lab.reporting.terminal import show_k92_fits
 
-    options = options_of(robot, soil, column_map, topic, model, effects)
+    choice = chosen(trials, robot, soil, column_map)
+    files, options = choice.files, options_of(choice, topic, model, effects)
     execution = execution_of(jobs, scheduler, cache)
-    files = trial_files(trials)
     results = analysed(files, options, execution, strict=strict, quiet=quiet)
     fits = [result.comparison.fit for result in results]
     if as_json:
@@ -127,6 +126,7 @@ def fit_k92(
                 "fits": [fit_as_json(fit) for fit in fits],
                 "provenance": provenance("fit-k92", files, results, options),
             }
+            | files_of(choice)
         )
     else:
         show_k92_fits(fits, console())
@@ -168,23 +168,24 @@ def fit_atheta(
     as_json: JsonOption = False,
 ) -> None:
     """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws."""
+    refuse_missing(trials)
     from granite_lab.fitting import fit_a_theta, published_fit
     from granite_lab.reporting.terminal import show_a_theta
 
     if published and trials:
         raise UsageError("--published takes no trials", "leave out one of the two")
-    origin: dict[str, Any] | None = None
+    origin: dict[str, Any] = {"provenance": None}
     if published:
         fit = published_fit()
     else:
-        files = trial_files(trials, SAMPLES)
-        options = options_of(robot, soil, column_map, topic, model, effects)
+        choice = chosen(trials, robot, soil, column_map)
+        files, options = choice.files, options_of(choice, topic, model, effects)
         execution = execution_of(jobs, scheduler, cache)
         results = analysed(files, options, execution, strict=strict, quiet=quiet)
-        origin = provenance("fit-atheta", files, results, options)
+        origin = {"provenance": provenance("fit-atheta", files, results, options)} | files_of(choice)
         fit = fit_a_theta([result.comparison.fit for result in results])
     if as_json:
-        print_json(a_theta_as_json(fit) | {"provenance": origin})
+        print_json(a_theta_as_json(fit) | origin)
     else:
         show_a_theta(fit, console())
 
@@ -216,7 +217,9 @@ def compare(
     topic: TopicOption = None,
     model: ModelOption = None,
     effects: EffectsOption = None,
-    out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("reports/compare"),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for tables and figures.", show_default="reports/compare")
+    ] = None,
     strict: StrictOption = False,
     jobs: JobsOption = 0,
     scheduler: SchedulerOption = None,
@@ -225,14 +228,16 @@ def compare(
     as_json: JsonOption = False,
 ) -> None:
     """Hold measurement against simulation: velocity, wheel speed, slip, torques and pitch."""
+    refuse_missing(trials)
     from granite_lab.reporting import write_comparison
     from granite_lab.reporting.terminal import show_misfits
 
-    options = options_of(robot, soil, column_map, topic, model, effects)
+    choice = chosen(trials, robot, soil, column_map)
+    files, options = choice.files, options_of(choice, topic, model, effects)
     execution = execution_of(jobs, scheduler, cache)
-    files = trial_files(trials)
     results = analysed(files, options, execution, strict=strict, quiet=quiet)
     comparisons = [result.comparison for result in results]
+    out = out or choice.out / "compare"
     written = write_comparison(comparisons, out)
     if as_json:
         print_json(
@@ -250,6 +255,7 @@ def compare(
                 "files": written,
                 "provenance": provenance("compare", files, results, options),
             }
+            | files_of(choice)
         )
     else:
         show_misfits(comparisons, console())

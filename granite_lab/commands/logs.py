@@ -16,11 +16,13 @@ from granite_lab.commands.common import (
     RobotOption,
     TopicOption,
     TrialsArgument,
+    chosen,
     console,
+    files_of,
     print_json,
     progress,
+    refuse_missing,
     topics_of,
-    trial_files,
     warn,
 )
 from granite_lab.errors import UsageError
@@ -97,13 +99,16 @@ def ingest(
     reference_std: Annotated[
         float, typer.Option(help="Std of the reference's own velocity [m/s], as 0.25 of GPS.", min=0.0)
     ] = 0.0,
-    out: Annotated[Path, typer.Option(help="Folder for the motion tables.")] = Path("reports/ingest"),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the motion tables.", show_default="reports/ingest")
+    ] = None,
     table_format: FormatOption = None,
     jobs: JobsOption = 0,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate body velocity, slip and their uncertainty from logs."""
+    refuse_missing(trials)
     from granite_lab.api.logs import ingest as run
     from granite_lab.files import ending_of, write_table
     from granite_lab.reporting.terminal import show_motions
@@ -111,7 +116,8 @@ def ingest(
     if against not in (None, "ref"):
         raise UsageError(f"--against {against}: not known", "use --against ref")
     ending = ending_of(None, table_format)
-    files = trial_files(trials or ([imu] if imu else None))
+    choice = chosen(trials or ([imu] if imu else None), robot, None, column_map)
+    files, out = choice.files, out or choice.out / "ingest"
     with progress(quiet) as display:
         task = display.add_task("ingesting", total=len(files))
         found = run(
@@ -121,9 +127,9 @@ def ingest(
             currents=currents,
             reference=reference,
             rows=rows,
-            column_map=column_map,
+            column_map=choice.column_map,
             topics=topics_of(topic),
-            robot=robot,
+            robot=choice.robot,
             variant=variant,
             rests=[_interval(text) for text in rest or ()],
             distance_measured=_measured(distance_measured) if distance_measured else None,
@@ -142,7 +148,7 @@ def ingest(
         good.append((motion, path, item.judgement))
         warn([f"{motion.trial}: {line}" for line in motion.warnings])
     if as_json:
-        print_json({"schema": "granite-lab/ingest/1", "trials": documents})
+        print_json({"schema": "granite-lab/ingest/1", "trials": documents} | files_of(choice))
     else:
         show_motions(good, console())
 

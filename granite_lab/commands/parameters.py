@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,21 +16,32 @@ def register(app: typer.Typer) -> None:
 
 
 def params(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Folder of logs whose granite-lab.toml holds.")
+    ] = Path(),
     robot: RobotOption = None,
     soil: SoilOption = None,
     grade: Annotated[str | None, typer.Option(help="IMU grade instead of the robot's.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print the parameters in force, with unit, allowed range and origin."""
+    from granite_lab.api.project import FILE, project_in
     from granite_lab.parameters import load_paper, load_variants, names
     from granite_lab.parameters.catalogue import in_force
     from granite_lab.reporting.terminal import show_parameters
 
-    rows = in_force(robot or "granite", soil or "dry_sand", grade)
+    project = project_in(folder)
+    chosen = {}
+    for key, given, default in (("robot", robot, "granite"), ("soil", soil, "dry_sand")):
+        beside = getattr(project, key)
+        origin = f"--{key}" if given else str(folder / FILE) if beside else "unless a log names another"
+        chosen[key] = {"value": given or beside or default, "origin": origin}
+    rows = in_force(chosen["robot"]["value"], chosen["soil"]["value"], grade)
     if as_json:
         print_json(
             {
                 "schema": "granite-lab/params/1",
+                "chosen": chosen,
                 "parameters": rows,
                 "variants": load_variants(),
                 "paper": load_paper(),
@@ -37,4 +49,7 @@ def params(
             }
         )
     else:
-        show_parameters(rows, load_variants(), console())
+        shown = console()
+        for key, value in chosen.items():
+            shown.print(f"{key}: {value['value']} ({value['origin']})", markup=False, soft_wrap=True)
+        show_parameters(rows, load_variants(), shown)

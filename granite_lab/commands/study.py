@@ -21,12 +21,13 @@ from granite_lab.commands.common import (
     ToleranceOption,
     TopicOption,
     TrialsArgument,
+    chosen,
     console,
     jsonable,
     print_json,
     progress,
+    refuse_missing,
     topics_of,
-    trial_files,
     warn,
 )
 from granite_lab.commands.running import CacheOption, SchedulerOption, StrictOption, execution_of, tidy
@@ -50,9 +51,12 @@ def register(app: typer.Typer) -> None:
 
 def study(
     trials: TrialsArgument = None,
-    out: Annotated[Path, typer.Option(help="Folder of the report; its name is the report's name.")] = Path(
-        "reports/study"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the report; its name is the report's name.", show_default="reports/study"
+        ),
+    ] = None,
     robot: RobotOption = None,
     soil: SoilOption = None,
     column_map: MapOption = None,
@@ -75,6 +79,8 @@ def study(
     as_json: JsonOption = False,
 ) -> None:
     """Run the whole chain over trials, from raw logs to a report and Rerun timelines."""
+    refuse_missing(trials)
+    from granite_lab.api.trials import with_excluded
     from granite_lab.discovery.as_json import finding_as_json
     from granite_lab.reporting.terminal import show_study
     from granite_lab.running.folder import claimed
@@ -87,9 +93,10 @@ def study(
     if check is not None:
         _verify(check, trials or [], execution, quiet=quiet, as_json=as_json)
         return
-    files = trial_files(trials)
+    choice = chosen(trials, robot, soil, column_map)
+    files, out = choice.files, out or choice.out / "study"
     options = Options(
-        robot=robot, soil=soil, column_map=column_map, model=model, effects=effects,
+        robot=choice.robot, soil=choice.soil, column_map=choice.column_map, model=model, effects=effects,
         topics=tuple(topics_of(topic).items()), tolerance=tolerance, latency=latency / 1e3,
     )  # fmt: skip
     with claimed(out), progress(quiet) as display:
@@ -107,6 +114,7 @@ def study(
         )
         display.remove_task(searching)
         warn([f"{failure.trial}: left out: {failure.message}" for failure in result.failures])
+        result = with_excluded(result, choice)
         guard = Guard(out)
         if recordings:
             task = display.add_task("recordings", total=len(result.trials) + 1)

@@ -1,0 +1,110 @@
+"""`granite-lab.toml` beside the logs says what holds for all of them; the command line wins."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+import granite_lab as gl
+from granite_lab.api.project import FILE, choose
+from tests.corpus.cli import GRANITE, lab
+
+SAMPLES = Path(__file__).parent.parent.parent / "data" / "samples"
+A, B = "virtual_v0.3_r1", "virtual_v0.7_r1"
+
+
+def folder_with(tmp_path: Path, text: str) -> Path:
+    folder = tmp_path / "field"
+    folder.mkdir()
+    for name in (A, B):
+        shutil.copy(SAMPLES / f"{name}.csv", folder)
+    (folder / FILE).write_text(text, encoding="utf-8")
+    return folder
+
+
+EXCLUDE = f'[[exclude]]\ntrial = "{B}"\nreason = "a wheel hit a stone"\n'
+
+
+def test_robot_of_the_file_is_used_where_none_is_given(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, 'robot = "mine.toml"\nout = "results"\n')
+    (folder / "mine.toml").write_text(GRANITE, encoding="utf-8")
+    found = choose(folder)
+    assert found.robot == str(folder / "mine.toml")
+    assert found.origins["robot"] == folder / FILE
+    assert found.out == folder / "results"
+    assert found.soil is None
+    assert choose(folder, robot="granite").robot == "granite"
+    assert "robot" not in choose(folder, robot="granite").origins
+
+
+def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, f'robot = "granite"\nout = "results"\n{EXCLUDE}')
+    done = lab("ingest", folder, "--jobs", 1, "--json")
+    assert done.code == 0, done.err
+    document = json.loads(done.out)
+    assert [t["name"] for t in document["trials"]] == [A]
+    assert document["excluded"] == [{"trial": B, "reason": "a wheel hit a stone"}]
+    assert f"{B}: excluded: a wheel hit a stone" in done.err
+    assert (folder / "results" / "ingest" / f"{A}.csv").is_file()
+    assert [item.name for item in gl.ingest(folder)] == [A]
+    assert lab("check", folder / f"{B}.csv").code == 0
+
+
+def test_a_study_lists_excluded_trials_and_is_verified_without_them(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, EXCLUDE)
+    out = tmp_path / "report"
+    options = ("--no-discover", "--no-recordings", "--jobs", 1)
+    done = lab("study", folder, "--out", out, *options)
+    assert done.code == 0, done.err
+    document = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert document["failures"] == [{"trial": B, "message": "excluded: a wheel hit a stone", "hint": ""}]
+    assert "a wheel hit a stone" in (out / "index.html").read_text(encoding="utf-8")
+    again = lab("study", folder, "--verify", out, "--jobs", 1)
+    assert again.code == 0, again.out + again.err
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "error", "hint"),
+    [
+        ('robt = "granite"', 3, "robt", "robot"),
+        ('robot = "granit"', 3, "robot = 'granit': unknown robot", "'granite'"),
+        ('soil = "wet.toml"', 3, "soil = 'wet.toml': no such file", "paths start at"),
+        ('[[exclude]]\ntrial = "virtual_v0.7"\nreason = "x"', 3, "no such log in this folder", B),
+        (f'[[exclude]]\ntrial = "{B}"\nreason = " "', 3, "reason is empty", "say why"),
+        (f'[[exclude]]\ntrial = "{B}"', 3, "'reason' is missing", ""),
+        (f'{EXCLUDE}[[exclude]]\ntrial = "{A}"\nreason = "x"', 2, "excludes all trials", "reason given: x"),
+    ],
+)
+def test_a_wrong_file_is_told_in_one_line(
+    tmp_path: Path, text: str, code: int, error: str, hint: str
+) -> None:
+    folder = folder_with(tmp_path, text)
+    done = lab("fit-k92", folder)
+    assert done.code == code
+    assert done.error.startswith(str(folder / FILE))
+    assert error in done.error
+    assert hint in done.hint
+    assert done.out == ""
+
+
+def test_folders_that_disagree_need_the_option(tmp_path: Path) -> None:
+    first, second = folder_with(tmp_path, 'soil = "dry_sand"\n'), tmp_path / "other"
+    second.mkdir()
+    shutil.copy(SAMPLES / "virtual_v0.3_r2.csv", second)
+    done = lab("fit-k92", first, second)
+    assert done.code == 2
+    assert "not the same soil" in done.error
+    assert choose([first, second], soil="dry_sand").soil == "dry_sand"
+
+
+def test_params_shows_where_robot_and_soil_come_from(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, 'robot = "granite"\n')
+    chosen = json.loads(lab("params", folder, "--json").out)["chosen"]
+    assert chosen["robot"] == {"value": "granite", "origin": str(folder / FILE)}
+    assert chosen["soil"]["origin"] == "unless a log names another"
+    assert f"robot: granite ({folder / FILE})" in lab("params", folder).out
+    given = json.loads(lab("params", folder, "--robot", "granite", "--json").out)["chosen"]
+    assert given["robot"]["origin"] == "--robot"
