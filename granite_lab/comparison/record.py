@@ -64,6 +64,9 @@ class Comparison:
     units: dict[str, str]
     misfits: tuple[Misfit, ...]
 
+    def __repr__(self) -> str:
+        return f"Comparison({self.motion!r}, {self.fit!r}, {len(self.misfits)} misfits)"
+
     def to_frame(self) -> pd.DataFrame:
         """Return the misfits, one row a channel and phase; `unit` is that of rms, bias and peak."""
         import pandas as pd  # noqa: PLC0415

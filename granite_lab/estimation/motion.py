@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -55,6 +56,9 @@ class Health:
     gaps: tuple[tuple[float, float], ...] = ()
     plateaus: tuple[tuple[float, float], ...] = ()
     grade: Grade = "poor"
+
+    def __repr__(self) -> str:
+        return f"Health(grade='{self.grade}')"
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +122,18 @@ class Motion:
     warnings: tuple[str, ...] = field(default=())
     clock_applied: float = 0.0
     slip_parts: tuple[Part, ...] = ()
+
+    def __repr__(self) -> str:
+        slip, way = self.slip_ratio, self.distance
+        return (
+            f"Motion('{self.trial}'{', virtual' if self.virtual else ''}: {self.variant.velocity:g} m/s, "
+            f"slip ratio {slip.value:.4f} ± {slip.std:.4f}, distance {way.value:.4f} ± {way.std:.4f} m, "
+            f"{len(self.t)} samples, {self.health!r})"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the table of the motion for a notebook, shortened."""
+        return f"<p>{html.escape(repr(self))}</p>{self.to_frame().to_html(max_rows=10, max_cols=12)}"
 
     @property
     def clock_left(self) -> Estimate:

@@ -103,6 +103,15 @@ def test_ingest_is_the_command(tmp_path: Path) -> None:
     np.testing.assert_allclose(frame["v_mps"], table["v_mps"], rtol=1e-8, atol=1e-12)
 
 
+def test_a_motion_shows_itself_in_a_line() -> None:
+    motion = gl.ingest(SAMPLE)[0].motion
+    assert len(repr(motion)) < 250
+    assert "virtual_v0.3_r1" in repr(motion)
+    assert "slip ratio 0.1" in repr(motion)
+    assert "<table" in motion._repr_html_()
+    assert len(motion._repr_html_()) < 20_000
+
+
 def test_ingest_takes_what_the_options_say() -> None:
     bare = gl.ingest(SAMPLE)[0].motion
     assert bare.variant_source == "given"
