@@ -79,6 +79,8 @@ def layout_of(path: Path, held: Messages) -> Layout:
         bind(f"{topic}.twist.twist.linear.x", "m/s", "ref_v")
         bind(f"{topic}.pose.pose.position.x", "m", "ref_x")
         bind(f"{topic}.pose.pose.position.y", "m", "ref_y")
+        bind(f"{topic}.latitude", "deg", "ref_lat")
+        bind(f"{topic}.longitude", "deg", "ref_lon")
     name = "ROS: " + ", ".join(f"{role} {topic}" for role, topic in held.topics.items())
     return Layout(name=name, column=tuple(columns), title=path.name)
 

@@ -16,9 +16,19 @@ from granite_lab.logs.trial import Array
 
 IMU, JOINTS, ODOMETRY = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
 
-ROLES = {"imu": IMU, "joints": JOINTS, "odom": ODOMETRY, "reference": ODOMETRY}
-"""What a topic can be taken for, and the type of its messages. `odom` is the odometry of the wheels,
-`reference` one from outside (GPS, motion capture) that only judges."""
+FIX, POSE = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/Pose"
+
+ROLES: dict[str, tuple[str, ...]] = {
+    "imu": (IMU,),
+    "joints": (JOINTS,),
+    "odom": (ODOMETRY,),
+    "reference": (ODOMETRY, f"{POSE}Stamped", f"{POSE}WithCovarianceStamped", FIX),
+}
+"""What a topic can be taken for, and the types of its messages. `odom` is the odometry of the wheels,
+`reference` a place from outside (GPS, motion capture) that only judges."""
+
+LEFT_OUT = "none"
+"""Given for a role in place of a topic, it leaves the role out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,18 +101,21 @@ def _choose(
     """Return what each topic is taken for; where several fit, the one with most messages."""
     chosen: dict[str, str] = {}
     for role, name in asked.items():
+        if name == LEFT_OUT:
+            continue
         if name not in topics:
             known = ", ".join(sorted(topics)) or "none"
             raise UsageError(f"{path}: there is no topic '{name}'", f"topics: {known}")
-        if topics[name].msgtype != ROLES[role]:
+        if topics[name].msgtype not in ROLES[role]:
             raise UsageError(
-                f"{path}: topic '{name}' holds {topics[name].msgtype}, expected {ROLES[role]} for {role}",
+                f"{path}: topic '{name}' holds {topics[name].msgtype}, expected {' or '.join(ROLES[role])} "
+                f"for {role}",
                 "choose another topic",
             )
         chosen[role] = name
     for role in ("imu", "joints", "odom"):
         if (
-            role in chosen
+            role in asked
             or (role == "joints" and "odom" in chosen)
             or (role == "odom" and "joints" in chosen)
         ):
@@ -110,7 +123,7 @@ def _choose(
         free = {
             name: info.msgcount
             for name, info in topics.items()
-            if info.msgtype == ROLES[role] and info.msgcount > 0 and name not in asked.values()
+            if info.msgtype in ROLES[role] and info.msgcount > 0 and name not in asked.values()
         }
         if not free:
             continue
@@ -176,10 +189,17 @@ def _joints(topic: str, message: Any) -> Iterator[tuple[str, float]]:
 
 
 def _odometry(topic: str, message: Any) -> Iterator[tuple[str, float]]:
-    """Yield velocity and place."""
-    yield f"{topic}.twist.twist.linear.x", message.twist.twist.linear.x
-    yield f"{topic}.pose.pose.position.x", message.pose.pose.position.x
-    yield f"{topic}.pose.pose.position.y", message.pose.pose.position.y
+    """Yield velocity and place, of a pose only the place, of a satellite fix latitude and longitude."""
+    if hasattr(message, "latitude"):
+        if message.status.status >= 0:  # -1: no fix
+            yield f"{topic}.latitude", message.latitude
+            yield f"{topic}.longitude", message.longitude
+        return
+    if hasattr(message, "twist"):
+        yield f"{topic}.twist.twist.linear.x", message.twist.twist.linear.x
+    pose = message.pose if hasattr(message.pose, "position") else message.pose.pose
+    yield f"{topic}.pose.pose.position.x", pose.position.x
+    yield f"{topic}.pose.pose.position.y", pose.position.y
 
 
 _FIELDS = {"imu": _imu, "joints": _joints, "odom": _odometry, "reference": _odometry}

@@ -309,3 +309,30 @@ def test_a_wheel_has_one_joint() -> None:
         "front_left_wheel": ("fl",),
         "left_wheel": ("rl",),
     }
+
+
+def test_a_role_can_be_left_out(trial: Trial, tmp_path: Path) -> None:
+    path = Bag("ros2").write(tmp_path, "less", Bag("ros2").trial(trial))
+    got = read_trial(path, topics={"joints": "none"})
+    assert got.wheels is None
+    assert got.imu is not None
+
+
+@pytest.mark.parametrize("kind", ["PoseStamped", "NavSatFix"])
+def test_poses_and_satellite_fixes_are_references(kind: str, trial: Trial, tmp_path: Path) -> None:
+    assert trial.wheels is not None
+    bag = Bag("ros2")
+
+    def message(t: float) -> object:
+        if kind == "NavSatFix":
+            status = bag.of("sensor_msgs/msg/NavSatStatus", 0, 1)
+            place = (52.0 + 0.2 * t / 111_267.0, 21.0, 100.0)
+            return bag.of("sensor_msgs/msg/NavSatFix", bag.header(t), status, *place, np.zeros(9), 0)
+        place_and_turn = bag.odometry(t, 0.2 * t, 0.2).pose.pose
+        return bag.of("geometry_msgs/msg/PoseStamped", bag.header(t), place_and_turn)
+
+    outside = [(OUTSIDE, t, message(t)) for t in trial.wheels.t]
+    path = bag.write(tmp_path, "outside", [*bag.trial(trial), *outside])
+    got = read_trial(path, topics={"reference": OUTSIDE})
+    assert got.reference_v is not None
+    np.testing.assert_allclose(np.median(got.reference_v.value), 0.2, rtol=1e-3)
