@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
 
-from granite_lab.reporting import write_discovery, write_report
+from granite_lab.reporting import figures, write_discovery, write_report
 from granite_lab.reporting.content import Source, StudyResult
 from tests.reporting.made_up import made_up_study, rename
 from tests.reporting.made_up_finding import made_up_finding
@@ -40,4 +41,20 @@ def discovery_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     finding = made_up_finding(twins=("slip_sinkage",))
     source = Source("0.1.0", "granite-lab discover trials", (), (("soil.n", "1.1", "-", "dry_sand.toml"),))
     write_discovery(finding, folder, source, model=folder / "model.toml")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def twelve() -> StudyResult:
+    """Twelve trials of four speeds, with a finding."""
+    return dataclasses.replace(made_up_study(), finding=made_up_finding(twins=("slip_sinkage",)))
+
+
+@pytest.fixture(scope="session")
+def twelve_folder(twelve: StudyResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its report without the figures for print."""
+    folder = tmp_path_factory.mktemp("reports") / "twelve"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "to_png", lambda _: b"")
+        write_report(twelve, folder, model="model.toml")
     return folder

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 import shutil
 import subprocess
@@ -14,8 +13,6 @@ import pytest
 from granite_lab.reporting import write, write_report
 from granite_lab.reporting.content import StudyResult
 from tests.reporting.chromium import Page, browser, chromium
-from tests.reporting.made_up import made_up_study
-from tests.reporting.made_up_finding import made_up_finding
 
 ARTEFACTS = Path(__file__).parent.parent / "artefacts"
 
@@ -99,15 +96,6 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
         yield tab
 
 
-@pytest.fixture(scope="module")
-def twelve(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The report of twelve trials at four speeds with a finding."""
-    folder = tmp_path_factory.mktemp("reports") / "twelve"
-    study = dataclasses.replace(made_up_study(), finding=made_up_finding(twins=("slip_sinkage",)))
-    write_report(study, folder, model="model.toml", jobs=2)
-    return folder
-
-
 @pytest.mark.parametrize("which", ["folder", "hostile_folder", "discovery_folder"])
 @pytest.mark.parametrize(("name", "width", "height"), [("phone", 390, 844), ("desktop", 1280, 900)])
 def test_the_page_fits_its_window(
@@ -157,8 +145,8 @@ def test_light_and_dark_are_both_readable(page: Page, folder: Path, dark: bool) 
     page.screenshot(ARTEFACTS / f"report_{'dark' if dark else 'light'}.png", whole=False)
 
 
-def test_the_page_is_short_with_all_details_closed(page: Page, twelve: Path) -> None:
-    page.open((twelve / "index.html").as_uri(), 1280, 900)
+def test_the_page_is_short_with_all_details_closed(page: Page, twelve_folder: Path) -> None:
+    page.open((twelve_folder / "index.html").as_uri(), 1280, 900)
     assert page.evaluate("document.documentElement.scrollHeight") <= 9000
     bottom = page.evaluate("document.getElementById('answers').getBoundingClientRect().bottom")
     assert bottom <= 1100  # the answers stand on the first screen
@@ -166,13 +154,15 @@ def test_the_page_is_short_with_all_details_closed(page: Page, twelve: Path) -> 
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-def test_no_open_table_is_cut_off(page: Page, twelve: Path, width: int) -> None:
-    page.open((twelve / "index.html").as_uri(), width, 900)
+def test_no_open_table_is_cut_off(page: Page, twelve_folder: Path, width: int) -> None:
+    page.open((twelve_folder / "index.html").as_uri(), width, 900)
     assert page.evaluate(CUT_TABLES) == []
 
 
-def test_print_takes_eight_pages_with_details_closed_and_no_heading_alone(page: Page, twelve: Path) -> None:
-    page.open((twelve / "index.html").as_uri(), 794, 1123, media="print")
+def test_print_takes_eight_pages_with_details_closed_and_no_heading_alone(
+    page: Page, twelve_folder: Path
+) -> None:
+    page.open((twelve_folder / "index.html").as_uri(), 794, 1123, media="print")
     assert not page.evaluate(
         "[...document.querySelectorAll('details figure')].filter(f => f.checkVisibility()).length"
     )
