@@ -176,3 +176,16 @@ def test_fit_k92_gives_a_value_with_its_std(tmp_path: Path) -> None:
     assert 0.1 < fit["k92"]["value"] < 0.5
     assert 0 < fit["k92"]["std"] < 0.2
     assert fit["slip_ratio"]["simulated"] == pytest.approx(fit["slip_ratio"]["measured"], abs=0.002)
+
+
+@pytest.mark.parametrize("command", ["discover", "study", "fit-k92", "fit-atheta", "compare", "ingest"])
+def test_a_missing_log_is_told_before_anything_heavy_is_imported(command: str) -> None:
+    code = (
+        "import sys; from granite_lab.cli import main\n"
+        f"sys.argv = ['granite-lab', '{command}', 'none.csv']\n"
+        "try: main()\n"
+        "except SystemExit as end: print(end.code, {'numpy', 'pandas', 'casadi', 'scipy'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "3 set()"
+    assert done.stderr.startswith("error: none.csv: cannot be read: does not exist")
