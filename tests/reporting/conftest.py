@@ -55,6 +55,6 @@ def twelve_folder(twelve: StudyResult, tmp_path_factory: pytest.TempPathFactory)
     """Its report without the figures for print."""
     folder = tmp_path_factory.mktemp("reports") / "twelve"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "to_png", lambda _: b"")
+        patch.setattr(figures, "to_png", lambda *_: b"")
         write_report(twelve, folder, model="model.toml")
     return folder
