@@ -49,7 +49,7 @@ def _file(report: FileReport, console: Console) -> None:
     for c in report.columns:
         table.add_row(
             *row_of(
-                c.name or f"(column {c.place + 1})", ", ".join(c.to) or Text("not used", "dim"),
+                c.name or f"(column {c.place + 1})", ", ".join(c.to) or Text(c.why or "not used", "dim"),
                 tidy_unit(c.unit) if c.to else "",
                 _sure(c.confidence) if c.to else "", _number(c.low), _number(c.high),
             )
