@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from granite_lab.reporting.content import TrialResult
     from granite_lab.running import Execution, Options
 
+TableOption = Annotated[Path | None, typer.Option(help="Write the table here, too (CSV).")]
+
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the app."""
@@ -107,11 +109,15 @@ def fit_k92(
     jobs: JobsOption = 0,
     scheduler: SchedulerOption = None,
     cache: CacheOption = True,
+    out: TableOption = None,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print the notes of the fits.")] = False,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory."""
     refuse_missing(trials)
+    from granite_lab.files import write_text
+    from granite_lab.reporting.tables import k92_table
     from granite_lab.reporting.terminal import show_k92_fits
 
     choice = chosen(trials, robot, soil, column_map)
@@ -119,6 +125,8 @@ def fit_k92(
     execution = execution_of(jobs, scheduler, cache)
     results = analysed(files, options, execution, strict=strict, quiet=quiet)
     fits = [result.comparison.fit for result in results]
+    if out is not None:
+        write_text(out, k92_table(fits).to_csv())
     if as_json:
         print_json(
             {
@@ -129,7 +137,7 @@ def fit_k92(
             | files_of(choice)
         )
     else:
-        show_k92_fits(fits, console())
+        show_k92_fits(fits, console(), notes=verbose)
 
 
 def fit_as_json(fit: K92Fit) -> dict[str, Any]:
@@ -164,17 +172,22 @@ def fit_atheta(
     jobs: JobsOption = 0,
     scheduler: SchedulerOption = None,
     cache: CacheOption = True,
+    out: TableOption = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws."""
     refuse_missing(trials)
+    from granite_lab.files import write_table
     from granite_lab.fitting import fit_a_theta, published_fit
+    from granite_lab.reporting.answers import a_theta_of
+    from granite_lab.reporting.grid import say
     from granite_lab.reporting.terminal import show_a_theta
 
     if published and trials:
         raise UsageError("--published takes no trials", "leave out one of the two")
     origin: dict[str, Any] = {"provenance": None}
+    virtual = False
     if published:
         fit = published_fit()
     else:
@@ -184,10 +197,17 @@ def fit_atheta(
         results = analysed(files, options, execution, strict=strict, quiet=quiet)
         origin = {"provenance": provenance("fit-atheta", files, results, options)} | files_of(choice)
         fit = fit_a_theta([result.comparison.fit for result in results])
+        virtual = any(result.trial.info.virtual for result in results)
+    if out is not None:
+        table = fit.to_frame()
+        write_table(out, table.assign(data="virtual") if virtual else table)
     if as_json:
-        print_json(a_theta_as_json(fit) | origin)
+        print_json(a_theta_as_json(fit) | {"agrees": a_theta_of(fit)[1]} | origin)
     else:
-        show_a_theta(fit, console())
+        shown = console()
+        show_a_theta(fit, shown)
+        what = "Rows of Table 3" if published else "Virtual trials" if virtual else "Trials"
+        say(shown, f"{what}: {', '.join(point[0] for point in fit.points)}.")
 
 
 def a_theta_as_json(fit: AThetaFit) -> dict[str, Any]:
@@ -199,7 +219,6 @@ def a_theta_as_json(fit: AThetaFit) -> dict[str, Any]:
         "ordinary": fit.ordinary,
         "scatter": fit.scatter,
         "published": fit.published,
-        "agrees": fit.agrees,
         "laws": fit.laws,
         "points": [
             {"trial": trial, "variant_mps": v, "k92": k.as_json(), "slip_ratio": slip.as_json()}

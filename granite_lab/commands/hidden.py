@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -96,8 +97,12 @@ def hide(
         shown.print(
             f"{len(made.trials)} virtual trials in {out}, the answer sealed in {made.sealed}", soft_wrap=True
         )
-        shown.print(f"find it: granite-lab discover {out} --json > finding.json", soft_wrap=True)
-        shown.print(f"then:    granite-lab reveal {out} --finding finding.json", soft_wrap=True)
+        folder, finding = shlex.quote(str(out)), shlex.quote(str(out / "finding.json"))
+        for line in (
+            f"find it: granite-lab discover {folder} --json > {finding}",
+            f"then:    granite-lab reveal {folder} --finding {finding}",
+        ):
+            shown.print(line, soft_wrap=True, markup=False)
 
 
 def _processes(jobs: int) -> int:

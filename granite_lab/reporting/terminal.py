@@ -164,7 +164,7 @@ def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = Fal
     for note in said if notes else ():
         say(console, note, "yellow")
     if said and not notes:
-        say(console, f"{len(said)} notes of the fits: --json lists them", "dim")
+        say(console, f"{len(said)} notes of the fits: --verbose lists them", "dim")
 
 
 def show_a_theta(fit: AThetaFit, console: Console) -> None:

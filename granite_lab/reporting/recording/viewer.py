@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import shlex
 import signal
 import socket
 import subprocess
@@ -37,7 +38,7 @@ def open_viewer(path: Path) -> None:
     """
     _refuse_others(path)
     elsewhere = (
-        f"see it in a browser with 'granite-lab view {path.resolve()} --web', "
+        f"see it in a browser with 'granite-lab view {shlex.quote(str(path.resolve()))} --web', "
         "or copy that file to a computer with a screen and open it with 'rerun FILE'"
     )
     display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
