@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,8 +83,8 @@ def hide(
     sand_off: bool = False,
     repetitions: int | None = None,
     lab: str = "bench",
-    robot: str | Path = "granite",
-    soil: str | Path = "dry_sand",
+    robot: str | Path | None = None,
+    soil: str | Path | None = None,
     overwrite: bool = False,
     label: str = "hidden",
     truth: str | Path | None = None,
@@ -103,11 +104,11 @@ def hide(
         repetitions: trials of each variant; 3 on the bench, as many as the wild laboratory is drawn with.
         lab: ``bench`` for the sensors of the robot's file, ``wild`` for a logger, a robot and a sand that
             are drawn by the seed; their files lie beside the trials where they are not the catalogue's.
-        robot, soil: names or files.
+        robot, soil: names or files; by default granite and dry_sand.
         overwrite: replace a set that is there.
         label: with which the trials' names begin.
         truth: folder in which the true motion of each trial is kept aside (CSV).
-        jobs: number of processes.
+        jobs: number of processes; 0 means one per core.
         done: called with the name of each finished trial.
 
     Raises:
@@ -121,10 +122,11 @@ def hide(
         raise UsageError(f"{folder}: holds a hidden set already", "choose another folder, or add --overwrite")
     true: dict[str, pd.DataFrame] = {}
     wish = Wish(effect, seed, strength, noise, sand_off, lab, dict(sizes or {}))
-    the_robot, the_soil = load_robot(robot), load_soil(soil)
+    the_robot, the_soil = load_robot(robot or "granite"), load_soil(soil or "dry_sand")
     trials, answer = make_set(
         wish, the_robot, the_soil,
-        repetitions=repetitions, label=label, jobs=jobs, done=done, keep=true.__setitem__,
+        repetitions=repetitions, label=label, jobs=jobs or os.cpu_count() or 1, done=done,
+        keep=true.__setitem__,
     )  # fmt: skip
     for path in old:
         path.unlink()
@@ -142,7 +144,7 @@ def hide(
     return HiddenSet(tuple(sorted(files)), folder / NAME)
 
 
-def reveal(folder: str | Path, finding: str | Path | None = None, *, jobs: int = 1) -> Revealed:
+def reveal(folder: str | Path, finding: str | Path | None = None, *, jobs: int = 0) -> Revealed:
     """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
 
     In a kit, `discover` runs first where no discovery is given and none stands in its folder `finding`.

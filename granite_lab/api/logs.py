@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granite_lab.api.project import choose
-from granite_lab.api.records import Records, all_good
+from granite_lab.api.records import Records, sifted
 from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import judge
@@ -75,7 +75,7 @@ def ingest(
     distance_measured: Estimate | None = None,
     against_reference: bool = False,
     reference_std: float = 0.0,
-    jobs: int = 1,
+    jobs: int = 0,
     done: Callable[[Path], None] = lambda _: None,
 ) -> Records[Ingested]:
     """Estimate body velocity, slip and their uncertainty from logs.
@@ -121,10 +121,12 @@ def ingest(
         currents=_path(currents),
         reference=_path(reference),
     )
-    found = all_good(each_trial(_ingest, files, options, jobs=jobs, done=done))
+    outcomes = each_trial(_ingest, files, options, jobs=jobs, done=done)
+    found, _ = sifted(files, outcomes, strict=True)
     if against_reference:
         found = [Ingested(i.trial, i.robot, i.motion, judge(i.motion, i.trial, reference_std)) for i in found]
-    return Records(found, lambda item: item.name)
+    left_out = [(item.trial, item.reason) for item in choice.left_out]
+    return Records(found, lambda item: item.name, left_out)
 
 
 def inspect(

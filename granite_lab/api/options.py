@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
-from granite_lab.running.options import Options
+from granite_lab.running import Cache, Execution, Options
 
 
 def options_of(
@@ -31,3 +31,8 @@ def options_of(
         tolerance=tolerance,
         latency=latency,
     )
+
+
+def execution_of(jobs: int, scheduler: str | None, cache: bool) -> Execution:
+    """Return where the work is done and what is remembered."""
+    return Execution(jobs, scheduler, Cache() if cache else None)

@@ -53,12 +53,12 @@ class EffectRecord:
 
 
 def params(
-    robot: str | Path = "granite", soil: str | Path = "dry_sand", grade: str | None = None
+    robot: str | Path | None = None, soil: str | Path | None = None, grade: str | None = None
 ) -> Records[Parameter]:
     """Return every number in force with its unit, allowed range and origin.
 
     Args:
-        robot, soil: names or files.
+        robot, soil: names or files; by default granite and dry_sand.
         grade: IMU grade instead of the robot's.
 
     Raises:
@@ -66,7 +66,9 @@ def params(
         InputError: a file is wrong.
     """
     forget()
-    return Records([Parameter(row) for row in in_force(str(robot), str(soil), grade)])
+    return Records(
+        [Parameter(row) for row in in_force(str(robot or "granite"), str(soil or "dry_sand"), grade)]
+    )
 
 
 def list_effects(effects: str | Path | None = None) -> Records[EffectRecord]:

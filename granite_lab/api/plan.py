@@ -19,7 +19,7 @@ def plan_next(
     room: float | None = None,
     max_speed: float | None = None,
     effects: str | Path | None = None,
-    jobs: int = 1,
+    jobs: int = 0,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> Plan:
     """Propose the next trial: the one that best answers what the trials so far left open.

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from granite_lab import __version__
-from granite_lab.api.options import options_of
-from granite_lab.api.project import choose
-from granite_lab.api.records import all_good
+from granite_lab.api.options import execution_of, options_of
+from granite_lab.api.project import Chosen, choose
+from granite_lab.api.records import sifted
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library, load_effects
 from granite_lab.estimation.motion import Motion
@@ -18,7 +18,7 @@ from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting.content import Source, command_of
-from granite_lab.running import Execution, Options
+from granite_lab.running import Options
 from granite_lab.running.fingerprint import code
 from granite_lab.running.folder import claimed
 from granite_lab.running.guard import Guard
@@ -39,7 +39,10 @@ def discover(
     out: str | Path | None = None,
     tolerance: float = TOLERANCE,
     latency: float = LATENCY_LIMIT,
-    jobs: int = 1,
+    strict: bool = False,
+    jobs: int = 0,
+    scheduler: str | None = None,
+    cache: bool = True,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Finding:
     """Find the physical effect that the model lacks.
@@ -55,7 +58,10 @@ def discover(
             nothing is written.
         tolerance: discrepancy that does not matter, as a share of a channel's rms in motion.
         latency: largest delay between the stamps of two sensors that passes for latency [s].
+        strict: a log that cannot be used is an error; else it is left out and stands in `notes`.
         jobs: number of processes; 0 means one per core.
+        scheduler: address of a Dask scheduler that does the work.
+        cache: remember results, and take those that still hold.
         progress: told what is being done and how many simulations are done so far.
 
     Returns:
@@ -71,14 +77,21 @@ def discover(
         effects=effects, tolerance=tolerance, latency=latency,
     )  # fmt: skip
     files = choice.files
-    execution = Execution(jobs)
-    read = all_good(to_search(files, options, execution))
+    execution = execution_of(jobs, scheduler, cache)
+    read, failed = sifted(files, to_search(files, options, execution), strict=strict)
     trials, motions = [trial for trial, _ in read], [motion for _, motion in read]
     finding = search(trials, options, motions=motions, execution=execution, progress=progress)
+    finding = with_left_out(finding, choice, failed)
     if out is not None:
         with claimed(Path(out)):
             finding = write_found(finding, options, trials, motions, Path(out), files, jobs).finding
     return finding
+
+
+def with_left_out(finding: Finding, choice: Chosen, failed: Sequence[tuple[str, str]] = ()) -> Finding:
+    """Return a finding whose notes also list trials that are excluded or failed, with the reason."""
+    left_out = (*((item.trial, f"excluded: {item.reason}") for item in choice.left_out), *failed)
+    return replace(finding, notes=(*finding.notes, *(f"{name} left out: {why}" for name, why in left_out)))
 
 
 class Written(NamedTuple):

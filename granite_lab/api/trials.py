@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from granite_lab.api.options import options_of
+from granite_lab.api.options import execution_of, options_of
 from granite_lab.api.project import Chosen, choose
-from granite_lab.api.records import Records, all_good
+from granite_lab.api.records import Records, sifted
 from granite_lab.comparison.record import Comparison
 from granite_lab.errors import UsageError
 from granite_lab.fitting import fit_a_theta as fit_over_trials
@@ -16,6 +16,7 @@ from granite_lab.fitting import published_fit
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.reporting.content import Failure, StudyResult, TrialResult
+from granite_lab.running import Execution
 from granite_lab.study import EXCLUDED, Options, analyse, each_trial, write
 from granite_lab.study import record as record_all
 from granite_lab.study import study as run
@@ -23,8 +24,13 @@ from granite_lab.study import study as run
 Logs = str | Path | Sequence[str | Path]
 
 
-def _analysed(choice: Chosen, options: Options, jobs: int, done: Callable[[Path], None]) -> list[TrialResult]:
-    return all_good(each_trial(analyse, choice.files, options, jobs=jobs, done=done))
+def _analysed(
+    choice: Chosen, options: Options, execution: Execution, strict: bool, done: Callable[[Path], None]
+) -> tuple[list[TrialResult], list[tuple[str, str]]]:
+    """Return the results, and the trials that are left out with the reason."""
+    outcomes = each_trial(analyse, choice.files, options, execution=execution, done=done)
+    results, failures = sifted(choice.files, outcomes, strict=strict)
+    return results, [*((item.trial, item.reason) for item in choice.left_out), *failures]
 
 
 def with_excluded(result: StudyResult, choice: Chosen) -> StudyResult:
@@ -42,7 +48,10 @@ def fit_k92(
     topics: Mapping[str, str] | None = None,
     model: str | Path | None = None,
     effects: str | Path | None = None,
-    jobs: int = 1,
+    strict: bool = False,
+    jobs: int = 0,
+    scheduler: str | None = None,
+    cache: bool = True,
     done: Callable[[Path], None] = lambda _: None,
 ) -> Records[K92Fit]:
     """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory.
@@ -54,7 +63,10 @@ def fit_k92(
         topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
         model: model.toml, the paper's model with effects switched on.
         effects: your own effect file (.py) that the model needs. It is run: use only code you trust.
+        strict: a trial that fails is an error; else it is left out and stands in `left_out`.
         jobs: number of processes; 0 means one per core.
+        scheduler: address of a Dask scheduler that does the work.
+        cache: remember results, and take those that still hold.
         done: called with each path once it is finished.
 
     Returns:
@@ -69,7 +81,8 @@ def fit_k92(
         robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
         effects=effects,
     )  # fmt: skip
-    return Records([result.comparison.fit for result in _analysed(choice, options, jobs, done)])
+    found, left_out = _analysed(choice, options, execution_of(jobs, scheduler, cache), strict, done)
+    return Records([result.comparison.fit for result in found], None, left_out)
 
 
 def fit_a_theta(
@@ -82,7 +95,10 @@ def fit_a_theta(
     topics: Mapping[str, str] | None = None,
     model: str | Path | None = None,
     effects: str | Path | None = None,
-    jobs: int = 1,
+    strict: bool = False,
+    jobs: int = 0,
+    scheduler: str | None = None,
+    cache: bool = True,
     done: Callable[[Path], None] = lambda _: None,
 ) -> AThetaFit:
     """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws.
@@ -90,7 +106,8 @@ def fit_a_theta(
     Args:
         logs: paths of logs or of folders, or the fits of `fit_k92`.
         published: use Table 3 of the paper instead of trials.
-        robot, soil, column_map, topics, model, effects, jobs, done: as in `fit_k92`.
+        robot, soil, column_map, topics, model, effects, strict, jobs, scheduler, cache,
+            done: as in `fit_k92`.
 
     Returns:
         the fit; its table has a row for each trial.
@@ -108,7 +125,7 @@ def fit_a_theta(
     paths = logs if isinstance(logs, (str, Path)) else [x for x in logs if isinstance(x, (str, Path))]
     fits = fit_k92(
         paths, robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects,
-        jobs=jobs, done=done,
+        strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, done=done,
     )  # fmt: skip
     return fit_over_trials(list(fits))
 
@@ -123,7 +140,10 @@ def compare(
     topics: Mapping[str, str] | None = None,
     model: str | Path | None = None,
     effects: str | Path | None = None,
-    jobs: int = 1,
+    strict: bool = False,
+    jobs: int = 0,
+    scheduler: str | None = None,
+    cache: bool = True,
     done: Callable[[Path], None] = lambda _: None,
 ) -> Records[Comparison]:
     """Hold measurement against simulation: velocity, wheel speed, slip, torques and pitch.
@@ -131,7 +151,8 @@ def compare(
     Args:
         logs: paths of logs, or of folders with logs.
         out: folder for tables and figures; without it nothing is written.
-        robot, soil, column_map, topics, model, effects, jobs, done: as in `fit_k92`.
+        robot, soil, column_map, topics, model, effects, strict, jobs, scheduler, cache,
+            done: as in `fit_k92`.
 
     Returns:
         one comparison a trial; the table has a row for each trial, channel and phase.
@@ -145,12 +166,13 @@ def compare(
         robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
         effects=effects,
     )  # fmt: skip
-    found = [result.comparison for result in _analysed(choice, options, jobs, done)]
+    results, left_out = _analysed(choice, options, execution_of(jobs, scheduler, cache), strict, done)
+    found = [result.comparison for result in results]
     if out is not None:
         from granite_lab.reporting import write_comparison  # noqa: PLC0415, heavy
 
         write_comparison(found, Path(out))
-    return Records(found, lambda item: item.motion.trial)
+    return Records(found, lambda item: item.motion.trial, left_out)
 
 
 def study(
@@ -158,8 +180,8 @@ def study(
     *,
     out: str | Path | None = None,
     name: str = "study",
-    discover: bool = False,
-    recordings: bool = False,
+    discover: bool = True,
+    recordings: bool = True,
     robot: str | Path | None = None,
     soil: str | Path | None = None,
     column_map: str | Path | None = None,
@@ -168,7 +190,10 @@ def study(
     effects: str | Path | None = None,
     tolerance: float = TOLERANCE,
     latency: float = LATENCY_LIMIT,
-    jobs: int = 1,
+    strict: bool = False,
+    jobs: int = 0,
+    scheduler: str | None = None,
+    cache: bool = True,
     done: Callable[[Path], None] = lambda _: None,
 ) -> StudyResult:
     """Run the whole chain over trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
@@ -181,7 +206,8 @@ def study(
         name: of the report, unless `out` gives it.
         discover: search for an effect that the model lacks.
         recordings: with `out`, also write a Rerun recording of each trial.
-        robot, soil, column_map, topics, model, effects, jobs, done: as in `fit_k92`.
+        robot, soil, column_map, topics, model, effects, strict, jobs, scheduler, cache,
+            done: as in `fit_k92`.
         tolerance, latency: of that search, as in `discover`.
 
     Returns:
@@ -196,9 +222,11 @@ def study(
         effects=effects, tolerance=tolerance, latency=latency,
     )  # fmt: skip
     folder = None if out is None else Path(out)
+    execution = execution_of(jobs, scheduler, cache)
     result = run(
-        choice.files, folder.name if folder else name, options, jobs=jobs, discover=discover, done=done
-    )
+        choice.files, folder.name if folder else name, options, execution=execution, discover=discover,
+        strict=strict, done=done,
+    )  # fmt: skip
     result = with_excluded(result, choice)
     if folder is not None:
         if recordings:

@@ -67,7 +67,7 @@ def discover(
 ) -> None:
     """Find the physical effect that the model lacks; write the case for it and the model with it."""
     refuse_missing(trials)
-    from granite_lab.api.search import write_found
+    from granite_lab.api.search import with_left_out, write_found
     from granite_lab.discovery.as_json import finding_as_json
     from granite_lab.reporting.terminal import show_finding
     from granite_lab.running.folder import claimed
@@ -98,6 +98,7 @@ def discover(
                 task, description=f"{text}: simulations", completed=runs
             ),
         )
+        finding = with_left_out(finding, choice)
         display.update(task, description="writing the report")
         found, page, model = write_found(finding, options, clean, motions, out, files, execution.jobs)
     tidy(execution)

@@ -86,8 +86,8 @@ def hide(
         made = run(
             effect, out, seed=seed, strength=strength, sizes=_sizes(size or []), noise=noise,
             sand_off=sand_off, repetitions=repetitions, lab=lab,
-            robot=robot or "granite", soil=soil or "dry_sand", overwrite=overwrite, label=label,
-            truth=truth, jobs=_processes(jobs),
+            robot=robot, soil=soil, overwrite=overwrite, label=label,
+            truth=truth, jobs=jobs,
             done=lambda _: display.advance(task),
         )  # fmt: skip
     if as_json:
@@ -103,12 +103,6 @@ def hide(
             f"then:    granite-lab reveal {folder} --finding {finding}",
         ):
             shown.print(line, soft_wrap=True, markup=False)
-
-
-def _processes(jobs: int) -> int:
-    import os
-
-    return jobs or os.cpu_count() or 1
 
 
 def _sizes(given: list[str]) -> dict[str, float]:

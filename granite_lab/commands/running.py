@@ -30,9 +30,9 @@ StrictOption = Annotated[
 
 def execution_of(jobs: int, scheduler: str | None, cache: bool) -> Execution:
     """Return where the work is done and what is remembered."""
-    from granite_lab.running import Cache, Execution
+    from granite_lab.api.options import execution_of as of
 
-    return Execution(jobs, scheduler, Cache() if cache else None)
+    return of(jobs, scheduler, cache)
 
 
 def good(files: Sequence[Path], outcomes: Sequence[T | LabError], strict: bool) -> list[T]:
@@ -41,19 +41,10 @@ def good(files: Sequence[Path], outcomes: Sequence[T | LabError], strict: bool) 
     Raises:
         LabError: of the first trial that failed, if `strict` or if none went through.
     """
-    from granite_lab.errors import LabError
-    from granite_lab.logs.named import name_of
+    from granite_lab.api.records import sifted
 
-    results: list[T] = []
-    failures: list[tuple[Path, LabError]] = []
-    for path, outcome in zip(files, outcomes, strict=True):
-        if isinstance(outcome, LabError):
-            failures.append((path, outcome))
-        else:
-            results.append(outcome)
-    if failures and (strict or not results):
-        raise failures[0][1]
-    warn([f"{name_of(path)}: left out: {error.message}" for path, error in failures])
+    results, failures = sifted(files, outcomes, strict=strict)
+    warn([f"{trial}: left out: {reason}" for trial, reason in failures])
     return results
 
 

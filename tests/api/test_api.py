@@ -68,6 +68,20 @@ def test_every_command_is_a_function_with_a_description() -> None:
         assert f"gl.{name}(" in page
 
 
+def test_functions_have_the_defaults_of_the_commands() -> None:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    compared = 0
+    for command, name in FUNCTIONS.items():
+        options = {p.name: p for p in commands[command].params if p.param_type_name == "option"}
+        for argument, parameter in inspect.signature(getattr(gl, name)).parameters.items():
+            if argument in options and parameter.default is not parameter.empty:
+                default = options[argument].default
+                scale = 1e-3 if "[ms]" in (options[argument].help or "") else None  # seconds in Python
+                assert parameter.default == (default * scale if scale else default), (name, argument)
+                compared += 1
+    assert compared > 80
+
+
 def test_the_package_imports_nothing_heavy_and_asks_for_functions_when_they_are_used() -> None:
     code = "import sys, granite_lab; print({'numpy', 'pandas', 'casadi', 'scipy'} & set(sys.modules))"
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -229,7 +243,7 @@ def test_a_study_writes_only_where_it_is_told_and_keeps_failures(
     monkeypatch.chdir(tmp_path)
     broken = tmp_path / "broken.csv"
     broken.write_text("t_s,imu_ax_mps2\n0,1\n")
-    result = gl.study([SAMPLE, broken])
+    result = gl.study([SAMPLE, broken], discover=False)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["broken.csv"]
     assert [failure.trial for failure in result.failures] == ["broken"]
     frame = result.to_frame()
@@ -240,7 +254,7 @@ def test_a_study_writes_only_where_it_is_told_and_keeps_failures(
     recordings = gl.record(result, tmp_path / "rec")
     assert [path.name for path in recordings] == ["virtual_v0.3_r1.rrd", "study.rrd"]
     with pytest.raises((InputError, EstimateError)):
-        gl.study([broken])
+        gl.study([broken], discover=False)
 
 
 def test_parameters_and_effects_are_tables() -> None:
