@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granite_lab.api.calls import checked
 from granite_lab.api.options import options_of
 from granite_lab.api.project import choose
 from granite_lab.errors import EstimateError, InputError, LabError
@@ -79,6 +80,7 @@ class Checked:
         return pd.DataFrame([asdict(check) for check in self.checks])
 
 
+@checked
 def check(
     log: str | Path,
     *,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granite_lab.api.calls import checked
 from granite_lab.api.kit import TRIALS, searched_kit
 from granite_lab.errors import UsageError
 from granite_lab.files import sha256, write_bytes, write_text
@@ -72,6 +73,7 @@ class Revealed:
         return pd.DataFrame(rows, columns=["effect", "parameter", "value", "unit"])
 
 
+@checked
 def hide(
     effect: str,
     out: str | Path,
@@ -144,6 +146,7 @@ def hide(
     return HiddenSet(tuple(sorted(files)), folder / NAME)
 
 
+@checked
 def reveal(folder: str | Path, finding: str | Path | None = None, *, jobs: int = 0) -> Revealed:
     """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
 

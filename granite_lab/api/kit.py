@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granite_lab.api.calls import checked
 from granite_lab.effects import library
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import write_text
@@ -60,6 +61,7 @@ def allowed() -> dict[str, Any]:
     }
 
 
+@checked
 def kit(out: str | Path) -> Kit:
     """Write an empty kit: README, template of the answer, folder of the trials, and a checker.
 

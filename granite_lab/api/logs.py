@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granite_lab.api.calls import checked
 from granite_lab.api.project import choose
 from granite_lab.api.records import Records, sifted
 from granite_lab.errors import UsageError
@@ -59,6 +60,7 @@ def _path(path: str | Path | None) -> Path | None:
     return None if path is None else Path(path)
 
 
+@checked
 def ingest(
     logs: Logs,
     *,
@@ -129,6 +131,7 @@ def ingest(
     return Records(found, lambda item: item.name, left_out)
 
 
+@checked
 def inspect(
     logs: Logs,
     *,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from granite_lab.api.calls import checked
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library, load_effects
 from granite_lab.model.effect import Effect
@@ -52,6 +53,7 @@ class EffectRecord:
         return pd.DataFrame(rows)
 
 
+@checked
 def params(
     robot: str | Path | None = None, soil: str | Path | None = None, grade: str | None = None
 ) -> Records[Parameter]:
@@ -71,6 +73,7 @@ def params(
     )
 
 
+@checked
 def list_effects(effects: str | Path | None = None) -> Records[EffectRecord]:
     """Return every effect that can be added to the paper's model.
 
@@ -84,6 +87,7 @@ def list_effects(effects: str | Path | None = None) -> Records[EffectRecord]:
     return Records([EffectRecord(effect) for effect in known.values()])
 
 
+@checked
 def show_effect(effect_id: str, effects: str | Path | None = None) -> EffectRecord:
     """Return one effect: equation, source, parameters and what an observer sees.
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from granite_lab.api.calls import checked
 from granite_lab.effects import library, load_effects
 from granite_lab.errors import InputError
 from granite_lab.planning.design import NAME, load_design
@@ -13,6 +14,7 @@ from granite_lab.planning.plan import Plan
 from granite_lab.planning.plan import plan_next as rank
 
 
+@checked
 def plan_next(
     folder: str | Path,
     *,

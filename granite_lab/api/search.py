@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from granite_lab import __version__
+from granite_lab.api.calls import checked
 from granite_lab.api.options import execution_of, options_of
 from granite_lab.api.project import Chosen, choose
 from granite_lab.api.records import sifted
@@ -28,6 +29,7 @@ from granite_lab.running.search import names_of, save_found, search
 Logs = str | Path | Sequence[str | Path]
 
 
+@checked
 def discover(
     logs: Logs,
     *,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from granite_lab.api.calls import checked
 from granite_lab.effects import get, library, load_effects
 from granite_lab.effects.model_file import ModelFile, load_model
 from granite_lab.errors import UsageError
@@ -21,6 +22,7 @@ from granite_lab.parameters.catalogue import forget
 from granite_lab.parameters.quantity import build
 
 
+@checked
 def simulate(
     variant: float | Variant | None = None,
     *,

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from granite_lab.api.calls import checked
 from granite_lab.api.options import execution_of, options_of
 from granite_lab.api.project import Chosen, choose
 from granite_lab.api.records import Records, sifted
@@ -39,6 +40,7 @@ def with_excluded(result: StudyResult, choice: Chosen) -> StudyResult:
     return replace(result, failures=(*result.failures, *excluded))
 
 
+@checked
 def fit_k92(
     logs: Logs,
     *,
@@ -85,6 +87,7 @@ def fit_k92(
     return Records([result.comparison.fit for result in found], None, left_out)
 
 
+@checked
 def fit_a_theta(
     logs: Logs | Sequence[K92Fit] | None = None,
     *,
@@ -130,6 +133,7 @@ def fit_a_theta(
     return fit_over_trials(list(fits))
 
 
+@checked
 def compare(
     logs: Logs,
     *,
@@ -175,6 +179,7 @@ def compare(
     return Records(found, lambda item: item.motion.trial, left_out)
 
 
+@checked
 def study(
     logs: Logs,
     *,
@@ -235,6 +240,7 @@ def study(
     return result
 
 
+@checked
 def record(result: StudyResult, folder: str | Path) -> tuple[Path, ...]:
     """Write a Rerun recording of each trial of a study, and one of the whole; return their paths.
 
@@ -244,6 +250,7 @@ def record(result: StudyResult, folder: str | Path) -> tuple[Path, ...]:
     return tuple(record_all(result, Path(folder)))
 
 
+@checked
 def report(result: StudyResult, folder: str | Path) -> Path:
     """Write the report of a study; return its first page.
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from granite_lab.api.calls import checked
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import is_folder
 from granite_lab.logs.named import is_bag, name_of
 
 
+@checked
 def view(
     what: str | Path,
     *,

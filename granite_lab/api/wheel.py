@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from granite_lab.api.calls import checked
 from granite_lab.effects import get, library, load_effects
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import UsageError
@@ -78,6 +79,7 @@ class WheelRun:
         ).reset_index(drop=True)  # fmt: skip
 
 
+@checked
 def wheel(
     slip: float | Sequence[float],
     *,

@@ -7,6 +7,7 @@ import json
 import resource
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,31 @@ def test_functions_have_the_defaults_of_the_commands() -> None:
                 assert parameter.default == (default * scale if scale else default), (name, argument)
                 compared += 1
     assert compared > 80
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (
+            lambda: gl.ingest(5),
+            "ingest(): logs: expected a text, a path or a list of (a text or a path), got 5",
+        ),
+        (lambda: gl.ingest([SAMPLE, 5]), "ingest(): logs: expected"),
+        (lambda: gl.ingest(SAMPLE, robt="granite"), "unknown parameter 'robt'; did you mean 'robot'?"),
+        (lambda: gl.fit_k92(SAMPLE, jobs="2"), "fit_k92(): jobs: expected a whole number, got '2' (str)"),
+        (
+            lambda: gl.simulate("0.5"),
+            "simulate(): variant: expected a number, Variant or None, got '0.5' (str)",
+        ),
+        (lambda: gl.simulate(0.5, scatter=1), "simulate(): scatter: expected True or False, got 1 (int)"),
+        (gl.study, "study(): missing a required argument: 'logs'"),
+        (lambda: gl.discover(SAMPLE, tolerance=None), "discover(): tolerance: expected a number, got None"),
+    ],
+)
+def test_a_wrong_argument_is_named_with_what_was_expected(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(TypeError) as error:
+        call()
+    assert said in str(error.value)
 
 
 def test_the_package_imports_nothing_heavy_and_asks_for_functions_when_they_are_used() -> None:
