@@ -51,6 +51,9 @@ def inspect(
     write_map: Annotated[
         Path | None, typer.Option(help="Write the column map here, to edit and to pass with --map.")
     ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the recognised channels over time (.png, .pdf or .svg).")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Say what is recognised in unknown logs: columns, units, clocks, rates, gaps, variant."""
@@ -61,12 +64,18 @@ def inspect(
     inspection = run(logs or [], column_map=column_map, topics=topics_of(topic), robot=robot)
     if write_map:
         write_text(write_map, inspection.to_map_toml())
+    if plot:
+        from granite_lab.reporting.plot_log import write_plot
+
+        write_plot(inspection, plot)
     if as_json:
         print_json({"schema": "granite-lab/inspect/1", **inspection.as_json()})
         return
     show_inspection(inspection, console())
     if write_map:
         console().print(f"column map: {write_map}", soft_wrap=True)
+    if plot:
+        console().print(f"plot: {plot}", soft_wrap=True)
 
 
 def ingest(

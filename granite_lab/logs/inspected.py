@@ -13,6 +13,7 @@ from granite_lab.logs.dialect import Dialect
 from granite_lab.logs.mapfile import Entry, map_toml
 from granite_lab.logs.named import name_of
 from granite_lab.logs.stretches import MotionGuess
+from granite_lab.logs.trial import Trial
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,6 +63,7 @@ class FileReport:
         motion: a first look at the motion; None without wheels.
         doubts: everything the reader was not sure of, wraps and saturation included.
         problem: why the file cannot be read as it is; "".
+        trial: the samples, in SI; None if they cannot be read.
     """
 
     path: Path
@@ -76,6 +78,7 @@ class FileReport:
     problem: str = ""
     entries: tuple[Entry, ...] = ()
     head: tuple[tuple[str, object], ...] = ()
+    trial: Trial | None = dataclasses.field(default=None, compare=False, repr=False)
 
     def to_map_toml(self) -> str:
         """Return a column map of what was recognised, which reads the file when given as ``--map``.

@@ -256,6 +256,7 @@ def _sampled(report: FileReport, source: Source, robot: str | Path | None) -> Fi
         rests=tuple(rests(trial, the_robot)),
         motion=look(trial, the_robot),
         doubts=report.doubts + trial.warnings,
+        trial=trial,
     )
 
 

@@ -1,0 +1,162 @@
+"""The recognised channels of a log over time, as `granite-lab inspect --plot` draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from granite_lab.errors import InputError, UsageError, printable
+from granite_lab.logs import Inspection
+from granite_lab.logs.trial import Array, Trial
+from granite_lab.parameters import WHEELS
+from granite_lab.reporting import canvas
+
+WIDTH, HEIGHT = 6.4, 1.3
+"""Of the figure and of a panel [in]."""
+
+
+def _svg(figure: Figure) -> bytes:
+    return canvas.to_svg(figure).encode()
+
+
+_DRAWN: dict[str, Callable[[Figure], bytes]] = {".png": canvas.to_png, ".pdf": canvas.to_pdf, ".svg": _svg}
+_COLOURS = (canvas.MEASURED, canvas.MEASURED_LIGHT, canvas.GREY)
+_DATE = 1e6
+"""Stamps above this [s] count from 1970; the axis then begins at the log's first whole second."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One line: stamps (N,) [s] and values (N,), its name, colour and dashes."""
+
+    t: Array
+    values: Array
+    name: str
+    colour: str = canvas.MEASURED
+    dashes: str = "-"
+
+
+def write_plot(inspection: Inspection, path: Path) -> None:
+    """Draw the one log of an inspection into a file; the ending says the format.
+
+    Raises:
+        UsageError: another ending than .png, .pdf or .svg, or more than one log.
+        InputError: nothing in the log can be drawn.
+        LabError: the file cannot be written.
+    """
+    from granite_lab.files import write_bytes  # noqa: PLC0415, only where something is written
+
+    draw = _DRAWN.get(path.suffix.lower())
+    if draw is None:
+        raise UsageError(f"--plot {path}: format not known", f"use one of the endings {', '.join(_DRAWN)}")
+    if len(inspection.files) != 1:
+        raise UsageError(f"--plot draws one log, but {len(inspection.files)} are given", "name one log")
+    report = inspection.files[0]
+    if report.trial is None:
+        raise InputError(
+            report.problem or f"{report.path}: no channel is recognised, nothing to plot",
+            "write a column map with --write-map, correct it and pass it with --map",
+        )
+    write_bytes(path, draw(log_figure(report.trial, report.rests)))
+
+
+def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Figure:
+    """Draw every sensor of a trial over time, one panel a quantity, standstills shaded.
+
+    Args:
+        trial: as it was logged.
+        rests: standstills [s, the log's time].
+
+    Raises:
+        InputError: the trial has no samples.
+    """
+    panels = _panels(trial)
+    if not panels:
+        raise InputError(f"{trial.name}: no samples, nothing to plot", "look at its columns with inspect")
+    start = min(float(trace.t[0]) for _, traces in panels for trace in traces)
+    origin = float(np.floor(start)) if start > _DATE else 0.0
+    figure, axes = canvas.stacked([HEIGHT] * len(panels), [2, *[1] * (len(panels) - 1)], WIDTH)
+    with canvas.styled():
+        for axis, (label, traces) in zip(axes, panels, strict=True):
+            for begin, end in rests:
+                axis.axvspan(begin - origin, end - origin, color=canvas.SHADE, lw=0, zorder=0)
+            for trace in traces:
+                _draw(axis, trace, origin)
+            axis.set_ylabel(label)
+            axis.yaxis.set_major_locator(MaxNLocator(4))
+            canvas.legend_above(axis, columns=4)
+        canvas.align_labels(axes)
+        axes[-1].set_xlabel(
+            (f"time − {origin:.0f} s [s]" if origin else "time [s]") + ("; grey: standstill" if rests else "")
+        )
+        width, height = figure.get_size_inches()
+        name = printable(trial.name) + (" (virtual)" if trial.info.virtual else "")
+        figure.text(
+            canvas.LEFT / width, 1 - 0.06 / height, name, ha="left", va="top", fontsize=9.5, parse_math=False
+        )
+        canvas.mark_virtual(figure, trial.info.virtual)
+    return figure
+
+
+def _panels(trial: Trial) -> list[tuple[str, list[Trace]]]:
+    """Return the label of each panel with its unit, and the lines in it; empty channels are left out."""
+    panels: list[tuple[str, list[Trace]]] = []
+    if trial.imu is not None:
+        imu = trial.imu
+        what = "acceleration" if imu.gravity_removed else "specific force"
+        for label, values in (
+            (f"{what} [m/s²]", imu.specific_force),
+            ("angular rate [rad/s]", imu.angular_rate),
+        ):
+            panels.append(
+                (label, [Trace(imu.t, values[:, k], axis, _COLOURS[k]) for k, axis in enumerate("xyz")])
+            )
+    if trial.wheels is not None:
+        wheels = trial.wheels
+        rated = wheels.rate is not None
+        values = wheels.angle if wheels.rate is None else wheels.rate
+        panels.append(("wheel rate [rad/s]" if rated else "wheel angle [rad]", _of_wheels(wheels.t, values)))
+    if trial.currents is not None:
+        panels.append(("motor current [A]", _of_wheels(trial.currents.t, trial.currents.current)))
+    speeds = [
+        Trace(series.t, series.value, name, colour)
+        for series, name, colour in (
+            (trial.command, "command", canvas.DESIRED),
+            (trial.reference_v, "reference", canvas.MEASURED),
+        )
+        if series is not None
+    ]
+    panels.append(("velocity [m/s]", speeds))
+    if trial.reference_x is not None:
+        panels.append(("distance [m]", [Trace(trial.reference_x.t, trial.reference_x.value, "reference")]))
+    filled = [(label, [x for x in traces if np.isfinite(x.values).any()]) for label, traces in panels]
+    return [(label, traces) for label, traces in filled if traces]
+
+
+def _of_wheels(t: Array, values: Array) -> list[Trace]:
+    """Return one line a wheel: front dark, rear light, right dashed."""
+    return [
+        Trace(
+            t, values[:, k], wheel, canvas.MEASURED if wheel[0] == "f" else canvas.MEASURED_LIGHT,
+            "-" if wheel[1] == "l" else "--",
+        )
+        for k, wheel in enumerate(WHEELS)
+    ]  # fmt: skip
+
+
+def _draw(axis: Axes, trace: Trace, origin: float) -> None:
+    """Draw one line, thinned, interrupted where samples are missing."""
+    seen = np.isfinite(trace.values)
+    t, values = canvas.envelope(trace.t[seen] - origin, trace.values[seen])
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > 10 * np.median(steps)) + 1 if len(steps) else np.zeros(0, dtype=np.intp)
+    axis.plot(
+        np.insert(t, gaps, np.nan), np.insert(values, gaps, np.nan),
+        color=trace.colour, ls=trace.dashes, lw=0.9, label=trace.name,
+    )  # fmt: skip
