@@ -8,6 +8,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
+
+from tests.soak import SOAK
 
 ROOT = Path(__file__).parent.parent.parent
 SAMPLES = ROOT / "data" / "samples"
@@ -16,11 +19,27 @@ MAIN = (
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
     "from granite_lab.cli import main; main()"
 )
+TWO = ("virtual_v0.5_r1", "virtual_v0.7_r2")
+STUDY = (
+    "study", "logs", "--out", "report", "--jobs", "2", "--no-recordings",
+    "--discover" if SOAK else "--no-discover",
+)  # fmt: skip
 
 
 def begin(folder: Path, *args: object, cache: Path | None = None) -> subprocess.Popen[str]:
-    """Start a command in a session of its own, so that all its processes can be found."""
-    environment = os.environ | ({"GRANITE_LAB_CACHE": str(cache)} if cache else {})
+    """Start a command in a session of its own, so that all its processes can be found.
+
+    A cache of its own remembers no result of another test; what is compiled for one is for all.
+    """
+    environment = dict(os.environ)
+    if cache:
+        compiled = cache / "machine-code"
+        if not compiled.exists():
+            cache.mkdir(parents=True, exist_ok=True)
+            common = Path(environment["GRANITE_LAB_CACHE"]) / compiled.name
+            common.mkdir(parents=True, exist_ok=True)
+            compiled.symlink_to(common)
+        environment["GRANITE_LAB_CACHE"] = str(cache)
     return subprocess.Popen(
         [sys.executable, "-W", "ignore", "-c", MAIN, *map(str, args)],
         cwd=folder,
@@ -78,3 +97,19 @@ def trials(folder: Path, *names: str) -> list[str]:
     for name in names:
         shutil.copy(SAMPLES / f"{name}.csv", folder / "logs")
     return [f"logs/{name}.csv" for name in names]
+
+
+class Undisturbed(NamedTuple):
+    """A folder with `logs`, `cache` and `report`, and what the run took [s]."""
+
+    folder: Path
+    wall: float
+
+
+def undisturbed(folder: Path, *args: str, logs: tuple[str, ...]) -> Undisturbed:
+    trials(folder, *logs)
+    start = time.monotonic()
+    run = begin(folder, *args, cache=folder / "cache")
+    _, errors = run.communicate()
+    assert run.returncode == 0, errors
+    return Undisturbed(folder, time.monotonic() - start)

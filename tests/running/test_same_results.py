@@ -9,22 +9,22 @@ from pathlib import Path
 
 import pytest
 
-from tests.running.processes import begin, results, trials
+from tests.corpus.cli import lab, refused
+from tests.running.processes import TWO, Undisturbed, begin, results, trials
 
 pytestmark = pytest.mark.slow
 
 NAMES = ("virtual_v0.7_r1", "virtual_v0.7_r2")
 """Of one speed, so that a search is short."""
 
-TWO_SPEEDS = ("virtual_v0.2_r1", "virtual_v0.7_r2")
-"""Of which a_θ can be fitted."""
 
-
-def study(folder: Path, *args: object, code: int = 0, **environment: str) -> tuple[str, str]:
+def study(
+    folder: Path, *args: object, code: int = 0, cache: Path | None = None, **environment: str
+) -> tuple[str, str]:
     before = {name: os.environ.get(name) for name in environment}
     os.environ.update(environment)
     try:
-        run = begin(folder, "study", *args)
+        run = begin(folder, "study", *args, cache=cache)
         output, errors = run.communicate()
     finally:
         for name, value in before.items():
@@ -50,7 +50,7 @@ def test_order_processes_language_and_memory_change_no_byte(folder: Path) -> Non
     for out, remembered in (("b/report", False), ("c/report", True)):
         study(
             folder, *reversed(logs), "--out", out, "--no-recordings", "--jobs", "1",
-            GRANITE_LAB_CACHE=str(folder / "cache"), LC_ALL="de_DE.UTF-8", LANG="de_DE.UTF-8",
+            cache=folder / "cache", LC_ALL="de_DE.UTF-8", LANG="de_DE.UTF-8",
             PYTHONHASHSEED="7", OPENBLAS_NUM_THREADS="1", TZ="Asia/Tokyo",
         )  # fmt: skip
         assert any((folder / "cache").glob("*/*.bin"))
@@ -67,29 +67,29 @@ def test_a_report_says_what_it_was_made_from(folder: Path) -> None:
     assert {"robot.wheels.radius_m", "soil.cohesion_Pa"} <= {p["key"] for p in origin["parameters"]}
 
 
-def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path) -> None:
-    logs = trials(tmp_path, *TWO_SPEEDS)
-    study(tmp_path, *logs, "--out", "v/report", "--no-recordings", "--no-discover")
-    output, _ = study(tmp_path, "--verify", "v/report")
-    assert output.strip() == "v/report/report.json: the same again, from 2 logs"
+def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path, studied: Undisturbed) -> None:
+    for name in ("logs", "report"):
+        shutil.copytree(studied.folder / name, tmp_path / name)
+    output, _ = study(tmp_path, "--verify", "report")
+    assert output.strip() == "report/report.json: the same again, from 2 logs"
 
-    edited = tmp_path / "v" / "report" / "report.json"
+    edited = tmp_path / "report" / "report.json"
     document = json.loads(edited.read_bytes())
     document["a_theta"]["value"] += 1e-12
     edited.write_text(json.dumps(document), encoding="utf-8")
-    table = next((tmp_path / "v" / "report" / "tables").glob("*.csv"))
+    table = next((tmp_path / "report" / "tables").glob("*.csv"))
     table.write_text("0\n", encoding="utf-8")
     moved = tmp_path / "moved"
     shutil.copytree(tmp_path / "logs", moved)
-    with (moved / f"{TWO_SPEEDS[0]}.csv").open("a", encoding="utf-8") as log:
+    with (moved / f"{TWO[0]}.csv").open("a", encoding="utf-8") as log:
         log.write("\n")
-    output, errors = study(tmp_path, "moved", "--verify", "v/report", "--json", code=1)
+    output, errors = study(tmp_path, "moved", "--verify", "report", "--json", code=1)
     found = json.loads(output)
     assert found["same"] is False
     told = "\n".join(found["differences"])
     assert "a_theta.value: " in told
     assert f"tables/{table.name}: differs" in told
-    assert f"moved/{TWO_SPEEDS[0]}.csv: its content is not what the report was made from" in told
+    assert f"moved/{TWO[0]}.csv: its content is not what the report was made from" in told
     assert "differs in" in errors
 
 
@@ -102,13 +102,15 @@ def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path) -
         ('{"schema": "granite-lab/report/1"}', "is not a report"),
     ],
 )
-def test_verify_refuses_what_is_no_report(tmp_path: Path, text: str | None, said: str) -> None:
+def test_verify_refuses_what_is_no_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str | None, said: str
+) -> None:
     if text is not None:
         (tmp_path / "report.json").write_text(text, encoding="utf-8")
-    _, errors = study(tmp_path, "--verify", "report.json", code=3)
-    assert errors.startswith("error: report.json")
-    assert said in errors
-    assert "Traceback" not in errors
+    monkeypatch.chdir(tmp_path)
+    done = lab("study", "--verify", "report.json")
+    refused(done, 3, said)
+    assert done.error.startswith("report.json")
 
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:
