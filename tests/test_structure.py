@@ -16,7 +16,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 STAGES = [
     {"errors", "estimate", "__init__"},
-    {"csv_rows", "files", "lazily", "processes"},
+    {"csv_rows", "files", "lazily", "processes", "shown"},
     {"parameters"},
     {"logs"},
     {"hidden"},

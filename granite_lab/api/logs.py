@@ -19,6 +19,7 @@ from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.parameters import Robot
 from granite_lab.running import Options, each_trial
 from granite_lab.running.reading import ingest as run
+from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,7 +28,7 @@ Logs = str | Path | Sequence[str | Path]
 
 
 @dataclass(frozen=True, eq=False)
-class Ingested:
+class Ingested(Shown):
     """One log and the motion in it.
 
     Attributes:
@@ -41,6 +42,9 @@ class Ingested:
     robot: Robot
     motion: Motion
     judgement: Any = None
+
+    def __repr__(self) -> str:
+        return f"Ingested({self.motion!r})"
 
     @property
     def name(self) -> str:

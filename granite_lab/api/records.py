@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, overload
 
 from granite_lab.errors import LabError
 from granite_lab.logs.named import name_of
+from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,7 +30,7 @@ SHOWN = 3
 """Records that are shown in a line each."""
 
 
-class Records(Sequence[T], Generic[T]):
+class Records(Sequence[T], Shown, Generic[T]):
     """Records in the order of the trials; `to_frame` puts their tables below each other.
 
     Args:

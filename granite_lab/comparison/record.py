@@ -10,6 +10,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92Fit
 from granite_lab.logs.trial import Array
 from granite_lab.model.run import Run
+from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,7 +40,7 @@ class Misfit:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Shown):
     """One trial, measured and simulated on the same time axis.
 
     Attributes:

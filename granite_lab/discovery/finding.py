@@ -11,6 +11,7 @@ from granite_lab.estimation.motion import PhaseName
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil
+from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -214,7 +215,7 @@ class LeftOut:
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class Finding(Shown):
     """What the trials say about the model.
 
     Attributes:
@@ -281,6 +282,13 @@ class Finding:
     runs: int
     failures: tuple[str, ...] = field(default=())
     tracebacks: tuple[str, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        found = ", ".join(effect.id for effect in self.effects)
+        return (
+            f"Finding('{self.verdict}'{', virtual' if self.virtual else ''}: {found or 'no effect'}, "
+            f"probability {self.probability:.3g}, {len(self.candidates)} candidates)"
+        )
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row a candidate: its gain, its probability, the share of the gap it closes, its fate."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -11,6 +10,7 @@ import pandas as pd
 from granite_lab.estimate import Estimate, Part
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS, Variant
+from granite_lab.shown import Shown
 
 Grade = Literal["good", "fair", "poor"]
 PhaseName = Literal["rest", "accelerate", "steady", "brake"]
@@ -62,7 +62,7 @@ class Health:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(Shown):
     """The estimated motion of one trial, at the IMU's stamps (N samples).
 
     Attributes:
@@ -130,10 +130,6 @@ class Motion:
             f"slip ratio {slip.value:.4f} ± {slip.std:.4f}, distance {way.value:.4f} ± {way.std:.4f} m, "
             f"{len(self.t)} samples, {self.health!r})"
         )
-
-    def _repr_html_(self) -> str:
-        """Return the table of the motion for a notebook, shortened."""
-        return f"<p>{html.escape(repr(self))}</p>{self.to_frame().to_html(max_rows=10, max_cols=12)}"
 
     @property
     def clock_left(self) -> Estimate:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from granite_lab.estimate import Estimate, Part
 from granite_lab.parameters import Variant
+from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -16,7 +17,7 @@ FitStatus = Literal["ok", "at_lower_bound", "at_upper_bound", "not_converged", "
 
 
 @dataclass(frozen=True)
-class K92Fit:
+class K92Fit(Shown):
     """The ratio k_92 of one trial, fitted twice.
 
     Attributes:
@@ -53,6 +54,13 @@ class K92Fit:
     std_sand: float = math.nan
     parts: tuple[Part, ...] = ()
     curve: tuple[tuple[float, float], ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"K92Fit('{self.trial}'{', virtual' if self.virtual else ''}: {self.variant.velocity:g} m/s, "
+            f"k_92 {self.k92.value:.4f} ± {self.k92.std:.4f} ({self.status}), by the trajectory "
+            f"{self.k92_trajectory.value:.4f} ± {self.k92_trajectory.std:.4f} ({self.status_trajectory}))"
+        )
 
     def to_frame(self) -> pd.DataFrame:
         """Return the fit as one row, units in the column names."""
@@ -136,6 +144,12 @@ class AThetaFit:
     parts: tuple[Part, ...] = ()
     sensitivity: tuple[float, ...] = ()
     linear95: tuple[float, float] = (math.nan, math.nan)
+
+    def __repr__(self) -> str:
+        return (
+            f"AThetaFit({self.a_theta.value:.4f} ± {self.a_theta.std:.4f} s/m, 95 % {self.ci95[0]:.4f} to "
+            f"{self.ci95[1]:.4f} s/m, published {self.published:g} s/m, {len(self.points)} points)"
+        )
 
     def to_frame(self) -> pd.DataFrame:
         """Return the points that went in, one row a trial, units in the column names."""

@@ -20,6 +20,7 @@ import granite_lab as gl
 from granite_lab.cli import app
 from granite_lab.discovery.finding import Candidate, Finding
 from granite_lab.errors import EstimateError, InputError, UsageError
+from tests.reporting.made_up_finding import made_up_finding
 
 ROOT = Path(__file__).parent.parent.parent
 SAMPLES = ROOT / "data" / "samples"
@@ -150,6 +151,28 @@ def test_a_motion_shows_itself_in_a_line() -> None:
     assert "slip ratio 0.1" in repr(motion)
     assert "<table" in motion._repr_html_()
     assert len(motion._repr_html_()) < 20_000
+
+
+def test_motions_and_fits_are_drawn_and_shown_in_a_notebook(tmp_path: Path) -> None:
+    motions = gl.ingest(SAMPLE)
+    fits = gl.fit_k92([SAMPLE, OTHER])
+    finding = made_up_finding()
+    records = {"motion": motions[0].motion, "fits": fits, "fit": fits[0], "finding": finding}
+    for name, record in records.items():
+        assert len(repr(record)) < 600
+        assert "<table" in record._repr_html_()
+        figure = record.plot()
+        assert any("virtual" in text.get_text() for text in figure.texts)
+        labels = [label for axis in figure.axes for label in (axis.get_xlabel(), axis.get_ylabel()) if label]
+        assert labels
+        assert all(label.endswith("]") for label in labels), (name, labels)
+        figure.savefig(tmp_path / f"{name}.png")
+    shown = fits.plot().axes[0].containers[0].lines[0]
+    np.testing.assert_array_equal(shown.get_ydata(), [fit.k92.value for fit in fits])
+    velocity = motions.plot().axes[0].lines[0]
+    np.testing.assert_array_equal(velocity.get_ydata(), motions[0].motion.v)
+    with pytest.raises(TypeError, match="of other records one"):
+        gl.params().plot()
 
 
 def test_ingest_takes_what_the_options_say() -> None:
