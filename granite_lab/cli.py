@@ -39,6 +39,7 @@ def _options(
 def _register() -> None:
     from granite_lab.commands import (
         check,
+        compare_studies,
         discover,
         effects,
         fit,
@@ -59,6 +60,7 @@ def _register() -> None:
         wheel,
         fit,
         study,
+        compare_studies,
         discover,
         plan,
         parameters,

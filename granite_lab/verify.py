@@ -14,6 +14,7 @@ from granite_lab.errors import InputError
 from granite_lab.files import readable
 from granite_lab.logs.named import name_of, trial_files
 from granite_lab.reporting.content import Failure
+from granite_lab.reporting.crate import changed_files
 from granite_lab.reporting.json_report import SCHEMA
 from granite_lab.running import Execution, Options
 from granite_lab.running.fingerprint import code, fingerprint
@@ -47,6 +48,8 @@ def verify(
 ) -> Verification:
     """Compute a report again from its inputs, nothing remembered, and compare numbers and tables.
 
+    The files of the report are first compared with its ``ro-crate-metadata.json``, where it has one.
+
     Args:
         report: a report's folder or its ``report.json``.
         logs: the logs, where they no longer lie where the report says.
@@ -68,7 +71,7 @@ def verify(
     files = [file for file in files if name_of(file) not in left_out]
     said = [(o["name"], o["value"]) for o in origin["options"]]
     options = Options.from_given(said)
-    differences = list(_inputs(origin, [*files, *options.files()]))
+    differences = [*changed_files(path.parent), *_inputs(origin, [*files, *options.files()])]
     how = Execution(execution.jobs, execution.scheduler)
     searching = ("discover", "no") not in said
     result = study(

@@ -12,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
@@ -79,6 +80,12 @@ RC = {
 def styled() -> AbstractContextManager[None]:
     """Return a context in which figures are made with `RC`, whatever the user's matplotlibrc says."""
     settings: Any = RC
+    return mpl.rc_context(settings)
+
+
+def embedded_fonts() -> AbstractContextManager[None]:
+    """Return a context in which a PDF holds whole TrueType fonts, so that its text can be searched."""
+    settings: Any = {"pdf.fonttype": 42}
     return mpl.rc_context(settings)
 
 
@@ -314,6 +321,15 @@ def to_png(figure: Figure, dpi: int = 150) -> bytes:
         canvas: Any = FigureCanvasAgg(figure)
         canvas.print_png(buffer, metadata={"Software": None}, pil_kwargs={"optimize": False})
         return buffer.getvalue()
+
+
+def to_pdf(figure: Figure) -> bytes:
+    """Return the figure as PDF, without a date in it."""
+    buffer = io.BytesIO()
+    with styled():
+        canvas: Any = FigureCanvasPdf(figure)
+        canvas.print_pdf(buffer, metadata={"CreationDate": None, "Producer": None, "Creator": None})
+    return buffer.getvalue()
 
 
 def inline_svg(svg: str, drawing_id: str, label: str) -> str:

@@ -1,4 +1,4 @@
-"""A figure of a report with what is told about it; SVG and PNG of several, drawn by several processes."""
+"""A figure of a report with what is told about it; files of several, drawn by several processes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure as Canvas
 
 from granite_lab.processes import forked, spread
-from granite_lab.reporting.canvas import to_png, to_svg
+from granite_lab.reporting.canvas import to_pdf, to_png, to_svg
 
 _LABEL = re.compile(r"\s*(.*?)\s*\[([^\]]+)\]\s*$", re.S)
 
@@ -51,14 +51,24 @@ class Figure:
 FEW = 4
 """Fewer figures a process are not worth another one."""
 
-Files = tuple[str, bytes]
-"""SVG and PNG of a figure."""
+DPI = 300
+"""Resolution of a PNG, as journals ask for it."""
+
+
+@dataclass(frozen=True)
+class Files:
+    """A figure in each of its formats."""
+
+    svg: str
+    png: bytes
+    pdf: bytes
+
 
 _figures: Sequence[Figure] = ()
 
 
 def rendered(figures: Sequence[Figure], jobs: int) -> Iterator[Files]:
-    """Yield SVG and PNG of each figure, in their order; the bytes do not depend on the processes.
+    """Yield the files of each figure, in their order; the bytes do not depend on the processes.
 
     Processes are forked, for what draws a figure cannot always be sent to another process; where the
     system cannot fork safely, this process draws.
@@ -82,7 +92,7 @@ def rendered(figures: Sequence[Figure], jobs: int) -> Iterator[Files]:
 
 def _render(figure: Figure) -> Files:
     drawn = figure.draw()
-    return to_svg(drawn), to_png(drawn)
+    return Files(to_svg(drawn), to_png(drawn, DPI), to_pdf(drawn))
 
 
 def _enter(figures: Sequence[Figure]) -> None:

@@ -40,10 +40,13 @@ def to_json(result: StudyResult, report: Report, model: Path | str | None = None
         "failures": [dataclasses.asdict(f) for f in result.failures],
         "figures": [
             {"id": f.name, "title": f.title, "caption": f.caption, "svg": f"figures/{f.name}.svg",
-             "png": f"figures/{f.name}.png"}
+             "png": f"figures/{f.name}.png", "pdf": f"figures/{f.name}.pdf"}
             for f in report.figures
         ],
-        "tables": [{"id": t.name, "title": t.title, "csv": f"tables/{t.name}.csv"} for t in report.tables],
+        "tables": [
+            {"id": t.name, "title": t.title, "csv": f"tables/{t.name}.csv", "latex": f"tables/{t.name}.tex"}
+            for t in report.tables
+        ],
         "provenance": provenance_as_json(result.source),
     }  # fmt: skip
     return dumps(document)

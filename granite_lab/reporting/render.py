@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from granite_lab.reporting.canvas import inline_svg, svg_size
-from granite_lab.reporting.document import Code, Fold, Gallery, Listing, Report, Words
+from granite_lab.reporting.document import Block, Code, Fold, Gallery, Listing, Report, Words
 from granite_lab.reporting.figures import Figure
 from granite_lab.reporting.table import Table
 
@@ -46,6 +46,13 @@ def picture(figure: Figure, svg: str, *, inline: bool) -> Markup:
 def to_markdown(report: Report) -> str:
     """Return the report as Markdown that shows the figures beside it."""
     text = _environment(html=False).get_template("report.md").render(report=report)
+    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
+
+
+def blocks_to_markdown(title: str, blocks: Sequence[Block]) -> str:
+    """Return a page of blocks below a title, as Markdown."""
+    template = _environment(html=False).get_template("block.md")
+    text = "".join([f"# {title}\n\n", *(template.render(b=block) for block in blocks)])
     return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
 
 

@@ -220,7 +220,7 @@ def _quality(result: StudyResult) -> Iterator[Block]:
 def _provenance(source: Source, steps: Sequence[str]) -> Section:
     blocks = [
         *([Words("Further steps:"), Listing(tuple(steps))] if steps else ()),
-        Words(f"Made by {_made(source)}. This command repeats it:"),
+        Words(f"Made by {made_by(source)}. This command repeats it:"),
         Code(_shortened(source.command)),
         *_more("Parameters in force", [tables.parameter_table(source)] if source.parameters else []),
         *_more("Files that were read", [tables.input_table(source)] if source.inputs else []),
@@ -228,15 +228,16 @@ def _provenance(source: Source, steps: Sequence[str]) -> Section:
     return Section("provenance", "How to repeat this", tuple(blocks))
 
 
-def _made(source: Source) -> str:
+def today() -> str:
+    """Return the date of today, ISO 8601, which SOURCE_DATE_EPOCH overrides."""
+    return time.strftime("%Y-%m-%d", time.gmtime(int(os.environ.get("SOURCE_DATE_EPOCH", time.time()))))
+
+
+def made_by(source: Source) -> str:
     """Return version, code, libraries and the date of today, which SOURCE_DATE_EPOCH overrides."""
-    now = time.gmtime(int(os.environ.get("SOURCE_DATE_EPOCH", time.time())))
     code = f" (code {source.code[:8]})" if source.code else ""
     libraries = ", ".join(f"{name} {metadata.version(name)}" for name in LIBRARIES)
-    return (
-        f"granite-lab {source.version}{code} on {time.strftime('%Y-%m-%d', now)}, Python "
-        f"{platform.python_version()}, {libraries}"
-    )
+    return f"granite-lab {source.version}{code} on {today()}, Python {platform.python_version()}, {libraries}"
 
 
 def _shortened(command: str) -> str:

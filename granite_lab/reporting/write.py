@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from markupsafe import Markup
@@ -14,18 +16,22 @@ from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
 from granite_lab.files import readable, write_text
 from granite_lab.model.effect import Effect
+from granite_lab.reporting import crate
 from granite_lab.reporting.answers import channels_of
 from granite_lab.reporting.content import Source, StudyResult
-from granite_lab.reporting.document import Report
+from granite_lab.reporting.document import Gallery, Listing, Report
 from granite_lab.reporting.figures import Figure, rendered
 from granite_lab.reporting.json_report import dumps, to_json
+from granite_lab.reporting.latex import to_latex
+from granite_lab.reporting.paper.pages import report_pdf
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.plot_quality import misfit_figure
-from granite_lab.reporting.render import picture, to_html, to_markdown
-from granite_lab.reporting.report import search_report, study_report
+from granite_lab.reporting.render import blocks_to_markdown, picture, to_html, to_markdown
+from granite_lab.reporting.report import LIBRARIES, made_by, search_report, study_report, today
 from granite_lab.reporting.summary import gaps
 from granite_lab.reporting.table import Table
 from granite_lab.reporting.tables import channel_table, misfit_table
+from granite_lab.reporting.two_studies import Compared, compared_figure, compared_table
 
 INLINE = 120
 """So many figures stand in the page itself; further ones it loads from their files when one looks at them."""
@@ -39,7 +45,8 @@ def write_report(
     effects: Mapping[str, Effect] | None = None,
     jobs: int = 1,
 ) -> Path:
-    """Write ``index.html``, ``report.md``, ``report.json``, ``figures/`` and ``tables/``.
+    """Write ``index.html``, ``report.md``, ``report.json``, ``report.pdf``, ``figures/``, ``tables/``
+    and ``ro-crate-metadata.json``.
 
     Everything is written beside the folder first and then moved into place; other files in the
     folder stay.
@@ -58,7 +65,19 @@ def write_report(
         LabError: a file cannot be written.
     """
     report = study_report(result, model=model, effects=effects, folder=_named(folder))
-    return _write_all(report, folder, {"report.json": to_json(result, report, model)}, jobs)
+    documents = {"report.json": to_json(result, report, model)}
+    return _write_all(report, folder, documents, jobs, partial(_for_print, result, report, folder))
+
+
+def _for_print(result: StudyResult, report: Report, folder: Path, new: Path) -> None:
+    """Add ``report.pdf`` and the provenance of all files to a new report."""
+    drawn = {f.name: (new / "figures" / f"{f.name}.pdf").read_bytes() for f in report.figures}
+    (new / "report.pdf").write_bytes(report_pdf(result, report, made_by(result.source), drawn))
+    for name in crate.BESIDE:
+        if (folder / name).is_file():
+            shutil.copyfile(folder / name, new / name)  # so that report and record belong together
+    files = [path for path in new.rglob("*") if path.is_file()]
+    _write(new / crate.NAME, crate.crate(report, result.source, today(), LIBRARIES, files, new))
 
 
 def write_discovery(
@@ -94,7 +113,13 @@ def _named(folder: Path) -> str:
     return folder.name if folder.is_absolute() else folder.as_posix()
 
 
-def _write_all(report: Report, folder: Path, documents: Mapping[str, str], jobs: int) -> Path:
+def _write_all(
+    report: Report,
+    folder: Path,
+    documents: Mapping[str, str],
+    jobs: int,
+    finish: Callable[[Path], None] = lambda _: None,
+) -> Path:
     with _replacing(folder) as new:
         pictures = _write_figures(report.figures, new / "figures", jobs)
         _write_tables(report.tables, new / "tables")
@@ -102,6 +127,7 @@ def _write_all(report: Report, folder: Path, documents: Mapping[str, str], jobs:
             _write(new / name, text)
         _write(new / "report.md", to_markdown(report))
         _write(new / "index.html", to_html(report, pictures))
+        finish(new)
     return folder / "index.html"
 
 
@@ -133,18 +159,36 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     return [folder / name for name in names]
 
 
+def write_compared(found: Compared, folder: Path) -> Path:
+    """Write ``compared.md``, a table and a figure of two studies and return the page.
+
+    Raises:
+        LabError: a file cannot be written.
+    """
+    table, figure = compared_table(found), compared_figure(found)
+    blocks = (
+        table, *((Gallery((figure,)),) if figure is not None else ()), Listing(found.notes),
+    )  # fmt: skip
+    with _replacing(folder) as new:
+        _write_figures([figure] if figure is not None else [], new / "figures")
+        _write_tables([table], new / "tables")
+        _write(new / "compared.md", blocks_to_markdown("Two studies compared", blocks))
+    return folder / "compared.md"
+
+
 def _write(path: Path, text: str) -> None:
     path.write_bytes(text.encode("utf-8", errors="replace"))
 
 
 def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, Markup]:
-    """Write each figure as SVG and PNG; return the elements of a page that show them, by id."""
+    """Write each figure as SVG, PNG and PDF; return the elements of a page that show them, by id."""
     folder.mkdir()
     pictures: dict[str, Markup] = {}
-    for figure, (svg, png) in zip(figures, rendered(figures, jobs), strict=True):
-        pictures[figure.name] = picture(figure, svg, inline=len(pictures) < INLINE)
-        _write(folder / f"{figure.name}.svg", svg)
-        (folder / f"{figure.name}.png").write_bytes(png)
+    for figure, files in zip(figures, rendered(figures, jobs), strict=True):
+        pictures[figure.name] = picture(figure, files.svg, inline=len(pictures) < INLINE)
+        _write(folder / f"{figure.name}.svg", files.svg)
+        (folder / f"{figure.name}.png").write_bytes(files.png)
+        (folder / f"{figure.name}.pdf").write_bytes(files.pdf)
     return pictures
 
 
@@ -152,6 +196,7 @@ def _write_tables(tables: Sequence[Table], folder: Path) -> None:
     folder.mkdir()
     for table in tables:
         _write(folder / f"{table.name}.csv", table.to_csv())
+        _write(folder / f"{table.name}.tex", to_latex(table))
 
 
 @contextmanager

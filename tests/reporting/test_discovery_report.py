@@ -54,7 +54,7 @@ def findings() -> dict[str, Finding]:
 
 @pytest.fixture
 def no_png(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(figures, "to_png", lambda _: b"")
+    monkeypatch.setattr(figures, "to_png", lambda *_: b"")
 
 
 def report_of(finding: Finding) -> Report:

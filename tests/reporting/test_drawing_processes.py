@@ -25,7 +25,7 @@ def drawing(k: int) -> Figure:
 def test_two_processes_draw_the_same_bytes_in_the_same_order() -> None:
     drawings = [drawing(k) for k in range(2 * FEW)]
     alone = list(rendered(drawings, 1))
-    assert len({svg for svg, _ in alone}) == len(drawings)
+    assert len({files.svg for files in alone}) == len(drawings)
     assert list(rendered(drawings, 2)) == alone
 
 

@@ -39,7 +39,7 @@ def result() -> StudyResult:
 def written(result: StudyResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page") / "twelve"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "to_png", lambda _: b"")
+        patch.setattr(figures, "to_png", lambda *_: b"")
         write_report(result, folder, model="model.toml")
     return folder
 

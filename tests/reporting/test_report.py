@@ -159,6 +159,7 @@ def test_json_follows_its_schema(folder: Path, study: StudyResult) -> None:
     for figure in report["figures"]:
         assert (folder / figure["svg"]).is_file()
         assert (folder / figure["png"]).is_file()
+        assert (folder / figure["pdf"]).read_bytes().startswith(b"%PDF")
     for table in report["tables"]:
         assert (folder / table["csv"]).is_file()
     assert len(report["provenance"]["inputs"]) == 4
@@ -255,7 +256,7 @@ def no_png(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out what takes longest where a test is not about pictures."""
     from granite_lab.reporting import figures
 
-    monkeypatch.setattr(figures, "to_png", lambda _: b"")
+    monkeypatch.setattr(figures, "to_png", lambda *_: b"")
 
 
 @pytest.mark.usefixtures("no_png")
@@ -310,7 +311,7 @@ def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> No
 def test_a_comparison_is_figures_and_tables(tmp_path: Path, study: StudyResult) -> None:
     written = write_comparison([study.trials[0].comparison], tmp_path / "compare")
     assert all(path.is_file() for path in written)
-    assert {path.suffix for path in written} == {".svg", ".png", ".csv"}
+    assert {path.suffix for path in written} == {".svg", ".png", ".pdf", ".csv", ".tex"}
 
 
 def test_svg_files_are_valid_xml(folder: Path) -> None:

@@ -1,0 +1,128 @@
+"""Provenance of a report as RO-Crate 1.1 metadata: which software made which files from which logs [1].
+
+References:
+    [1] P. Sefton et al., RO-Crate Metadata Specification 1.1.3, https://w3id.org/ro/crate/1.1: root data
+        entity, data entities, and software used to create files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import mimetypes
+import platform
+from collections.abc import Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, unquote
+
+from granite_lab.errors import InputError
+from granite_lab.files import readable
+from granite_lab.reporting.content import Source
+from granite_lab.reporting.document import Report
+from granite_lab.reporting.tables import shown_path
+
+NAME = "ro-crate-metadata.json"
+
+BESIDE = ("model.toml", "design.json")
+"""Files that a study writes before its report."""
+
+_CONTEXT = ["https://w3id.org/ro/crate/1.1/context", {"sha256": "https://schema.org/sha256"}]
+_TYPES = {".md": "text/markdown", ".toml": "application/toml", ".tex": "text/x-tex", ".csv": "text/csv"}
+
+Entity = dict[str, Any]
+
+
+def crate(report: Report, source: Source, date: str, libraries: Sequence[str], files: Sequence[Path],
+          root: Path) -> str:  # fmt: skip
+    """Return the metadata of a report's folder as JSON-LD.
+
+    Args:
+        report: the report.
+        source: where it comes from.
+        date: of today, ISO 8601.
+        libraries: names of the installed packages that matter.
+        files: that belong to it.
+        root: folder of `files` on which their names are based.
+    """
+    parts = [_file(path, root) for path in sorted(files)]
+    inputs = [_input(shown_path(i.path), i.sha256) for i in source.inputs]
+    tools = [_software(name, metadata.version(name)) for name in libraries]
+    tools.append(_software("Python", platform.python_version()))
+    text = " ".join(filter(None, (report.answers.lead, report.answers.virtual)))
+    made = _software("granite-lab", source.version) | {
+        "description": f"SHA-256 of its sources and libraries: {source.code or 'not known'}",
+        "softwareRequirements": _links(tools),
+    }
+    graph = [
+        {
+            "@id": NAME, "@type": "CreativeWork", "about": {"@id": "./"},
+            "conformsTo": {"@id": "https://w3id.org/ro/crate/1.1"},
+        },
+        {
+            "@id": "./", "@type": "Dataset", "name": report.name, "description": text,
+            "datePublished": date, "license": {"@id": "#licence"}, "hasPart": _links(parts),
+            "mentions": [{"@id": "#study"}],
+        },
+        {
+            "@id": "#licence", "@type": "CreativeWork", "name": "not stated",
+            "description": "The owner of the trials decides how they and this report may be used.",
+        },
+        {
+            "@id": "#study", "@type": "CreateAction", "name": report.kind, "description": source.command,
+            "endTime": date, "instrument": {"@id": made["@id"]}, "object": _links(inputs),
+            "result": _links(parts),
+        },
+        made, *tools, *inputs, *parts,
+    ]  # fmt: skip
+    return json.dumps({"@context": _CONTEXT, "@graph": graph}, indent=1, ensure_ascii=False) + "\n"
+
+
+def _file(path: Path, root: Path) -> Entity:
+    data = path.read_bytes()
+    kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    return {
+        "@id": quote(path.relative_to(root).as_posix()), "@type": "File", "name": path.name,
+        "encodingFormat": kind, "contentSize": str(len(data)), "sha256": hashlib.sha256(data).hexdigest(),
+    }  # fmt: skip
+
+
+def _input(name: str, sha256: str) -> Entity:
+    """Return a log or another file that was read; it is not in the folder."""
+    return {"@id": f"#input/{quote(name)}", "@type": "CreativeWork", "name": name, "sha256": sha256}
+
+
+def _software(name: str, version: str) -> Entity:
+    return {"@id": f"#{name}", "@type": "SoftwareApplication", "name": name, "version": version}
+
+
+def _links(entities: Sequence[Entity]) -> list[Entity]:
+    return [{"@id": e["@id"]} for e in entities]
+
+
+def changed_files(folder: Path) -> Iterator[str]:
+    """Yield a line for each file of a folder that is not what its metadata record; nothing without metadata.
+
+    Raises:
+        InputError: the metadata are no RO-Crate metadata.
+    """
+    path = folder / NAME
+    if not path.is_file():
+        return
+    try:
+        graph = json.loads(path.read_bytes())["@graph"]
+        known = {e["@id"]: e["sha256"] for e in graph if e["@type"] == "File"}
+    except OSError as error:
+        raise readable(error, path) from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{path}: is not RO-Crate metadata with a SHA-256 of each file",
+            "delete it to verify the report without it, or run the study again",
+        ) from None
+    for name, sha256 in known.items():
+        file = folder / unquote(name)
+        if not file.is_file():
+            yield f"{unquote(name)}: {NAME} records it, but it is missing"
+        elif hashlib.sha256(file.read_bytes()).hexdigest() != sha256:
+            yield f"{unquote(name)}: its content is not what {NAME} records"
