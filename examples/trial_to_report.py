@@ -41,7 +41,7 @@ def main(logs: list[Path], out: Path) -> None:
     motions.to_frame().to_csv(out / "motion.csv", index=False)
 
     # Does the model of the paper explain it, and with which k_92 and a_θ?
-    study = gl.study(logs, out=out / "report")
+    study = gl.study(logs, out=out / "report", discover=False)
     print(study.to_frame()[["trial", "k92", "k92_std", "slip_ratio", "slip_ratio_simulated"]])
     if study.a_theta is not None:
         a_theta = study.a_theta.a_theta

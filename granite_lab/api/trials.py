@@ -130,7 +130,9 @@ def fit_a_theta(
         paths, robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects,
         strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, done=done,
     )  # fmt: skip
-    return fit_over_trials(list(fits))
+    fit = fit_over_trials(list(fits))
+    left_out = (f"{trial} left out: {reason}" for trial, reason in fits.left_out)
+    return replace(fit, notes=(*fit.notes, *left_out))
 
 
 @checked

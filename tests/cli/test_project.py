@@ -50,6 +50,10 @@ def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> N
     assert f"{B}: excluded: a wheel hit a stone" in done.err
     assert (folder / "results" / "ingest" / f"{A}.csv").is_file()
     assert [item.name for item in gl.ingest(folder)] == [A]
+    fits = gl.fit_k92(folder)
+    assert [fit.trial for fit in fits] == [A]
+    assert fits.left_out == ((B, "a wheel hit a stone"),)
+    assert f"left out: {B}: a wheel hit a stone" in repr(fits)
     assert lab("check", folder / f"{B}.csv").code == 0
 
 
