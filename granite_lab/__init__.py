@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from granite_lab.api.wheel import wheel
     from granite_lab.errors import EstimateError, InputError, LabError, UsageError
     from granite_lab.estimate import Estimate
+    from granite_lab.reporting.two_studies import compare_studies
 
 __version__ = "0.1.0"
 
@@ -45,6 +46,7 @@ __getattr__ = lazily(
         "granite_lab.api.wheel": ("wheel",),
         "granite_lab.errors": ("EstimateError", "InputError", "LabError", "UsageError"),
         "granite_lab.estimate": ("Estimate",),
+        "granite_lab.reporting.two_studies": ("compare_studies",),
     },
 )
 
@@ -57,6 +59,7 @@ __all__ = [
     "UsageError",
     "check",
     "compare",
+    "compare_studies",
     "discover",
     "fit_a_theta",
     "fit_k92",

@@ -1,7 +1,8 @@
 """Write `reports/example`: the report of data/samples, small enough to be kept in version control.
 
 The page and the numbers are what `granite-lab study data/samples` writes. Of the figures only one PNG each is
-kept, with fewer colours, for the Markdown; there are no recordings.
+kept, with fewer pixels and colours, for the Markdown; of the tables the CSV; there are no recordings, and no
+metadata of the files, which are no longer those that were written.
 
     python reports/make_example.py
 """
@@ -27,12 +28,16 @@ def study() -> None:
 
 
 def slim() -> None:
-    """Keep each figure once, as a PNG of few colours, and let the Markdown show it."""
+    """Keep each figure once, as a small PNG of few colours, and let the Markdown show it."""
     for png in sorted((EXAMPLE / "figures").glob("*.png")):
         with Image.open(png) as picture:
-            few = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+            few = picture.convert("RGB").reduce(2).quantize(COLOURS, dither=Image.Dither.NONE)
         few.save(png, optimize=True)
         png.with_suffix(".svg").unlink(missing_ok=True)
+        png.with_suffix(".pdf").unlink(missing_ok=True)
+    for table in (EXAMPLE / "tables").glob("*.tex"):
+        table.unlink()
+    (EXAMPLE / "ro-crate-metadata.json").unlink(missing_ok=True)
     page = EXAMPLE / "report.md"
     page.write_text(page.read_text(encoding="utf-8").replace(".svg)", ".png)"), encoding="utf-8")
 

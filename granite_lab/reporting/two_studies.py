@@ -11,13 +11,14 @@ References:
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure as Canvas
 
@@ -29,6 +30,9 @@ from granite_lab.reporting.json_report import SCHEMA
 from granite_lab.reporting.names import plain
 from granite_lab.reporting.rounding import NONE, interval, significant, tidy_unit
 from granite_lab.reporting.table import Cell, Table, tabulate, words
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SEEN = (1.959964 + 0.841621) / 1.959964
 """Smallest difference seen with a probability of 80 %, over half the width of the 95 % interval."""
@@ -105,8 +109,14 @@ class Compared:
     notes: tuple[str, ...]
     virtual: bool
 
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row a quantity, as in the CSV."""
+        import pandas as pd  # noqa: PLC0415
 
-def compare_studies(first: Path, second: Path) -> Compared:
+        return pd.read_csv(io.StringIO(compared_table(self).to_csv()))
+
+
+def compare_studies(first: Path | str, second: Path | str) -> Compared:
     """Compare two studies by the numbers of their reports.
 
     Args:
@@ -115,7 +125,7 @@ def compare_studies(first: Path, second: Path) -> Compared:
     Raises:
         InputError: one of them is no report of a study.
     """
-    a, b = _load(first), _load(second)
+    a, b = _load(Path(first)), _load(Path(second))
     names = (str(a["name"]), str(b["name"]))
     if names[0] == names[1]:
         names = (f"{names[0]} (A)", f"{names[1]} (B)")

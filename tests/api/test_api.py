@@ -37,6 +37,7 @@ FUNCTIONS = {
     "fit-atheta": "fit_a_theta",
     "compare": "compare",
     "study": "study",
+    "compare-studies": "compare_studies",
     "view": "view",
     "discover": "discover",
     "plan-next": "plan_next",
