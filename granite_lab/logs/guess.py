@@ -10,7 +10,7 @@ import numpy as np
 
 from granite_lab.logs.layouts import ACCELERATION, CHANNELS, ENCODERS, RATE
 from granite_lab.logs.trial import Array
-from granite_lab.logs.units import STANDARD_GRAVITY, Unit, find_unit
+from granite_lab.logs.units import DATE, STANDARD_GRAVITY, Unit, find_unit
 
 
 @dataclass(frozen=True)
@@ -128,21 +128,62 @@ def _checked(name: str, to: tuple[str, ...], unit: Unit | None, kind: str, confi
     return Guess(name, to, _DEFAULT[kind], confidence * (0.6 if unit else 0.9), "name; unit assumed")
 
 
-def guess(columns: Mapping[str, Array]) -> list[Guess]:
+def guess(columns: Mapping[str, Array], dates: Sequence[str] = ()) -> list[Guess]:
     """Guess what each column of a log is.
 
     Args:
         columns: name to (N,) values, NaN where empty.
+        dates: names of columns that are written as dates; their values are seconds since 1970.
 
     Returns:
         one guess a column, in their order.
     """
     found = {name: by_name(name) or Guess(name, (), "", 0.0, "not recognised") for name in columns}
+    for name in dates:
+        fine = bool((np.diff(columns[name]) != 0).mean() > 0.5) if len(columns[name]) > 1 else False
+        found[name] = Guess(name, ("t",), DATE, 0.95 if fine else 0.3, "dates", assumed=False)
+    _seconds_and_parts(found, columns)
     _first_only(found)
     _time(found, columns)
     _triples(found, columns)
     _encoders(found, columns)
     return [found[name] for name in columns]
+
+
+_SECONDS = re.compile(r"(?P<stem>(?:.*[^A-Za-z])?)s(?:ec(?:ond)?s?)?[\])]?", re.IGNORECASE)
+_PARTS = re.compile(
+    r"(?P<stem>(?:.*[^A-Za-z])?)(?P<unit>n|nano|u|micro|m|milli)s?(?:ec(?:ond)?s?)?[\])]?", re.IGNORECASE
+)
+_A_SECOND = {"n": ("ns", 1e9), "u": ("us", 1e6), "mic": ("us", 1e6), "m": ("ms", 1e3), "mil": ("ms", 1e3)}
+
+
+def _seconds_and_parts(found: dict[str, Guess], columns: Mapping[str, Array]) -> None:
+    """Find whole seconds and the parts of a second in two columns: ``stamp.secs``, ``stamp.nsecs``."""
+    for part, values in columns.items():
+        hit = _PARTS.fullmatch(part.strip())
+        if hit is None:
+            continue
+        said = hit["unit"].lower()
+        unit, size = _A_SECOND.get(said[:3]) or _A_SECOND[said[0]]
+        for whole, seconds in columns.items():
+            other = _SECONDS.fullmatch(whole.strip())
+            if other is None or other["stem"].lower() != hit["stem"].lower():
+                continue
+            seen = np.isfinite(values) & np.isfinite(seconds)
+            s, p = seconds[seen], values[seen]
+            if len(s) < 6 or (s != np.rint(s)).any() or (p < 0).any() or (p >= size).any():
+                continue
+            # The parts start again just where the seconds go on, and only there.
+            if (
+                (np.diff(s) > 0).any()
+                and (np.diff(s + p / size) >= 0).mean() > 0.98
+                and np.ptp(p) > 0.5 * size
+            ):
+                why = f"with '{part}': whole seconds and their parts"
+                found[whole] = Guess(whole, ("t",), "s", 0.98, why, assumed=False)
+                why = f"part of a second, belongs to '{whole}'"
+                found[part] = Guess(part, ("t_add",), unit, 0.98, why, assumed=False)
+                return
 
 
 def _first_only(found: dict[str, Guess]) -> None:

@@ -22,7 +22,7 @@ from granite_lab.logs.reader import Maps, assemble
 from granite_lab.logs.source import Source
 from granite_lab.logs.sources import given_maps, open_source
 from granite_lab.logs.stretches import look, rests
-from granite_lab.logs.table import load
+from granite_lab.logs.table import is_dated, load
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import load_robot
 
@@ -79,7 +79,8 @@ def _inspect(
         reports, layout, name, confidence = _recognised(found, columns), found.layout, found.layout.name, 0.95
         entries = _entries_of(found)
     else:
-        guesses = guess({_key(dialect, place): values for place, values in columns.items()})
+        dates = [_key(dialect, place) for place in columns if is_dated(dialect, place)]
+        guesses = guess({_key(dialect, place): values for place, values in columns.items()}, dates)
         reports, entries = _guessed(dialect, columns, guesses)
         layout, name = _layout_of(path, entries), ""
         used = [g.confidence for g in guesses if g.to]
@@ -114,17 +115,21 @@ def _numbers(path: Path, dialect: Dialect) -> tuple[dict[int, Array], list[str]]
     """Read every column that holds numbers; a faulty one becomes a doubt."""
     doubts: list[str] = []
     columns: dict[int, Array] = {}
-    candidates = []
+    candidates: list[int] = []
+    dates: list[int] = []
     for place in range(dialect.width):
         cells = [row[place].strip() for row in dialect.sample if row[place].strip()]
-        if cells and sum(is_number(cell, dialect.decimal) for cell in cells) > 0.5 * len(cells):
+        if is_dated(dialect, place):
+            dates.append(place)
+        elif cells and sum(is_number(cell, dialect.decimal) for cell in cells) > 0.5 * len(cells):
             candidates.append(place)
+    candidates = sorted(candidates + dates)
     try:
-        return load(path, dialect, candidates) if candidates else ({}, doubts)
+        return load(path, dialect, candidates, dates) if candidates else ({}, doubts)
     except InputError:
         for place in candidates:
             try:
-                columns |= load(path, dialect, [place])[0]
+                columns |= load(path, dialect, [place], [place] if place in dates else [])[0]
             except InputError as error:
                 doubts.append(error.message)
     return columns, doubts

@@ -37,6 +37,7 @@ CURRENTS = tuple(f"cur_{wheel}" for wheel in WHEELS)
 
 CHANNELS: dict[str, tuple[str, ...]] = {
     "t": ("time",),
+    "t_add": ("time",),
     **dict.fromkeys(ACCELERATION, ("acceleration",)),
     **dict.fromkeys(RATE, ("angular rate",)),
     **dict.fromkeys(ENCODERS, ("angle", "angular rate", "speed", "length")),
@@ -48,8 +49,9 @@ CHANNELS: dict[str, tuple[str, ...]] = {
     "ref_lat": ("angle",),
     "ref_lon": ("angle",),
 }
-"""Channel to the quantities that may feed it. `ref_x` alone is a distance along the path; with
-`ref_y`, or as latitude and longitude, it is a place in the plane whose path is followed."""
+"""Channel to the quantities that may feed it. `t_add` is added to `t`, as nanoseconds beside seconds.
+`ref_x` alone is a distance along the path; with `ref_y`, or as latitude and longitude, it is a place in
+the plane whose path is followed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +64,7 @@ class Column:
         pattern: or a regular expression for the whole name; a group called `unit` gives the unit.
         unit: its unit, unless the name gives it; an encoder's unit says what it reports: an angle
             (rad, deg, rev, counts), a rate (rad/s, rpm, …), a circumferential velocity (m/s) or a
-            cumulated distance (m).
+            cumulated distance (m); "date" says that stamps are written as dates (ISO 8601).
         scale: factor on the value; a wrong sign is -1.
         wrap: range after which the raw value starts again (0: found out).
         counts_per_rev: counts per wheel revolution (0: the robot's).

@@ -55,8 +55,8 @@ def map_toml(
     """
     lines = [
         "# A column map: edit it, then read the log with --map THIS_FILE.",
-        "# Channels: t, imu_ax … imu_az, imu_gx … imu_gz, enc_fl … enc_rr, cur_fl … cur_rr, v_cmd, ref_x,",
-        "# ref_y, ref_v, ref_lat, ref_lon. A wrong sign is scale = -1.",
+        "# Channels: t, t_add, imu_ax … imu_az, imu_gx … imu_gz, enc_fl … enc_rr, cur_fl … cur_rr, v_cmd,",
+        "# ref_x, ref_y, ref_v, ref_lat, ref_lon. A wrong sign is scale = -1.",
         f"name = {quoted(re.sub(r'[^A-Za-z0-9_]+', '_', name) or 'log')}",
         f"title = {quoted(title)}",
     ]

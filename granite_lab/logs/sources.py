@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -18,8 +19,9 @@ from granite_lab.logs.matching import Match, best, choose, match, no_match
 from granite_lab.logs.metadata import Metadata, collect
 from granite_lab.logs.named import is_bag
 from granite_lab.logs.source import Source
-from granite_lab.logs.table import load
+from granite_lab.logs.table import is_dated, load
 from granite_lab.logs.trial import Array, InputFile
+from granite_lab.logs.units import DATE, find_unit
 
 _ROWS = re.compile(r"\s*(?P<name>.+?)\s*==?\s*(?P<value>[^=]+?)\s*")
 
@@ -45,6 +47,7 @@ def open_source(
     if is_bag(path):
         return open_bag(path, maps, topics)
     dialect, found = recognise(path, maps)
+    found = _with_dates(dialect, found)
     doubts = list(dialect.doubts)
     condition = rows or found.layout.rows
     wanted = {b.place for b in found.bindings}
@@ -58,6 +61,7 @@ def open_source(
             | ({selector[0]} if selector else set())
             | ({splitter} - {None} if splitter is not None else set())
         ),
+        sorted({b.place for b in found.bindings if b.unit.name == DATE}),
     )
     doubts += cut
     kept = np.arange(len(next(iter(columns.values()))), dtype=np.float64)
@@ -100,6 +104,17 @@ def recognise(path: Path, maps: Sequence[Layout] = ()) -> tuple[Dialect, Match]:
         dialect = sniff(path, found.layout.table)
         found = choose(path, dialect, [found.layout])
     return dialect, found
+
+
+def _with_dates(dialect: Dialect, found: Match) -> Match:
+    """Take stamps that are written as dates for dates, whatever unit the layout gives them."""
+    date = find_unit(DATE)
+    assert date is not None
+    bindings = (
+        dataclasses.replace(b, unit=date) if b.channel == "t" and is_dated(dialect, b.place) else b
+        for b in found.bindings
+    )
+    return dataclasses.replace(found, bindings=tuple(bindings))
 
 
 def given_maps(maps: str | Path | Sequence[str | Path] | None) -> tuple[Layout, ...]:

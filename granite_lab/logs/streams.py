@@ -98,7 +98,10 @@ def _clock(source: Source, parts: Parts) -> Array:
             f"{source.path}: column '{clocks[0].name}' does not advance, expected time stamps",
             "a log needs at least two rows with stamps that increase",
         )
-    logged = source.columns[binding.place]
+    logged, factor = source.columns[binding.place], binding.unit.factor * binding.spec.scale
+    for part in source.bindings("t_add"):  # as nanoseconds beside seconds
+        logged = logged * factor + source.columns[part.place] * (part.unit.factor * part.spec.scale)
+        factor = 1.0
     for block in stray(logged):
         parts.doubts.append(
             f"{source.place(block.start)}: column '{binding.name}': {block.stop - block.start} stamps "
@@ -109,7 +112,6 @@ def _clock(source: Source, parts: Parts) -> Array:
     raw, doubt = unwrap_stamps(logged, binding.spec.wrap)
     if doubt:
         parts.doubts.append(f"{source.path.name}: {doubt}")
-    factor = binding.unit.factor * binding.spec.scale
     for what, channels in (("imu", (*ACCELERATION, *RATE)), ("wheels", ENCODERS)):
         rows = _sampled(source, channels) & np.isfinite(raw)
         if np.count_nonzero(rows) < 3:

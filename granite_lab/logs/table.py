@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from itertools import islice
@@ -20,6 +21,8 @@ from granite_lab.logs.trial import Array
 
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
 _EXACT = {} if pd.__version__ >= "3.1" else {"float_precision": "round_trip"}
+
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 
 
 class _Counting:
@@ -41,47 +44,78 @@ class _Counting:
         return iter(self._file)
 
 
-def load(path: Path, dialect: Dialect, wanted: Sequence[int]) -> tuple[dict[int, Array], list[str]]:
+def load(
+    path: Path, dialect: Dialect, wanted: Sequence[int], dates: Sequence[int] = ()
+) -> tuple[dict[int, Array], list[str]]:
     """Read some columns of a table as numbers.
 
     Args:
         path: the file.
         dialect: its layout, from `sniff`.
         wanted: places of the columns, counted from 0.
+        dates: those of them that hold dates (ISO 8601; without a zone: UTC).
 
     Returns:
-        place to (N,) values, NaN where the cell is empty or says so; and warnings.
+        place to (N,) values, NaN where the cell is empty or says so, dates as seconds since 1970;
+        and warnings.
 
     Raises:
-        InputError: a cell that is not a finite number, or a row of the wrong length, with its line.
+        InputError: a cell that is no finite number or no date, or a row of the wrong length, with its line.
     """
+    numbers = [place for place in wanted if place not in dates]
     with open_text(path, dialect.encoding) as file:
         for _ in islice(file, dialect.data_line - 1):
             pass
         counting = _Counting(file, dialect.delimiter)
         try:
-            frame = _parse(counting, dialect, wanted)
+            frame = _parse(counting, dialect, wanted, dates)
         except OSError as error:
             raise readable(error, path) from None
         except (ValueError, OverflowError, pd.errors.ParserError) as error:
-            short = find_fault(path, dialect, wanted)
+            short = find_fault(path, dialect, numbers)
             place = at(path, short) if short else str(path)
             raise InputError(f"{place}: not a table of numbers: {error}", "export the log again") from None
     doubts: list[str] = []
     # Rows of blanks are rows to pandas but hold no delimiter; they also end up in the careful count.
     if dialect.delimiter != " " and counting.delimiters != len(frame) * (dialect.width - 1):
-        short = find_fault(path, dialect, wanted)
+        short = find_fault(path, dialect, numbers)
         if short:
             frame = frame.iloc[:-1]
             doubts.append(f"{at(path.name, short)}: the last row is cut off and was left out")
-    columns = {place: frame[place].to_numpy(dtype=np.float64) for place in wanted}
+    columns = {place: frame[place].to_numpy(dtype=np.float64) for place in numbers}
     for values in columns.values():
         if np.isinf(values).any():
-            find_fault(path, dialect, wanted)
-    return columns, doubts
+            find_fault(path, dialect, numbers)
+    return columns | {place: _seconds(path, dialect, place, frame[place]) for place in dates}, doubts
 
 
-def _parse(file: _Counting, dialect: Dialect, wanted: Sequence[int]) -> pd.DataFrame:
+def is_dated(dialect: Dialect, place: int) -> bool:
+    """Say whether the first cells of a column are dates as ISO 8601 writes them."""
+    cells = [row[place].strip() for row in dialect.sample if row[place].strip() not in MISSING]
+    return bool(cells) and all(_DATE.match(cell) for cell in cells)
+
+
+def _seconds(path: Path, dialect: Dialect, place: int, texts: pd.Series) -> Array:
+    """Return dates as seconds since 1970, exact to the microsecond; NaN for an empty cell.
+
+    Raises:
+        InputError: a cell is no date, with its line.
+    """
+    written = texts.str.strip().str.replace(",", ".", regex=False)
+    stamps = pd.to_datetime(written, utc=True, format="ISO8601", errors="coerce")
+    wrong = np.flatnonzero(stamps.isna() & texts.notna())
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(
+            f"{at(path, line_of(path, dialect, row) or None)}: column '{dialect.name(place)}': "
+            f"{str(texts.iloc[row])[:30]!r} is not a date, expected one as 2026-03-01T12:00:00.25Z",
+            "write dates by ISO 8601, or leave the cell empty",
+        )
+    since = (stamps - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
+    return np.asarray(since, dtype=np.float64)
+
+
+def _parse(file: _Counting, dialect: Dialect, wanted: Sequence[int], dates: Sequence[int]) -> pd.DataFrame:
     """Let pandas' C engine read the wanted columns."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pd.errors.ParserWarning)  # lengths of rows are checked by count
@@ -92,7 +126,7 @@ def _parse(file: _Counting, dialect: Dialect, wanted: Sequence[int]) -> pd.DataF
             header=None,
             names=list(range(dialect.width)),
             usecols=sorted(set(wanted)),
-            dtype=np.float64,
+            dtype={place: str if place in dates else np.float64 for place in wanted},
             index_col=False,
             na_values=list(MISSING),
             keep_default_na=False,

@@ -25,6 +25,9 @@ class Unit:
     factor: float
 
 
+DATE = "date"
+"""The unit of stamps that are written as dates (ISO 8601); they are read as seconds since 1970."""
+
 _DEG = math.pi / 180
 _TURN = 2 * math.pi
 
@@ -33,7 +36,8 @@ _TABLE: dict[str, dict[str, tuple[float, str]]] = {
         "s": (1.0, "s sec secs second seconds"),
         "ms": (1e-3, "ms msec millis milliseconds"),
         "us": (1e-6, "us µs μs usec micros microseconds"),
-        "ns": (1e-9, "ns nsec nanos nanoseconds"),
+        "ns": (1e-9, "ns nsec nsecs nanos nanosec nanosecs nanoseconds"),
+        DATE: (1.0, "date datetime iso iso8601"),
     },
     "acceleration": {
         "m/s^2": (1.0, "mps2 m/s^2 m/s2 m/s² m/s/s ms^-2 ms-2 m_s2 m/ss"),
