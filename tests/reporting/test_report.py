@@ -28,7 +28,6 @@ from granite_lab.reporting.summary import Gap, by_speed, gaps, mean_over, worst_
 from granite_lab.reporting.tables import trial_table
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
-from tests.reporting.made_up_finding import made_up_finding
 
 VOID = {"meta", "link", "br", "img", "input", "hr"}
 
@@ -257,17 +256,6 @@ def no_png(monkeypatch: pytest.MonkeyPatch) -> None:
     from granite_lab.reporting import figures
 
     monkeypatch.setattr(figures, "to_png", lambda *_: b"")
-
-
-@pytest.mark.usefixtures("no_png")
-def test_a_discovery_takes_its_place(tmp_path: Path) -> None:
-    study = made_up_study(speeds=(0.5,), repetitions=1)
-    assert "Not searched" in write_report(study, tmp_path / "not").read_text(encoding="utf-8")
-    found = dataclasses.replace(study, finding=made_up_finding(speeds=(0.5,)))
-    page = write_report(found, tmp_path / "found").read_text(encoding="utf-8")
-    assert "Multi pass" in page
-    assert '<section id="missing"' in page
-    assert "Not searched" not in page
 
 
 @pytest.mark.usefixtures("no_png")
