@@ -87,6 +87,7 @@ def check(
     robot: str | Path | None = None,
     column_map: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
+    window: tuple[float, float] | None = None,
 ) -> Checked:
     """Check a log after a run in the field: readable, sensors, standstills, speed, slip, estimate.
 
@@ -97,6 +98,7 @@ def check(
         robot: name or file of the robot; without it the log says which.
         column_map: name or file of a column map; without it the layout is recognised.
         topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+        window: begin and end of what is taken of the log [s of the log], infinite where open.
 
     Returns:
         the checks; the table has a row for each.
@@ -106,7 +108,7 @@ def check(
     """
     path = Path(log)
     said = choose(path, robot, None, column_map, everything=True)
-    options = options_of(robot=said.robot, column_map=said.column_map, topics=topics)
+    options = options_of(robot=said.robot, column_map=said.column_map, topics=topics, window=window)
     try:
         trial, body = read(path, options)
     except InputError as error:

@@ -75,6 +75,7 @@ def ingest(
     rows: str | None = None,
     column_map: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
+    window: tuple[float, float] | None = None,
     robot: str | Path | None = None,
     variant: float | None = None,
     rests: Sequence[tuple[float, float]] = (),
@@ -93,6 +94,7 @@ def ingest(
         rows: rows to take from a log of several runs, as ``run_id = 4``.
         column_map: name or file of a column map; without it the layout is recognised.
         topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+        window: begin and end of what is taken of every log [s of the log], infinite where open.
         robot: name or file of the robot; without it the log says which.
         variant: desired velocity [m/s], if the log lacks it.
         rests: intervals of standstill (start, end) [s, the log's time].
@@ -122,6 +124,7 @@ def ingest(
         rests=tuple(rests),
         distance_measured=distance_measured,
         topics=tuple((topics or {}).items()),
+        window=window,
         imu=_path(imu),
         encoders=_path(encoders),
         currents=_path(currents),

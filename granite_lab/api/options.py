@@ -19,6 +19,7 @@ def options_of(
     effects: str | Path | None = None,
     tolerance: float = TOLERANCE,
     latency: float = LATENCY_LIMIT,
+    window: tuple[float, float] | None = None,
 ) -> Options:
     """Return the options; what is None is left to the logs and the catalogue."""
     return Options(
@@ -30,6 +31,7 @@ def options_of(
         effects=None if effects is None else Path(effects),
         tolerance=tolerance,
         latency=latency,
+        window=window,
     )
 
 

@@ -37,6 +37,7 @@ def discover(
     soil: str | Path | None = None,
     column_map: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
+    window: tuple[float, float] | None = None,
     effects: str | Path | None = None,
     out: str | Path | None = None,
     tolerance: float = TOLERANCE,
@@ -54,6 +55,7 @@ def discover(
         robot, soil: names or files; without them the first log says which.
         column_map: name or file of a column map.
         topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+        window: begin and end of what is taken of every log [s of the log], infinite where open.
         effects: your own effect file (.py), whose effects become candidates beside the library's.
             It is run: use only code you trust.
         out: folder for the report, finding.json, design.json (for `plan_next`) and model.toml; without it
@@ -76,7 +78,7 @@ def discover(
     choice = choose(logs, robot, soil, column_map)
     options = options_of(
         robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics,
-        effects=effects, tolerance=tolerance, latency=latency,
+        effects=effects, tolerance=tolerance, latency=latency, window=window,
     )  # fmt: skip
     files = choice.files
     execution = execution_of(jobs, scheduler, cache)

@@ -48,6 +48,7 @@ def fit_k92(
     soil: str | Path | None = None,
     column_map: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
+    window: tuple[float, float] | None = None,
     model: str | Path | None = None,
     effects: str | Path | None = None,
     strict: bool = False,
@@ -63,6 +64,7 @@ def fit_k92(
         robot, soil: names or files; without them the log says which.
         column_map: name or file of a column map.
         topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+        window: begin and end of what is taken of every log [s of the log], infinite where open.
         model: model.toml, the paper's model with effects switched on.
         effects: your own effect file (.py) that the model needs. It is run: use only code you trust.
         strict: a trial that fails is an error; else it is left out and stands in `left_out`.
@@ -81,7 +83,7 @@ def fit_k92(
     choice = choose(logs, robot, soil, column_map)
     options = options_of(
         robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
-        effects=effects,
+        effects=effects, window=window,
     )  # fmt: skip
     found, left_out = _analysed(choice, options, execution_of(jobs, scheduler, cache), strict, done)
     return Records([result.comparison.fit for result in found], None, left_out)
@@ -96,6 +98,7 @@ def fit_a_theta(
     soil: str | Path | None = None,
     column_map: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
+    window: tuple[float, float] | None = None,
     model: str | Path | None = None,
     effects: str | Path | None = None,
     strict: bool = False,
@@ -109,8 +112,8 @@ def fit_a_theta(
     Args:
         logs: paths of logs or of folders, or the fits of `fit_k92`.
         published: use Table 3 of the paper instead of trials.
-        robot, soil, column_map, topics, model, effects, strict, jobs, scheduler, cache,
-            done: as in `fit_k92`.
+        robot, soil, column_map, topics, window, model, effects, strict, jobs, scheduler,
+            cache, done: as in `fit_k92`.
 
     Returns:
         the fit; its table has a row for each trial.
@@ -128,7 +131,7 @@ def fit_a_theta(
     paths = logs if isinstance(logs, (str, Path)) else [x for x in logs if isinstance(x, (str, Path))]
     fits = fit_k92(
         paths, robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects,
-        strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, done=done,
+        strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, done=done, window=window,
     )  # fmt: skip
     fit = fit_over_trials(list(fits))
     left_out = (f"{trial} left out: {reason}" for trial, reason in fits.left_out)
@@ -144,6 +147,7 @@ def compare(
     soil: str | Path | None = None,
     column_map: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
+    window: tuple[float, float] | None = None,
     model: str | Path | None = None,
     effects: str | Path | None = None,
     strict: bool = False,
@@ -157,8 +161,8 @@ def compare(
     Args:
         logs: paths of logs, or of folders with logs.
         out: folder for tables and figures; without it nothing is written.
-        robot, soil, column_map, topics, model, effects, strict, jobs, scheduler, cache,
-            done: as in `fit_k92`.
+        robot, soil, column_map, topics, window, model, effects, strict, jobs, scheduler,
+            cache, done: as in `fit_k92`.
 
     Returns:
         one comparison a trial; the table has a row for each trial, channel and phase.
@@ -170,7 +174,7 @@ def compare(
     choice = choose(logs, robot, soil, column_map)
     options = options_of(
         robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
-        effects=effects,
+        effects=effects, window=window,
     )  # fmt: skip
     results, left_out = _analysed(choice, options, execution_of(jobs, scheduler, cache), strict, done)
     found = [result.comparison for result in results]
@@ -193,6 +197,7 @@ def study(
     soil: str | Path | None = None,
     column_map: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
+    window: tuple[float, float] | None = None,
     model: str | Path | None = None,
     effects: str | Path | None = None,
     tolerance: float = TOLERANCE,
@@ -213,8 +218,8 @@ def study(
         name: of the report, unless `out` gives it.
         discover: search for an effect that the model lacks.
         recordings: with `out`, also write a Rerun recording of each trial.
-        robot, soil, column_map, topics, model, effects, strict, jobs, scheduler, cache,
-            done: as in `fit_k92`.
+        robot, soil, column_map, topics, window, model, effects, strict, jobs, scheduler,
+            cache, done: as in `fit_k92`.
         tolerance, latency: of that search, as in `discover`.
 
     Returns:
@@ -226,7 +231,7 @@ def study(
     choice = choose(logs, robot, soil, column_map)
     options = options_of(
         robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
-        effects=effects, tolerance=tolerance, latency=latency,
+        effects=effects, tolerance=tolerance, latency=latency, window=window,
     )  # fmt: skip
     folder = None if out is None else Path(out)
     execution = execution_of(jobs, scheduler, cache)

@@ -8,13 +8,16 @@ from typing import Annotated
 import typer
 
 from granite_lab.commands.common import (
+    FromOption,
     JsonOption,
     MapOption,
     RobotOption,
+    ToOption,
     TopicOption,
     console,
     print_json,
     topics_of,
+    window_of,
 )
 
 
@@ -28,12 +31,16 @@ def check(
     robot: RobotOption = None,
     column_map: MapOption = None,
     topic: TopicOption = None,
+    start: FromOption = None,
+    end: ToOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Say after a run in the field whether the log is good: exit code 3 if it cannot be used, 4 if poor."""
     from granite_lab.api.check import check as run
 
-    found = run(trial, robot=robot, column_map=column_map, topics=topics_of(topic))
+    found = run(
+        trial, robot=robot, column_map=column_map, topics=topics_of(topic), window=window_of(start, end)
+    )
     if as_json:
         document = {"virtual": found.virtual, "good": found.good, "checks": found.checks}
         print_json({"schema": "granite-lab/check/1", "log": found.log} | document)

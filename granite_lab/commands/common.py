@@ -70,6 +70,10 @@ TopicOption = Annotated[
     list[str] | None,
     typer.Option("--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated."),
 ]
+FromOption = Annotated[
+    float | None, typer.Option("--from", help="Take every log from here on [s of the log].")
+]
+ToOption = Annotated[float | None, typer.Option("--to", help="Take every log up to here [s of the log].")]
 ToleranceOption = Annotated[
     float,
     typer.Option(help="Discrepancy that does not matter, as a share of a channel's rms in motion."),
@@ -187,6 +191,22 @@ def refuse_missing(paths: Sequence[Path] | None) -> None:
         from granite_lab.files import refuse_special
 
         refuse_special(paths[0])
+
+
+def window_of(start: float | None, end: float | None) -> tuple[float, float] | None:
+    """Return the part of every log that is taken [s], infinite where open; None: the whole log.
+
+    Raises:
+        UsageError: it ends before it begins.
+    """
+    from granite_lab.errors import UsageError
+
+    if start is None and end is None:
+        return None
+    window = -math.inf if start is None else start, math.inf if end is None else end
+    if not window[0] < window[1]:
+        raise UsageError(f"--from {window[0]:g} --to {window[1]:g}: not a window", "--from comes before --to")
+    return window
 
 
 def topics_of(given: Sequence[str] | None) -> dict[str, str]:

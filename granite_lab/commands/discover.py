@@ -9,6 +9,7 @@ import typer
 
 from granite_lab.commands.common import (
     EffectsOption,
+    FromOption,
     JobsOption,
     JsonOption,
     LatencyOption,
@@ -17,6 +18,7 @@ from granite_lab.commands.common import (
     RobotOption,
     SoilOption,
     ToleranceOption,
+    ToOption,
     TopicOption,
     TrialsArgument,
     chosen,
@@ -27,6 +29,7 @@ from granite_lab.commands.common import (
     refuse_missing,
     topics_of,
     warn,
+    window_of,
 )
 from granite_lab.commands.running import (
     CacheOption,
@@ -56,6 +59,8 @@ def discover(
     soil: SoilOption = None,
     column_map: MapOption = None,
     topic: TopicOption = None,
+    start: FromOption = None,
+    end: ToOption = None,
     tolerance: ToleranceOption = 0.02,
     latency: LatencyOption = 20.0,
     strict: StrictOption = False,
@@ -81,6 +86,7 @@ def discover(
     options = Options(
         robot=choice.robot, soil=choice.soil, column_map=choice.column_map, effects=effects,
         topics=tuple(topics_of(topic).items()), tolerance=tolerance, latency=latency / 1e3,
+        window=window_of(start, end),
     )  # fmt: skip
     execution = execution_of(jobs, scheduler, cache)
     read = good(files, to_search(files, options, execution), strict)

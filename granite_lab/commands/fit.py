@@ -10,6 +10,7 @@ import typer
 
 from granite_lab.commands.common import (
     EffectsOption,
+    FromOption,
     JobsOption,
     JsonOption,
     MapOption,
@@ -17,6 +18,7 @@ from granite_lab.commands.common import (
     QuietOption,
     RobotOption,
     SoilOption,
+    ToOption,
     TopicOption,
     TrialsArgument,
     chosen,
@@ -27,6 +29,7 @@ from granite_lab.commands.common import (
     refuse_missing,
     topics_of,
     warn,
+    window_of,
 )
 from granite_lab.commands.running import (
     CacheOption,
@@ -76,14 +79,20 @@ def analysed(
     return results
 
 
-def options_of(choice: Chosen, topic: list[str] | None, model: Path | None, effects: Path | None) -> Options:
+def options_of(
+    choice: Chosen,
+    topic: list[str] | None,
+    model: Path | None,
+    effects: Path | None,
+    window: tuple[float, float] | None,
+) -> Options:
     """Return what the options of a command, and the file beside the logs, say about the trials."""
     from granite_lab.study import Options
 
     topics = tuple(topics_of(topic).items())
     return Options(
         robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
-        effects=effects,
+        effects=effects, window=window,
     )  # fmt: skip
 
 
@@ -103,6 +112,8 @@ def fit_k92(
     soil: SoilOption = None,
     column_map: MapOption = None,
     topic: TopicOption = None,
+    start: FromOption = None,
+    end: ToOption = None,
     model: ModelOption = None,
     effects: EffectsOption = None,
     strict: StrictOption = False,
@@ -121,7 +132,7 @@ def fit_k92(
     from granite_lab.reporting.terminal import show_k92_fits
 
     choice = chosen(trials, robot, soil, column_map)
-    files, options = choice.files, options_of(choice, topic, model, effects)
+    files, options = choice.files, options_of(choice, topic, model, effects, window_of(start, end))
     execution = execution_of(jobs, scheduler, cache)
     results = analysed(files, options, execution, strict=strict, quiet=quiet)
     fits = [result.comparison.fit for result in results]
@@ -166,6 +177,8 @@ def fit_atheta(
     soil: SoilOption = None,
     column_map: MapOption = None,
     topic: TopicOption = None,
+    start: FromOption = None,
+    end: ToOption = None,
     model: ModelOption = None,
     effects: EffectsOption = None,
     strict: StrictOption = False,
@@ -192,7 +205,7 @@ def fit_atheta(
         fit = published_fit()
     else:
         choice = chosen(trials, robot, soil, column_map)
-        files, options = choice.files, options_of(choice, topic, model, effects)
+        files, options = choice.files, options_of(choice, topic, model, effects, window_of(start, end))
         execution = execution_of(jobs, scheduler, cache)
         results = analysed(files, options, execution, strict=strict, quiet=quiet)
         origin = {"provenance": provenance("fit-atheta", files, results, options)} | files_of(choice)
@@ -234,6 +247,8 @@ def compare(
     soil: SoilOption = None,
     column_map: MapOption = None,
     topic: TopicOption = None,
+    start: FromOption = None,
+    end: ToOption = None,
     model: ModelOption = None,
     effects: EffectsOption = None,
     out: Annotated[
@@ -252,7 +267,7 @@ def compare(
     from granite_lab.reporting.terminal import show_misfits
 
     choice = chosen(trials, robot, soil, column_map)
-    files, options = choice.files, options_of(choice, topic, model, effects)
+    files, options = choice.files, options_of(choice, topic, model, effects, window_of(start, end))
     execution = execution_of(jobs, scheduler, cache)
     results = analysed(files, options, execution, strict=strict, quiet=quiet)
     comparisons = [result.comparison for result in results]

@@ -9,11 +9,13 @@ import typer
 
 from granite_lab.commands.common import (
     FormatOption,
+    FromOption,
     JobsOption,
     JsonOption,
     MapOption,
     QuietOption,
     RobotOption,
+    ToOption,
     TopicOption,
     TrialsArgument,
     chosen,
@@ -24,6 +26,7 @@ from granite_lab.commands.common import (
     refuse_missing,
     topics_of,
     warn,
+    window_of,
 )
 from granite_lab.errors import UsageError
 
@@ -91,6 +94,8 @@ def ingest(
     ] = None,
     column_map: MapOption = None,
     topic: TopicOption = None,
+    start: FromOption = None,
+    end: ToOption = None,
     robot: RobotOption = None,
     variant: Annotated[
         float | None, typer.Option(help="Desired velocity [m/s], if the log lacks it.", min=0.01, max=5)
@@ -138,6 +143,7 @@ def ingest(
             rows=rows,
             column_map=choice.column_map,
             topics=topics_of(topic),
+            window=window_of(start, end),
             robot=choice.robot,
             variant=variant,
             rests=[_interval(text) for text in rest or ()],

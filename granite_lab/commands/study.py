@@ -10,6 +10,7 @@ import typer
 
 from granite_lab.commands.common import (
     EffectsOption,
+    FromOption,
     JobsOption,
     JsonOption,
     LatencyOption,
@@ -19,6 +20,7 @@ from granite_lab.commands.common import (
     RobotOption,
     SoilOption,
     ToleranceOption,
+    ToOption,
     TopicOption,
     TrialsArgument,
     chosen,
@@ -29,6 +31,7 @@ from granite_lab.commands.common import (
     refuse_missing,
     topics_of,
     warn,
+    window_of,
 )
 from granite_lab.commands.running import CacheOption, SchedulerOption, StrictOption, execution_of, tidy
 from granite_lab.errors import LabError
@@ -61,6 +64,8 @@ def study(
     soil: SoilOption = None,
     column_map: MapOption = None,
     topic: TopicOption = None,
+    start: FromOption = None,
+    end: ToOption = None,
     model: ModelOption = None,
     effects: EffectsOption = None,
     recordings: Annotated[bool, typer.Option(help="Write a Rerun recording of each trial.")] = True,
@@ -98,6 +103,7 @@ def study(
     options = Options(
         robot=choice.robot, soil=choice.soil, column_map=choice.column_map, model=model, effects=effects,
         topics=tuple(topics_of(topic).items()), tolerance=tolerance, latency=latency / 1e3,
+        window=window_of(start, end),
     )  # fmt: skip
     with claimed(out), progress(quiet) as display:
         task = display.add_task("trials", total=len(files))

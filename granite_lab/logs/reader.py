@@ -16,7 +16,8 @@ from granite_lab.logs.named import name_of
 from granite_lab.logs.plausibility import check_imu
 from granite_lab.logs.source import Source
 from granite_lab.logs.sources import given_maps, open_source, refuse_unused
-from granite_lab.logs.streams import Parts, Samples, read_streams
+from granite_lab.logs.streams import Parts, Samples, interval, read_streams
+from granite_lab.logs.stretches import look
 from granite_lab.logs.trial import Array, ImuStream, InputFile, Trial, TrialInfo
 from granite_lab.logs.wheelcheck import check_wheels
 from granite_lab.parameters import Robot, load_robot
@@ -44,6 +45,7 @@ def read_trial(
     info: TrialInfo | None = None,
     rows: str | None = None,
     topics: Mapping[str, str] | None = None,
+    window: tuple[float, float] | None = None,
 ) -> Trial:
     """Read a trial from its log.
 
@@ -57,12 +59,13 @@ def read_trial(
         info: metadata that count before the log's.
         rows: which rows to take, as ``run_id = 4``.
         topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+        window: begin and end [s, the log's time] of what is taken, infinite where open.
 
     Returns:
         the trial in SI, every doubt in its warnings.
 
     Raises:
-        InputError: a file cannot be used.
+        InputError: a file cannot be used, or its wheels do not turn in the window.
         UsageError: unknown robot or column map.
     """
     first = Path(path)
@@ -73,7 +76,15 @@ def read_trial(
         if other is not None and Path(other) != first:
             sources[role] = open_source(Path(other), maps, None, topics)
     refuse_unused(list(sources.values()), maps)
-    return assemble(sources, robot, info)
+    trial = assemble(sources, robot, info, window=window)
+    if window is None or trial.wheels is None:
+        return trial
+    if look(trial, load_robot(robot or trial.info.robot or "granite")) is None:
+        raise InputError(
+            f"{first}: no motion {interval(window)}: the wheels do not turn there",
+            "granite-lab inspect --plot FILE.png shows when they do; choose --from and --to around it",
+        )
+    return trial
 
 
 def assemble(
@@ -82,10 +93,11 @@ def assemble(
     info: TrialInfo | None = None,
     *,
     whole: bool = True,
+    window: tuple[float, float] | None = None,
 ) -> Trial:
     """Turn the files of a trial, by what each was given for ("" for the first), into a Trial.
 
-    With `whole`, a trial must hold an IMU or encoders.
+    With `whole`, a trial must hold an IMU or encoders. Of a `window`, only its samples are taken.
 
     Raises:
         InputError: the samples cannot be used.
@@ -94,7 +106,7 @@ def assemble(
     first = sources[""].path
     doubts: list[str] = []
     name, the_robot = _robot(sources, robot, info, doubts)
-    parts = {role: read_streams(source, the_robot) for role, source in sources.items()}
+    parts = {role: read_streams(source, the_robot, window) for role, source in sources.items()}
     for one in parts.values():
         doubts += one.doubts
     merged = _merge(sources, parts)

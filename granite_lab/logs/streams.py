@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -51,12 +52,13 @@ class Parts:
     doubts: list[str] = field(default_factory=list)
 
 
-def read_streams(source: Source, robot: Robot) -> Parts:
+def read_streams(source: Source, robot: Robot, window: tuple[float, float] | None = None) -> Parts:
     """Turn the columns of a file into streams.
 
     Args:
         source: the file.
         robot: gives wheel radius and counts per revolution where the units need them.
+        window: begin and end [s, the log's time] of what is taken; None: everything.
 
     Raises:
         InputError: clock, samples or units cannot be used.
@@ -64,6 +66,8 @@ def read_streams(source: Source, robot: Robot) -> Parts:
     parts = Parts(doubts=list(source.doubts))
     parts.gravity_removed = source.match.layout.gravity_removed or source.metadata.imu_gravity_removed
     t = _clock(source, parts)
+    if window is not None:
+        source, t = _cut(source, t, window)
     for name, channels, what in (
         ("acceleration", ACCELERATION, "accelerometer"),
         ("rate", RATE, "gyroscope"),
@@ -81,6 +85,31 @@ def read_streams(source: Source, robot: Robot) -> Parts:
         parts.command = Series(command.t, command.values[:, 0])
     _reference(source, t, parts)
     return parts
+
+
+def _cut(source: Source, t: Array, window: tuple[float, float]) -> tuple[Source, Array]:
+    """Keep the rows whose stamps lie in a window.
+
+    Raises:
+        InputError: there are none.
+    """
+    inside = (t >= window[0]) & (t <= window[1])
+    if not inside.any():
+        raise InputError(
+            f"{source.path}: no sample {interval(window)}, the log runs from {np.nanmin(t):.10g} "
+            f"to {np.nanmax(t):.10g} s",
+            "--from and --to are seconds of the log's own time, as granite-lab inspect shows it",
+        )
+    columns = {place: values[inside] for place, values in source.columns.items()}
+    return dataclasses.replace(source, columns=columns, kept=source.kept[inside]), t[inside]
+
+
+def interval(window: tuple[float, float]) -> str:
+    """Return a window in words: ``between 2 and 9 s``, ``after 2 s``, ``before 9 s``."""
+    start, end = (f"{x:.10g}" for x in window)
+    if math.isinf(window[0]):
+        return f"before {end} s"
+    return f"after {start} s" if math.isinf(window[1]) else f"between {start} and {end} s"
 
 
 def _clock(source: Source, parts: Parts) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ class Options:
         topics: of a bag, what a topic is taken for (imu, joints, odom) and its name.
         tolerance: of a search, discrepancy that does not matter, as a share of a channel's rms in motion.
         latency: of a search, largest delay between the stamps of two sensors that passes for latency [s].
+        window: begin and end [s, the log's time] of what is taken of every log, infinite where open.
     """
 
     robot: str | None = None
@@ -45,6 +47,7 @@ class Options:
     topics: tuple[tuple[str, str], ...] = ()
     tolerance: float = TOLERANCE
     latency: float = LATENCY_LIMIT
+    window: tuple[float, float] | None = None
 
     def files(self) -> tuple[Path, ...]:
         """Return the files that these options name, those of the catalogue left out."""
@@ -64,6 +67,8 @@ class Options:
             "effects": self.effects,
             "tolerance": None if self.tolerance == TOLERANCE else f"{self.tolerance:.9g}",
             "latency": None if self.latency == LATENCY_LIMIT else f"{1e3 * self.latency:.9g}",
+            "from": self.window[0] if self.window and math.isfinite(self.window[0]) else None,
+            "to": self.window[1] if self.window and math.isfinite(self.window[1]) else None,
         }
         topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
         return (*((key, str(value)) for key, value in named.items() if value is not None), *topics)
@@ -83,6 +88,9 @@ class Options:
             topics=tuple((role, topic) for role, _, topic in topics),
             tolerance=float(said.get("tolerance", TOLERANCE)),
             latency=float(said.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,
+            window=(float(said.get("from", "-inf")), float(said.get("to", "inf")))
+            if {"from", "to"} & set(said)
+            else None,
         )
 
 

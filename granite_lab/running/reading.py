@@ -50,6 +50,7 @@ def read(path: Path, options: Options) -> tuple[Trial, Robot]:
         robot=options.robot,
         info=options.info,
         topics=dict(options.topics),
+        window=options.window,
     )
     return trial, load_robot(options.robot or trial.info.robot or "granite")
 
