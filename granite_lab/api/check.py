@@ -13,7 +13,7 @@ import numpy as np
 from granite_lab.api.calls import checked
 from granite_lab.api.options import options_of
 from granite_lab.api.project import choose
-from granite_lab.errors import EstimateError, InputError, LabError
+from granite_lab.errors import EstimateError, InputError, LabError, UsageError
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
@@ -104,10 +104,12 @@ def check(
         the checks; the table has a row for each.
 
     Raises:
-        UsageError: unknown robot or column map.
+        UsageError: unknown robot or column map, or a folder of several logs.
     """
-    path = Path(log)
-    said = choose(path, robot, None, column_map, everything=True)
+    said = choose(log, robot, None, column_map, everything=True)
+    if len(said.files) > 1:
+        raise UsageError(f"{log}: {len(said.files)} logs", "check one after the other")
+    path = said.files[0]
     options = options_of(robot=said.robot, column_map=said.column_map, topics=topics, window=window)
     try:
         trial, body = read(path, options)

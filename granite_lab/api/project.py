@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from granite_lab.errors import InputError, UsageError
-from granite_lab.logs.named import name_of, trial_files
+from granite_lab.logs.named import is_bag, name_of, trial_files
 from granite_lab.parameters.catalogue import find, forget
 from granite_lab.parameters.quantity import build, read_toml
 
@@ -54,7 +54,6 @@ class Chosen:
         robot, soil, column_map: names or files; None leaves it to the log and the catalogue.
         out: folder for folders of results.
         left_out: trials that are excluded.
-        origins: robot, soil, map and out to the file that says it; those that it does not say are missing.
     """
 
     files: tuple[Path, ...]
@@ -63,7 +62,6 @@ class Chosen:
     column_map: str | None
     out: Path = Path("reports")
     left_out: tuple[Excluded, ...] = ()
-    origins: dict[str, Path] = field(default_factory=dict)
 
 
 def project_in(folder: Path) -> Project:
@@ -89,7 +87,7 @@ def project_in(folder: Path) -> Project:
         named[key] = str(folder / file) if own else text
         if own and not (folder / file).is_file():
             raise InputError(f"{path}: {key} = '{text}': no such file", f"paths start at {folder}")
-    logs = [name_of(log) for log in folder.iterdir()]
+    logs = [name_of(log) for log in folder.iterdir() if log.suffix.lower() == ".csv" or is_bag(log)]
     for i, item in enumerate(read.exclude, 1):
         if item.trial not in logs:
             close = difflib.get_close_matches(item.trial, logs, n=1)
@@ -126,7 +124,6 @@ def choose(
     projects = {folder: project_in(folder) for folder in dict.fromkeys(path.parent for path in files)}
     given = {"robot": robot, "soil": soil, "map": column_map, "out": None}
     said: dict[str, str | None] = {key: None if value is None else str(value) for key, value in given.items()}
-    origins: dict[str, Path] = {}
     for key, value in given.items():
         if value is not None:
             continue
@@ -136,8 +133,7 @@ def choose(
                 f"{' and '.join(str(folder / FILE) for folder in values.values())}: not the same {key}",
                 f"give --{key}, or logs of one folder",
             )
-        if text := next(iter(values)):
-            said[key], origins[key] = text, values[text] / FILE
+        said[key] = next(iter(values)) or None
     reasons = {(folder, e.trial): e for folder, p in projects.items() for e in p.exclude if not everything}
     taken = tuple(path for path in files if (path.parent, name_of(path)) not in reasons)
     left_out = tuple(reasons[path.parent, name_of(path)] for path in files if path not in taken)
@@ -147,4 +143,4 @@ def choose(
             f"reason given: {left_out[0].reason}",
         )
     out = Path(said["out"] or "reports")
-    return Chosen(taken, said["robot"], said["soil"], said["map"], out, left_out, origins)
+    return Chosen(taken, said["robot"], said["soil"], said["map"], out, left_out)

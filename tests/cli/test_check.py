@@ -101,3 +101,5 @@ def test_a_log_that_cannot_be_read_is_red(tmp_path: Path) -> None:
     assert not found.good
     assert isinstance(found.error, gl.InputError)
     assert list(found.to_frame()["good"]) == [False]
+    with pytest.raises(gl.UsageError, match="12 logs"):
+        gl.check(SAMPLES)

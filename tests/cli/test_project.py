@@ -33,11 +33,9 @@ def test_robot_of_the_file_is_used_where_none_is_given(tmp_path: Path) -> None:
     (folder / "mine.toml").write_text(GRANITE, encoding="utf-8")
     found = choose(folder)
     assert found.robot == str(folder / "mine.toml")
-    assert found.origins["robot"] == folder / FILE
     assert found.out == folder / "results"
     assert found.soil is None
     assert choose(folder, robot="granite").robot == "granite"
-    assert "robot" not in choose(folder, robot="granite").origins
 
 
 def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> None:
