@@ -68,10 +68,12 @@ def _recording(
     if path.suffix == ".rrd":
         return path
     from granite_lab.api.options import options_of  # noqa: PLC0415, heavy
+    from granite_lab.api.project import choose  # noqa: PLC0415, heavy
     from granite_lab.reporting.recording import record_trial  # noqa: PLC0415, heavy
     from granite_lab.study import analyse  # noqa: PLC0415, heavy
 
-    result = analyse(path, options_of(robot=robot, soil=soil, column_map=column_map))
+    said = choose(path, robot, soil, column_map, everything=True)
+    result = analyse(path, options_of(robot=said.robot, soil=said.soil, column_map=said.column_map))
     made = Path("reports") / "view" / f"{name_of(path)}.rrd"
     return record_trial(result.trial, result.comparison, made)
 
