@@ -8,7 +8,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any, cast
 
@@ -187,10 +187,14 @@ def refuse_missing(paths: Sequence[Path] | None) -> None:
     Raises:
         InputError: none of the paths exists.
     """
-    if paths and not any(path.exists() for path in paths):
-        from granite_lab.files import refuse_special
+    if not paths:
+        return
+    with suppress(OSError):  # of a place that may not be searched, the refusal below says so
+        if any(path.exists() for path in paths):
+            return
+    from granite_lab.files import refuse_special
 
-        refuse_special(paths[0])
+    refuse_special(paths[0])
 
 
 def window_of(start: float | None, end: float | None) -> tuple[float, float] | None:
