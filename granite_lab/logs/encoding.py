@@ -1,10 +1,14 @@
-"""Text or not, and in which encoding."""
+"""Text or not, in which encoding, and unpacked where it is compressed."""
 
 from __future__ import annotations
 
 import codecs
+import gzip
+import io
+import zipfile
+import zlib
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO, TextIO
 
 from granite_lab.errors import InputError
 from granite_lab.files import readable, refuse_special
@@ -15,6 +19,9 @@ _MAGIC = {
     b"MATLAB": "a MATLAB file", b"SQLite": "an SQLite database", b"%PDF": "a PDF document",
 }  # fmt: skip
 
+_LARGEST = 2 << 30
+"""A compressed log may hold this much [bytes]."""
+
 
 def open_text(path: Path, encoding: str) -> TextIO:
     """Open a log as text; characters that do not fit the encoding become U+FFFD.
@@ -22,10 +29,51 @@ def open_text(path: Path, encoding: str) -> TextIO:
     Raises:
         InputError: the file cannot be read.
     """
+    return io.TextIOWrapper(_opened(path), encoding=encoding, errors="replace")
+
+
+def _opened(path: Path) -> BinaryIO:
+    """Open a log; one that is compressed (``.csv.gz``, or one table in a ``.zip``) is unpacked in memory.
+
+    Raises:
+        InputError: the file cannot be read or unpacked, or the archive does not hold just one table.
+    """
+    kind = path.suffix.lower()
     try:
-        return path.open(encoding=encoding, errors="replace")
+        if kind not in (".gz", ".zip"):
+            return path.open("rb")
+        if kind == ".gz":
+            with gzip.open(path) as packed:
+                data = packed.read(_LARGEST + 1)
+        else:
+            with zipfile.ZipFile(path) as archive, archive.open(_only_table(path, archive)) as member:
+                data = member.read(_LARGEST + 1)
+    except (gzip.BadGzipFile, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
+        raise InputError(
+            f"{path}: cannot be unpacked: {error}", "copy the file again, or unpack it and name the table"
+        ) from None
     except OSError as error:
         raise readable(error, path) from None
+    if len(data) > _LARGEST:
+        raise InputError(f"{path}: holds more than {_LARGEST >> 30} GB", "unpack it and name the table")
+    return io.BytesIO(data)
+
+
+def _only_table(path: Path, archive: zipfile.ZipFile) -> str:
+    """Return the name of the one table in an archive; what macOS adds does not count.
+
+    Raises:
+        InputError: there are none, or several.
+    """
+    inside = [name for name in archive.namelist() if not name.startswith("__MACOSX/")]
+    tables = [name for name in inside if name.lower().endswith((".csv", ".txt", ".tsv"))]
+    if len(tables) != 1:
+        found = ", ".join(tables[:5]) + (", …" if len(tables) > 5 else "") if tables else "none"
+        raise InputError(
+            f"{path}: expected one table (.csv, .txt, .tsv) in the archive, found {found}",
+            "unpack it and name the tables" if tables else "a log is a CSV file with a header line",
+        )
+    return tables[0]
 
 
 def encoding_of(path: Path) -> tuple[str, tuple[str, ...]]:
@@ -39,7 +87,7 @@ def encoding_of(path: Path) -> tuple[str, tuple[str, ...]]:
     """
     refuse_special(path)
     try:
-        with path.open("rb") as file:
+        with _opened(path) as file:
             head = file.read(1 << 16)
     except OSError as error:
         raise readable(error, path) from None

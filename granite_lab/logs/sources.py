@@ -17,7 +17,7 @@ from granite_lab.logs.dialect import Dialect, TableFormat, sniff
 from granite_lab.logs.layouts import Layout, load_layout
 from granite_lab.logs.matching import Match, best, choose, match, no_match
 from granite_lab.logs.metadata import Metadata, collect
-from granite_lab.logs.named import is_bag
+from granite_lab.logs.named import is_bag, sidecar
 from granite_lab.logs.source import Source
 from granite_lab.logs.table import is_dated, load
 from granite_lab.logs.trial import Array, InputFile
@@ -175,8 +175,8 @@ def _values(values: Array) -> str:
 
 def _about(path: Path, dialect: Dialect, doubts: list[str]) -> tuple[Metadata, tuple[InputFile, ...]]:
     """Read what the file and its sidecar say about the trial."""
-    sidecar = path.with_suffix(".toml")
-    beside = sidecar if sidecar != path and sidecar.is_file() else None
+    said = sidecar(path)
+    beside = said if said != path and said.is_file() else None
     metadata = collect(dialect.comments, path, doubts, beside)
     files = [path, *([beside] if beside else [])]
     return metadata, tuple(InputFile(file, sha256(file)) for file in files)

@@ -15,6 +15,7 @@ from typing import Any
 import granite_lab
 from granite_lab.errors import LabError
 from granite_lab.files import sha256
+from granite_lab.logs.named import sidecar
 from granite_lab.running.codec import encode
 from granite_lab.running.options import NOTHING_SAID, Options
 
@@ -68,7 +69,7 @@ def trial_key(what: str, path: Path, options: Options) -> str:
         options: of the work.
     """
     direct = (path, *options.files())
-    files = [(str(p), fingerprint(p), fingerprint(p.with_suffix(".toml"))) for p in direct]
+    files = [(str(p), fingerprint(p), fingerprint(sidecar(p))) for p in direct]
     mine = replace(options, tolerance=NOTHING_SAID.tolerance, latency=NOTHING_SAID.latency)  # of searches
     return digest_of(code(), what, files, hashlib.sha256(encode(mine)).hexdigest())
 
