@@ -170,7 +170,7 @@ class Page:
         shown = 0
         for row in table.rows[:most]:
             cells = [wrapped(cell.text, w, SMALL) for cell, w in zip(row, widths, strict=True)]
-            if max(map(len, cells)) * LEADING * SMALL + 26 > self.free():
+            if max(map(len, cells)) * LEADING * SMALL + 12 > self.free():
                 break
             self._row(table, cells, widths, [cell.tone for cell in row])
             shown += 1
