@@ -25,6 +25,7 @@ def show_inspection(inspection: Inspection, console: Console) -> None:
         say(console, str(report.path), "bold")
         if report.problem:
             say(console, report.problem, TONES["bad"])
+        if report.problem and not report.columns:
             continue
         _file(report, console)
 

@@ -124,3 +124,14 @@ def test_stamps_since_1970_stay_exact_to_the_microsecond_in_the_motion_table(tmp
     table = pd.read_csv(tmp_path / "out" / "log.csv")
     nearest = np.abs(table.iloc[:, 0].to_numpy()[:, None] - TRUE[None, :]).min(axis=1)
     assert nearest.max() < 1e-6
+
+
+def test_the_guesses_about_an_unknown_log_stand_on_the_terminal(tmp_path: Path) -> None:
+    path = log(tmp_path / "log.csv", "stamp.secs,stamp.nsecs", parts(10**9))
+    done = cli.lab("inspect", path)
+    assert done.code == 0
+    assert "no known layout; columns guessed" in done.out
+    rows = {words[0]: words[1:3] for line in done.out.splitlines() if len(words := line.split()) > 3}
+    assert rows["stamp.secs"] == ["t", "s"]
+    assert rows["stamp.nsecs"] == ["t_add", "ns"]
+    assert rows["enc_rr_rad"] == ["enc_rr", "rad"]
