@@ -204,6 +204,9 @@ def _notes(a: Mapping[str, Any], b: Mapping[str, Any], rows: tuple[Row, ...]) ->
         f"Each interval holds the true difference in 95 of 100 cases: of {len(judged)} rows, about "
         f"{0.05 * len(judged):.1f} would differ by chance."
     )
+    first, second = ({i["sha256"] for i in d["provenance"]["inputs"]} for d in (a, b))
+    if first & second:
+        yield f"{len(first & second)} files are read by both studies; the intervals take them as independent."
     yield "Errors that both studies share, as of the wheel radius, cancel in a difference only in part."
     parameters = [{p["key"]: p["value"] for p in d["provenance"]["parameters"]} for d in (a, b)]
     other = [

@@ -46,6 +46,7 @@ def test_the_same_study_twice_shows_no_difference(folder: Path, changed: Callabl
     assert {r.verdict for r in found.rows} == {ALIKE}
     assert {r.difference.value for r in found.rows} == {0.0}
     assert found.virtual
+    assert any(note.startswith("4 files are read by both studies") for note in found.notes)
 
 
 def test_a_shift_beyond_the_interval_differs(folder: Path, changed: Callable[[Change], Path]) -> None:
