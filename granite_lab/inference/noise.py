@@ -29,9 +29,6 @@ ORDER = 16
 
 REST_ORDER = 2
 
-LEARNT = ORDER + REST_ORDER + 2
-"""Numbers that describe the noise of a channel: two spectra with their levels."""
-
 FAST = 0.8
 """Share of the full speed from which a bin tells of the vibration."""
 
