@@ -11,7 +11,7 @@ from tests.corpus.cli import lab
 from tests.docs.pages import ROOT, blocks
 from tests.effects.example import EXAMPLE
 
-LONG = ("study", "view", "discover", "plan-next", "fit-k92")
+LONG = ("study", "compare-studies", "view", "discover", "plan-next", "fit-k92")
 """Commands that take minutes, a viewer or the result of one of these; tests of their own run them."""
 
 SAID = {
