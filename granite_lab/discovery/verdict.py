@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,7 +92,8 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
       likeliest model says, and that model changes no channel by more than the tolerance.
     * Effects of the likeliest set are named that close at least `LEAST_SHARE` of the gap, or make that share
-      of what the set changes in a channel, and more than the tolerance. Alone, or with at most two others
+      of what the set changes in a channel, and more than the tolerance; of several, trials left out must show
+      each. Alone, or with at most two others
       that cannot be told from them, they must have a posterior probability of `CREDIBLE`; together they must
       close more than half of the gap.
     * ``unknown`` otherwise.
@@ -101,11 +102,9 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     assert alone is not None
     alone = replace(alone, fit=under(problem, alone.fit, search.best.fit.scales))
     before = predict(problem, alone.fit, tolerance)
-    beside = tuple(Named(e, (), search.probability(holding(e)), Estimate(np.nan)) for e in search.beside)
+    beside = _held(search, search.beside)
     if not matters(problem, alone.fit, search.best.fit, tolerance):
-        small = (*beside, *(
-            Named(e, (), search.probability(holding(e)), Estimate(np.nan)) for e in search.best.effects
-        ))  # fmt: skip
+        small = (*beside, *_held(search, search.best.effects))
         gap = np.zeros_like(before.own)
         return Judgement("none", 1.0, alone, (), small, before, before, gap, float("nan"))
     best = search.best
@@ -128,11 +127,15 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
         probability = float(min(n.probability for n in sure))
         return Judgement("named", probability, best, tuple(sure), small, before, after, gap, remainder)
     doubt = 1 - float(min((n.probability for n in library), default=0.0)) if not enough else 0.0
-    shown = tuple(law) if law else ()
-    if not shown:
+    if not law:
         return Judgement("unknown", doubt or 1.0, alone, (), (*beside, *parts), before, before, gap, 1.0)
     small = (*beside, *(n for n in parts if n not in law))
-    return Judgement("unknown", 1.0, best, shown, small, before, after, gap, remainder)
+    return Judgement("unknown", 1.0, best, tuple(law), small, before, after, gap, remainder)
+
+
+def _held(search: Search, effects: Sequence[str]) -> tuple[Named, ...]:
+    """Return effects with their probability alone: what they close is not known."""
+    return tuple(Named(e, (), search.probability(holding(e)), Estimate(np.nan)) for e in effects)
 
 
 def by_posterior(problem: Problem, search: Search) -> Judgement:
@@ -140,7 +143,7 @@ def by_posterior(problem: Problem, search: Search) -> Judgement:
     best = search.best
     nothing = np.full(len(problem.trials), np.nan)
     unseen = Predicted(nothing, nothing, nothing, nothing)
-    named = tuple(Named(e, (), search.probability(holding(e)), Estimate(np.nan)) for e in best.effects)
+    named = _held(search, best.effects)
     sure = all(n.probability >= CREDIBLE and not is_empirical(n.id) for n in named)
     verdict: Verdict = "none" if not named else "named" if sure else "unknown"
     probability = min((n.probability for n in named), default=1.0)

@@ -14,7 +14,6 @@ import pytest
 from rich.console import Console
 
 from granite_lab.estimate import Estimate
-from granite_lab.reporting import figures, write_report
 from granite_lab.reporting.answers import Answers, of_study
 from granite_lab.reporting.content import StudyResult, command_of
 from granite_lab.reporting.document import Fold, Gallery
@@ -27,21 +26,6 @@ from tests.reporting.made_up_finding import made_up_finding
 
 SPEEDS = (0.2, 0.3, 0.5, 0.7)
 VOID = {"meta", "link", "br", "img", "input", "hr"}
-
-
-@pytest.fixture(scope="module")
-def result() -> StudyResult:
-    """Twelve trials of four speeds, with a finding."""
-    return dataclasses.replace(made_up_study(speeds=SPEEDS, repetitions=3), finding=made_up_finding())
-
-
-@pytest.fixture(scope="module")
-def written(result: StudyResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("page") / "twelve"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "to_png", lambda *_: b"")
-        write_report(result, folder, model="model.toml")
-    return folder
 
 
 class Shown(HTMLParser):
@@ -75,9 +59,9 @@ class Shown(HTMLParser):
             self.text.append(data)
 
 
-def test_at_most_3500_words_and_ten_figures_are_in_view(written: Path) -> None:
+def test_at_most_3500_words_and_ten_figures_are_in_view(twelve_folder: Path) -> None:
     page = Shown()
-    page.feed((written / "index.html").read_text(encoding="utf-8"))
+    page.feed((twelve_folder / "index.html").read_text(encoding="utf-8"))
     words = " ".join(page.text).split()
     assert 500 < len(words) <= 3500
     assert 2 <= page.figures <= 10
@@ -96,25 +80,25 @@ def test_one_figure_a_speed_overlays_measured_and_simulated(speeds: tuple[float,
     assert folds
 
 
-def everywhere(result: StudyResult, written: Path) -> dict[str, str]:
+def everywhere(twelve: StudyResult, twelve_folder: Path) -> dict[str, str]:
     """Return each form of a report as plain text."""
     out = io.StringIO()
-    show_study(result, Console(file=out, width=400), model="model.toml")
+    show_study(twelve, Console(file=out, width=400), model="model.toml")
     page = re.sub(
-        r"<(style|svg).*?</\1>", " ", (written / "index.html").read_text(encoding="utf-8"), flags=re.S
+        r"<(style|svg).*?</\1>", " ", (twelve_folder / "index.html").read_text(encoding="utf-8"), flags=re.S
     )
     texts = {
         "page": html.unescape(re.sub(r"<[^>]+>", "", page)),
-        "Markdown": (written / "report.md").read_text(encoding="utf-8").replace("\\", ""),
+        "Markdown": (twelve_folder / "report.md").read_text(encoding="utf-8").replace("\\", ""),
         "terminal": out.getvalue(),
-        "JSON": (written / "report.json").read_text(encoding="utf-8"),
+        "JSON": (twelve_folder / "report.json").read_text(encoding="utf-8"),
     }
     return {form: " ".join(text.replace("\u00a0", " ").split()) for form, text in texts.items()}
 
 
-def test_every_form_of_the_report_says_the_same_answers(result: StudyResult, written: Path) -> None:
-    decided_once = of_study(result, "model.toml")
-    for form, text in everywhere(result, written).items():
+def test_every_form_of_the_report_says_the_same_answers(twelve: StudyResult, twelve_folder: Path) -> None:
+    decided_once = of_study(twelve, "model.toml")
+    for form, text in everywhere(twelve, twelve_folder).items():
         for answer in decided_once.questions:
             for said in (answer.verdict, answer.text):
                 plain = " ".join(said.replace("\u00a0", " ").split())
@@ -126,16 +110,16 @@ def test_every_form_of_the_report_says_the_same_answers(result: StudyResult, wri
                     assert shown in text, (form, s.velocity)
 
 
-def test_json_holds_the_numbers_as_they_are_printed(result: StudyResult, written: Path) -> None:
-    answers = json.loads((written / "report.json").read_text(encoding="utf-8"))["answers"]
-    for s, row in zip(of_study(result).speeds, answers["speeds"], strict=True):
+def test_json_holds_the_numbers_as_they_are_printed(twelve: StudyResult, twelve_folder: Path) -> None:
+    answers = json.loads((twelve_folder / "report.json").read_text(encoding="utf-8"))["answers"]
+    for s, row in zip(of_study(twelve).speeds, answers["speeds"], strict=True):
         assert row["slip"]["value"] == float(s.slip.text)
         assert [f"{x:.{s.slip.decimals}f}" for x in row["slip"]["ci95"]] == s.slip.interval.split(" to ")
     assert answers["a_theta"]["value"] == 4.93
 
 
-def test_a_theta_has_one_value(result: StudyResult, written: Path) -> None:
-    for form, text in everywhere(result, written).items():
+def test_a_theta_has_one_value(twelve: StudyResult, twelve_folder: Path) -> None:
+    for form, text in everywhere(twelve, twelve_folder).items():
         if form != "JSON":
             assert set(re.findall(r"a_?θ = ([\d.]+)", text)) == {"4.93"}, form
 
@@ -175,11 +159,11 @@ def test_a_law_is_not_tested_by_fewer_than_three_speeds() -> None:
         assert answer.verdict == verdict
 
 
-def test_a_theta_that_differs_is_put_beside_what_is_missing(result: StudyResult) -> None:
-    assert result.a_theta is not None
-    off = dataclasses.replace(result.a_theta, a_theta=Estimate(3.6, 0.05), ci95=(3.5, 3.7))
-    for finding, said in ((result.finding, True), (made_up_finding("none"), False)):
-        answer = of_study(dataclasses.replace(result, a_theta=off, finding=finding)).question("a_theta")
+def test_a_theta_that_differs_is_put_beside_what_is_missing(twelve: StudyResult) -> None:
+    assert twelve.a_theta is not None
+    off = dataclasses.replace(twelve.a_theta, a_theta=Estimate(3.6, 0.05), ci95=(3.5, 3.7))
+    for finding, said in ((twelve.finding, True), (made_up_finding("none"), False)):
+        answer = of_study(dataclasses.replace(twelve, a_theta=off, finding=finding)).question("a_theta")
         assert answer is not None
         assert answer.verdict == "No"
         assert ("what is missing can cause this" in answer.text) is said
