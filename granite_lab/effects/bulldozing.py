@@ -27,11 +27,11 @@ class Bulldozing(Effect):
     equation = "F_x = (16) − strength · b (2 c √K_p z0 + γ K_p z0²/2) tanh(v/v_floor), K_p = tan²(45° + φ/2)"
     source = (
         "Hegedus, Land Locomotion Laboratory report 61, 1960; Bekker, Introduction to Terrain-Vehicle "
-        "Systems, 1969; for rovers Ishigami et al., Journal of Field Robotics 24, 2007, 233-250"
+        "Systems, 1969; Ishigami et al., Journal of Field Robotics 24, 2007, 233-250"
     )
     signature = (
-        "The resistance grows with sinkage and not with speed. Slip and currents are higher at every "
-        "speed. Friction in the drive units also raises the currents, but not the slip."
+        "Slip and currents are higher at every speed, the more the deeper the wheels sink. Friction in "
+        "the drives raises only the currents."
     )
     parameters = (
         EffectParameter("strength", "", "multiple of the passive pressure of a vertical wall",

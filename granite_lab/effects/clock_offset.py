@@ -15,11 +15,11 @@ class ClockOffset(Effect):
     equation = "enc(t), cur(t) = their values at t − offset"
     source = (
         "Rehder, Siegwart, Furgale, IEEE Transactions on Robotics 32, 2016, 383-398: a few to tens of "
-        "milliseconds where stamps are set on arrival"
+        "milliseconds"
     )
     signature = (
-        "Wheels and currents lag the body by the same time in every trial, which shows only while the "
-        "speed changes. A negative offset resembles tyre_windup, whose lag depends on the torque."
+        "Wheels and currents lag the body by the same time in every trial, visible while the speed "
+        "changes. The lag of tyre_windup depends on the torque."
     )
     parameters = (EffectParameter("offset", "s", "delay of the stamps", -0.3, 0.3, 0.0, -0.04, 0.04),)
 

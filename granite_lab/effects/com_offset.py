@@ -14,12 +14,10 @@ class ComOffset(Effect):
     id = "com_offset"
     title = "centre of mass shifted along the robot"
     equation = "x_CM + forward in (22)"
-    source = (
-        "(22); range: weighing both axles to 0.5-2 % of the weight leaves 2-8 mm; equipment on top adds more"
-    )
+    source = "(22); range: weighing both axles leaves 2-8 mm; equipment on top adds more"
     signature = (
         "Load, sinkage and current move from one axle to the other, equally at standstill and in motion. "
-        "drive_reaction does the same, but only under torque."
+        "drive_reaction does so only under torque."
     )
     parameters = (
         EffectParameter("forward", "m", "shift of the centre of mass, forward positive",

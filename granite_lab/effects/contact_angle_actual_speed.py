@@ -18,10 +18,10 @@ class ContactAngleActualSpeed(Effect):
     id = "contact_angle_actual_speed"
     title = "rear contact angle set by the actual speed"
     equation = "(5) with v = v_d + weight · (|v_R| − v_d)"
-    source = "the paper's (4) and (5) use the desired velocity in place of the actual one"
+    source = "the paper uses the desired velocity in place of the actual one"
     signature = (
-        "The robot starts faster at high speed, as with contact_angle_lag. At constant speed k_92 is "
-        "slightly larger, so that slip and current are slightly lower; a larger a_θ cancels this."
+        "The start is faster at high speed, as with contact_angle_lag. At constant speed slip and current "
+        "are slightly lower; a larger a_θ cancels this."
     )
     parameters = (
         EffectParameter("weight", "", "0: desired velocity, 1: actual velocity",

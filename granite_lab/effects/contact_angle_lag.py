@@ -27,13 +27,12 @@ class ContactAngleLag(Effect):
     title = "rear contact angle with a time lag"
     equation = "T dϑ2/dt + ϑ2 = k_92(v_d) ϑ1, T = time · (0.4 m/s / |v|)^exponent"
     source = (
-        "relaxation length of tyres, applied to the contact angle: Pacejka, Tire and Vehicle Dynamics, "
-        "3rd ed., 2012, ch. 7; range: a contact patch of 0.04-0.1 m gives 0.05-0.25 s"
+        "relaxation length of tyres: Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, ch. 7; range: a "
+        "contact patch of 0.04-0.1 m gives 0.05-0.25 s"
     )
     signature = (
-        "While the robot accelerates, k_92 is still large: resistance and current are lower and the start "
-        "is faster. Braking shows the opposite. Constant speed is unchanged. contact_angle_actual_speed "
-        "is very similar."
+        "During acceleration k_92 is still large: the start is faster, with less current. Braking shows "
+        "the opposite. Constant speed is unchanged. contact_angle_actual_speed is very similar."
     )
     parameters = (
         EffectParameter("time", "s", "time constant at 0.4 m/s", 0.0, 3.0, 0.0, 0.03, 0.4),

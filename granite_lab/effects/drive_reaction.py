@@ -16,13 +16,12 @@ class DriveReaction(Effect):
     title = "reaction of the driving torques on the body"
     equation = "I_Ry Θ̈ = (22) − share · Σ T_i"
     source = (
-        "moment balance of the body: Wong, Theory of Ground Vehicles, 4th ed., 2008, ch. 3; Figs. 5-8 of "
-        "the paper show rear torques above the simulated ones"
+        "Wong, Theory of Ground Vehicles, 4th ed., 2008, ch. 3; Figs. 5-8 of the paper show rear torques "
+        "above the simulated ones"
     )
     signature = (
-        "Load moves to the rear in proportion to the torque: the nose rises, the rear wheels sink deeper "
-        "and draw more current, the front wheels draw less. The change is zero at standstill and largest "
-        "during acceleration."
+        "Load moves to the rear in proportion to the torque: the nose rises, and current moves from the "
+        "front to the rear wheels. The change is largest during acceleration and zero at standstill."
     )
     parameters = (
         EffectParameter("share", "", "share of ΣT that acts on the body; 1 by Newton's third law",

@@ -19,13 +19,11 @@ class DrivetrainFriction(Effect):
     equation = "T = η_d n_d k_m i − coulomb · z − viscous · ω, ż = (ω − |ω| z) / creep"
     source = (
         "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30, 1994, 1083-1138; Dahl, Aerospace "
-        "Corporation TOR-0158(3107-18)-1, 1968; range: 2-20 % of the 5-10 N m that the paper's wheels "
-        "need, as no-load currents of 0.1-0.8 A indicate"
+        "Corporation TOR-0158(3107-18)-1, 1968; range: no-load currents of 0.1-0.8 A"
     )
     signature = (
-        "All currents are higher by nearly the same amount while the wheels turn. The motion is "
-        "unchanged, because the controller compensates. Coasting is shorter, and a current remains after "
-        "the stop."
+        "All currents are higher by nearly the same amount while the wheels turn, and a current remains "
+        "after the stop. The motion is unchanged; only coasting is shorter."
     )
     parameters = (
         EffectParameter("coulomb", "N m", "dry friction at the wheel", -1.0, 20.0, 0.0, 0.1, 1.5),

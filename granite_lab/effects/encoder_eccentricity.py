@@ -18,12 +18,12 @@ class EncoderEccentricity(Effect):
     title = "eccentric encoder discs"
     equation = "enc = θ + c sin θ + s (cos θ − 1), for the controller (25), (26), too; amplitude e/R"
     source = (
-        "geometry of a disc off its shaft by e, read at the radius R; range: 0.2-0.4° for e = 0.1 mm at R "
-        "of 15-32 mm (Synapticon, Circulo manual), so that 0.5 mm at 15 mm is 1.9°"
+        "geometry of a disc with offset e, read at the radius R; range: 0.2-0.4° for e = 0.1 mm "
+        "(Synapticon, Circulo manual), 1.9° for 0.5 mm at 15 mm"
     )
     signature = (
-        "Wheels, body and currents oscillate once per wheel turn (0.33-1.2 Hz at 0.2-0.7 m/s), although "
-        "the encoders follow the command. There is no vertical motion, in contrast to wheel_eccentricity."
+        "Wheels, body and currents oscillate once per wheel turn (0.33-1.2 Hz at 0.2-0.7 m/s) while the "
+        "encoders follow the command. wheel_eccentricity has vertical motion, too."
     )
     parameters = tuple(
         EffectParameter(f"{part}_{axle}", "rad", f"{word} part of the reading error, {axle} wheels",

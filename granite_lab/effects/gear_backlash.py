@@ -41,13 +41,12 @@ class GearBacklash(Effect):
     title = "play in the gears"
     equation = "J_w dω/dt = T_t + M_ω, J_m (dω/dt + h d²u/dt²) = T − T_t, T_t = 0 within |u| < 1, h = play/2"
     source = (
-        "Nordin and Gutman, Automatica 38, 2002, 1633-1649 (two inertias, dead zone); range: makers state "
-        "0.15-1° for planetary gears; key, hub and coupling add as much"
+        "Nordin and Gutman, Automatica 38, 2002, 1633-1649; range: makers state 0.15-1° for planetary "
+        "gears; key, hub and coupling add as much"
     )
     signature = (
-        "Wheels and body start late while the motor takes up half the play and the encoders already turn "
-        "(about 60 ms for 0.75° at 0.6 m/s²). A jerk follows. The same happens, with a current spike, "
-        "when braking reverses the torque. The robot may rock about rest."
+        "The encoders start while wheels and body wait (60 ms for 0.75° at 0.6 m/s²); a jerk follows. The "
+        "same, with a current spike, when braking reverses the torque."
     )
     parameters = (
         EffectParameter("play", "deg", "total play between motor and wheel, at the wheel",

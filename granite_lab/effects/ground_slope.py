@@ -20,10 +20,10 @@ class GroundSlope(Effect):
     id = "ground_slope"
     title = "sloping ground"
     equation = "g_x = −g sin(slope), g_z = −g cos(slope) in (20), (21); at rest m g sin(slope) is held"
-    source = "(20), (21); range: sand raked by hand is level within a few tenths of a degree to 1°"
+    source = "(20), (21); range: raked sand is level within a few tenths of a degree to 1°"
     signature = (
-        "Uphill, slip and currents are higher at constant speed. The accelerometer reads the slope also "
-        "at standstill, exactly as with imu_tilt. The sign changes when the robot drives the other way."
+        "Uphill, slip and currents are higher at constant speed. The accelerometer has an offset also at "
+        "standstill, as with imu_tilt. In the opposite direction the sign changes."
     )
     parameters = (
         EffectParameter("slope", "deg", "rise of the ground in the direction of travel",

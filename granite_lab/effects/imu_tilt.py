@@ -17,10 +17,10 @@ class ImuTilt(Effect):
     id = "imu_tilt"
     title = "mounting tilt of the IMU"
     equation = "a_x' = a_x cos β − a_z sin β, a_z' = a_x sin β + a_z cos β"
-    source = "rotation (19) between robot and sensor; range: brackets and cases align an IMU to 0.2-2°"
+    source = "rotation (19); range: brackets and cases align an IMU to 0.2-2°"
     signature = (
-        "The longitudinal acceleration has a constant offset of g sin(tilt), at standstill and in motion. "
-        "ground_slope has the same offset but also changes slip and currents."
+        "The longitudinal acceleration has an offset of g sin(tilt), at standstill and in motion. "
+        "ground_slope also changes slip and currents."
     )
     parameters = (
         EffectParameter("tilt", "deg", "tilt of the IMU, nose down positive", -20.0, 20.0, 0.0, -2.0, 2.0),

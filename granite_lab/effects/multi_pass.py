@@ -25,14 +25,12 @@ class MultiPass(Effect):
         "g = 1 + slip_growth · |λ|"
     )
     source = (
-        "Holm, J. Terramechanics 6(3), 1969, 47-71; Wong, Terramechanics and Off-Road Vehicle "
-        "Engineering, 2nd ed., 2010; Senatore and Sandu, J. Terramechanics 48, 2011, 265-276: "
-        "density, cohesion and shear modulus change by a factor that grows with the slip of the first "
-        "pass"
+        "Holm, J. Terramechanics 6(3), 1969, 47-71; Senatore and Sandu, J. Terramechanics 48, 2011, "
+        "265-276 (growth with the slip of the first pass)"
     )
     signature = (
-        "After one wheelbase of travel the rear wheels rise by millimetres and the nose goes down. "
-        "Stiffer shear lowers slip and all currents. The step is fixed in distance, not in time."
+        "After one wheelbase of travel the nose goes down by millimetres, and slip and currents fall. The "
+        "step is fixed in distance, not in time."
     )
     parameters = (
         EffectParameter("pressure", "", "relative increase of k_c and k_φ in the rut",

@@ -16,9 +16,8 @@ class PayloadMass(Effect):
     equation = "m_0 + mass in (20), (21)"
     source = "(20), (21); range: a laptop, a battery or an instrument weighs 1-8 kg"
     signature = (
-        "Sinkage is larger already at standstill. Currents are higher, most during acceleration. Slip "
-        "falls by tenths of a percentage point. Softer sand looks nearly the same, but does not add "
-        "inertia."
+        "Sinkage is larger also at standstill. Currents are higher, most during acceleration. Slip falls "
+        "by tenths of a percentage point. Softer sand is similar but does not add inertia."
     )
     parameters = (EffectParameter("mass", "kg", "additional mass of the body", -20.0, 100.0, 0.0, 0.5, 8.0),)
 

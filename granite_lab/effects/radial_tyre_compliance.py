@@ -24,13 +24,12 @@ class RadialTyreCompliance(Effect):
     title = "tyre that deflects under its load"
     equation = "δ = W / k_r, rolling radius r − δ/3, underside level where (7) would exceed z0"
     source = (
-        "flat underside: Karafiath and Nowatzki, Soil Mechanics for Off-Road Vehicle Engineering, 1978; "
-        "Wong, Terramechanics and Off-Road Vehicle Engineering, 2nd ed., 2010; rolling radius: Gillespie, "
-        "Fundamentals of Vehicle Dynamics, 1992; the paper lists k_r = 40 kN/m, 2.5e-5 m/N"
+        "Karafiath and Nowatzki, Soil Mechanics for Off-Road Vehicle Engineering, 1978; Gillespie, "
+        "Fundamentals of Vehicle Dynamics, 1992; the paper's k_r of 40 kN/m is 2.5e-5 m/N"
     )
     signature = (
-        "The contact is flatter, also at standstill: the axles sit lower, the wheels sink less and the "
-        "currents fall. Slip rises slightly at 0.2 m/s and falls at 0.7 m/s."
+        "The axles sit lower, the wheels sink less and the currents fall, also at standstill. Slip rises "
+        "slightly at 0.2 m/s and falls at 0.7 m/s."
     )
     parameters = (
         EffectParameter("compliance", "m/N", "deflection of one tyre per load, 1/k_r",

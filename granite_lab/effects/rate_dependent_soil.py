@@ -27,9 +27,8 @@ class RateDependentSoil(Effect):
         "Intelligent and Robotic Systems 71, 2013"
     )
     signature = (
-        "Sinkage falls as speed rises: the body rises by millimetres during acceleration, and the "
-        "currents at 0.7 m/s fall relative to those at 0.2 m/s. Slip grows slightly. Standstill is "
-        "unchanged."
+        "Sinkage falls as speed rises: the body rises by millimetres, and the currents at 0.7 m/s fall "
+        "relative to those at 0.2 m/s. Standstill is unchanged."
     )
     parameters = (
         EffectParameter("stiffening", "", "relative increase of pressure at 0.1 m/s",

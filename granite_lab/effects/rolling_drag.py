@@ -19,14 +19,8 @@ class RollingDrag(Effect):
     id = "rolling_drag"
     title = "resistance that grows with speed"
     equation = "F_x = (16) − force/4 · (|v| / 0.5 m/s)^exponent sign(v), per wheel"
-    source = (
-        "power series in speed: Wong, Theory of Ground Vehicles, 4th ed., 2008, ch. 1; range: 0.2-5 % of "
-        "the weight of 423 N"
-    )
-    signature = (
-        "Slip and currents rise with speed, in phase with it. The vertical motion is unchanged. Linear "
-        "and quadratic drag are hard to tell apart."
-    )
+    source = "Wong, Theory of Ground Vehicles, 4th ed., 2008, ch. 1; range: 0.2-5 % of the weight of 423 N"
+    signature = "Slip and currents rise with speed. The vertical motion is unchanged."
     parameters = (
         EffectParameter("force", "N", "drag of the robot at 0.5 m/s", 0.0, 200.0, 0.0, 1.0, 20.0),
         EffectParameter("exponent", "", "exponent of the speed", 0.5, 3.0, 1.0, 1.0, 2.0, shape=True),

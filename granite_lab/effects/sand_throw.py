@@ -21,14 +21,10 @@ class SandThrow(Effect):
     id = "sand_throw"
     title = "thrust lost to sand thrown behind the wheels"
     equation = "F = (14) · (1 − loss · s² / (s² + (0.15 m/s)²)), s = max(v_o − v, 0), M_ω as in (15)"
-    source = (
-        "suggested in section 5 of the paper; shear models of light wheels without slip speed "
-        "overestimate traction (in-wheel sensors, Ishigami and co-workers, J. Terramechanics); "
-        "the formula is empirical"
-    )
+    source = "suggested in section 5 of the paper; the formula is empirical"
     signature = (
-        "Slip and currents rise at 0.7 m/s and not at 0.2 m/s, where the wheels hardly slip. The body is "
-        "late at the start, where the slip speed is largest. Sinkage is unchanged."
+        "Slip and currents rise at 0.7 m/s and not at 0.2 m/s. The body is late at the start, where the "
+        "slip speed is largest. Sinkage is unchanged."
     )
     parameters = (
         EffectParameter("loss", "", "share of the thrust lost in fast slip", 0.0, 0.9, 0.0, 0.02, 0.25),

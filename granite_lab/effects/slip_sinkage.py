@@ -21,14 +21,12 @@ class SlipSinkage(Effect):
     title = "sinkage that grows with slip"
     equation = "(8) with n = n0 + n1 |λ|"
     source = (
-        "Ding, Gao, Deng, Tao, J. Cent. South Univ. Technol. 17, 2010, 129-135: sinkage at a slip of 0.6 "
-        "is 3-7 times the static one, n1 = 0.8-2 in their soil; Lyasko, J. Terramechanics 47, "
-        "2010, 21-31, for sand"
+        "Ding, Gao, Deng, Tao, J. Cent. South Univ. Technol. 17, 2010, 129-135 (n1 = 0.8-2 in their "
+        "soil); Lyasko, J. Terramechanics 47, 2010, 21-31, for sand"
     )
     signature = (
         "Sinkage and currents grow with slip: little at 0.2 m/s, most at 0.7 m/s and during acceleration, "
-        "not at standstill. Slip falls slightly, because the contact arc is longer. The vertical "
-        "acceleration shows sinking and recovery."
+        "not at standstill. Slip falls slightly."
     )
     parameters = (
         EffectParameter("growth", "", "n1, increase of the exponent n per unit of slip",

@@ -19,9 +19,8 @@ class SupplySag(Effect):
     title = "supply voltage that drops with the current"
     equation = "u_i' = u_i (1 − R_s I_b / u_max), T_s İ_b + I_b = Σ (u_i / u_max) i_i, T_s = R_s C_s"
     source = (
-        "Thévenin source with a pulse-width-modulated bridge: Mohan, Undeland, Robbins, Power "
-        "Electronics, 3rd ed., 2003, ch. 7; range: 10-200 mΩ for packs of about 30 V with leads, 1-100 mF "
-        "on the bus (assumed)"
+        "Mohan, Undeland, Robbins, Power Electronics, 3rd ed., 2003, ch. 7; range: 10-200 mΩ for packs of "
+        "about 30 V, 1-100 mF on the bus (assumed)"
     )
     signature = (
         "The wheels lag the command when speed and torque are both high, and catch up later. Body and "

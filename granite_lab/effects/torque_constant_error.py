@@ -15,12 +15,12 @@ class TorqueConstantError(Effect):
     title = "wrong torque constant or gear efficiency"
     equation = "T = η_d n_d k_m (1 + error) i"
     source = (
-        "(24); range: makers state k_m within 5-10 %, warm magnets lose up to 5-10 % more (Hughes and "
-        "Drury, Electric Motors and Drives, 5th ed., 2019, ch. 3)"
+        "(24); range: makers state k_m within 5-10 %, warm magnets lose 5-10 % (Hughes and Drury, "
+        "Electric Motors and Drives, 5th ed., 2019, ch. 3)"
     )
     signature = (
-        "All currents differ by the same factor, in all phases and at all speeds. The motion is "
-        "unchanged. A gain error of the current sensors looks identical."
+        "All currents differ by the same factor in all phases and at all speeds. The motion is unchanged. "
+        "A gain error of the current sensors looks identical."
     )
     parameters = (EffectParameter("error", "", "relative error of k_m η_d", -0.5, 0.5, 0.0, -0.15, 0.15),)
 

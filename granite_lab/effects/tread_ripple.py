@@ -26,7 +26,7 @@ class TreadRipple(Effect):
         "Terramechanics 37, 2000, 21-39 (sinusoidal drawbar pull)"
     )
     signature = (
-        "Accelerations and pitch rate oscillate at N times the wheel rate: 8-28 Hz for 24 lugs at 0.2-0.7 "
+        "Accelerations and pitch rate oscillate at N times the wheel rate, 8-28 Hz for 24 lugs at 0.2-0.7 "
         "m/s. The mean is zero."
     )
     parameters = tuple(

@@ -32,14 +32,12 @@ class TyreWindup(Effect):
     title = "torsion of the tyre between rim and tread"
     equation = "J_t (ω̇ − κ ü) = u + T_r u̇ + M_ω(ω − κ u̇); ψ = κ u, stiffness k = 1/κ, damping c = T_r/κ"
     source = (
-        "rigid-ring tyre: Zegelaar, TU Delft 1998; Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, ch. "
-        "9; range: k = k_x r^2 with k_x of 0.7 to 14 times the paper's radial stiffness of 40 kN/m gives "
-        "250-5000 N m/rad; the tread's share is assumed"
+        "Zegelaar, TU Delft 1998; Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, ch. 9; range: "
+        "250-5000 N m/rad from 0.7 to 14 times the paper's radial stiffness; tread_share is assumed"
     )
     signature = (
-        "The body lags the wheels by a few to tens of milliseconds whenever the torque changes: at the "
-        "start, at the end of the ramp and at the end of the command. Currents rise later. Constant speed "
-        "is unchanged."
+        "The body lags the wheels by a few to tens of milliseconds when the torque changes: at the start "
+        "and at the ends of the ramps. Currents rise later. Constant speed is unchanged."
     )
     parameters = (
         EffectParameter("compliance", "rad/(N m)", "twist of one tyre per torque, 1/k",

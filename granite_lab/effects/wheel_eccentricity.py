@@ -23,13 +23,9 @@ class WheelEccentricity(Effect):
     id = "wheel_eccentricity"
     title = "eccentric wheels"
     equation = "wheel centre = axle + (c sin θ − s cos θ, c cos θ + s sin θ)"
-    source = (
-        "kinematics of a circle that turns about a point off its centre; range: run-out of 0.2-1.5 mm for "
-        "moulded tyres on pressed hubs"
-    )
+    source = "kinematics; range: run-out of 0.2-1.5 mm for moulded tyres on pressed hubs"
     signature = (
-        "Vertical motion, pitch and currents oscillate once per wheel turn (0.33-1.2 Hz at 0.2-0.7 m/s), "
-        "in phase with the wheel angle."
+        "Vertical motion, pitch and currents oscillate once per wheel turn (0.33-1.2 Hz at 0.2-0.7 m/s)."
     )
     parameters = tuple(
         EffectParameter(f"{part}_{axle}", "m", f"{word} part of the run-out, {axle} wheels",

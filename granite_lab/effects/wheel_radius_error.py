@@ -15,13 +15,11 @@ class WheelRadiusError(Effect):
     title = "scale error of the wheel angles"
     equation = "enc' = (1 + error) enc"
     source = (
-        "Borenstein and Feng, IEEE Transactions on Robotics and Automation 12, 1996, 869-880: wheel "
-        "diameters are known to tenths of a percent at best; range: a rubber tyre wears and deflects by "
-        "1-4 % of its radius"
+        "Borenstein and Feng, IEEE Transactions on Robotics and Automation 12, 1996, 869-880; range: a "
+        "rubber tyre wears and deflects by 1-4 % of its radius"
     )
     signature = (
-        "Encoders and body disagree by the same factor at every speed: slip appears even without torque. "
-        "The wheels seem to miss the command in proportion to the distance."
+        "Encoders and body disagree by the same factor at every speed: slip appears even without torque."
     )
     parameters = (EffectParameter("error", "", "relative error of the reading", -0.2, 0.2, 0.0, -0.04, 0.04),)
 
