@@ -13,7 +13,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92Fit
-from granite_lab.fitting.slip import simulate_k92
+from granite_lab.fitting.k92 import simulate_k92
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model import Run
 from granite_lab.model.effect import Active

@@ -1,19 +1,17 @@
 from .atheta import fit_a_theta, published_fit
 from .fit import AThetaFit, FitStatus, K92Fit, Law
-from .k92 import fit_k92, slip_interval
-from .slip import fit_k92_to_slip, simulate_k92, simulated_slip
-from .trajectory import Trajectories, fit_trajectories
+from .k92 import fit_k92, simulate_k92, simulated_slip, slip_interval
+from .trajectory import Trajectory, fit_trajectory
 
 __all__ = [
     "AThetaFit",
     "FitStatus",
     "K92Fit",
     "Law",
-    "Trajectories",
+    "Trajectory",
     "fit_a_theta",
     "fit_k92",
-    "fit_k92_to_slip",
-    "fit_trajectories",
+    "fit_trajectory",
     "published_fit",
     "simulate_k92",
     "simulated_slip",

@@ -13,6 +13,12 @@ from granite_lab.shown import Shown
 if TYPE_CHECKING:
     import pandas as pd
 
+PointRow = tuple[str, float, Estimate, Estimate]
+"""(trial, velocity [m/s], k_92, λ_R), as in `AThetaFit.points`."""
+
+K92_BOUNDS = (0.0, 1.0)
+"""The model needs k_92 >= 0 (section 5), and k_92 = 1 is the value at rest, below (4)."""
+
 FitStatus = Literal["ok", "at_lower_bound", "at_upper_bound", "not_converged", "not_evaluated"]
 
 
@@ -34,7 +40,6 @@ class K92Fit(Shown):
         status_trajectory: the same for `k92_trajectory`.
         notes: what a reader should know, one line each.
         std_measurement: the part of the std of `k92` that comes from the measured slip ratio.
-        std_sand: the part that comes from the scatter of the sand from trial to trial.
         parts: what the std of `k92` is made of, source by source; empty where it has none.
         curve: (k_92, λ_R) of the simulations, by k_92: the likelihood of `k92` goes by it.
     """
@@ -51,7 +56,6 @@ class K92Fit(Shown):
     status_trajectory: FitStatus
     notes: tuple[str, ...] = ()
     std_measurement: float = math.nan
-    std_sand: float = math.nan
     parts: tuple[Part, ...] = ()
     curve: tuple[tuple[float, float], ...] = ()
 
@@ -115,20 +119,18 @@ class AThetaFit:
 
     Attributes:
         a_theta: weighted estimate with its std [s/m]; trial-to-trial scatter included.
-        ci95: 95 % interval (Student's t) [s/m].
+        ci95: 95 % interval [s/m], by Student's t, or by the likelihood where that differs by a tenth.
         log_linear: the paper's way: least squares on log k_92 through (0, 1).
         ordinary: least squares on k_92 itself.
         scatter: trial-to-trial std of log k_92 beyond the stated uncertainties [-].
         published: the paper's value [s/m].
         agrees: the published value lies in `ci95`.
-        points: (trial, velocity [m/s], k_92, λ_R) that went in.
+        points: (trial, velocity [m/s], k_92, λ_R) that went in; the velocity is the steady desired one.
         laws: the rivals, best first.
         notes: what a reader should know, one line each.
         parts: what the std of `a_theta` is made of besides the std of the points.
         sensitivity: da_θ/dk_92 of each point [s/m]; 0 for those that were left out. The squares of
             sensitivity times std of the points and of `parts` add up to the variance of `a_theta`.
-        linear95: the interval by the covariance; `ci95` is by the likelihood where the two differ by more
-            than a tenth [s/m].
     """
 
     a_theta: Estimate
@@ -138,12 +140,11 @@ class AThetaFit:
     scatter: float
     published: float
     agrees: bool
-    points: tuple[tuple[str, float, Estimate, Estimate], ...]
+    points: tuple[PointRow, ...]
     laws: tuple[Law, ...]
     notes: tuple[str, ...] = ()
     parts: tuple[Part, ...] = ()
     sensitivity: tuple[float, ...] = ()
-    linear95: tuple[float, float] = (math.nan, math.nan)
 
     def __repr__(self) -> str:
         return (

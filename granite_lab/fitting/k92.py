@@ -1,22 +1,67 @@
-"""k_92 of one trial, by the steady slip ratio and by the whole trajectory."""
+"""k_92 of one trial: by the steady slip ratio (section 5, Table 3), and by the whole trajectory."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.optimize import brentq
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
-from granite_lab.fitting.fit import K92Fit
-from granite_lab.fitting.slip import K92_BOUNDS, Curve, SlipFit, fit_slip, raking_parts, simulated_slip
-from granite_lab.fitting.trajectory import Trajectories, fit_trajectories
-from granite_lab.inference.constants import TOLERANCE
+from granite_lab.fitting.fit import K92_BOUNDS, FitStatus, K92Fit
+from granite_lab.fitting.trajectory import fit_trajectory
+from granite_lab.inference.bench import RAKED, SAND
+from granite_lab.inference.constants import RAKING
 from granite_lab.logs.trial import Trial
-from granite_lab.model import simulate
+from granite_lab.model import Run, simulate
 from granite_lab.model.command import peak_velocity, steady_interval, steady_part
 from granite_lab.model.effect import Active
-from granite_lab.parameters import Robot, Soil
+from granite_lab.parameters import Robot, Soil, Variant
+
+LEAST_K92 = 1e-3
+"""Below it the exponential law's exponent runs away: it takes k_92 for this value."""
+
+RAKED_AS = ("k_φ, from raking to raking", "c, from raking to raking")
+"""The parameters of the sand that change with the raking besides a_θ, as a budget calls them."""
+
+_TOLERANCE = 1e-5  # of the root; the simulated slip ratio is good to about the same
+_STEP = 0.01  # of k_92 in finite differences
+
+
+def simulate_k92(
+    variant: Variant, robot: Robot, soil: Soil, k92: float, *, effects: Sequence[Active] = ()
+) -> Run:
+    """Simulate a run in which k_92 follows (5) to a given value at the steady desired velocity.
+
+    Raises:
+        InputError: the robot's file lacks chassis or drive.
+        EstimateError: the simulation does not converge.
+    """
+    a_theta = -math.log(min(max(k92, LEAST_K92), 1.0)) / peak_velocity(variant)
+    return simulate(variant, robot, soil, a_theta=a_theta, effects=effects)
+
+
+def simulated_slip(run: Run, interval: tuple[float, float] | None = None) -> float:
+    """Return λ_R by (2) of a run: 1 - distance of the body / distance the wheels turned through.
+
+    The wheels' distance is taken from the virtual encoders, as the measured one is from the real.
+
+    Args:
+        run: a simulated run.
+        interval: start and end [s after command start]; by default the run's steady part.
+    """
+    t1, t2 = interval or run.steady
+    x, front, rear = (
+        float(np.diff(np.interp([t1, t2], run.t, run[name]))[0]) for name in ("x_m", "enc_f_rad", "enc_r_rad")
+    )
+    wheels = run.robot.wheels.radius * (front + rear) / 2
+    if not wheels > 0:
+        raise EstimateError("the wheels do not turn in the steady part", "check variant and drive")
+    return 1 - x / wheels
 
 
 def slip_interval(motion: Motion) -> tuple[float, float]:
@@ -31,6 +76,42 @@ def slip_interval(motion: Motion) -> tuple[float, float]:
     if math.isfinite(t1) and math.isfinite(t2) and begin - slack <= t1 < t2 <= end + slack:
         return max(t1, begin), min(t2, end)
     return steady_part(motion.variant)
+
+
+class SlipCurve(dict[float, float]):
+    """Simulated λ_R by k_92; what is not known yet is simulated.
+
+    λ_R falls with k_92 without turning back: a longer rear arc carries load behind the wheel's
+    centre, where the normal stress pushes forward.
+    """
+
+    def __init__(self, slip_of: Callable[[float], float]) -> None:
+        super().__init__()
+        self._slip_of = slip_of
+
+    def __missing__(self, k92: float) -> float:
+        self[k92] = self._slip_of(k92)
+        return self[k92]
+
+    def root(self, measured: float) -> tuple[float, FitStatus]:
+        """Return the k_92 that yields a measured λ_R, or the bound beyond which it lies.
+
+        Raises:
+            EstimateError: `measured` is not a number.
+        """
+        if not math.isfinite(measured):
+            raise EstimateError("no k_92 without a measured slip ratio", "the trial needs a steady part")
+        low, high = K92_BOUNDS
+        if measured >= self[low]:
+            return low, "at_lower_bound"
+        if measured <= self[high]:
+            return high, "at_upper_bound"
+        return float(brentq(lambda k: self[k] - measured, low, high, xtol=_TOLERANCE)), "ok"
+
+    def slope(self, k92: float) -> float:
+        """Return dλ_R/dk_92, which is negative."""
+        left, right = max(K92_BOUNDS[0], k92 - _STEP), min(K92_BOUNDS[1], k92 + _STEP)
+        return (self[right] - self[left]) / (right - left)
 
 
 def fit_k92(
@@ -61,84 +142,68 @@ def fit_k92(
     def slip_of(k92: float, on: Soil = soil) -> float:
         return simulated_slip(simulate(variant, robot, on, k92=k92, effects=effects), interval)
 
-    by_slip = fit_slip(measured.value, slip_of)
-    sand = raking_parts(by_slip, soil, lambda on: slip_of(by_slip.k92, on))
+    curve = SlipCurve(slip_of)
+    k92, status = curve.root(measured.value)
+    slope = curve.slope(k92)
+
+    def sand_part(name: str, shown: str, std: float) -> Part:
+        """Return what the scatter of a parameter of the sand from raking to raking adds to the std.
+
+        The mean square of the steps to either side is taken, because (10) has a kink.
+        """
+        grounds = (
+            dataclasses.replace(soil, **{name: getattr(soil, name) * math.exp(s)}) for s in (std, -std)
+        )
+        shifts = [(slip_of(k92, ground) - curve[k92]) / slope for ground in grounds]
+        return Part(shown, "B", "log-normal", "1", std, math.sqrt(sum(s**2 for s in shifts) / 2))
+
+    sand = [sand_part(*of) for of in zip(SAND[1:RAKED], RAKED_AS, RAKING[1:], strict=True)]
     std_sand = math.hypot(*(part.contribution for part in sand))
-    std_measurement = measured.std / abs(by_slip.slope)
+    std_measurement = measured.std / abs(slope)
     std = math.hypot(std_measurement, std_sand)
     sources = motion.slip_parts or (Part("λ_R as measured", "B", "normal", "1", measured.std, measured.std),)
-    notes = _notes(by_slip, measured, std_measurement, std_sand)
-    history, reason = None, "not asked for"
-    if trajectory:
-        try:
-            history = fit_trajectories([trial], [motion], robot, soil, effects=effects)
-        except EstimateError as error:
-            reason = error.message
-    notes += _trajectory_notes(history) if history else [f"trajectory not fitted: {reason}"]
-    return K92Fit(
-        trial=motion.trial,
-        virtual=motion.virtual,
-        variant=variant,
-        k92=Estimate(by_slip.k92, std),
-        k92_trajectory=k92_at(history.own[0], peak_velocity(variant)) if history else Estimate(math.nan),
-        t_start=history.t_start[0] if history else motion.t_start,
-        slip_measured=measured,
-        slip_simulated=by_slip.slip,
-        status=by_slip.status,
-        status_trajectory=history.status if history else "not_evaluated",
-        notes=tuple(notes),
-        std_measurement=std_measurement,
-        std_sand=std_sand,
-        parts=(*(part.times(1 / by_slip.slope) for part in sources), *sand) if math.isfinite(std) else (),
-        curve=_with_neighbours(by_slip, std, slip_of),
-    )
-
-
-def _with_neighbours(by_slip: SlipFit, std: float, slip_of: Callable[[float], float]) -> Curve:
-    """Return the simulated slip ratio over k_92, with a value each std near the root."""
-    known = dict(by_slip.curve)
-    low, high = K92_BOUNDS
-    for steps in (-4, -2, -1, 1, 2, 4) if math.isfinite(std) else ():
-        k = min(max(by_slip.k92 + steps * std, low), high)
-        known.setdefault(k, slip_of(k))
-    return tuple(sorted(known.items()))
-
-
-def k92_at(a_theta: Estimate, v: float) -> Estimate:
-    """Return k_92 = exp(-a_θ v) by (5)."""
-    k = math.exp(-a_theta.value * v)
-    return Estimate(k, k * v * a_theta.std)
-
-
-def _notes(by_slip: SlipFit, measured: Estimate, std_measurement: float, std_sand: float) -> list[str]:
     notes = []
-    low, high = by_slip.attainable
-    if by_slip.status != "ok":
-        side = "above" if by_slip.status == "at_lower_bound" else "below"
-        beyond = abs(measured.value - by_slip.slip) / measured.std if measured.std > 0 else math.inf
+    if status != "ok":
+        low, high = curve[K92_BOUNDS[1]], curve[K92_BOUNDS[0]]
+        side = "above" if status == "at_lower_bound" else "below"
+        beyond = abs(measured.value - curve[k92]) / measured.std if measured.std > 0 else math.inf
         notes.append(
-            f"k_92 {by_slip.status.replace('_', ' ')}: λ_R = {measured.value:.2%} is {side} the "
+            f"k_92 {status.replace('_', ' ')}: λ_R = {measured.value:.2%} is {side} the "
             f"{low:.2%} to {high:.2%} that the model attains ({beyond:.1f} std)"
         )
     if math.isfinite(std_measurement):
         notes.append(f"std of k_92: {std_measurement:.4f} from λ_R, {std_sand:.4f} from the sand's scatter")
     else:
         notes.append("std of k_92 unknown: λ_R has none")
-    return notes
+    # the likelihood of k_92 needs the curve near the root
+    near = [k92 + n * std for n in (-4, -2, -1, 1, 2, 4)] if math.isfinite(std) else []
+    for_likelihood = (*curve, *(min(max(k, K92_BOUNDS[0]), K92_BOUNDS[1]) for k in near))
+    history, reason = None, "not asked for"
+    if trajectory:
+        try:
+            history = fit_trajectory(trial, motion, robot, soil, effects=effects)
+        except EstimateError as error:
+            reason = error.message
+    return K92Fit(
+        trial=motion.trial,
+        virtual=motion.virtual,
+        variant=variant,
+        k92=Estimate(k92, std),
+        k92_trajectory=_k92_at(history.a_theta, variant) if history else Estimate(math.nan),
+        t_start=history.t_start if history else motion.t_start,
+        slip_measured=measured,
+        slip_simulated=curve[k92],
+        status=status,
+        status_trajectory=history.status if history else "not_evaluated",
+        notes=(*notes, *(history.notes if history else (f"trajectory not fitted: {reason}",))),
+        std_measurement=std_measurement,
+        parts=(*(part.times(1 / slope) for part in sources), *sand) if math.isfinite(std) else (),
+        curve=tuple(sorted({k: curve[k] for k in for_likelihood}.items())),
+    )
 
 
-def _trajectory_notes(history: Trajectories) -> list[str]:
-    late = 1e3 * history.latency.value
-    side = "behind" if late > 0 else "ahead of"
-    off = [f"{name} {share:.0%}" for name, share in history.shares.items() if share > TOLERANCE]
-    most = ", ".join(off) or f"less than {TOLERANCE:.0%}"
-    notes = [
-        f"trajectory: the model is off, over a channel's rms in motion: {most}",
-        f"trajectory: IMU {abs(late):.1f} ± {1e3 * history.latency.std:.1f} ms {side} the encoders",
-    ]
-    if history.louder:
-        louder = ", ".join(f"{name} {value:.2f}" for name, value in history.louder.items())
-        notes.append(f"trajectory: residuals louder than the noise by a factor of: {louder}")
-    if history.status != "ok":
-        notes.append(f"trajectory fit {history.status.replace('_', ' ')}")
-    return notes
+def _k92_at(a_theta: Estimate, variant: Variant) -> Estimate:
+    """Return k_92 by (5) at the steady desired velocity."""
+    v = peak_velocity(variant)
+    k = math.exp(-a_theta.value * v)
+    return Estimate(k, k * v * a_theta.std)

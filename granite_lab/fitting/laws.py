@@ -20,7 +20,7 @@ from scipy.optimize import minimize_scalar
 
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import Law
-from granite_lab.fitting.points import Points, expected, groups, negative_log_likelihood
+from granite_lab.fitting.points import Points
 from granite_lab.logs.trial import Array
 
 _LEAST_SCATTER = 1e-5  # of k_92; keeps the likelihood finite where a law passes through all points
@@ -47,7 +47,7 @@ class _Rival:
     formula: Callable[[Array], str]
 
 
-def fit_laws(points: Points) -> tuple[tuple[Law, ...], tuple[str, ...]]:
+def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
     """Fit the exponential law (27), the line over λ_R (28) and a constant per speed, best first.
 
     Returns:
@@ -57,7 +57,7 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], tuple[str, ...]]:
     rivals = [_exponential(points), _free(points)]
     if np.isfinite(points.slip).all() and np.ptp(points.slip) > 1e-3:
         rivals.append(_linear(points))
-        if any(group.size == 1 for group in groups(points)):
+        if any(group.size == 1 for group in points.by_speed()):
             notes.append(
                 "where a speed has one trial only, the line over λ_R is given that trial's own λ_R, from "
                 "which its k_92 was computed: it fits there by construction"
@@ -73,7 +73,7 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], tuple[str, ...]]:
     total = sum(math.exp(-(aicc - best) / 2) for aicc in known) if len(known) > 1 else math.nan
     weighted = [replace(law, weight=math.exp(-(law.aicc - best) / 2) / total) for law in laws]
     weighted.sort(key=lambda law: (math.isnan(law.aicc), law.rms if math.isnan(law.aicc) else law.aicc))
-    return tuple(weighted), tuple(notes)
+    return tuple(weighted), notes
 
 
 def _exponential(points: Points) -> _Rival:
@@ -81,11 +81,12 @@ def _exponential(points: Points) -> _Rival:
         m = np.exp(-θ[0] * points.v)
         return m, (-points.v * m)[:, None]
 
+    start = points.log_slope()
     return _Rival(
         id="exponential",
         names=("a_theta",),
         units=("s/m",),
-        start=np.array([log_slope(points)]),
+        start=np.array([start if math.isfinite(start) else 5.0]),
         predict=predict,
         variance=lambda _: points.sigma**2,
         formula=lambda θ: f"k_92 = exp(-{θ[0]:.3f} v)",
@@ -94,7 +95,7 @@ def _exponential(points: Points) -> _Rival:
 
 def _linear(points: Points) -> _Rival:
     λ, λ_std = points.slip.copy(), np.zeros(points.v.size)
-    for group in groups(points):
+    for group in points.by_speed():
         for i in group if group.size > 1 else ():
             others = group[group != i]
             λ[i] = points.slip[others].mean()
@@ -112,29 +113,19 @@ def _linear(points: Points) -> _Rival:
 
 
 def _free(points: Points) -> _Rival:
-    by_speed = groups(points)
-    design = np.zeros((points.v.size, len(by_speed)))
-    for column, group in enumerate(by_speed):
+    groups = points.by_speed()
+    design = np.zeros((points.v.size, len(groups)))
+    for column, group in enumerate(groups):
         design[group, column] = 1
     return _Rival(
         id="free",
-        names=tuple(f"k_92 at {points.v[group[0]]:.3g} m/s" for group in by_speed),
-        units=("",) * len(by_speed),
-        start=np.array([points.k[group].mean() for group in by_speed]),
+        names=tuple(f"k_92 at {points.v[group[0]]:.3g} m/s" for group in groups),
+        units=("",) * len(groups),
+        start=np.array([points.k[group].mean() for group in groups]),
         predict=lambda θ: (design @ θ, design),
         variance=lambda _: points.sigma**2,
         formula=lambda _: "k_92 = a constant per speed",
     )
-
-
-def log_slope(points: Points) -> float:
-    """Return a_θ [s/m] by least squares on log k_92 through (0, 1); bounds and k_92 <= 0 left out.
-
-    NaN where no point is left.
-    """
-    use = points.inner & (points.k > 0)
-    v = points.v[use]
-    return float(-(v @ np.log(points.k[use])) / (v @ v)) if use.any() else math.nan
 
 
 def _solve(rival: _Rival, points: Points, scatter: float) -> tuple[Array, Array]:
@@ -142,11 +133,12 @@ def _solve(rival: _Rival, points: Points, scatter: float) -> tuple[Array, Array]
 
     Censored points are replaced by their expectation in every step (EM).
     """
-    θ = np.where(np.isfinite(rival.start), rival.start, 5.0)
+    θ = rival.start
     for _ in range(200):
         m, slopes = rival.predict(θ)
         std = np.sqrt(rival.variance(θ) + scatter**2)
-        step = np.linalg.lstsq(slopes / std[:, None], (expected(points, m, std) - m) / std, rcond=None)[0]
+        away = (points.expected(m, std) - m) / std
+        step = np.linalg.lstsq(slopes / std[:, None], away, rcond=None)[0]
         θ = θ + step
         if np.abs(step).max() < 1e-10:
             break
@@ -158,7 +150,7 @@ def _fit(rival: _Rival, points: Points) -> Law:
 
     def nll(log_scatter: float) -> float:
         θ, std = _solve(rival, points, math.exp(log_scatter))
-        return negative_log_likelihood(points, rival.predict(θ)[0], std)
+        return points.negative_log_likelihood(rival.predict(θ)[0], std)
 
     best = minimize_scalar(nll, bounds=(math.log(_LEAST_SCATTER), 0.0), method="bounded")
     scatter = math.exp(float(best.x))
@@ -172,9 +164,7 @@ def _fit(rival: _Rival, points: Points) -> Law:
     weighted = slopes / np.sqrt(variance)[:, None]
     spread = np.sqrt(np.diag(np.linalg.inv(weighted.T @ weighted))) if dof else np.full(p, math.nan)
     count = p + 1
-    aicc = (
-        2 * float(best.fun) + 2 * count * (1 + (count + 1) / (n - count - 1)) if n > count + 1 else math.nan
-    )
+    more = 2 * count * (1 + (count + 1) / (n - count - 1)) if n > count + 1 else math.nan
     return Law(
         id=rival.id,
         formula=rival.formula(θ),
@@ -185,6 +175,6 @@ def _fit(rival: _Rival, points: Points) -> Law:
         units=dict(zip(rival.names, rival.units, strict=True)),
         n_parameters=p,
         rms=rms,
-        aicc=aicc,
+        aicc=2 * float(best.fun) + more,
         weight=math.nan,
     )

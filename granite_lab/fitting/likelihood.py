@@ -20,8 +20,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq, minimize_scalar
 
-from granite_lab.fitting.fit import K92Fit
-from granite_lab.fitting.slip import K92_BOUNDS
+from granite_lab.fitting.fit import K92_BOUNDS, K92Fit
 from granite_lab.logs.trial import Array
 
 Interval = tuple[float, float]
@@ -33,11 +32,22 @@ than this share of half its width."""
 _FAR = 8.0  # stds of a_θ within which the ends of its interval are looked for
 
 
-def deviation(fit: K92Fit) -> Callable[[float], float] | None:
-    """Return d(k), the deviation of a trial in units of k_92; None where its curve is not known."""
-    slope = fit.slip_measured.std / fit.std_measurement if fit.std_measurement > 0 else math.nan
-    if len(fit.curve) < 4 or not math.isfinite(slope) or slope <= 0:
-        return None
+Deviation = Callable[[float], float]
+"""d(k) of a trial, in units of k_92."""
+
+
+def deviations(fits: Sequence[K92Fit]) -> list[Deviation]:
+    """Return the deviation of each trial; nothing where the curve of one is not known."""
+    found = []
+    for fit in fits:
+        slope = fit.slip_measured.std / fit.std_measurement if fit.std_measurement > 0 else math.nan
+        if len(fit.curve) < 4 or not math.isfinite(slope) or slope <= 0:
+            return []
+        found.append(_deviation(fit, slope))
+    return found
+
+
+def _deviation(fit: K92Fit, slope: float) -> Deviation:
     k, slip = np.array(fit.curve).T
     curve = PchipInterpolator(k, slip)
     return lambda at: float(fit.slip_measured.value - curve(min(max(at, k[0]), k[-1]))) / slope
@@ -54,9 +64,8 @@ def k92_interval(fits: Sequence[K92Fit], half: float) -> Interval | None:
         the k_92 for which the mean deviation is `half` or less, within the bounds of k_92; None where a
         trial's curve is not known.
     """
-    each = [deviation(fit) for fit in fits]
-    known = [d for d in each if d is not None]
-    if not fits or len(known) < len(each) or not math.isfinite(half):
+    known = deviations(fits)
+    if not known or not math.isfinite(half):
         return None
 
     def mean(k: float) -> float:
@@ -88,9 +97,8 @@ def a_theta_interval(
     Returns:
         the interval [s/m]; None where a trial's curve is not known, or where the deviance does not close it.
     """
-    each = [deviation(fit) for fit in fits]
-    known = [d for d in each if d is not None]
-    if len(known) < len(each):
+    known = deviations(fits)
+    if not known:
         return None
     covariance = np.diag(own) + np.where(v[:, None] == v[None, :], np.sqrt(np.outer(common, common)), 0.0)
     precision = np.linalg.inv(covariance)

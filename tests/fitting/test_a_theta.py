@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -135,20 +134,6 @@ def test_a_k92_at_the_lower_bound_counts_as_below_it():
     assert abs(np.mean(censored) - truth) < 0.5 * abs(np.mean(dropped) - truth)
     assert np.mean(naive) < np.mean(censored)
     assert any("censored" in note for note in notes)
-
-
-def test_the_k92_of_the_trajectories_can_be_used_instead():
-    fits = [k92_fit(f"{v}", v, math.exp(-4.5 * v), 0.01, 0.1) for v in SPEEDS]
-    fits = [
-        dataclasses.replace(
-            f, k92_trajectory=Estimate(math.exp(-5.2 * f.variant.velocity), 0.002), status_trajectory="ok"
-        )
-        for f in fits
-    ]
-    assert fit_a_theta(fits).a_theta.value == pytest.approx(4.5, abs=1e-6)
-    by_trajectory = fit_a_theta(fits, by="trajectory")
-    assert by_trajectory.a_theta.value == pytest.approx(5.2, abs=1e-6)
-    assert by_trajectory.points[0][2] == fits[0].k92_trajectory
 
 
 def test_k92_below_zero_enters_the_weighted_fit_but_not_the_logarithm():

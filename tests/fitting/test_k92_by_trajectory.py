@@ -12,7 +12,7 @@ import pytest
 from granite_lab.effects import get
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import correct
-from granite_lab.fitting import fit_a_theta, fit_k92, fit_trajectories, simulate_k92
+from granite_lab.fitting import fit_k92, fit_trajectory, simulate_k92
 from granite_lab.model.effect import activate
 from granite_lab.parameters import load_robot, load_soil, load_variants, variant_of
 from tests.fitting.made_up import draw_soil, made_up_trial, without_currents
@@ -40,7 +40,7 @@ def test_k92_and_the_start_are_found_from_a_start_that_is_off():
 
 def test_a_k92_far_from_the_papers_is_found():
     motion, trial, _, _ = trial_by_5(0.5, math.exp(-2.5 * 0.5))
-    (own,) = fit_trajectories([trial], [motion], ROBOT, SOIL).own
+    own = fit_trajectory(trial, motion, ROBOT, SOIL).a_theta
     assert own.value == pytest.approx(2.5, abs=3 * own.std)
     assert own.std < 0.3
 
@@ -56,9 +56,9 @@ def test_without_currents_the_interval_is_wider():
 def test_stamps_of_the_imu_that_come_late_are_latency_and_not_k92():
     motion, trial, _, _ = trial_by_5(0.5, 0.0855)
     late = dataclasses.replace(trial, imu=dataclasses.replace(trial.imu, t=trial.imu.t + 0.008))
-    at_once, delayed = (fit_trajectories([t], [motion], ROBOT, SOIL) for t in (trial, late))
+    at_once, delayed = (fit_trajectory(t, motion, ROBOT, SOIL) for t in (trial, late))
     assert delayed.latency.value - at_once.latency.value == pytest.approx(0.008, abs=1e-3)
-    assert delayed.own[0].value == pytest.approx(at_once.own[0].value, abs=0.5 * at_once.own[0].std)
+    assert delayed.a_theta.value == pytest.approx(at_once.a_theta.value, abs=0.5 * at_once.a_theta.std)
 
 
 def test_effects_of_the_model_are_in_the_fit():
@@ -89,26 +89,19 @@ def test_a_gap_in_the_encoders_leaves_the_fit_alive():
     assert fit.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fit.k92_trajectory.std)
 
 
-def test_a_theta_of_trials_by_the_independent_simulator():
-    robot = load_robot("granite", "industrial")
-    rng = np.random.default_rng(8)
-    true, logs = [], []
-    for k, v in enumerate(load_variants()):
-        true.append(4.6 * float(np.exp(0.03 * rng.standard_normal())))
-        run = simulate_truth(
-            velocity=v.velocity, acceleration=v.acceleration, distance=v.distance, a_theta=true[-1],
-            soil=draw_soil(rng), settle=2.0, after=3.0,
-        )  # fmt: skip
-        logs.append(correct(log_run(20 + k, run).trial, robot))
-    trials, motions = zip(*logs, strict=True)
-    found = fit_trajectories(trials, motions, robot, SOIL)
-    assert found.a_theta.value == pytest.approx(4.6, abs=2.5 * found.a_theta.std)
-    assert found.a_theta.std < 0.2
-    assert [own.value for own in found.own] == pytest.approx(true, abs=0.25)
-    fits = [fit_k92(m, t, robot, SOIL) for t, m in logs]
-    over = fit_a_theta(fits, by="trajectory", together=found)
-    assert over.a_theta == found.a_theta
-    assert over.points[0][2] == fits[0].k92_trajectory
+@pytest.mark.parametrize(("number", "velocity"), [*enumerate((0.2, 0.3, 0.5, 0.7))])
+def test_a_theta_of_a_trial_by_the_independent_simulator(number, velocity):
+    robot, v = load_robot("granite", "industrial"), variant_of(velocity)
+    rng = np.random.default_rng([8, number])
+    true = 4.6 * float(np.exp(0.03 * rng.standard_normal()))
+    run = simulate_truth(
+        velocity=v.velocity, acceleration=v.acceleration, distance=v.distance, a_theta=true,
+        soil=draw_soil(rng), settle=2.0, after=3.0,
+    )  # fmt: skip
+    trial, motion = correct(log_run(20 + number, run).trial, robot)
+    found = fit_trajectory(trial, motion, robot, SOIL).a_theta
+    assert found.value == pytest.approx(true, abs=2.5 * found.std)
+    assert found.std < 0.2
 
 
 @pytest.mark.slow
