@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
@@ -31,15 +29,11 @@ _FAST = 0.1
 """What a moving average over this time [s] takes out of an IMU signal counts as its noise."""
 
 
-@dataclass(frozen=True, eq=False)
-class Channels:
-    """Channel to (N,) values and std; what was not measured is absent."""
-
-    value: dict[str, Array]
-    std: dict[str, Array]
+Measured = dict[str, tuple[Array, Array]]
+"""Channel to (N,) values and std; what was not measured is absent."""
 
 
-def measured_channels(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Channels:
+def measured_channels(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
     """Return what was measured, at the stamps of the motion.
 
     Currents become driving torques of one wheel by (24), T = η_d n_d k_m i, mean of a pair; their
@@ -51,18 +45,14 @@ def measured_channels(motion: Motion, trial: Trial, robot: Robot, t: Array) -> C
         robot: with the sensors' figures.
         t: (N,) the motion's stamps as time since the start of the command [s].
     """
-    value, std = {"velocity": motion.v}, {"velocity": motion.v_std}
+    found = {"velocity": (motion.v, motion.v_std), "pitch": (motion.pitch, motion.pitch_std)}
     for i, wheel in enumerate(WHEELS):
-        value[f"wheel_{wheel}"], std[f"wheel_{wheel}"] = motion.v_wheel[:, i], motion.v_wheel_std[:, i]
+        found[f"wheel_{wheel}"] = motion.v_wheel[:, i], motion.v_wheel_std[:, i]
     for axle, columns in AXLES.items():
-        value[f"slip_{axle}"] = _mean_known(motion.slip[:, columns])
         # the body's velocity is common to a pair and rules the error, so a mean is no better than one
-        std[f"slip_{axle}"] = _mean_known(motion.slip_std[:, columns])
-    value["pitch"], std["pitch"] = motion.pitch, motion.pitch_std
-    _add_torques(value, std, motion, trial, robot, t)
-    _add_imu(value, std, motion, trial)
-    known = [name for name in UNITS if name in value and np.isfinite(value[name]).any()]
-    return Channels({name: value[name] for name in known}, {name: std[name] for name in known})
+        found[f"slip_{axle}"] = _mean_known(motion.slip[:, columns]), _mean_known(motion.slip_std[:, columns])
+    found |= _torques(motion, trial, robot, t) | _imu(motion, trial)
+    return {name: found[name] for name in UNITS if name in found and np.isfinite(found[name][0]).any()}
 
 
 def simulated_channels(run: Run, t: Array) -> dict[str, Array]:
@@ -85,17 +75,17 @@ def simulated_channels(run: Run, t: Array) -> dict[str, Array]:
     return {name: np.asarray(np.interp(t, run.t, drawn[name])) for name in UNITS}
 
 
-def without_offsets(measured: Channels, simulated: dict[str, Array], t: Array) -> Channels:
+def without_offsets(measured: Measured, simulated: dict[str, Array], t: Array) -> Measured:
     """Shift pitch, specific force and pitch rate so that they agree with the model at standstill.
 
     Before the start, tilt of the sensor and bias cannot be told from the robot's own pitch; what is
     compared is the change since then.
     """
-    value = dict(measured.value)
-    for name in ("pitch", "accel", "pitch_rate"):
-        if name in value:
-            value[name] = value[name] - _standstill_mean(t, value[name] - simulated[name])[0]
-    return Channels(value, measured.std)
+    shifted = dict(measured)
+    for name in {"pitch", "accel", "pitch_rate"} & measured.keys():
+        value, std = measured[name]
+        shifted[name] = value - _standstill_mean(t, value - simulated[name])[0], std
+    return shifted
 
 
 def _standstill_mean(t: Array, signal: Array) -> tuple[float, int]:
@@ -114,20 +104,18 @@ def _mean_known(columns: Array) -> Array:
     return np.where(known.any(axis=1), total / np.maximum(1, known.sum(axis=1)), np.nan)
 
 
-def _add_torques(
-    value: dict[str, Array], std: dict[str, Array], motion: Motion, trial: Trial, robot: Robot, t: Array
-) -> None:
+def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
     drive, sensor = robot.drive, robot.currents
     if trial.currents is None or drive is None:
-        return
+        return {}
     late = motion.clock_left.value if np.isfinite(motion.clock_left.value) else 0.0
     stamps = trial.currents.t + late - (motion.t[0] - t[0])  # time since command start
     factor = drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
+    found = {}
     for axle, columns in AXLES.items():
         pair = []
         offset_std = sensor.offset
-        for i in columns:
-            current = trial.currents.current[:, i]
+        for current in trial.currents.current[:, columns].T:
             good = np.isfinite(current)
             if good.sum() < 2:
                 continue
@@ -135,19 +123,19 @@ def _add_torques(
             if samples:
                 offset_std = max(sensor.noise / np.sqrt(samples), sensor.step / np.sqrt(12))
             pair.append(np.interp(t, stamps[good], current[good] - offset, left=np.nan, right=np.nan))
-        if not pair:
-            continue
-        mean = np.mean(pair, axis=0)
-        value[f"torque_{axle}"] = factor * mean
-        spread = np.sqrt(sensor.noise**2 + offset_std**2 + (sensor.gain * mean) ** 2)
-        std[f"torque_{axle}"] = factor * spread / np.sqrt(len(pair))
+        if pair:
+            mean = np.mean(pair, axis=0)
+            spread = np.sqrt(sensor.noise**2 + offset_std**2 + (sensor.gain * mean) ** 2)
+            found[f"torque_{axle}"] = factor * mean, factor * spread / np.sqrt(len(pair))
+    return found
 
 
-def _add_imu(value: dict[str, Array], std: dict[str, Array], motion: Motion, trial: Trial) -> None:
+def _imu(motion: Motion, trial: Trial) -> Measured:
     imu = trial.imu
     if imu is None:
-        return
+        return {}
     phase = np.array(motion.phase)
+    found = {}
     for name, signal in (("accel", imu.specific_force[:, 0]), ("pitch_rate", imu.angular_rate[:, 1])):
         good = np.isfinite(signal)
         if good.sum() < 8:
@@ -155,6 +143,8 @@ def _add_imu(value: dict[str, Array], std: dict[str, Array], motion: Motion, tri
         t, y = imu.t[good], signal[good]
         window = max(3, round(_FAST / float(np.median(np.diff(imu.t)))))
         noise = np.interp(motion.t, t, (y - uniform_filter1d(y, window, mode="nearest")) ** 2)
-        value[name], std[name] = np.interp(motion.t, t, y), np.empty(motion.t.size)
+        std = np.empty(motion.t.size)
         for own in np.unique(phase):
-            std[name][phase == own] = np.sqrt(noise[phase == own].mean())
+            std[phase == own] = np.sqrt(noise[phase == own].mean())
+        found[name] = np.interp(motion.t, t, y), std
+    return found

@@ -62,16 +62,16 @@ def compare(
     simulated = simulated_channels(run, t)
     measured = without_offsets(measured_channels(motion, trial, robot, t), simulated, t)
     misfits: list[Misfit] = []
-    for name, value in measured.value.items():
-        std = np.hypot(measured.std[name], alignment_std(simulated[name], t, fit.t_start))
+    for name, (value, own) in measured.items():
+        std = np.hypot(own, alignment_std(simulated[name], t, fit.t_start))
         misfits += misfits_of(name, value, std, simulated[name], np.array(motion.phase))
     return Comparison(
         motion=motion,
         run=run,
         fit=fit,
         t=t,
-        measured=measured.value,
-        measured_std=measured.std,
+        measured={name: value for name, (value, _) in measured.items()},
+        measured_std={name: std for name, (_, std) in measured.items()},
         simulated=simulated,
         units=dict(UNITS),
         misfits=tuple(misfits),
