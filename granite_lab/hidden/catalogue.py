@@ -4,62 +4,27 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
+from types import ModuleType
 
 from granite_lab.errors import UsageError
-from granite_lab.hidden import drive, outside_forces, outside_machine, soil, tyre, vehicle
-from granite_lab.hidden.command import Trapezoid
+from granite_lab.hidden import drive, outside, soil, tyre, vehicle
 from granite_lab.hidden.contact import FLOOR, NearRest
 from granite_lab.hidden.influence import Influence
 from granite_lab.hidden.model import Truth
-from granite_lab.hidden.parts import Law, Sizes
+from granite_lab.hidden.parts import Law, Sizes, Trapezoid
 from granite_lab.parameters import Robot, Soil
 
-LIBRARY: dict[str, type[Influence]] = {
-    kind.id: kind
-    for kind in (
-        soil.Bulldozing,
-        soil.SlipSinkage,
-        soil.MultiPass,
-        soil.RateDependentSoil,
-        soil.TreadRipple,
-        soil.ContactAngleLag,
-        soil.ContactAngleActualSpeed,
-        soil.SandThrow,
-        tyre.TyreWindup,
-        tyre.RadialTyreCompliance,
-        drive.DrivetrainFriction,
-        drive.GearBacklash,
-        drive.SupplySag,
-        drive.TorqueConstantError,
-        drive.EncoderEccentricity,
-        tyre.WheelEccentricity,
-        vehicle.DriveReaction,
-        vehicle.ComOffset,
-        vehicle.PayloadMass,
-        vehicle.GroundSlope,
-        vehicle.RollingDrag,
-        vehicle.ImuTilt,
-        vehicle.ClockOffset,
-        vehicle.WheelRadiusError,
-        vehicle.AccelScaleError,
-    )
-}
+
+def _held_by(*modules: ModuleType) -> dict[str, type[Influence]]:
+    """Return the influences that modules define, by id."""
+    kinds = [kind for module in modules for kind in vars(module).values() if isinstance(kind, type)]
+    return {k.id: k for k in kinds if issubclass(k, Influence) and k is not Influence}
+
+
+LIBRARY = _held_by(soil, tyre, drive, vehicle)
 """Influences under the id of the library's effect that should be found."""
 
-OUTSIDE: dict[str, type[Influence]] = {
-    kind.id: kind
-    for kind in (
-        outside_forces.MoistureGradient,
-        outside_forces.SoilAdhesion,
-        outside_forces.Washboard,
-        outside_forces.CableDrag,
-        outside_forces.WindGust,
-        outside_forces.StrapDrag,
-        outside_machine.WarmMotor,
-        outside_machine.CommandStaircase,
-        outside_machine.SwingingLoad,
-    )
-}
+OUTSIDE = _held_by(outside)
 """Influences that no effect of the library describes."""
 
 TWINS: tuple[frozenset[str], ...] = (

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from granite_lab.hidden.contact import Array, Contact, smoothstep
-from granite_lab.hidden.influence import Influence, Size, pairs, with_phase
+from granite_lab.hidden.influence import Influence, Size, pairs
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA
 
 
@@ -164,11 +162,6 @@ class EncoderEccentricity(Influence):
         Size("amplitude_front", "rad", "error of the angle, front", 0.01, 0.03, 0, 0.3, kind="amplitude"),
         Size("amplitude_rear", "rad", "error of the angle, rear", 0.01, 0.03, 0, 0.3, kind="amplitude"),
     )
-
-    @classmethod
-    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-        """Draw the phases: a trial begins with the wheels as they stand."""
-        return with_phase(sizes, rng)
 
     def reading(self, y: Array) -> tuple[Array, Array]:
         """Return the reading, which begins at zero."""

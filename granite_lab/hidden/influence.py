@@ -50,12 +50,14 @@ class Influence(Truth):
         title: a few words.
         account: how it is made here, and after whom.
         declared: its parameters.
+        phased: each trial has a phase of its own [rad].
     """
 
     id: ClassVar[str]
     title: ClassVar[str]
     account: ClassVar[str]
     declared: ClassVar[tuple[Size, ...]]
+    phased: ClassVar[bool] = False
 
     @classmethod
     def altered(cls, robot: Robot, sizes: Mapping[str, float]) -> Robot:  # noqa: ARG003
@@ -63,13 +65,21 @@ class Influence(Truth):
         return robot
 
     @classmethod
-    def of_trial(
-        cls,
-        sizes: Mapping[str, float],
-        rng: np.random.Generator,  # noqa: ARG003
-    ) -> dict[str, float]:
-        """Return the parameters of one trial: those of the set, and what changes from trial to trial."""
-        return dict(sizes)
+    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Return the parameters of one trial: those of the set, and what changes from trial to trial.
+
+        Each `amplitude_<axle>` is split into `cos_<axle>` and `sin_<axle>` under a random phase: a trial
+        begins with the wheels as they stand.
+        """
+        found = dict(sizes)
+        for size in cls.declared:
+            if size.kind == "amplitude":
+                phase, axle = rng.uniform(0, 2 * np.pi), size.name.removeprefix("amplitude_")
+                found[f"cos_{axle}"] = sizes[size.name] * float(np.cos(phase))
+                found[f"sin_{axle}"] = sizes[size.name] * float(np.sin(phase))
+        if cls.phased:
+            found["phase"] = float(rng.uniform(0, 2 * np.pi))
+        return found
 
     def drag(self, y: Array, force: float) -> Push:
         """Return a resistance [N] along R's x at wheel-centre height that a robot at rest does not feel."""
@@ -81,21 +91,6 @@ class Influence(Truth):
 def added(a: Push, b: Push) -> Push:
     """Return both together."""
     return Push(a.x + b.x, a.z + b.z, a.moment + b.moment)
-
-
-def with_phase(sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-    """Split each `amplitude_<axle>` into `cos_<axle>` and `sin_<axle>` under a random phase."""
-    found = dict(sizes)
-    for axle in ("front", "rear"):
-        phase = rng.uniform(0, 2 * np.pi)
-        found[f"cos_{axle}"] = sizes[f"amplitude_{axle}"] * float(np.cos(phase))
-        found[f"sin_{axle}"] = sizes[f"amplitude_{axle}"] * float(np.sin(phase))
-    return found
-
-
-def starting_phase(sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-    """Return the parameters of a trial with a phase of its own [rad]."""
-    return dict(sizes) | {"phase": float(rng.uniform(0, 2 * np.pi))}
 
 
 def pairs(sizes: Mapping[str, float]) -> tuple[Array, Array]:

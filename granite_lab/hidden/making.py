@@ -13,14 +13,12 @@ import pandas as pd
 
 from granite_lab import __version__
 from granite_lab.errors import EstimateError
-from granite_lab.hidden.body import DT, Body, body_from_states
 from granite_lab.hidden.catalogue import LIBRARY, influence, model_of
-from granite_lab.hidden.command import Trapezoid
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.lab import Lab
-from granite_lab.hidden.parts import exponential_k92
+from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
-from granite_lab.hidden.simulator import solve
+from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
 from granite_lab.hidden.wild import lab_of
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
@@ -40,7 +38,7 @@ class Plan:
     Attributes:
         names: ids of the influences; sizes: their parameters in this trial, phases included.
         lab: where it is made; its robot is as it really is, but for what the influences change.
-        soil, a_theta: of this trial.
+        soil, a_theta: of this trial; raking: by which factors it changed them.
         variant, repetition: which trial it is.
         seed: key of its random numbers.
         noise: factor on the noise of the sensors.
@@ -52,6 +50,7 @@ class Plan:
     lab: Lab
     soil: Soil
     a_theta: float
+    raking: Mapping[str, float]
     variant: Variant
     repetition: int
     seed: tuple[int, ...]
@@ -62,6 +61,12 @@ class Plan:
     def name(self) -> str:
         """Name of the trial, which tells nothing."""
         return f"{self.label}_v{self.variant.velocity:g}_r{self.repetition}"
+
+    @property
+    def radii(self) -> Array:
+        """True radius of each wheel in this trial over the filed one, (4,)."""
+        rng = np.random.default_rng([*self.seed, 2])
+        return np.asarray(1 + self.lab.radius * rng.standard_normal(4))
 
 
 def make_set(
@@ -100,18 +105,17 @@ def make_set(
     for attempt in range(8 if wish.sand_off else 1):
         ground, off = sand(wish, lab.soil, attempt)
         count = repetitions or lab.repetitions or 3
-        plans, scatter = _plans(wish, names, sizes, lab, ground, asked, count, label)
-        trials, true = [], []
-        for made in _run(plans, jobs):
-            if made is None:
+        plans = _plans(wish, names, sizes, lab, ground, asked, count, label)
+        made = []
+        for one in _run(plans, jobs):
+            if one is None:
                 break
-            trials.append(made[0])
-            true.append(made[1])
-            done(made[0].name)
-        if len(trials) == len(plans):
-            for trial, motion in zip(trials, true, strict=True):
+            made.append(one)
+            done(one[0].name)
+        if len(made) == len(plans):
+            for trial, motion in made:
                 keep(trial.name, motion)
-            return trials, _answer(wish, lab, names, sizes, off, plans, scatter)
+            return [trial for trial, _ in made], _answer(wish, lab, names, sizes, off, plans)
     raise EstimateError(
         "the robot digs itself in under the hidden effect", "choose a smaller --strength or another --seed"
     )
@@ -126,8 +130,8 @@ def _plans(
     variants: tuple[Variant, ...],
     repetitions: int,
     label: str,
-) -> tuple[list[Plan], list[dict[str, float]]]:
-    plans, scatter = [], []
+) -> list[Plan]:
+    plans = []
     # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
     for k, variant in enumerate(sorted(variants, key=lambda v: -v.velocity)):
         for repetition in range(1, repetitions + 1):
@@ -135,9 +139,10 @@ def _plans(
             rng = np.random.default_rng([*seed, 0])
             there, a_theta, factors = raked(soil, lab.a_theta, lab.scatter, rng)
             own = {name: influence(name).of_trial(sizes[name], rng) for name in names}
-            plans.append(Plan(names, own, lab, there, a_theta, variant, repetition, seed, wish.noise, label))
-            scatter.append(factors)
-    return plans, scatter
+            plans.append(
+                Plan(names, own, lab, there, a_theta, factors, variant, repetition, seed, wish.noise, label)
+            )
+    return plans
 
 
 def _run(plans: list[Plan], jobs: int) -> Iterator[tuple[Trial, pd.DataFrame] | None]:
@@ -152,7 +157,7 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     """Simulate and log one trial, with its true motion; None if the robot digs itself in."""
     rng, lab = np.random.default_rng([*plan.seed, 1]), plan.lab
     command = Trapezoid(plan.variant.velocity, plan.variant.acceleration, plan.variant.distance)
-    radii = radii_of(plan)
+    radii = plan.radii
     rolling = radii if lab.rolls else np.ones(4)
     truth = model_of(
         plan.names, lab.robot, plan.soil, command, exponential_k92(plan.a_theta), plan.sizes,
@@ -190,12 +195,6 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     return trial, true_motion(plan, command, body)
 
 
-def radii_of(plan: Plan) -> Array:
-    """Return the true radius of each wheel in this trial over the filed one, (4,)."""
-    rng = np.random.default_rng([*plan.seed, 2])
-    return np.asarray(1 + plan.lab.radius * rng.standard_normal(4))
-
-
 def true_motion(plan: Plan, command: Trapezoid, body: Body) -> pd.DataFrame:
     """Return what really happened: columns with units in their names, and single numbers as attributes.
 
@@ -229,7 +228,6 @@ def _answer(
     sizes: Mapping[str, Mapping[str, float]],
     off: Mapping[str, float],
     plans: list[Plan],
-    scatter: list[dict[str, float]],
 ) -> dict[str, Any]:
     effects = [
         {
@@ -256,10 +254,10 @@ def _answer(
         "effects": effects,
         "trials": {
             plan.name: {
-                "raking": factors,
-                "radii": radii_of(plan).tolist(),
-                "sizes": {k: dict(v) for k, v in plan.sizes.items()},
+                "raking": plan.raking,
+                "radii": plan.radii.tolist(),
+                "sizes": plan.sizes,
             }
-            for plan, factors in zip(plans, scatter, strict=True)
+            for plan in plans
         },
     }

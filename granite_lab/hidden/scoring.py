@@ -7,27 +7,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from granite_lab.errors import InputError
 from granite_lab.files import readable
 from granite_lab.hidden.catalogue import TWINS
 
-Outcome = Literal[
-    "right",
-    "twin_set",
-    "with_remainder",
-    "vague",
-    "partial",
-    "spurious",
-    "near_twin",
-    "wrong_name",
-    "missed",
-    "false_alarm",
-    "abstained",
-]
-
-MEANING: dict[Outcome, str] = {
+MEANING = {
     "right": "just what is hidden",
     "twin_set": "the hidden effect is in the set that was called indistinguishable",
     "with_remainder": "what is hidden of the library named, and the rest stated as not explained",
@@ -86,7 +72,7 @@ class Score:
         gap_closed: share of the gap that closed, for "train" and "held_out".
     """
 
-    outcome: Outcome
+    outcome: str
     right: bool
     verdict: str
     named: tuple[str, ...]
@@ -161,7 +147,7 @@ def _set_of(effect: Mapping[str, Any]) -> set[str]:
 
 def _judge(
     verdict: str, effects: list[Mapping[str, Any]], hidden: tuple[str, ...], outside: bool
-) -> tuple[Outcome, int]:
+) -> tuple[str, int]:
     """Return the outcome by the hidden effects of the library, and the size of the largest set with one."""
     if verdict == "none":
         return ("missed" if hidden or outside else "right"), 0

@@ -10,16 +10,24 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
-from scipy.signal import lfilter
+from scipy.signal import fftconvolve, lfilter
 
-from granite_lab.hidden.body import DT, Body, wander
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.parts import Misreading
+from granite_lab.hidden.simulator import DT, Body
 from granite_lab.logs.trial import CurrentStream, ImuStream, WheelStream
 from granite_lab.parameters import GRAVITY, Robot
 
 IMU_JITTER = 1e-4
 """Std of the IMU's stamps [s]."""
+
+
+def wander(rng: np.random.Generator, size: int, step: float, length: float) -> Array:
+    """Return a Gaussian random function of unit variance with correlation `length`, sampled every `step`."""
+    reach = max(1, int(np.ceil(4 * length / step)))
+    kernel = np.exp(-((np.arange(-reach, reach + 1) * step / length) ** 2))
+    kernel /= np.sqrt((kernel**2).sum())
+    return np.asarray(fftconvolve(rng.standard_normal(size + 2 * reach), kernel, mode="valid"))
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> Array:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Ground, slip_ratio, smoothstep
-from granite_lab.hidden.influence import Influence, Size, pairs, with_phase
+from granite_lab.hidden.influence import Influence, Size, pairs
 from granite_lab.hidden.model import ANGLE
 from granite_lab.hidden.parts import Stance
 
@@ -136,11 +135,6 @@ class TreadRipple(Influence):
         Size("amplitude_front", "-", "ripple of pressure, front", 0.08, 0.2, 0, 0.6, kind="amplitude"),
         Size("amplitude_rear", "-", "ripple of pressure, rear", 0.08, 0.2, 0, 0.6, kind="amplitude"),
     )
-
-    @classmethod
-    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-        """Draw the phases."""
-        return with_phase(sizes, rng)
 
     def setup(self) -> None:
         """Turn cosine and sine into amplitude and phase."""

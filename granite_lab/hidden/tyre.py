@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from granite_lab.hidden.contact import V_FLOOR, Array, Contact, smoothstep
-from granite_lab.hidden.influence import Influence, Size, pairs, with_phase
+from granite_lab.hidden.influence import Influence, Size, pairs
 from granite_lab.hidden.model import ANGLE, OMEGA
 from granite_lab.hidden.parts import Stance
 from granite_lab.parameters import GRAVITY
@@ -116,11 +115,6 @@ class WheelEccentricity(Influence):
         Size("amplitude_front", "m", "run-out, front", 4e-4, 1.2e-3, 0, 0.01, kind="amplitude"),
         Size("amplitude_rear", "m", "run-out, rear", 4e-4, 1.2e-3, 0, 0.01, kind="amplitude"),
     )
-
-    @classmethod
-    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-        """Draw the phases: a trial begins with the wheels as they stand."""
-        return with_phase(sizes, rng)
 
     def run_out(self, y: Array) -> tuple[Array, Array]:
         """Return how much longer the radius at the lowest point is [m], and its derivative by the angle."""

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 
 from granite_lab.errors import UsageError
-from granite_lab.hidden.command import Trapezoid
 from granite_lab.hidden.contact import V_FLOOR, NearRest
 from granite_lab.hidden.lab import LABS, Lab, bench
 from granite_lab.hidden.model import Truth
-from granite_lab.hidden.parts import exponential_k92
+from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.parameters import Robot, Soil
 
 FASTEST = 0.7, 2.4, 3.0

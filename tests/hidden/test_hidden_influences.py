@@ -13,7 +13,6 @@ from scipy.integrate import quad
 
 from granite_lab.errors import UsageError
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, influence, model_of
-from granite_lab.hidden.command import Trapezoid
 from granite_lab.hidden.contact import (
     NearRest,
     clenshaw_curtis,
@@ -22,9 +21,9 @@ from granite_lab.hidden.contact import (
     forces_of_arrays,
 )
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, VX, Truth
-from granite_lab.hidden.parts import Stance, exponential_k92
-from granite_lab.hidden.simulator import Result, integrate
+from granite_lab.hidden.parts import Stance, Trapezoid, exponential_k92
 from granite_lab.parameters import GRAVITY, load_robot, load_soil
+from tests.truth.simulator import Result, integrate
 
 V, A, DISTANCE = 0.5, 1.2, 1.4
 A_THETA = 4.919

@@ -12,13 +12,12 @@ import pytest
 
 from granite_lab.cli import main
 from granite_lab.errors import EstimateError, UsageError
-from granite_lab.hidden.body import body_from_states
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, TWINS, model_of
-from granite_lab.hidden.command import Trapezoid
 from granite_lab.hidden.making import make_set
-from granite_lab.hidden.parts import exponential_k92
+from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.hidden.sealed import open_answer
 from granite_lab.hidden.sensors import felt_at, louder
+from granite_lab.hidden.simulator import body_from_states
 from granite_lab.hidden.wish import SAND_OFF, Wish, chosen, drawn, sand
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial

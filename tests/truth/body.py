@@ -13,9 +13,10 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter
 
-from granite_lab.hidden.body import DT, Body, wander
-from granite_lab.hidden.command import Trapezoid
 from granite_lab.hidden.contact import Array
+from granite_lab.hidden.parts import Trapezoid
+from granite_lab.hidden.sensors import wander
+from granite_lab.hidden.simulator import DT, Body
 
 SLIP_SPEED = np.array([0.0, 0.2, 0.3, 0.5, 0.7, 1.0])
 SLIP_LEVEL = np.array([0.03, 0.0531, 0.0835, 0.165, 0.229, 0.3])

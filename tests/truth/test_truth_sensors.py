@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from granite_lab.hidden.body import DT, Body
 from granite_lab.hidden.sensors import felt_at, read_wheels, rotation, vibration
-from granite_lab.hidden.simulator import simulate
+from granite_lab.hidden.simulator import DT, Body
 from granite_lab.parameters import GRAVITY, ImuGrade, Robot, load_grade, load_robot
 from tests.truth import generate, log_run, trials
 from tests.truth.body import random_body
+from tests.truth.simulator import simulate
 
 
 def draw_body(seed: int = 1, *, velocity: float = 0.5, wobble: float = 1.0) -> Body:

@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 from benchmarks import rk4
 from granite_lab.hidden.contact import Ground, clenshaw_curtis, contact, slip_ratio
 from granite_lab.hidden.model import PITCH, Truth
-from granite_lab.hidden.simulator import Result, build, simulate
 from granite_lab.parameters import GRAVITY, Variant, load_paper, load_robot, load_soil, load_variants
+from tests.truth.simulator import Result, build, simulate
 
 # velocity: constant k_92 of Table 3, settled λ_R [%] of the model, k_92 that yields the measured λ_R
 SETTLED = {

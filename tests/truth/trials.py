@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.hidden.body import Body, body_from_run
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.sensors import read_currents, read_imu, read_wheels
-from granite_lab.hidden.simulator import Result
+from granite_lab.hidden.simulator import Body
 from granite_lab.logs.trial import Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, load_grade, load_robot
 from tests.truth.body import random_body
+from tests.truth.simulator import Result, body_from_run
 
 SCALE_ERROR = {"industrial": 0.0005, "consumer": 0.002}
 """Std of the scale error of each IMU axis; a residual after the maker's calibration."""

@@ -1,4 +1,4 @@
-"""Influences that the library of effects does not hold: of the place, and forces on the body."""
+"""Influences that the library of effects does not hold."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.hidden.contact import Array, Contact, Ground
-from granite_lab.hidden.influence import Influence, Size, added, starting_phase
+from granite_lab.hidden.influence import Influence, Size, added
+from granite_lab.hidden.model import CURRENT, VX
 from granite_lab.hidden.parts import Push, Stance
 
 
@@ -56,11 +57,7 @@ class Washboard(Influence):
         Size("height", "m", "amplitude of the waves", 8e-4, 2e-3, 0, 0.01),
         Size("wavelength", "m", "from crest to crest", 0.22, 0.35, 0.1, 2, kind="shape"),
     )
-
-    @classmethod
-    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-        """Draw where the first crest lies."""
-        return starting_phase(sizes, rng)
+    phased = True
 
     def wave(self, y: Array) -> tuple[Array, Array]:
         """Return height [m] and slope of the ground under the axles."""
@@ -128,14 +125,94 @@ class StrapDrag(Influence):
         Size("force", "N", "at its height", 12.0, 30.0, 0, 300),
         Size("period", "s", "between two catches", 0.35, 0.7, 0.1, 5, kind="shape"),
     )
-
-    @classmethod
-    def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-        """Draw the phase."""
-        return starting_phase(sizes, rng)
+    phased = True
 
     def push(self, t: float, y: Array, wheel: Contact) -> Push:
         """Catch and let go."""
         sizes = self.sizes[StrapDrag.id]
         wave = max(0.0, float(np.sin(2 * np.pi * t / sizes["period"] + sizes["phase"])))
         return added(super().push(t, y, wheel), self.drag(y, sizes["force"] * wave**2))
+
+
+class WarmMotor(Influence):
+    """A bad contact in the leads of each motor: little mass, so that it warms up within seconds."""
+
+    id = "warm_motor"
+    title = "resistance of the motors' leads that rises with the heat put in"
+    account = "R_d (1 + rise ∫ i² dt), no cooling within a trial"
+    declared = (Size("rise", "1/(A^2 s)", "relative rise of R_d", 3e-3, 8e-3, 0, 0.1),)
+
+    def setup(self) -> None:
+        """Claim the heat."""
+        super().setup()
+        self.heat = self.claim(2)
+
+    def resistance(self, y: Array) -> float | Array:
+        """Return the resistance of the warm circuit."""
+        return super().resistance(y) * (1 + self.sizes[WarmMotor.id]["rise"] * y[self.heat])
+
+    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
+        """Add the heat."""
+        dy = super().rates(t, y, wheel)
+        dy[self.heat] = y[CURRENT] ** 2
+        return dy
+
+
+class CommandStaircase(Influence):
+    """A command that is renewed at a slow rate and held in between."""
+
+    id = "command_staircase"
+    title = "command in steps instead of ramps"
+    account = "desired velocity sampled and held; the desired angle is its integral"
+    declared = (Size("period", "s", "between two commands", 0.06, 0.12, 0.01, 0.5),)
+
+    def setup(self) -> None:
+        """Lay out the steps."""
+        super().setup()
+        self.step = self.sizes[CommandStaircase.id]["period"]
+        count = int(np.ceil(self.command.end / self.step)) + 1
+        self.held_v = np.array([self.command.velocity(k * self.step) for k in range(count)])
+        self.held_s = np.concatenate([[0.0], np.cumsum(self.held_v) * self.step])
+
+    def marks(self) -> tuple[float, ...]:
+        """Return the edges of the steps, too."""
+        edges = self.step * np.arange(self.held_v.size + 1)
+        jumps = edges[np.flatnonzero(np.diff(self.held_v, prepend=0.0, append=0.0))]
+        return tuple(sorted({*super().marks(), *map(float, jumps)}))
+
+    def demand(self, t: float) -> tuple[float, float]:
+        """Return the step in force; just before an edge, the old one."""
+        if t <= 0:
+            return 0.0, 0.0
+        k = int(t / self.step)
+        if k >= self.held_v.size:
+            return float(self.held_s[-1]), 0.0
+        return float(self.held_s[k] + self.held_v[k] * (t - k * self.step)), float(self.held_v[k])
+
+
+class SwingingLoad(Influence):
+    """A part of the body's mass that swings along on a soft mount."""
+
+    id = "swinging_load"
+    title = "a load that swings on its mount"
+    account = "mass, spring and damping of 5 %, along x at the centre of mass; the whole mass is as filed"
+    declared = (
+        Size("mass", "kg", "swinging part of the mass", 2.0, 5.0, 0, 20),
+        Size("frequency", "Hz", "of the load on its mount", 1.2, 2.5, 0.3, 20, kind="shape"),
+    )
+
+    def setup(self) -> None:
+        """Claim place and rate of the load against the body."""
+        super().setup()
+        self.swing = self.claim(2)
+
+    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
+        """Let the mount share the body's acceleration out."""
+        dy, sizes = super().rates(t, y, wheel), self.sizes[SwingingLoad.id]
+        w = 2 * np.pi * sizes["frequency"]
+        place, rate = y[self.swing]
+        pull = w**2 * place + 2 * 0.05 * w * rate  # a unit of swinging mass
+        body = (self.mass * dy[VX] + sizes["mass"] * pull) / (self.mass - sizes["mass"])
+        dy[VX] = body
+        dy[self.swing] = rate, -pull - body
+        return dy
