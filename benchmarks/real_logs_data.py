@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granite_lab.api.logs import Ingested, ingest
-from granite_lab.logs.paths import WINDOW, slope
+from granite_lab.logs.streams import WINDOW, slope
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granite_lab.errors import InputError, UsageError
-from granite_lab.logs.named import is_bag, is_packed, name_of, trial_files
+from granite_lab.logs.named import is_log, name_of, trial_files
 from granite_lab.parameters.catalogue import find, forget
 from granite_lab.parameters.quantity import build, read_toml
 
@@ -87,11 +87,7 @@ def project_in(folder: Path) -> Project:
         named[key] = str(folder / file) if own else text
         if own and not (folder / file).is_file():
             raise InputError(f"{path}: {key} = '{text}': no such file", f"paths start at {folder}")
-    logs = [
-        name_of(log)
-        for log in folder.iterdir()
-        if log.suffix.lower() == ".csv" or is_packed(log) or is_bag(log)
-    ]
+    logs = [name_of(log) for log in folder.iterdir() if is_log(log)]
     for i, item in enumerate(read.exclude, 1):
         if item.trial not in logs:
             close = difflib.get_close_matches(item.trial, logs, n=1)

@@ -8,7 +8,7 @@ from pathlib import Path
 from granite_lab.api.calls import checked
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import is_folder
-from granite_lab.logs.named import is_bag, name_of
+from granite_lab.logs.named import is_log, name_of
 
 
 @checked
@@ -63,7 +63,7 @@ def _recording(
     column_map: str | Path | None,
 ) -> Path:
     """Return the recording that is meant; of a log, it is made below ``reports/view``."""
-    if is_folder(path) and not is_bag(path):
+    if is_folder(path) and not is_log(path):
         return recording_in(path, trial)
     if path.suffix == ".rrd":
         return path

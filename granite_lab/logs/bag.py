@@ -1,97 +1,269 @@
-"""A recording by ROS as a file of a trial: its messages as columns, bound like those of any other log."""
+"""Recordings by ROS 1 and 2 and MCAP files, read through the library rosbags, as one table."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from granite_lab.errors import InputError
-from granite_lab.files import sha256
-from granite_lab.logs.bagfile import ROLES, Messages, read_messages
-from granite_lab.logs.dialect import Dialect
-from granite_lab.logs.joints import assign
-from granite_lab.logs.layouts import ACCELERATION, ENCODERS, RATE, Column, Layout
-from granite_lab.logs.matching import best, match
-from granite_lab.logs.metadata import collect
-from granite_lab.logs.named import name_of
-from granite_lab.logs.source import Source
-from granite_lab.logs.trial import Array, InputFile
+from granite_lab.errors import InputError, LabError, UsageError
+from granite_lab.files import is_folder, readable, refuse_special
+from granite_lab.logs.dialect import Table
+from granite_lab.logs.guess import wheels_named, words
+from granite_lab.logs.layouts import Column, Layout
+from granite_lab.logs.trial import Array
+from granite_lab.parameters import WHEELS
 
-__all__ = ["ROLES", "open_bag"]
+IMU, JOINTS, ODOMETRY = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
+POSES = tuple(
+    f"geometry_msgs/msg/Pose{kind}" for kind in ("", "Stamped", "WithCovariance", "WithCovarianceStamped")
+)
 
-ENCODING = "ROS"
-"""What stands for the text encoding of a bag."""
+ROLES: dict[str, tuple[str, ...]] = {
+    "imu": (IMU,),
+    "joints": (JOINTS,),
+    "odom": (ODOMETRY,),
+    "reference": (ODOMETRY, *POSES, "sensor_msgs/msg/NavSatFix"),
+}
+"""What a topic can be taken for, and the types of its messages. `odom` is the odometry of the wheels,
+`reference` a place from outside (GPS, motion capture) that only judges."""
+
+LEFT_OUT = "none"
+"""Given for a role in place of a topic, it leaves the role out."""
+
+_SECOND = 1_000_000_000
 
 
-def open_bag(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str] | None = None) -> Source:
-    """Read a bag; column maps may name its quantities as ``/topic.field``.
+def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str]]:
+    """Read the topics of a bag that hold an IMU, wheel joints or odometry.
 
     Args:
         path: a ``.bag`` or ``.mcap`` file, or the folder of a ROS 2 recording.
-        maps: column maps the user gave; without one that fits, the topics say what they are.
-        topics: what a topic is to be taken for (a key of `ROLES`), to its name.
+        asked: what a topic is to be taken for (a key of `ROLES`), to its name.
+
+    Returns:
+        a table with a row a message and columns called ``/topic.field``, and what each topic was taken for.
+        Its column `t` is in [s] since the whole second of the first stamp.
 
     Raises:
-        InputError: the bag cannot be read, or holds no sensor.
+        InputError: the bag cannot be read, or holds none of these.
         UsageError: an asked topic is not there or is of another type.
+        LabError: the library is not installed.
     """
-    held = read_messages(path, topics or {})
-    names = tuple(held.columns)
-    dialect = Dialect(ENCODING, ",", ".", (names,), 0, 0, len(names), (), ())
-    fits = [m for m in (match(layout, path, dialect) for layout in maps) if m.complete]
-    found = best(path, fits) if fits else match(layout_of(path, held), path, dialect)
-    doubts = list(held.doubts)
-    bound = {binding.channel for binding in found.bindings}
-    if "joints" in held.topics and not bound & set(ENCODERS):
-        what = f"no wheel among the joints of {held.topics['joints']}"
-        if not bound & {*ACCELERATION, *RATE}:
-            shown = ", ".join(names[1:9]) + (", …" if len(names) > 9 else "")
-            raise InputError(f"{path}: {what}", f"name them in a column map for --map; there are: {shown}")
-        doubts.append(f"{path.name}: {what}; a column map can name them")
-    sidecar = path.parent / f"{name_of(path)}.toml"
-    beside = sidecar if sidecar.is_file() else None
-    metadata = collect((), path, doubts, beside)
-    inputs = tuple(InputFile(file, sha256(file)) for file in [path, *([beside] if beside else [])])
-    columns: dict[int, Array] = dict(enumerate(held.columns.values()))
-    kept = np.arange(len(columns[0]), dtype=np.float64)
-    return Source(path, dialect, found, columns, kept, metadata, inputs, tuple(doubts))
+    try:
+        from rosbags.highlevel import AnyReader  # noqa: PLC0415, an extra
+        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+    except ImportError:
+        raise LabError(
+            f"{path}: reading ROS bags and MCAP needs rosbags, which is not installed",
+            "pip install 'granite-lab[ros]'",
+        ) from None
+    refuse_special(path)
+    try:
+        if not is_folder(path):
+            path.open("rb").close()
+    except OSError as error:
+        raise readable(error, path) from None
+    doubts: list[str] = []
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            chosen = _choose(path, reader.topics, asked, doubts)
+            wanted = [c for c in reader.connections if c.topic in chosen.values()]
+            rows = [
+                (connection.topic, stamp, reader.deserialize(raw, connection.msgtype))
+                for connection, stamp, raw in reader.messages(connections=wanted)
+            ]
+    except LabError:
+        raise
+    except Exception as error:  # the parsers raise whatever a damaged file makes them stumble over
+        what = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(
+            f"{path}: cannot be read as a ROS bag: {what}",
+            "is the recording complete? 'ros2 bag reindex' mends some",
+        ) from None
+    columns = {"t": _stamps(path, rows, doubts)}
+    role_of = {name: role for role, name in chosen.items()}
+    for row, (topic, _, message) in enumerate(rows):
+        for name, value in _FIELDS[role_of[topic]](message):
+            column = columns.setdefault(f"{topic}.{name}", np.full(len(rows), np.nan))
+            column[row] = value
+    table = Table(
+        path, (tuple(columns),), len(columns), "ROS", doubts=tuple(doubts), numbers=tuple(columns.values())
+    )
+    return table, chosen
 
 
-def layout_of(path: Path, held: Messages) -> Layout:
-    """Bind the quantities of a bag: IMU, wheels by the names of their joints, odometry, reference."""
+def _choose(
+    path: Path, topics: Mapping[str, Any], asked: Mapping[str, str], doubts: list[str]
+) -> dict[str, str]:
+    """Return what each topic is taken for; where several fit, the one with most messages."""
+    chosen: dict[str, str] = {}
+    for role, name in asked.items():
+        if name == LEFT_OUT:
+            continue
+        if name not in topics:
+            known = ", ".join(sorted(topics)) or "none"
+            raise UsageError(f"{path}: there is no topic '{name}'", f"topics: {known}")
+        if topics[name].msgtype not in ROLES[role]:
+            raise UsageError(
+                f"{path}: topic '{name}' holds {topics[name].msgtype}, expected {' or '.join(ROLES[role])} "
+                f"for {role}",
+                "choose another topic",
+            )
+        chosen[role] = name
+    for role, instead in (("imu", ""), ("joints", "odom"), ("odom", "joints")):
+        if role in asked or instead in chosen:
+            continue
+        free = {
+            name: info.msgcount
+            for name, info in topics.items()
+            if info.msgtype in ROLES[role] and info.msgcount > 0 and name not in asked.values()
+        }
+        if not free:
+            continue
+        best = min(free, key=lambda name: (-free[name], name))
+        chosen[role] = best
+        others = ", ".join(sorted(set(free) - {best}))
+        if others:
+            doubts.append(
+                f"{path.name}: topic {best} taken as {role}, not {others}; --topic {role}=… chooses another"
+            )
+    if not set(chosen) & {"imu", "joints", "odom"}:
+        held = ", ".join(sorted({str(info.msgtype) for info in topics.values()})) or "nothing"
+        raise InputError(f"{path}: no topic with {IMU}, {JOINTS} or {ODOMETRY}", f"the bag holds: {held}")
+    if "odom" in chosen:
+        doubts.append(
+            f"{path.name}: no joint states: the wheels' velocity is that of odometry {chosen['odom']}"
+        )
+    return chosen
+
+
+def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str]) -> Array:
+    """Return stamps (N,) [s] since the whole second of the first.
+
+    They stand in the messages' headers. Messages without one are taken when they arrived, less the
+    time that the others usually take to arrive.
+    """
+    stamps = [_stamp(message) for _, _, message in rows]
+    topics = {topic for topic, _, _ in rows}
+    bare = topics - {topic for (topic, _, _), stamp in zip(rows, stamps, strict=True) if stamp}
+    for topic in sorted(bare):
+        doubts.append(f"{path.name}: messages of {topic} carry no stamps; taken when they arrived")
+    late = [arrival - s for (topic, arrival, _), s in zip(rows, stamps, strict=True) if topic not in bare]
+    delay = int(np.median(late)) if bare and late else 0
+    stamps = [
+        arrival - delay if topic in bare else stamp
+        for (topic, arrival, _), stamp in zip(rows, stamps, strict=True)
+    ]
+    origin = min(stamps, default=0) // _SECOND
+    return np.array([(stamp - origin * _SECOND) / 1e9 for stamp in stamps])
+
+
+def _stamp(message: Any) -> int:
+    """Return the stamp in a message's header [ns]; 0 where there is none or nobody set it."""
+    if not hasattr(message, "header"):
+        return 0
+    stamp = message.header.stamp
+    return int(stamp.sec) * _SECOND + int(stamp.nanosec)
+
+
+def _imu(message: Any) -> Iterator[tuple[str, float]]:
+    """Yield the quantities of an IMU message; a covariance that begins with -1 says there is none."""
+    for name, axes in (("linear_acceleration", "xyz"), ("angular_velocity", "xyz"), ("orientation", "xyzw")):
+        if message.__dict__[f"{name}_covariance"][0] == -1:
+            continue
+        for axis in axes:
+            yield f"{name}.{axis}", getattr(message.__dict__[name], axis)
+
+
+def _joints(message: Any) -> Iterator[tuple[str, float]]:
+    """Yield position [rad], velocity [rad/s] and effort [N m] of each joint."""
+    for name in ("position", "velocity", "effort"):
+        for joint, value in zip(message.name, message.__dict__[name], strict=False):
+            if not math.isnan(value):
+                yield f"{name}.{joint}", value
+
+
+def _place(message: Any) -> Iterator[tuple[str, float]]:
+    """Yield velocity and place, of a pose only the place, of a satellite fix latitude and longitude."""
+    if hasattr(message, "latitude"):
+        if message.status.status >= 0:  # -1: no fix
+            yield "latitude", message.latitude
+            yield "longitude", message.longitude
+        return
+    if hasattr(message, "twist"):
+        yield "twist.twist.linear.x", message.twist.twist.linear.x
+    while hasattr(message, "pose"):  # stamped, with covariance, or both
+        message = message.pose
+    yield "pose.pose.position.x", message.position.x
+    yield "pose.pose.position.y", message.position.y
+
+
+_FIELDS = {"imu": _imu, "joints": _joints, "odom": _place, "reference": _place}
+
+
+def bag_layout(table: Table, topics: Mapping[str, str], doubts: list[str]) -> Layout:
+    """Bind the quantities of a bag: IMU, wheels by the names of their joints, odometry, reference.
+
+    Raises:
+        InputError: no joint is a wheel, and there is no IMU either.
+    """
+    names = table.headers[0]
     columns = [Column(to=("t",), name="t", unit="s")]
 
     def bind(name: str, unit: str, *to: str) -> None:
-        if name in held.columns:
+        if name in names:
             columns.append(Column(to=to, name=name, unit=unit))
 
-    if topic := held.topics.get("imu"):
+    if topic := topics.get("imu"):
         for axis in "xyz":
             bind(f"{topic}.linear_acceleration.{axis}", "m/s^2", f"imu_a{axis}")
             bind(f"{topic}.angular_velocity.{axis}", "rad/s", f"imu_g{axis}")
-    if topic := held.topics.get("joints"):
-        _bind_wheels(topic, held, bind)
-    if topic := held.topics.get("odom"):
-        bind(f"{topic}.twist.twist.linear.x", "m/s", "enc_fl", "enc_fr", "enc_rl", "enc_rr")
-    if topic := held.topics.get("reference"):
+    if topic := topics.get("joints"):
+        for quantity, unit in (("position", "rad"), ("velocity", "rad/s")):
+            start = f"{topic}.{quantity}."
+            found = assign([name.removeprefix(start) for name in names if name.startswith(start)])
+            for joint, wheels in found.items():
+                bind(start + joint, unit, *(f"enc_{wheel}" for wheel in wheels))
+            if found:
+                break
+        else:
+            what = f"{table.path}: no wheel among the joints of {topic}"
+            if len(columns) == 1:
+                shown = ", ".join(names[1:9]) + (", …" if len(names) > 9 else "")
+                raise InputError(what, f"name them in a column map for --map; there are: {shown}")
+            doubts.append(f"{what}; a column map can name them")
+    if topic := topics.get("odom"):
+        bind(f"{topic}.twist.twist.linear.x", "m/s", *(f"enc_{wheel}" for wheel in WHEELS))
+    if topic := topics.get("reference"):
         bind(f"{topic}.twist.twist.linear.x", "m/s", "ref_v")
         bind(f"{topic}.pose.pose.position.x", "m", "ref_x")
         bind(f"{topic}.pose.pose.position.y", "m", "ref_y")
         bind(f"{topic}.latitude", "deg", "ref_lat")
         bind(f"{topic}.longitude", "deg", "ref_lon")
-    name = "ROS: " + ", ".join(f"{role} {topic}" for role, topic in held.topics.items())
-    return Layout(name=name, column=tuple(columns), title=path.name)
+    name = "ROS: " + ", ".join(f"{role} {topic}" for role, topic in topics.items())
+    return Layout(name=name, column=tuple(columns), title=table.path.name)
 
 
-def _bind_wheels(topic: str, held: Messages, bind: Callable[..., None]) -> None:
-    """Bind each wheel's position, or its velocity where the positions were not published."""
-    for quantity, unit in (("position", "rad"), ("velocity", "rad/s")):
-        start = f"{topic}.{quantity}."
-        joints = [name.removeprefix(start) for name in held.columns if name.startswith(start)]
-        found = assign(joints)
-        for joint, wheels in found.items():
-            bind(start + joint, unit, *(f"enc_{wheel}" for wheel in wheels))
-        if found:
-            return
+_NO_WHEEL = {"steer", "steering", "caster", "castor", "arm", "gripper", "middle", "mid", "pan", "tilt"}
+
+
+def assign(joints: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return joint to the wheels that it turns, each wheel from one joint.
+
+    Names are read word by word, as in ``front_left_wheel_joint``, ``wheel_FL`` or ``LeftWheel``; a
+    ``left_wheel`` stands for both of its side. Of several joints that claim a wheel, one that says its axle
+    goes first, then one that calls itself a wheel.
+    """
+    claims: dict[str, tuple[str, ...]] = {}
+    for joint in joints:
+        parts = words(joint)[0]
+        wheels = () if _NO_WHEEL & set(parts) else wheels_named(parts)
+        claims[joint] = wheels if len(wheels) == 1 or "wheel" in joint.lower() else ()
+    order = sorted(joints, key=lambda joint: (len(claims[joint]), "wheel" not in joint.lower()))
+    taken = {wheel: joint for joint in reversed(order) for wheel in claims[joint]}
+    mine = {joint: tuple(w for w in claims[joint] if taken[w] == joint) for joint in joints}
+    return {joint: wheels for joint, wheels in mine.items() if wheels}

@@ -11,6 +11,7 @@ from granite_lab.errors import InputError
 from granite_lab.logs.trial import Array
 
 Rows = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
 
 GAP_PERIODS = 3.0
 """A gap is a step of more than this many median periods."""
@@ -18,6 +19,7 @@ GAP_PERIODS = 3.0
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _WRAPS = (2.0**16, 2.0**24, 2.0**32)
 _EPOCH = (9.4e8, 2.6e9)  # 2000 to 2052 in seconds since 1970
+_FASTEST = 20000.0
 
 
 class ClockResetError(InputError):
@@ -47,6 +49,13 @@ class Stamps:
     doubts: tuple[str, ...]
 
 
+def runs(flags: Mask) -> list[tuple[int, int]]:
+    """Return first and last sample of each stretch of flags."""
+    edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
+    ends = np.flatnonzero(edges == -1) - 1
+    return [(int(a), int(b)) for a, b in zip(np.flatnonzero(edges == 1), ends, strict=True)]
+
+
 def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
     """Check the declared unit of stamps against their values.
 
@@ -65,33 +74,21 @@ def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
     steps = steps[steps > 0]
     if len(steps) == 0:
         return factor, ""
-    period = float(np.median(steps))
+    rate = 1 / float(np.median(steps))  # a unit
+    if slowest <= rate / factor <= _FASTEST:
+        return factor, ""
+    # A clock that counts from 1970 names its own unit; else only one unit may give a usual rate.
     middle = abs(float(np.median(raw)))
-    if not _plausible(period * factor, slowest, 20000.0):
-        # A clock that counts from 1970 names its own unit; else only one unit may give a usual rate.
-        fits = [f for f in _SECONDS.values() if _plausible(period * f, max(slowest, 4.0), 2000.0)]
-        epoch = _epoch(middle)
-        chosen = epoch if epoch is not None else fits[0] if len(fits) == 1 else None
-        if chosen is None or not _plausible(period * chosen, slowest, 20000.0):
-            rate = 1 / (period * factor)
-            raise InputError(
-                f"stamps {rate:.3g} times a second in the declared unit, expected {slowest:g} to 20000",
-                "correct the unit of the time column",
-            )
-        if abs(chosen / factor - 1) > 1e-9:
-            unit = next(name for name, f in _SECONDS.items() if f == chosen)
-            return chosen, f"stamps are in {unit}, not in the unit declared: {1 / (period * chosen):.4g} Hz"
-    return factor, ""
-
-
-def _plausible(period: float, slowest: float, fastest: float) -> bool:
-    """Say whether a sampling period [s] lies between two rates [Hz]."""
-    return 1 / fastest <= period <= 1 / slowest
-
-
-def _epoch(value: float) -> float | None:
-    """Return the unit in which a stamp is a date of our time, if there is one."""
-    return next((f for f in _SECONDS.values() if _EPOCH[0] <= value * f <= _EPOCH[1]), None)
+    fits = [f for f in _SECONDS.values() if _EPOCH[0] <= middle * f <= _EPOCH[1]] or [
+        f for f in _SECONDS.values() if max(slowest, 4.0) <= rate / f <= 2000.0
+    ]
+    if len(fits) != 1 or not slowest <= rate / fits[0] <= _FASTEST:
+        raise InputError(
+            f"stamps {rate / factor:.3g} times a second in the declared unit, expected {slowest:g} to 20000",
+            "correct the unit of the time column",
+        )
+    unit = next(name for name, f in _SECONDS.items() if f == fits[0])
+    return fits[0], f"stamps are in {unit}, not in the unit declared: {rate / fits[0]:.4g} Hz"
 
 
 def unwrap_stamps(raw: Array, wrap: float = 0.0) -> tuple[Array, str]:
@@ -171,7 +168,7 @@ def tidy(t: Array, what: str, values: Array | None = None) -> Stamps:
         order = np.argsort(stamps, kind="stable")
         rows, stamps = rows[order], stamps[order]
         doubts.append(f"{what}: {late} samples were not in the order of time; sorted")
-    new = np.concatenate(([True], np.diff(stamps) > 0)) if len(stamps) else np.zeros(0, dtype=bool)
+    new = np.concatenate(([True], np.diff(stamps) > 0))[: len(stamps)]
     if not new.all():
         doubts.append(f"{what}: {int(np.count_nonzero(~new))} duplicate stamps; the first of each was kept")
         rows, stamps = rows[new], stamps[new]
@@ -198,18 +195,17 @@ def _refuse_reset(stamps: Array, rows: Rows, what: str, values: Array) -> None:
         )
     latest = np.maximum.accumulate(stamps)
     period = float(np.median(np.abs(np.diff(stamps)))) or 1.0
-    for cut in cuts:
+    for cut, end in zip(cuts, [*cuts[1:], len(stamps)], strict=True):
         jump = latest[cut - 1] - stamps[cut]
-        end = cuts[cuts > cut][0] if (cuts > cut).any() else len(stamps)
         later = stamps[cut:end]
         if jump < 20 * period or len(later) < 10:
             continue
         order = np.argsort(stamps[:cut], kind="stable")
         earlier = stamps[:cut][order]
         place = np.minimum(np.searchsorted(earlier, later), cut - 1)
-        shared = earlier[place] == later
         old, new = values[rows[order[place]]], values[rows[cut:end]]
-        repeated = shared & ((old == new) | (np.isnan(old) & np.isnan(new))).all(axis=1)
+        same = ((old == new) | (np.isnan(old) & np.isnan(new))).all(axis=1)
+        repeated = (earlier[place] == later) & same
         # Consecutive new samples that fall between different old ones, or on them with other values.
         claimed = (later > earlier[0]) & (later <= earlier[-1]) & ~repeated
         if len(np.unique(place[claimed])) >= 10:

@@ -1,9 +1,14 @@
-"""How a text file is laid out: encoding, delimiter, decimal sign, header rows, comments."""
+"""How a table is laid out: encoding, delimiter, decimal sign, header rows, comments."""
 
 from __future__ import annotations
 
+import codecs
 import csv
+import gzip
+import io
 import re
+import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -12,17 +17,25 @@ from pathlib import Path
 from typing import TextIO
 
 from granite_lab.errors import InputError, at
-from granite_lab.logs.encoding import encoding_of, open_text
+from granite_lab.files import readable, refuse_special
+from granite_lab.logs.trial import Array
 
 MISSING = ("", "nan", "NaN", "NAN", "Nan", "-nan", "-NaN", "NA", "N/A", "n/a", "null", "NULL", "None", "none")
 """Cells that stand for "not sampled"."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_DELIMITERS = (",", ";", "\t", "|")
+_DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 _SAMPLE_ROWS = 100
 _PREAMBLE_ROWS = 200
-_DELIMITER_NAMES = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+_LARGEST = 2 << 30
+"""A compressed log may hold this much [bytes]."""
+
+_MAGIC = {
+    b"#ROSBAG": "a ROS bag", b"\x89MCAP": "an MCAP file", b"PK\x03\x04": "a zip archive or Excel workbook",
+    b"\x1f\x8b": "gzip-compressed", b"PAR1": "a Parquet file", b"\x89HDF": "an HDF5 file",
+    b"MATLAB": "a MATLAB file", b"SQLite": "an SQLite database", b"%PDF": "a PDF document",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,10 +49,7 @@ class TableFormat:
         names: names of the columns, for a file without a header line.
     """
 
-    delimiter: str = field(
-        default="",
-        metadata={"choices": ("", ",", ";", "|", "\t", "tab", "space", "comma", "semicolon", "bar")},
-    )
+    delimiter: str = field(default="", metadata={"choices": ("", *_DELIMITERS, *_DELIMITERS.values())})
     decimal: str = field(default="", metadata={"choices": ("", ".", ",")})
     skip_rows: float = field(
         default=0.0, metadata={"unit": "", "low": 0, "high": 1e6, "meaning": "lines to skip"}
@@ -47,50 +57,56 @@ class TableFormat:
     names: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Dialect:
-    """A text table, understood as far as its first rows tell.
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A table, understood as far as its first rows tell.
 
     Attributes:
+        path: its file.
+        headers: the header rows, top first, each as wide as the table.
+        width: cells in a row of data.
         encoding: name of the text encoding.
         delimiter: one character; a blank stands for any run of blanks.
         decimal: the decimal sign.
-        headers: the header rows, top first, each as wide as the table.
         header_line: line of the first header row (0: none).
-        data_line: line of the first row of data.
-        width: cells in a row of data.
+        data_line: line of the first row of data (0: the table is not text).
         sample: the first rows of data.
         comments: lines before the header that begin with ``#``, with their line numbers.
         preamble: other lines above the header.
         doubts: what the reader was not sure of.
+        text: the whole file in UTF-8 with plain line ends.
+        numbers: the columns themselves, (N,) each, of a table that is not text.
     """
 
-    encoding: str
-    delimiter: str
-    decimal: str
+    path: Path
     headers: tuple[tuple[str, ...], ...]
-    header_line: int
-    data_line: int
     width: int
-    sample: tuple[tuple[str, ...], ...]
-    comments: tuple[tuple[int, str], ...]
+    encoding: str = ""
+    delimiter: str = ","
+    decimal: str = "."
+    header_line: int = 0
+    data_line: int = 0
+    sample: tuple[tuple[str, ...], ...] = ()
+    comments: tuple[tuple[int, str], ...] = ()
     preamble: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    text: bytes = field(default=b"", repr=False)
+    numbers: tuple[Array, ...] = field(default=(), repr=False)
 
     @property
     def open_end(self) -> bool:
         """The rows end in a delimiter, so that their last cell is always empty."""
         return all(not row[-1].strip() for row in self.sample)
 
+    @property
+    def delimiter_name(self) -> str:
+        """The delimiter in words."""
+        return _DELIMITERS[self.delimiter]
+
     def name(self, place: int) -> str:
         """Return what the first header row calls a column, counted from 0."""
         text = self.headers[0][place] if self.headers else ""
         return text or f"column {place + 1}"
-
-    @property
-    def delimiter_name(self) -> str:
-        """The delimiter in words."""
-        return _DELIMITER_NAMES[self.delimiter]
 
 
 def is_number(cell: str, decimal: str = ".") -> bool:
@@ -105,20 +121,24 @@ def split_rows(lines: Iterator[str], delimiter: str) -> Iterator[list[str]]:
     return csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
 
 
-def sniff(path: Path, table: TableFormat | None = None) -> Dialect:
-    """Find out how a file is laid out.
+def lines_of(text: bytes) -> TextIO:
+    """Return text as lines; bytes that are no UTF-8 become U+FFFD."""
+    return io.TextIOWrapper(io.BytesIO(text), encoding="utf-8", errors="replace", newline="\n")
+
+
+def sniff(path: Path, said: TableFormat | None = None) -> Table:
+    """Find out how a text file is laid out.
 
     Args:
         path: the file.
-        table: what a column map says about it.
+        said: what a column map says about it.
 
     Raises:
         InputError: missing, unreadable, empty, binary, without a table or without rows of data.
     """
-    table = table or TableFormat()
-    encoding, doubts = encoding_of(path)
-    with open_text(path, encoding) as file:
-        comments, lines, said = _head(file, int(table.skip_rows))
+    said = said or TableFormat()
+    text, encoding, doubts = _read(path)
+    comments, lines, separator = _head(lines_of(text), int(said.skip_rows))
     if not lines and not comments:
         raise InputError(
             f"{path}: the file is empty", "a log is a CSV file with a header line and rows of numbers"
@@ -128,28 +148,116 @@ def sniff(path: Path, table: TableFormat | None = None) -> Dialect:
             f"{path}: no header line, only comments",
             "the header names the columns, such as t_s,imu_ax_mps2,…",
         )
-    named = {name: sign for sign, name in _DELIMITER_NAMES.items()}
-    delimiter = named.get(table.delimiter, table.delimiter) or said or _delimiter([text for _, text in lines])
-    rows = list(zip((n for n, _ in lines), _cells(path, [t for _, t in lines], delimiter), strict=False))
-    decimal = table.decimal or _decimal([row for _, row in rows], delimiter)
+    named = {name: sign for sign, name in _DELIMITERS.items()}
+    delimiter = named.get(said.delimiter, said.delimiter) or separator or _delimiter([t for _, t in lines])
+    rows = [(number, _cells(path, line, delimiter)) for number, line in lines]
+    decimal = said.decimal or _decimal([row for _, row in rows], delimiter)
     first = next((i for i, (_, row) in enumerate(rows) if _is_data(row, decimal)), None)
+    if first is None and all(len(row) <= 1 for _, row in rows):
+        raise InputError(f"{at(path, rows[0][0])}: no table here", "a log is a CSV file with a header line")
     if first is None:
-        _refuse_without_data(path, rows)
         raise InputError(
             f"{at(path, rows[-1][0])}: no row of numbers below the header",
             "the log holds no samples; record it again",
         )
     width = Counter(len(row) for _, row in rows[first : first + 20]).most_common(1)[0][0]
-    preamble = tuple(text for _, text in lines[:first]) + ((f"sep={said}",) if said else ())
     below = [row for _, row in rows[first:] if len(row) == width]
-    headers, header_line = _headers(path, rows[:first], below, comments, delimiter, table, rows[first][0])
+    headers, header_line = _headers(path, rows[:first], below, comments, delimiter, said, rows[first][0])
     if headers and header_line < 0:  # the header is the last comment line, as in EuRoC
         header_line, comments = comments[-1][0], comments[:-1]
-    return Dialect(
-        encoding, delimiter, decimal, headers, header_line, rows[first][0], width,
-        tuple(tuple(row) for row in below[:_SAMPLE_ROWS]),
-        tuple(comments), preamble, doubts,
+    return Table(
+        path, headers, width, encoding, delimiter, decimal, header_line,
+        data_line=rows[first][0],
+        sample=tuple(tuple(row) for row in below[:_SAMPLE_ROWS]),
+        comments=tuple(comments),
+        preamble=tuple(line for _, line in lines[:first]) + ((f"sep={separator}",) if separator else ()),
+        doubts=doubts,
+        text=text,
     )  # fmt: skip
+
+
+def _read(path: Path) -> tuple[bytes, str, tuple[str, ...]]:
+    """Return a text file's content in UTF-8 with plain line ends, its encoding, and doubts."""
+    refuse_special(path)
+    data = _unpacked(path)
+    for magic, what in _MAGIC.items():
+        if data.startswith(magic):
+            raise InputError(f"{path}: is not text but {what}", "export the log as CSV")
+    encoding = _encoding(path, data[: 1 << 16])
+    doubts: tuple[str, ...] = ()
+    if encoding == "cp1252":
+        doubts = (f"{path.name}: not UTF-8, read as Windows-1252",)
+    elif encoding.startswith("utf-16-"):
+        doubts = (f"{path.name}: read as {encoding.upper()}, which the file does not say",)
+    if encoding == "utf-8-sig":
+        data = data.removeprefix(codecs.BOM_UTF8)
+    else:
+        data = data.decode(encoding, "replace").encode()
+    return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"), encoding, doubts
+
+
+def _unpacked(path: Path) -> bytes:
+    """Return a file's content; ``.csv.gz``, or the one table in a ``.zip``, is unpacked.
+
+    Raises:
+        InputError: the file cannot be read or unpacked, or the archive does not hold just one table.
+    """
+    kind = path.suffix.lower()
+    try:
+        if kind not in (".gz", ".zip"):
+            return path.read_bytes()
+        if kind == ".gz":
+            with gzip.open(path) as packed:
+                data = packed.read(_LARGEST + 1)
+        else:
+            with zipfile.ZipFile(path) as archive, archive.open(_only_table(path, archive)) as member:
+                data = member.read(_LARGEST + 1)
+    except (gzip.BadGzipFile, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
+        raise InputError(
+            f"{path}: cannot be unpacked: {error}", "copy the file again, or unpack it and name the table"
+        ) from None
+    except OSError as error:
+        raise readable(error, path) from None
+    if len(data) > _LARGEST:
+        raise InputError(f"{path}: holds more than {_LARGEST >> 30} GB", "unpack it and name the table")
+    return data
+
+
+def _only_table(path: Path, archive: zipfile.ZipFile) -> str:
+    """Return the name of the one table in an archive; what macOS adds does not count."""
+    inside = [name for name in archive.namelist() if not name.startswith("__MACOSX/")]
+    tables = [name for name in inside if name.lower().endswith((".csv", ".txt", ".tsv"))]
+    if len(tables) != 1:
+        found = ", ".join(tables[:5]) + (", …" if len(tables) > 5 else "") if tables else "none"
+        raise InputError(
+            f"{path}: expected one table (.csv, .txt, .tsv) in the archive, found {found}",
+            "unpack it and name the tables" if tables else "a log is a CSV file with a header line",
+        )
+    return tables[0]
+
+
+def _encoding(path: Path, head: bytes) -> str:
+    """Recognise the encoding from the first bytes.
+
+    Raises:
+        InputError: they are not text.
+    """
+    binary = InputError(f"{path}: is binary, not text", "export the log as CSV")
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    if b"\0" in head:
+        for name, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[0::2])):
+            if zeros.count(0) > 0.9 * len(zeros) and head.count(0) < 0.6 * len(head):
+                return name
+        if 0 in head[:512] or head.count(0) > 0.01 * len(head):
+            raise binary
+    try:
+        codecs.getincrementaldecoder("utf-8-sig")().decode(head)
+    except UnicodeDecodeError:
+        if sum(byte < 32 and byte not in b"\t\r\n\f" for byte in head) > 0.01 * len(head):
+            raise binary from None
+        return "cp1252"
+    return "utf-8-sig"
 
 
 def _head(file: TextIO, skip: int) -> tuple[list[tuple[int, str]], list[tuple[int, str]], str]:
@@ -172,20 +280,19 @@ def _head(file: TextIO, skip: int) -> tuple[list[tuple[int, str]], list[tuple[in
     return comments, lines, said
 
 
-def _cells(path: Path, lines: list[str], delimiter: str) -> Iterator[list[str]]:
-    """Split each line on its own, so that a stray quote cannot swallow what follows."""
-    for line in lines:
-        try:
-            yield next(split_rows(iter([line]), delimiter), [])
-        except csv.Error as error:
-            raise InputError(f"{path}: not a table: {error}", "a log is a CSV file") from None
+def _cells(path: Path, line: str, delimiter: str) -> list[str]:
+    """Split a line on its own, so that a stray quote cannot swallow what follows."""
+    try:
+        return next(split_rows(iter([line]), delimiter), [])
+    except csv.Error as error:
+        raise InputError(f"{path}: not a table: {error}", "a log is a CSV file") from None
 
 
 def _delimiter(lines: list[str]) -> str:
     """Choose the delimiter that splits the last sampled lines into the most, equally many cells."""
-    tail = lines[-min(len(lines), 50) :]
+    tail = lines[-50:]
     best, most = ",", 1
-    for delimiter in (*_DELIMITERS, " "):
+    for delimiter in _DELIMITERS:
         widths = Counter(len(next(split_rows(iter([line]), delimiter), [])) for line in tail)
         width, count = widths.most_common(1)[0]
         # Where another delimiter fits as well, the comma is the decimal sign.
@@ -219,18 +326,18 @@ def _headers(
     below: list[list[str]],
     comments: list[tuple[int, str]],
     delimiter: str,
-    table: TableFormat,
+    said: TableFormat,
     data_line: int,
 ) -> tuple[tuple[tuple[str, ...], ...], int]:
     """Return the header rows as wide as the data, and the line of the first (-1: the last comment)."""
     width = len(below[0])
-    if table.names:
-        if len(table.names) != width:
+    if said.names:
+        if len(said.names) != width:
             raise InputError(
-                f"{at(path, data_line)}: {width} columns, but the column map names {len(table.names)}",
+                f"{at(path, data_line)}: {width} columns, but the column map names {len(said.names)}",
                 "correct 'names' under [table] in the map",
             )
-        return (table.names,), 0
+        return (said.names,), 0
     # A delimiter behind the last cell may stand in the header only, or in the data only.
     open_end = all(not row[-1].strip() for row in below)
     rows: list[tuple[str, ...]] = []
@@ -242,22 +349,14 @@ def _headers(
             break
         rows.insert(0, tuple(cell.strip() for cell in cells))
         line = number
-    if rows:
-        return tuple(rows), line
     if not above and comments:
-        cells = next(split_rows(iter([comments[-1][1].lstrip("#").strip()]), delimiter), [])
+        cells = _cells(path, comments[-1][1].lstrip("#").strip(), delimiter)
         if len(cells) == width and not any(is_number(cell) for cell in cells):
-            return (tuple(cell.strip() for cell in cells),), -1
-    if above:
+            rows, line = [tuple(cell.strip() for cell in cells)], -1
+    if above and not rows:
         raise InputError(
             f"{at(path, above[-1][0])}: the header names {len(above[-1][1])} columns, "
             f"the rows below have {width}",
             "one name a column: quote names that hold the delimiter; a decimal comma needs another delimiter",
         )
-    return (), 0
-
-
-def _refuse_without_data(path: Path, rows: list[tuple[int, list[str]]]) -> None:
-    """Refuse a text that is no table at all."""
-    if all(len(row) <= 1 for _, row in rows):
-        raise InputError(f"{at(path, rows[0][0])}: no table here", "a log is a CSV file with a header line")
+    return tuple(rows), line

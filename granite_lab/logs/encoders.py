@@ -114,35 +114,32 @@ def convert(
         increment: the values are steps since the last sample.
     """
     doubts: list[str] = []
+    counted, is_angle = unit.name in ("counts", "counts/s"), unit.quantity in ("angle", "length")
     values = np.cumsum(raw) if increment else raw
-    if not increment and unit.quantity in ("angle", "length"):
+    if not increment and is_angle:
         values, wraps, width = unwrap(values, wrap_ranges(values, unit, wrap, per_rev))
         if wraps:
             doubts.append(f"the counter wrapped {wraps} times at {width:g}; unwrapped")
-    factor = scale * {
-        "counts": TURN / per_rev if per_rev else math.nan,
-        "counts/s": TURN / per_rev if per_rev else math.nan,
-    }.get(unit.name, unit.factor)
+    factor = scale * ((TURN / per_rev if per_rev else math.nan) if counted else unit.factor)
     if unit.quantity in ("length", "speed"):
         factor /= radius
     si = values * factor
-    step = (1.0 if unit.name in ("counts", "counts/s") else quantum(raw)) * abs(factor)
-    if unit.quantity in ("angle", "length"):
-        return Wheel(*_without_jumps(t, si, doubts), step, tuple(doubts))
+    step = (1.0 if counted else quantum(raw)) * abs(factor)
+    if is_angle:
+        return Wheel(_without_jumps(t, si, doubts), None, step, tuple(doubts))
     angle = np.concatenate(([0.0], np.cumsum(np.diff(t) * (si[1:] + si[:-1]) / 2)))
     return Wheel(angle, si, step, tuple(doubts))
 
 
-def _without_jumps(t: Array, angle: Array, doubts: list[str]) -> tuple[Array, None]:
+def _without_jumps(t: Array, angle: Array, doubts: list[str]) -> Array:
     """Take out steps that no wheel can make: the counter was reset, or a sample is wrong."""
     steps = np.diff(angle)
     wild = np.abs(steps) > FASTEST * np.diff(t)
     if not wild.any() or np.count_nonzero(wild) > 0.01 * len(steps) + 2:
-        return angle, None
+        return angle
     at = ", ".join(f"{t[i + 1]:.3f}" for i in np.flatnonzero(wild)[:3])
     doubts.append(f"the counter jumps {np.count_nonzero(wild)} times (t = {at} s); steps taken out")
-    removed = np.concatenate(([0.0], np.cumsum(np.where(wild, steps, 0.0))))
-    return angle - removed, None
+    return angle - np.concatenate(([0.0], np.cumsum(np.where(wild, steps, 0.0))))
 
 
 def quantum(raw: Array) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from granite_lab.logs.layouts import ACCELERATION, CHANNELS, ENCODERS, RATE
 from granite_lab.logs.trial import Array
 from granite_lab.logs.units import DATE, STANDARD_GRAVITY, Unit, find_unit
+from granite_lab.parameters import WHEELS
 
 
 @dataclass(frozen=True)
@@ -18,15 +19,13 @@ class Guess:
     """What a column seems to be.
 
     Attributes:
-        name: of the column.
-        to: channels it may feed; none: not recognised.
+        to: channels it may feed; none: not recognised, or of no use.
         unit: its unit.
         confidence: 0 to 1.
         why: in a few words.
         assumed: nothing in the name says the unit.
     """
 
-    name: str
     to: tuple[str, ...]
     unit: str
     confidence: float
@@ -34,13 +33,11 @@ class Guess:
     assumed: bool = True
 
 
-_WHEELS = {
-    "fl": ("fl", "leftfront", "frontleft", "lf", "1"),
-    "fr": ("fr", "rightfront", "frontright", "rf", "2"),
-    "rl": ("rl", "bl", "leftrear", "rearleft", "backleft", "leftback", "lr", "lb", "3"),
-    "rr": ("rr", "br", "rightrear", "rearright", "backright", "rightback", "rb", "4"),
-}
-_SIDES = {"left": ("fl", "rl"), "l": ("fl", "rl"), "right": ("fr", "rr"), "r": ("fr", "rr")}
+UNKNOWN = Guess((), "", 0.0, "not recognised")
+
+_PAIRS = {"fl": "fl lf", "fr": "fr rf", "rl": "rl lr bl lb", "rr": "rr br rb"}
+_AXLES = {"f": {"front", "fore", "f"}, "r": {"rear", "back", "hind", "aft", "b"}}
+_SIDES = {"l": {"left", "l"}, "r": {"right", "r"}}
 _TIME = ("time", "timestamp", "stamp", "t", "seconds", "millis", "micros", "sec", "clock", "ts")
 _KINDS = {  # order matters: the more telling words first
     "cur": ("current", "cur", "amps", "curr", "iq", "amp"),
@@ -48,6 +45,8 @@ _KINDS = {  # order matters: the more telling words first
     "g": ("gyroscope", "gyro", "gyr", "omega", "angular", "w", "rate", "g", "rot"),
     "enc": ("encoder", "enc", "ticks", "tick", "wheel", "odo", "pos", "counts", "count", "vel", "speed"),
 }
+_TURNS = {"x": "roll", "y": "pitch", "z": "yaw"}
+_ATTITUDE = {"roll", "pitch", "yaw", "heading", "euler", "quat", "quaternion", "orientation", "attitude"}
 _COMMAND = ("cmd", "command", "desired", "setpoint", "setspeed", "target")
 _REFERENCE = ("ref", "mocap", "vicon", "optitrack", "gps", "truth", "groundtruth")
 _DEFAULT = {
@@ -83,71 +82,78 @@ def words(name: str) -> tuple[list[str], str]:
     return [w for w in re.split(r"[^A-Za-z0-9]+", spaced.lower()) if w], unit
 
 
-def by_name(name: str) -> Guess | None:
+def wheels_named(parts: Collection[str]) -> tuple[str, ...]:
+    """Return the wheels that the words of a name speak of: one, both of a side, or none."""
+    said = set(re.sub(r"front|rear|back|left|right", r" \g<0> ", " ".join(parts)).split())
+    for wheel, spellings in _PAIRS.items():
+        if said & set(spellings.split()):
+            return (wheel,)
+    side = next((key for key, known in _SIDES.items() if said & known), "")
+    axle = next((key for key, known in _AXLES.items() if said & known), "")
+    return tuple(wheel for wheel in WHEELS if side and wheel[1] == side and axle in ("", wheel[0]))
+
+
+def by_name(name: str) -> Guess:
     """Guess from the name alone."""
     parts, unit_text = words(name)
     unit = find_unit(unit_text) if unit_text else None
     joined = "".join(parts)
     if any(word in parts for word in _COMMAND):
-        return _checked(name, ("v_cmd",), unit, "v_cmd", 0.7)
+        return _checked(("v_cmd",), unit, "v_cmd", 0.7)
     if any(word in parts for word in _REFERENCE):
         speed = (unit is not None and unit.quantity == "speed") or "v" in parts or "vel" in parts
-        return _checked(name, ("ref_v",) if speed else ("ref_x",), unit, "ref_v" if speed else "ref_x", 0.5)
-    wheels = _wheels(parts, joined)
+        return _checked(("ref_v",) if speed else ("ref_x",), unit, "ref_v" if speed else "ref_x", 0.5)
+    numbered = next((int(word) for word in parts if word in ("1", "2", "3", "4")), 0)
+    wheels = wheels_named(parts) or ((WHEELS[numbered - 1],) if numbered else ())
     for kind, hints in _KINDS.items():
         # `ax`, `gyrx`, `accz`: the axis may hang on to the word.
         axis = next((a for a in "xyz" if a in parts or any(joined.endswith(h + a) for h in hints)), "")
         named = any(h in parts or (axis and h + axis in parts) or (len(h) > 2 and h in joined) for h in hints)
         if not named:
             continue
+        if kind == "g" and not axis:
+            axis = next((a for a, turn in _TURNS.items() if turn in parts), "")
         if kind in ("a", "g") and axis:
-            return _checked(name, (f"imu_{kind}{axis}",), unit, kind, 0.9)
+            return _checked((f"imu_{kind}{axis}",), unit, kind, 0.9)
         if kind in ("cur", "enc") and wheels:
-            return _checked(name, tuple(f"{kind}_{w}" for w in wheels), unit, kind, 0.8)
+            return _checked(tuple(f"{kind}_{w}" for w in wheels), unit, kind, 0.8)
+    if _ATTITUDE & set(parts) or re.fullmatch(r".*(^|[^A-Za-z])q[wxyz0-3]", name.strip(), re.IGNORECASE):
+        return Guess((), unit.name if unit else "", 0.0, "attitude: recognised, not used")
     if parts and (parts[0] in _TIME or parts[-1] in _TIME):
-        return _checked(name, ("t",), unit, "t", 0.9)
-    return None
+        return _checked(("t",), unit, "t", 0.9)
+    return UNKNOWN
 
 
-def _wheels(parts: Sequence[str], joined: str) -> tuple[str, ...]:
-    """Return the wheels a name speaks of."""
-    for wheel, hints in _WHEELS.items():
-        if any(h in parts or (len(h) > 2 and h in joined) for h in hints):
-            return (wheel,)
-    for side, wheels in _SIDES.items():
-        if side in parts or (len(side) > 1 and side in joined):
-            return wheels
-    return ()
-
-
-def _checked(name: str, to: tuple[str, ...], unit: Unit | None, kind: str, confidence: float) -> Guess:
+def _checked(to: tuple[str, ...], unit: Unit | None, kind: str, confidence: float) -> Guess:
     """Make a guess; a unit of the wrong quantity lowers the confidence."""
-    fits = unit is not None and unit.quantity in CHANNELS[to[0]]
-    if unit is not None and fits:
-        return Guess(name, to, unit.name, min(confidence + 0.1, 0.98), "name and unit in it", assumed=False)
-    return Guess(name, to, _DEFAULT[kind], confidence * (0.6 if unit else 0.9), "name; unit assumed")
+    if unit is not None and unit.quantity in CHANNELS[to[0]]:
+        return Guess(to, unit.name, min(confidence + 0.1, 0.98), "name and unit in it", assumed=False)
+    return Guess(to, _DEFAULT[kind], confidence * (0.6 if unit else 0.9), "name; unit assumed")
 
 
-def guess(columns: Mapping[str, Array], dates: Sequence[str] = ()) -> list[Guess]:
+def guess(
+    names: Mapping[int, str], columns: Mapping[int, Array], dates: Collection[int] = ()
+) -> dict[int, Guess]:
     """Guess what each column of a log is.
 
     Args:
-        columns: name to (N,) values, NaN where empty.
-        dates: names of columns that are written as dates; their values are seconds since 1970.
+        names: place of a column to its name.
+        columns: place to (N,) values, NaN where empty.
+        dates: places of columns that are written as dates; their values are seconds since 1970.
 
     Returns:
-        one guess a column, in their order.
+        place to guess.
     """
-    found = {name: by_name(name) or Guess(name, (), "", 0.0, "not recognised") for name in columns}
-    for name in dates:
-        fine = bool((np.diff(columns[name]) != 0).mean() > 0.5) if len(columns[name]) > 1 else False
-        found[name] = Guess(name, ("t",), DATE, 0.95 if fine else 0.3, "dates", assumed=False)
-    _seconds_and_parts(found, columns)
-    _first_only(found)
+    found = {place: by_name(names[place]) for place in columns}
+    for place in dates:
+        fine = bool((np.diff(columns[place]) != 0).mean() > 0.5) if len(columns[place]) > 1 else False
+        found[place] = Guess(("t",), DATE, 0.95 if fine else 0.3, "dates", assumed=False)
+    _seconds_and_parts(found, names, columns)
+    _first_only(found, names)
     _time(found, columns)
     _triples(found, columns)
-    _encoders(found, columns)
-    return [found[name] for name in columns]
+    _encoders(found, names, columns)
+    return found
 
 
 _SECONDS = re.compile(r"(?P<stem>(?:.*[^A-Za-z])?)s(?:ec(?:ond)?s?)?[\])]?", re.IGNORECASE)
@@ -157,16 +163,18 @@ _PARTS = re.compile(
 _A_SECOND = {"n": ("ns", 1e9), "u": ("us", 1e6), "mic": ("us", 1e6), "m": ("ms", 1e3), "mil": ("ms", 1e3)}
 
 
-def _seconds_and_parts(found: dict[str, Guess], columns: Mapping[str, Array]) -> None:
+def _seconds_and_parts(
+    found: dict[int, Guess], names: Mapping[int, str], columns: Mapping[int, Array]
+) -> None:
     """Find whole seconds and the parts of a second in two columns: ``stamp.secs``, ``stamp.nsecs``."""
     for part, values in columns.items():
-        hit = _PARTS.fullmatch(part.strip())
+        hit = _PARTS.fullmatch(names[part].strip())
         if hit is None:
             continue
         said = hit["unit"].lower()
         unit, size = _A_SECOND.get(said[:3]) or _A_SECOND[said[0]]
         for whole, seconds in columns.items():
-            other = _SECONDS.fullmatch(whole.strip())
+            other = _SECONDS.fullmatch(names[whole].strip())
             if other is None or other["stem"].lower() != hit["stem"].lower():
                 continue
             seen = np.isfinite(values) & np.isfinite(seconds)
@@ -174,84 +182,72 @@ def _seconds_and_parts(found: dict[str, Guess], columns: Mapping[str, Array]) ->
             if len(s) < 6 or (s != np.rint(s)).any() or (p < 0).any() or (p >= size).any():
                 continue
             # The parts start again just where the seconds go on, and only there.
-            if (
-                (np.diff(s) > 0).any()
-                and (np.diff(s + p / size) >= 0).mean() > 0.98
-                and np.ptp(p) > 0.5 * size
-            ):
-                why = f"with '{part}': whole seconds and their parts"
-                found[whole] = Guess(whole, ("t",), "s", 0.98, why, assumed=False)
-                why = f"part of a second, belongs to '{whole}'"
-                found[part] = Guess(part, ("t_add",), unit, 0.98, why, assumed=False)
+            forward = (np.diff(s + p / size) >= 0).mean() > 0.98
+            if forward and (np.diff(s) > 0).any() and np.ptp(p) > 0.5 * size:
+                why = f"with '{names[part]}': whole seconds and their parts"
+                found[whole] = Guess(("t",), "s", 0.98, why, assumed=False)
+                why = f"part of a second, belongs to '{names[whole]}'"
+                found[part] = Guess(("t_add",), unit, 0.98, why, assumed=False)
                 return
 
 
-def _first_only(found: dict[str, Guess]) -> None:
+def _first_only(found: dict[int, Guess], names: Mapping[int, str]) -> None:
     """Let each channel keep its surest column."""
-    taken: dict[str, str] = {}
-    for name, one in sorted(found.items(), key=lambda item: -item[1].confidence):
-        if any(channel in taken for channel in one.to):
-            rival = taken[next(channel for channel in one.to if channel in taken)]
-            found[name] = Guess(name, (), "", 0.0, f"'{rival}' seems to be the same")
+    taken: dict[str, int] = {}
+    for place, one in sorted(found.items(), key=lambda item: -item[1].confidence):
+        rival = next((taken[channel] for channel in one.to if channel in taken), None)
+        if rival is not None:
+            found[place] = Guess((), "", 0.0, f"'{names[rival]}' seems to be the same")
         else:
-            taken.update(dict.fromkeys(one.to, name))
+            taken.update(dict.fromkeys(one.to, place))
 
 
-def _time(found: dict[str, Guess], columns: Mapping[str, Array]) -> None:
+def _time(found: dict[int, Guess], columns: Mapping[int, Array]) -> None:
     """Find a clock by its values, if no name says so, and its unit by the rate."""
-    clocks = [name for name, one in found.items() if one.to == ("t",)]
-    if not clocks:
-        for name, values in columns.items():
-            steps = np.diff(values[np.isfinite(values)])
-            # A clock ticks about evenly and never back.
-            if len(steps) > 5 and (steps >= 0).mean() > 0.98 and np.median(steps) > 0:
-                spread = np.quantile(steps, 0.9) / np.median(steps)
-                if spread < 3 and (not found[name].to or spread < 1.5):
-                    clocks = [name]
-                    found[name] = Guess(name, ("t",), "s", 0.6, "increases evenly")
-                    break
-    for name in clocks:
-        values = columns[name][np.isfinite(columns[name])]
-        steps = np.diff(values)
-        period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-        one = found[name]
-        if period == 0 or not one.assumed:
+    clocks = [place for place, one in found.items() if one.to == ("t",)]
+    for place, values in columns.items():
+        steps = np.diff(values[np.isfinite(values)])
+        # A clock ticks about evenly and never back.
+        if not clocks and len(steps) > 5 and (steps >= 0).mean() > 0.98 and np.median(steps) > 0:
+            spread = np.quantile(steps, 0.9) / np.median(steps)
+            if spread < 3 and (not found[place].to or spread < 1.5):
+                clocks = [place]
+                found[place] = Guess(("t",), "s", 0.6, "increases evenly")
+    for place in clocks:
+        steps = np.diff(columns[place][np.isfinite(columns[place])])
+        one = found[place]
+        if not one.assumed or not (steps > 0).any():
             continue
-        fits = [
-            u
-            for u, f in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
-            if 4 <= 1 / (period * f) <= 4000
-        ]
+        rate = 1 / float(np.median(steps[steps > 0]))
+        fits = [u for u, f in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if 4 <= rate * f <= 4000]
         if fits:
-            found[name] = Guess(name, ("t",), fits[0], one.confidence, f"{one.why}; unit by the rate")
+            found[place] = Guess(("t",), fits[0], one.confidence, f"{one.why}; unit by the rate")
 
 
-def _triples(found: dict[str, Guess], columns: Mapping[str, Array]) -> None:
+def _triples(found: dict[int, Guess], columns: Mapping[int, Array]) -> None:
     """Find an accelerometer by gravity, and set its unit and the gyroscope's by the values."""
-    names = {channel: name for name, one in found.items() for channel in one.to}
-    if not any(channel in names for channel in ACCELERATION):
-        free = [name for name, one in found.items() if not one.to]
+    places = {channel: place for place, one in found.items() for channel in one.to}
+    if not any(channel in places for channel in ACCELERATION):
+        free = [place for place, one in found.items() if not one.to]
         for trio in zip(free, free[1:], free[2:], strict=False):
-            scale = _gravity_unit(np.column_stack([columns[name] for name in trio]))
-            if scale:
-                for name, channel in zip(trio, ACCELERATION, strict=True):
-                    found[name] = Guess(name, (channel,), scale, 0.5, "three columns that add up to gravity")
+            unit = _gravity_unit(np.column_stack([columns[place] for place in trio]))
+            if unit:
+                for place, channel in zip(trio, ACCELERATION, strict=True):
+                    found[place] = Guess((channel,), unit, 0.5, "three columns that add up to gravity")
                 break
-    elif all(channel in names for channel in ACCELERATION):
-        trio_names = [names[channel] for channel in ACCELERATION]
-        scale = _gravity_unit(np.column_stack([columns[name] for name in trio_names]))
-        for name in trio_names:
-            one = found[name]
-            if scale and scale != one.unit and one.assumed:
-                found[name] = Guess(name, one.to, scale, one.confidence, "name; unit by gravity")
+    elif all(channel in places for channel in ACCELERATION):
+        named = [places[channel] for channel in ACCELERATION]
+        unit = _gravity_unit(np.column_stack([columns[place] for place in named]))
+        for place in named:
+            one = found[place]
+            if unit and unit != one.unit and one.assumed:
+                found[place] = Guess(one.to, unit, one.confidence, "name; unit by gravity")
     for channel in RATE:
-        if channel in names:
-            name = names[channel]
-            peak = float(np.nanmax(np.abs(columns[name]), initial=0.0))
-            if found[name].unit == "rad/s" and found[name].assumed and peak > 20:
-                found[name] = Guess(
-                    name, (channel,), "deg/s", found[name].confidence, "name; too fast for rad/s"
-                )
+        if channel in places:
+            one = found[places[channel]]
+            peak = float(np.nanmax(np.abs(columns[places[channel]]), initial=0.0))
+            if one.unit == "rad/s" and one.assumed and peak > 20:
+                found[places[channel]] = Guess(one.to, "deg/s", one.confidence, "name; too fast for rad/s")
 
 
 def _gravity_unit(values: Array) -> str:
@@ -260,24 +256,18 @@ def _gravity_unit(values: Array) -> str:
     if len(whole) < 5:
         return ""
     norm = float(np.median(np.linalg.norm(whole, axis=1)))
-    for unit, size in (("m/s^2", STANDARD_GRAVITY), ("g", 1.0), ("mg", 1000.0)):
-        if abs(norm / size - 1) < 0.1:
-            return unit
-    return ""
+    sizes = {"m/s^2": STANDARD_GRAVITY, "g": 1.0, "mg": 1000.0}
+    return next((unit for unit, size in sizes.items() if abs(norm / size - 1) < 0.1), "")
 
 
-def _encoders(found: dict[str, Guess], columns: Mapping[str, Array]) -> None:
+def _encoders(found: dict[int, Guess], names: Mapping[int, str], columns: Mapping[int, Array]) -> None:
     """Tell counts, angles, rates and velocities of wheels apart by their values."""
-    for name, one in found.items():
-        if not one.to or one.to[0] not in ENCODERS or not one.assumed:
+    for place, one in found.items():
+        values = columns[place][np.isfinite(columns[place])]
+        if not one.to or one.to[0] not in ENCODERS or not one.assumed or len(values) < 5:
             continue
-        values = columns[name][np.isfinite(columns[name])]
-        if len(values) < 5:
-            continue
-        parts, _ = words(name)
-        rate = any(word in parts for word in ("vel", "speed", "rate", "v", "rpm"))
-        if rate:
+        if {"vel", "speed", "rate", "v", "rpm"} & set(words(names[place])[0]):
             unit = "rad/s" if np.abs(values).max() > 3 else "m/s"
         else:
             unit = "counts" if (values == np.rint(values)).all() and np.ptp(values) > 20 else "rad"
-        found[name] = Guess(name, one.to, unit, one.confidence * 0.9, "name; unit by the values")
+        found[place] = Guess(one.to, unit, one.confidence * 0.9, "name; unit by the values")

@@ -11,18 +11,16 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import GAP_PERIODS
-from granite_lab.logs.dialect import Dialect, is_number, sniff
-from granite_lab.logs.guess import Guess, by_name, guess
+from granite_lab.logs.dialect import Table, is_number
+from granite_lab.logs.guess import by_name, guess
 from granite_lab.logs.inspected import ColumnReport, FileReport, Inspection, StreamReport
-from granite_lab.logs.layouts import Column, Layout
-from granite_lab.logs.mapfile import Entry
+from granite_lab.logs.layouts import Column, Layout, Maps, given_maps
 from granite_lab.logs.matching import Match, choose
-from granite_lab.logs.named import is_bag
-from granite_lab.logs.reader import Maps, assemble
-from granite_lab.logs.source import Source
-from granite_lab.logs.sources import given_maps, open_source
+from granite_lab.logs.named import is_bag, parts_of
+from granite_lab.logs.reader import assemble
+from granite_lab.logs.source import Source, open_source
 from granite_lab.logs.stretches import look, rests
-from granite_lab.logs.table import is_dated, load
+from granite_lab.logs.table import is_dated, load, open_table
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import load_robot
 
@@ -40,7 +38,7 @@ def inspect_logs(
     A file that cannot be used is not an error here but a `problem` in its report.
 
     Args:
-        paths: the files.
+        paths: the files; a folder with a file a sensor stands for these.
         map: column maps, by name or path.
         robot: name or file of the robot.
         rows: which rows to take, as ``run_id = 4``.
@@ -50,7 +48,8 @@ def inspect_logs(
         UsageError: unknown robot or column map.
     """
     maps = given_maps(map)
-    return Inspection(tuple(_inspect(Path(path), maps, robot, rows, topics) for path in paths))
+    files = [file for path in paths for file in parts_of(Path(path)) or [Path(path)]]
+    return Inspection(tuple(_inspect(path, maps, robot, rows, topics) for path in files))
 
 
 def _inspect(
@@ -61,85 +60,82 @@ def _inspect(
     topics: Mapping[str, str] | None,
 ) -> FileReport:
     """Look at one file."""
-    if is_bag(path):
-        return _inspect_bag(path, maps, robot, topics)
+    report = FileReport(path)
     try:
-        table = maps[0].table if len(maps) == 1 else None
-        dialect = sniff(path, table)
+        if is_bag(path):
+            source = open_source(path, maps, topics=topics)
+            report = _described(report, source.table, source.match)
+            return _sampled(report, source, robot)
+        table = open_table(path, maps[0].table if len(maps) == 1 else None)
     except InputError as error:
-        return FileReport(path, None, "", 0.0, problem=error.message)
-    columns, doubts = _numbers(path, dialect)
-    problem = ""
-    found: Match | None = None
+        return dataclasses.replace(report, problem=error.message)
     try:
-        found = choose(path, dialect, maps)
+        found = choose(table, maps)
+        report = _described(report, table, found)
     except InputError as error:
-        problem = error.message
+        report = _described(dataclasses.replace(report, problem=error.message), table, None)
+    if not report.layout and not any("t" in column.to for column in report.entries):
+        return report
+    layout = found.layout if report.layout else _guessed_layout(report)
+    try:
+        return _sampled(report, open_source(path, [layout], rows), robot)
+    except InputError as error:
+        return _doubtful(report, error)
+
+
+def _doubtful(report: FileReport, error: InputError) -> FileReport:
+    """Note why the samples cannot be read."""
+    return dataclasses.replace(
+        report, problem=report.problem or error.message, doubts=(*report.doubts, error.message)
+    )
+
+
+def _described(report: FileReport, table: Table, found: Match | None) -> FileReport:
+    """Say what every column is: by its layout, or else by guess."""
+    columns, doubts = _numbers(table)
     if found is not None:
-        reports, layout, name, confidence = _recognised(found, columns), found.layout, found.layout.name, 0.95
-        entries = _entries_of(found)
+        used = _recognised(found, columns)
+        head = [(key, getattr(found.layout, key)) for key in ("robot", "rows", "split", "gravity_removed")]
+        confidence = 0.95
     else:
-        dates = [_key(dialect, place) for place in columns if is_dated(dialect, place)]
-        guesses = guess({_key(dialect, place): values for place, values in columns.items()}, dates)
-        reports, entries = _guessed(dialect, columns, guesses)
-        layout, name = _layout_of(path, entries), ""
-        used = [g.confidence for g in guesses if g.to]
-        confidence = min(used, default=0.0)
-    more, stubs = _unused(dialect, columns, {report.place for report in reports})
-    reports = sorted([*reports, *more], key=lambda report: report.place)
-    entries = [*entries, *stubs]  # in the order of the map: of several clocks the first counts
-    head = tuple((key, value) for key, value in _head(layout))
-    report = FileReport(
-        path, dialect, name, confidence, tuple(reports), doubts=tuple(doubts), problem=problem,
-        entries=tuple(entries), head=head,
-    )  # fmt: skip
-    return _with_samples(report, layout, robot, rows)
+        used, head = _guessed(table, columns), []
+        confidence = min((column.confidence for column in used if column.to), default=0.0)
+    places = {column.place for column in used}
+    entries = used + [_unused(table, columns, p) for p in range(table.width) if p not in places]
+    return dataclasses.replace(
+        report,
+        dialect=table if table.data_line else None,
+        layout=found.layout.name if found else "",
+        confidence=confidence,
+        columns=tuple(sorted(entries, key=lambda column: column.place)),
+        entries=tuple(entries),
+        head=tuple((key, value) for key, value in head if value),
+        doubts=tuple(doubts),
+    )
 
 
-def _inspect_bag(
-    path: Path, maps: Sequence[Layout], robot: str | Path | None, topics: Mapping[str, str] | None
-) -> FileReport:
-    """Look at a recording by ROS: its topics say what is in it."""
-    try:
-        source = open_source(path, maps, topics=topics)
-    except InputError as error:
-        return FileReport(path, None, "", 0.0, problem=error.message)
-    report = FileReport(
-        path, None, source.match.layout.name, 0.95, tuple(_recognised(source.match, source.columns)),
-        entries=tuple(_entries_of(source.match)),
-    )  # fmt: skip
-    return _sampled(report, source, robot)
-
-
-def _numbers(path: Path, dialect: Dialect) -> tuple[dict[int, Array], list[str]]:
-    """Read every column that holds numbers; a faulty one becomes a doubt."""
+def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
+    """Read every column that holds numbers or dates; a faulty one becomes a doubt."""
     doubts: list[str] = []
-    columns: dict[int, Array] = {}
-    candidates: list[int] = []
-    dates: list[int] = []
-    for place in range(dialect.width):
-        cells = [row[place].strip() for row in dialect.sample if row[place].strip()]
-        if is_dated(dialect, place):
-            dates.append(place)
-        elif cells and sum(is_number(cell, dialect.decimal) for cell in cells) > 0.5 * len(cells):
-            candidates.append(place)
-    candidates = sorted(candidates + dates)
+    dates = [place for place in range(table.width) if is_dated(table, place)]
+    wanted = list(dates) if table.data_line else list(range(table.width))
+    for place in range(table.width):
+        cells = [row[place].strip() for row in table.sample if row[place].strip()]
+        if place not in dates and sum(is_number(cell, table.decimal) for cell in cells) > 0.5 * len(cells):
+            wanted.append(place)
+    wanted.sort()
+    if not wanted:
+        return {}, doubts
     try:
-        return load(path, dialect, candidates, dates) if candidates else ({}, doubts)
+        return load(table, wanted, dates)
     except InputError:
-        for place in candidates:
+        columns: dict[int, Array] = {}
+        for place in wanted:
             try:
-                columns |= load(path, dialect, [place], [place] if place in dates else [])[0]
+                columns |= load(table, [place], [place] if place in dates else [])[0]
             except InputError as error:
                 doubts.append(error.message)
-    return columns, doubts
-
-
-def _key(dialect: Dialect, place: int) -> str:
-    """Name a column so that the name is unique."""
-    name = dialect.headers[0][place] if dialect.headers else f"column {place + 1}"
-    again = dialect.headers and dialect.headers[0].index(name) != place
-    return f"{name} ({place + 1})" if again else name
+        return columns, doubts
 
 
 def _range(values: Array) -> tuple[float, float, float]:
@@ -150,110 +146,69 @@ def _range(values: Array) -> tuple[float, float, float]:
     return float(seen.min()), float(seen.max()), len(seen) / len(values)
 
 
-def _recognised(found: Match, columns: dict[int, Array]) -> list[ColumnReport]:
-    """Report the columns of a known layout."""
+def _recognised(found: Match, columns: Mapping[int, Array]) -> list[ColumnReport]:
+    """Report the columns of a known layout, in the order of its map."""
+    defaults = {f.name: f.default for f in dataclasses.fields(Column)}
+    clocks = sum(b.channel == "t" for b in found.bindings)
     reports = []
     for place in dict.fromkeys(b.place for b in found.bindings):
         bound = [b for b in found.bindings if b.place == place]
-        low, high, filled = _range(columns.get(place, np.zeros(0)))
-        why = f"layout '{found.layout.name}'"
-        to = tuple(b.channel for b in bound)
+        spec, to = bound[0].spec, tuple(b.channel for b in bound)
+        keys = ("scale", "wrap", "counts_per_rev", "increment")
+        settings = [(k, getattr(spec, k)) for k in keys if getattr(spec, k) != defaults[k]]
+        if "t" in to and clocks > 1:
+            settings.append(("optional", True))
         reports.append(
-            ColumnReport(bound[0].name, place, to, bound[0].unit.name, 0.95, why, low, high, filled)
-        )
+            ColumnReport(
+                bound[0].name, place, to, bound[0].unit.name, 0.95, f"layout '{found.layout.name}'",
+                *_range(columns.get(place, np.zeros(0))), settings=tuple(settings),
+            )
+        )  # fmt: skip
     return reports
 
 
-def _entries_of(found: Match) -> list[Entry]:
-    """Write down the columns of a known layout as entries of a map."""
-    entries = []
-    for place in dict.fromkeys(b.place for b in found.bindings):
-        bound = [b for b in found.bindings if b.place == place]
-        spec = bound[0].spec
-        defaults = {f.name: f.default for f in dataclasses.fields(Column)}
-        keys = ("scale", "wrap", "counts_per_rev", "increment")
-        settings = tuple((k, getattr(spec, k)) for k in keys if getattr(spec, k) != defaults[k])
-        to = tuple(b.channel for b in bound)
-        if "t" in to and sum(b.channel == "t" for b in found.bindings) > 1:
-            settings = (*settings, ("optional", True))
-        entries.append(Entry(bound[0].name, place, to, bound[0].unit.name, settings))
-    return entries
-
-
-def _guessed(
-    dialect: Dialect, columns: dict[int, Array], guesses: Sequence[Guess]
-) -> tuple[list[ColumnReport], list[Entry]]:
+def _guessed(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
     """Report the columns of an unknown layout."""
-    reports, entries = [], []
-    for (place, values), one in zip(columns.items(), guesses, strict=True):
-        name = dialect.headers[0][place] if dialect.headers else one.name
-        low, high, filled = _range(values)
-        reports.append(
-            ColumnReport(name, place, one.to, one.unit, one.confidence, one.why, low, high, filled)
-        )
-        note = f"{one.confidence:.0%} sure ({one.why}); values from {low:.6g} to {high:.6g}"
+    names = {place: table.name(place) for place in columns}
+    guesses = guess(names, columns, [place for place in columns if is_dated(table, place)])
+    reports = []
+    for place, one in guesses.items():
+        name = table.headers[0][place] if table.headers else names[place]
         # Two columns of one name cannot be told apart by a map.
-        clear = not dialect.headers or dialect.headers[0].count(name) == 1
-        entries.append(Entry(name, place, one.to if clear else (), one.unit, note=note))
-    return reports, entries
+        clear = not table.headers or table.headers[0].count(name) == 1
+        to, why = (one.to, one.why) if clear else ((), f"{one.why}; the name stands there twice")
+        reports.append(ColumnReport(name, place, to, one.unit, one.confidence, why, *_range(columns[place])))
+    return reports
 
 
-def _unused(
-    dialect: Dialect, columns: dict[int, Array], used: set[int]
-) -> tuple[list[ColumnReport], list[Entry]]:
-    """Report the columns that nothing is taken from, with what they may be, and write stubs for them."""
-    reports, entries = [], []
-    for place in sorted(set(range(dialect.width)) - used):
-        name = dialect.headers[0][place] if dialect.headers else f"column {place + 1}"
-        values = columns.get(place)
-        low, high, filled = _range(np.zeros(0) if values is None else values)
-        one = by_name(name) if values is not None else None
-        why = "not used; texts or empty" if values is None else "not used; not recognised"
-        unit = one.unit if one else ""
-        if one is not None:
-            why = f"not used; its name suggests {', '.join(one.to)} [{unit}]"
-        reports.append(ColumnReport(name, place, (), unit, 0.0, why, low, high, filled))
-        note = why if values is None else f"{why}; values from {low:.6g} to {high:.6g}"
-        entries.append(Entry(name, place, (), unit, note=note))
-    return reports, entries
+def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnReport:
+    """Report a column that nothing is taken from, with what it may be."""
+    name = table.headers[0][place] if table.headers else table.name(place)
+    if place not in columns:
+        return ColumnReport(name, place, (), "", 0.0, "not used; texts or empty", filled=0.0)
+    one = by_name(name)
+    why = (
+        f"not used; its name suggests {', '.join(one.to)} [{one.unit}]" if one.to else f"not used; {one.why}"
+    )
+    return ColumnReport(name, place, (), one.unit, 0.0, why, *_range(columns[place]))
 
 
-def _layout_of(path: Path, entries: Sequence[Entry]) -> Layout:
+def _guessed_layout(report: FileReport) -> Layout:
     """Make a layout of guessed columns."""
     columns = tuple(
-        Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit) for e in entries if e.to
+        Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit)
+        for e in report.entries
+        if e.to
     )
-    return Layout(name=path.stem, column=columns)
-
-
-def _head(layout: Layout) -> list[tuple[str, object]]:
-    """Return what a written map takes over from the layout."""
-    keys = ("robot", "rows", "split", "gravity_removed")
-    return [(key, getattr(layout, key)) for key in keys if getattr(layout, key)]
-
-
-def _with_samples(
-    report: FileReport, layout: Layout, robot: str | Path | None, rows: str | None
-) -> FileReport:
-    """Read the file by the layout and look at its samples."""
-    try:
-        if not report.layout and not any("t" in e.to for e in report.entries):
-            return report
-        return _sampled(report, open_source(report.path, [layout], rows), robot)
-    except InputError as error:
-        return dataclasses.replace(
-            report, problem=report.problem or error.message, doubts=(*report.doubts, error.message)
-        )
+    return Layout(name=report.path.stem, column=columns)
 
 
 def _sampled(report: FileReport, source: Source, robot: str | Path | None) -> FileReport:
     """Add what the samples show."""
     try:
-        trial = assemble({"": source}, robot, whole=False)
+        trial = assemble(report.path, [("", source)], robot, whole=False)
     except InputError as error:
-        return dataclasses.replace(
-            report, problem=report.problem or error.message, doubts=(*report.doubts, error.message)
-        )
+        return _doubtful(report, error)
     the_robot = load_robot(trial.info.robot or "granite")
     return dataclasses.replace(
         report,
@@ -280,9 +235,11 @@ def _streams(trial: Trial) -> list[StreamReport]:
             continue
         steps = np.diff(stream.t)
         period = float(np.median(steps))
-        usual = steps[steps <= GAP_PERIODS * period]
-        gaps = int((steps > GAP_PERIODS * period).sum())
-        jitter, longest = float(usual.std()), float(steps.max())
-        start, end = float(stream.t[0]), float(stream.t[-1])
-        reports.append(StreamReport(what, len(stream.t), start, end, 1 / period, jitter, gaps, longest))
+        gap = steps > GAP_PERIODS * period
+        reports.append(
+            StreamReport(
+                what, len(stream.t), float(stream.t[0]), float(stream.t[-1]), 1 / period,
+                jitter=float(steps[~gap].std()), gaps=int(gap.sum()), longest_gap=float(steps.max()),
+            )
+        )  # fmt: skip
     return reports

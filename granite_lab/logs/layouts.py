@@ -19,16 +19,20 @@ A map is a file of `granite_lab/catalogue/loggers/` or one of the user's own::
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
 from granite_lab.errors import InputError
 from granite_lab.logs.dialect import TableFormat
-from granite_lab.logs.units import find_unit, resembling, spellings
+from granite_lab.logs.units import Unit, find_unit, resembling, spellings
 from granite_lab.parameters import CATALOGUE, WHEELS, names
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml
+
+Maps = str | Path | Sequence[str | Path] | None
+"""Column maps as a user gives them."""
 
 ACCELERATION = ("imu_ax", "imu_ay", "imu_az")
 RATE = ("imu_gx", "imu_gy", "imu_gz")
@@ -138,10 +142,18 @@ def load_layout(name: str | Path) -> Layout:
     _regex(path, "preamble", layout.preamble)
     for number, column in enumerate(layout.column, 1):
         _check(path, number, column)
-    channels = [c for column in layout.column for c in column.to]
-    if "t" not in channels:
+    if not any("t" in column.to for column in layout.column):
         raise InputError(f"{path}: no column feeds 't'", 'add a [[column]] with to = ["t"] and its unit')
     return layout
+
+
+def given_maps(maps: Maps) -> tuple[Layout, ...]:
+    """Load the column maps a user gave: names, files, or folders of maps."""
+    if maps is None:
+        return ()
+    named = (maps,) if isinstance(maps, (str, Path)) else tuple(maps)
+    files = [sorted(Path(one).glob("*.toml")) if Path(one).is_dir() else [one] for one in named]
+    return tuple(load_layout(one) for group in files for one in group)
 
 
 @lru_cache
@@ -180,11 +192,11 @@ def _check(path: Path, number: int, column: Column) -> None:
         )
 
 
-def check_unit(text: str, channel: str, where: str) -> None:
-    """Refuse a unit that does not fit its channel.
+def check_unit(text: str, channel: str, where: str) -> Unit:
+    """Return the unit that a text names.
 
     Raises:
-        InputError: unknown or of another quantity.
+        InputError: unknown, or of a quantity that does not fit the channel.
     """
     unit = find_unit(text)
     allowed = CHANNELS[channel]
@@ -200,3 +212,4 @@ def check_unit(text: str, channel: str, where: str) -> None:
             f"{where}: unit '{text}' is one of {unit.quantity}, but {channel} is {' or '.join(allowed)}",
             f"expected one of {spellings(*allowed)}",
         )
+    return unit

@@ -1,17 +1,19 @@
-"""Which layout a file has, and which of its columns feeds which channel."""
+"""Which layout a table has, and which of its columns feeds which channel."""
 
 from __future__ import annotations
 
 import difflib
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from granite_lab.errors import InputError, at
-from granite_lab.logs.dialect import Dialect
-from granite_lab.logs.layouts import CHANNELS, Column, Layout, all_layouts, check_unit
-from granite_lab.logs.units import Unit, find_unit
+from granite_lab.logs.dialect import Table, TableFormat
+from granite_lab.logs.layouts import Column, Layout, all_layouts, check_unit
+from granite_lab.logs.table import is_dated, open_table
+from granite_lab.logs.units import DATE, Unit, find_unit
 
 
 @dataclass(frozen=True)
@@ -35,13 +37,13 @@ class Binding:
 
 @dataclass(frozen=True)
 class Match:
-    """How well a layout fits a file.
+    """How well a layout fits a table.
 
     Attributes:
         layout: the column map.
         bindings: the columns it knows, in the order of the map.
-        missing: what it needs and the file lacks.
-        columns: number of columns of the file that it knows.
+        missing: what it needs and the table lacks.
+        columns: number of columns of the table that it knows.
     """
 
     layout: Layout
@@ -49,69 +51,111 @@ class Match:
     missing: tuple[str, ...]
     columns: int
 
-    @property
-    def complete(self) -> bool:
-        """Nothing needed is missing."""
-        return not self.missing
+
+def recognise(path: Path, maps: Sequence[Layout] = ()) -> tuple[Table, Match]:
+    """Open a table and find its layout.
+
+    Args:
+        path: the file.
+        maps: column maps the user gave; they go before the catalogue.
+
+    Raises:
+        InputError: not a table, of no known layout, or several fit equally well.
+    """
+    fits = []
+    for layout in maps:
+        with suppress(InputError):  # the map may be meant for another file of the trial
+            table = open_table(path, layout.table)
+            fits.append((table, match(layout, table)))
+    fits = [(table, found) for table, found in fits if not found.missing]
+    if fits:
+        chosen = best(path, [found for _, found in fits])
+        return next(fit for fit in fits if fit[1] is chosen)
+    table = open_table(path)
+    found = choose(table, maps)
+    if found.layout.table != TableFormat():
+        table = open_table(path, found.layout.table)
+        found = choose(table, [found.layout])
+    return table, found
 
 
-def match(layout: Layout, path: Path, dialect: Dialect) -> Match:
-    """Try a layout on a file; of several header rows the best fitting one gives the names.
+def choose(table: Table, maps: Sequence[Layout] = ()) -> Match:
+    """Find the layout of a table.
+
+    Raises:
+        InputError: no layout fits, or several fit equally well.
+    """
+    if not table.headers:
+        raise InputError(
+            f"{at(table.path, table.data_line)}: no header line, expected the names of the columns",
+            "add one, or name the columns with names = […] under [table] in a column map",
+        )
+    catalogue = tuple(layout for layout in all_layouts() if _eligible(layout, table))
+    for group in (maps, catalogue):
+        fits = [m for m in (match(layout, table) for layout in group) if not m.missing]
+        if fits:
+            return best(table.path, fits)
+    raise no_match(table, [match(layout, table) for layout in maps or catalogue], bool(maps))
+
+
+def match(layout: Layout, table: Table) -> Match:
+    """Try a layout on a table; of several header rows the best fitting one gives the names.
 
     Raises:
         InputError: a needed column stands there twice, or its name carries an unknown unit.
     """
-    tries = [_match_row(layout, path, dialect, row) for row in dialect.headers]
-    return max(tries, key=lambda m: (m.complete, m.columns), default=Match(layout, (), ("a header line",), 0))
+    tries = [_match_row(layout, table, names) for names in table.headers]
+    nothing = Match(layout, (), ("a header line",), 0)
+    return max(tries, key=lambda m: (not m.missing, m.columns), default=nothing)
 
 
-def _match_row(layout: Layout, path: Path, dialect: Dialect, names: Sequence[str]) -> Match:
+def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
     """Try a layout with one row of names."""
     found: dict[int, list[int]] = {}
     for index, spec in enumerate(layout.column):
         places = [place for place, name in enumerate(names) if spec.matches(name)]
         if places:
             found[index] = places
-    missing = _missing(layout, found)
+    missing = _missing(layout, set(found))
     columns = len({place for places in found.values() for place in places})
     if missing:
         return Match(layout, (), missing, columns)
     bindings: list[Binding] = []
     for index, places in found.items():
         spec = layout.column[index]
-        place = _one(path, dialect, spec, places, names)
+        place = _one(table, spec, places, names)
         hit = spec.matches(names[place])
-        unit_text = (hit.groupdict().get("unit") if hit else "") or spec.unit
-        where = f"{at(path, dialect.header_line)}: column '{names[place]}'"
+        text = (hit.groupdict().get("unit") if hit else "") or spec.unit
+        where = f"{at(table.path, table.header_line)}: column '{names[place]}'"
         for channel in spec.to:
-            check_unit(unit_text, channel, where)
-            unit = find_unit(unit_text)
-            if unit is not None and (channel == "t" or all(b.channel != channel for b in bindings)):
+            unit = check_unit(text, channel, where)
+            if channel == "t" and is_dated(table, place):
+                unit = find_unit(DATE) or unit
+            if channel == "t" or all(b.channel != channel for b in bindings):
                 bindings.append(Binding(place, names[place], channel, unit, spec))
     return Match(layout, tuple(bindings), (), columns)
 
 
-def _missing(layout: Layout, found: dict[int, list[int]]) -> tuple[str, ...]:
+def _missing(layout: Layout, found: set[int]) -> tuple[str, ...]:
     """List the columns that keep a layout from being complete."""
     touched = {layout.column[i].group for i in found} - {""}
-    grouped = any(c.group for c in layout.column)
-    needed = [
-        (i, c)
+    missing = [
+        c.label
         for i, c in enumerate(layout.column)
-        if not c.optional and c.to != ("t",) and (not c.group or c.group in touched)
+        if i not in found and not c.optional and c.to != ("t",) and (not c.group or c.group in touched)
     ]
-    missing = [c.label for i, c in needed if i not in found]
     # Of several clocks one is enough.
     clocks = [i for i, c in enumerate(layout.column) if "t" in c.to]
     strict = [i for i in clocks if not layout.column[i].optional]
-    if any(i not in found for i in strict) or not any(i in found for i in clocks):
+    if not found.issuperset(strict) or found.isdisjoint(clocks):
         missing.insert(0, layout.column[(strict or clocks)[0]].label)
-    if grouped and not touched and not missing:
-        missing = [next(c.label for c in layout.column if c.group)]
+    groups = [c.label for c in layout.column if c.group]
+    if groups and not touched and not missing:
+        missing = groups[:1]
     return tuple(missing)
 
 
-def _one(path: Path, dialect: Dialect, spec: Column, places: list[int], names: Sequence[str]) -> int:
+def _one(table: Table, spec: Column, places: list[int], names: Sequence[str]) -> int:
     """Choose between several columns that fit one entry: only an angle beside its own rate is clear."""
     if len(places) == 1 or not spec.to:
         return places[0]
@@ -123,39 +167,15 @@ def _one(path: Path, dialect: Dialect, spec: Column, places: list[int], names: S
             return angles[0]
     listed = " and ".join(f"'{names[p]}' (column {p + 1})" for p in places)
     raise InputError(
-        f"{at(path, dialect.header_line)}: {listed} both are {spec.to[0]}, expected one column for it",
+        f"{at(table.path, table.header_line)}: {listed} both are {spec.to[0]}, expected one column for it",
         "rename or remove the other one",
     )
 
 
-def choose(path: Path, dialect: Dialect, maps: Sequence[Layout] = ()) -> Match:
-    """Find the layout of a file.
-
-    Args:
-        path: the file.
-        dialect: how it is laid out.
-        maps: column maps the user gave; they go before the catalogue.
-
-    Raises:
-        InputError: no layout fits, or several fit equally well.
-    """
-    if not dialect.headers:
-        raise InputError(
-            f"{at(path, dialect.data_line)}: no header line, expected the names of the columns",
-            "add one, or name the columns with names = […] under [table] in a column map",
-        )
-    catalogue = tuple(layout for layout in all_layouts() if _eligible(layout, path, dialect))
-    for group in (maps, catalogue):
-        fits = [m for m in (match(layout, path, dialect) for layout in group) if m.complete]
-        if fits:
-            return best(path, fits)
-    raise no_match(path, dialect, [match(layout, path, dialect) for layout in maps or catalogue], bool(maps))
-
-
-def _eligible(layout: Layout, path: Path, dialect: Dialect) -> bool:
+def _eligible(layout: Layout, table: Table) -> bool:
     """Say whether a layout may be tried on a file of this name and preamble."""
-    named = not layout.file or re.search(layout.file, path.name) is not None
-    return named and (not layout.preamble or any(re.search(layout.preamble, s) for s in dialect.preamble))
+    named = not layout.file or re.search(layout.file, table.path.name) is not None
+    return named and (not layout.preamble or any(re.search(layout.preamble, s) for s in table.preamble))
 
 
 def best(path: Path, fits: list[Match]) -> Match:
@@ -177,11 +197,11 @@ def best(path: Path, fits: list[Match]) -> Match:
     return first
 
 
-def no_match(path: Path, dialect: Dialect, tries: list[Match], given: bool) -> InputError:
+def no_match(table: Table, tries: list[Match], given: bool) -> InputError:
     """Say what is missing from the layout that comes closest."""
-    names = [name for name in dialect.headers[0] if name]
+    names = [name for name in table.headers[0] if name]
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
-    where = at(path, dialect.header_line or None)
+    where = at(table.path, table.header_line or None)
     near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)), default=None)
     if near is None or (near.columns < 2 and not given):
         return InputError(
@@ -200,9 +220,3 @@ def no_match(path: Path, dialect: Dialect, tries: list[Match], given: bool) -> I
     return InputError(
         f"{where}: column '{lacking}' is missing{more}, expected by layout '{near.layout.name}'", hint
     )
-
-
-def channels_of(bindings: Sequence[Binding]) -> list[str]:
-    """List the channels that are bound, in the order of `CHANNELS`."""
-    bound = {b.channel for b in bindings}
-    return [channel for channel in CHANNELS if channel in bound]

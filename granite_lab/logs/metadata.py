@@ -95,14 +95,18 @@ def _take(
 
 def fill(sources: Sequence[Metadata]) -> Metadata:
     """Merge the metadata of several files; the first that says something counts."""
-    said: dict[str, Any] = {}
+    said: dict[str, Any] = {"extra": {}}
     for metadata in reversed(sources):
-        said["extra"] = said.get("extra", {}) | metadata.extra
-        for f in _KEYS.values():
-            value = getattr(metadata, f.name)
-            if (not math.isnan(value)) if isinstance(value, float) else value:
-                said[f.name] = value
+        said["extra"] |= metadata.extra
+        said |= {f.name: value for f in _KEYS.values() if (value := _said(metadata, f.name)) is not None}
     return Metadata(**said)
+
+
+def _said(metadata: Metadata, name: str) -> Any:
+    """Return a value, None where nobody said it."""
+    value = getattr(metadata, name)
+    unsaid = math.isnan(value) if isinstance(value, float) else not value
+    return None if unsaid else value
 
 
 def trial_info(metadata: Metadata, given: TrialInfo | None, robot: str | None) -> TrialInfo:
@@ -113,25 +117,15 @@ def trial_info(metadata: Metadata, given: TrialInfo | None, robot: str | None) -
         given: overrides; None in a field means "as in the log".
         robot: name of the robot, already decided.
     """
-
-    def number(value: float) -> float | None:
-        return None if math.isnan(value) else value
-
     given = given or TrialInfo()
-    said = TrialInfo(
+    names = ("soil", "v_desired", "a_max", "distance", "repetition", "clock_offset")
+    merged = {name: _said(metadata, name) for name in names}
+    merged |= {name: value for name in names if (value := getattr(given, name)) is not None}
+    if merged["repetition"] is not None:
+        merged["repetition"] = int(merged["repetition"])
+    return TrialInfo(
         robot=robot,
-        soil=metadata.soil or None,
-        v_desired=number(metadata.v_desired),
-        a_max=number(metadata.a_max),
-        distance=number(metadata.distance),
-        repetition=None if math.isnan(metadata.repetition) else int(metadata.repetition),
         virtual=metadata.virtual or given.virtual,
-        clock_offset=number(metadata.clock_offset),
         extra=metadata.extra | given.extra,
+        **merged,
     )
-    overrides = {
-        f.name: getattr(given, f.name)
-        for f in dataclasses.fields(given)
-        if f.name not in ("robot", "virtual", "extra") and getattr(given, f.name) is not None
-    }
-    return dataclasses.replace(said, **overrides)

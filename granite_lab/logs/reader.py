@@ -5,21 +5,22 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from granite_lab.errors import InputError
+from granite_lab.files import sha256
 from granite_lab.logs.clocks import describe_gaps
+from granite_lab.logs.layouts import Maps, given_maps
 from granite_lab.logs.lies import check_sensors
-from granite_lab.logs.metadata import fill, trial_info
-from granite_lab.logs.named import name_of
+from granite_lab.logs.metadata import collect, fill, trial_info
+from granite_lab.logs.named import name_of, parts_of, sidecar
 from granite_lab.logs.plausibility import check_imu
-from granite_lab.logs.source import Source
-from granite_lab.logs.sources import given_maps, open_source, refuse_unused
-from granite_lab.logs.streams import Parts, Samples, interval, read_streams
-from granite_lab.logs.stretches import look
-from granite_lab.logs.trial import Array, ImuStream, InputFile, Trial, TrialInfo
-from granite_lab.logs.wheelcheck import check_wheels
+from granite_lab.logs.source import Source, open_source, refuse_unused
+from granite_lab.logs.streams import Parts, interval, read_streams
+from granite_lab.logs.stretches import check_wheels, look, rests
+from granite_lab.logs.trial import ImuStream, InputFile, Trial, TrialInfo
 from granite_lab.parameters import Robot, load_robot
 
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -30,7 +31,14 @@ _ROLES: dict[str, tuple[str, ...]] = {
 }
 """What is taken from a file that was given for one purpose."""
 
-Maps = str | Path | Sequence[str | Path] | None
+_KINDS = tuple(dict.fromkeys(kind for kinds in _ROLES.values() for kind in kinds))
+_STREAMS = ("imu", "wheels", "currents", "command", "reference_x", "reference_v")
+
+BRIDGED = 0.5
+"""Longest gap [s] in the IMU that estimation bridges while the robot moves."""
+
+Files = Sequence[tuple[str, Source]]
+"""The files of a trial, with what each was given for ("": for nothing in particular)."""
 
 
 def read_trial(
@@ -50,11 +58,11 @@ def read_trial(
     """Read a trial from its log.
 
     Args:
-        path: the log, or the first of its files; it gives the trial its name.
+        path: the log, the first of its files, or a folder with a file a sensor; it gives the trial its name.
         imu, encoders, currents, reference: further files; each counts before `path` for its sensors.
             Motor currents and commands may stand in the encoders' file.
-        map: column maps by name or path, where the layout is not recognised. Each file takes the one
-            that fits it.
+        map: column maps by name or path, or folders of them, where the layout is not recognised. Each file
+            takes the one that fits it.
         robot: name or file of the robot; without it the log, then the column map says which.
         info: metadata that count before the log's.
         rows: which rows to take, as ``run_id = 4``.
@@ -68,15 +76,14 @@ def read_trial(
         InputError: a file cannot be used, or its wheels do not turn in the window.
         UsageError: unknown robot or column map.
     """
-    first = Path(path)
-    maps = given_maps(map)
+    first, maps = Path(path), given_maps(map)
+    files = [("", source) for source in _open(first, maps, rows, topics)]
     extra = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
-    sources = {"": open_source(first, maps, rows, topics)}
     for role, other in extra.items():
         if other is not None and Path(other) != first:
-            sources[role] = open_source(Path(other), maps, None, topics)
-    refuse_unused(list(sources.values()), maps)
-    trial = assemble(sources, robot, info, window=window)
+            files.append((role, open_source(Path(other), maps, None, topics)))
+    refuse_unused([source for _, source in files], maps)
+    trial = assemble(first, files, robot, info, window=window)
     if window is None or trial.wheels is None:
         return trial
     if look(trial, load_robot(robot or trial.info.robot or "granite")) is None:
@@ -87,76 +94,97 @@ def read_trial(
     return trial
 
 
+def _open(
+    path: Path, maps: Sequence[Any], rows: str | None, topics: Mapping[str, str] | None
+) -> list[Source]:
+    """Open a log, or the files in a folder with one for each sensor."""
+    parts = parts_of(path)
+    if not parts:
+        return [open_source(path, maps, rows, topics)]
+    sources = [open_source(part, maps) for part in parts]
+    beside = sidecar(path)
+    if beside.is_file():
+        doubts: list[str] = []
+        first = sources[0]
+        metadata = fill([collect((), path, doubts, beside), first.metadata])
+        inputs = (*first.inputs, InputFile(beside, sha256(beside)))
+        doubts = [*first.doubts, *doubts]
+        sources[0] = dataclasses.replace(first, metadata=metadata, inputs=inputs, doubts=tuple(doubts))
+    return sources
+
+
 def assemble(
-    sources: dict[str, Source],
+    path: Path,
+    files: Files,
     robot: str | Path | None = None,
     info: TrialInfo | None = None,
     *,
     whole: bool = True,
     window: tuple[float, float] | None = None,
 ) -> Trial:
-    """Turn the files of a trial, by what each was given for ("" for the first), into a Trial.
+    """Turn the files of a trial into a Trial.
 
-    With `whole`, a trial must hold an IMU or encoders. Of a `window`, only its samples are taken.
+    With `whole`, a trial must hold an IMU or encoders, and sensors that lie are refused. Of a `window`, only
+    its samples are taken.
 
     Raises:
         InputError: the samples cannot be used.
         UsageError: unknown robot.
     """
-    first = sources[""].path
     doubts: list[str] = []
+    sources = [source for _, source in files]
     name, the_robot = _robot(sources, robot, info, doubts)
-    parts = {role: read_streams(source, the_robot, window) for role, source in sources.items()}
-    for one in parts.values():
+    parts = [read_streams(source, the_robot, window) for source in sources]
+    for one in parts:
         doubts += one.doubts
-    merged = _merge(sources, parts)
-    metadata = fill(
-        [
-            dataclasses.replace(source.metadata, soil=_beside(source, source.metadata.soil))
-            for source in sources.values()
-        ]
-    )
-    stream = _imu(merged, first, doubts)
+    merged = _merge(files, parts)
+    said = [dataclasses.replace(s.metadata, soil=_beside(s, s.metadata.soil)) for s in sources]
+    stream = _imu(merged, path, doubts)
     if stream is not None:
-        stream, more = check_imu(stream, the_robot, str(first), _declared(merged))
+        units = merged.declared.get("acceleration", "m/s^2"), merged.declared.get("rate", "rad/s")
+        stream, more = check_imu(stream, the_robot, str(path), units)
         doubts += more
     wheels = merged.wheels
     if wheels is not None:
-        wheels, more = check_wheels(wheels, stream, the_robot, str(first), merged.declared.get("wheels", ""))
+        wheels, more = check_wheels(wheels, stream, the_robot, str(path), merged.declared.get("wheels", ""))
         doubts += more
     if whole and stream is None and wheels is None:
-        raise InputError(f"{first}: neither IMU nor encoder samples", "a trial needs at least one of them")
+        raise InputError(f"{path}: neither IMU nor encoder samples", "a trial needs at least one of them")
     trial = Trial(
-        name=name_of(first),
-        info=trial_info(metadata, info, name),
+        name=name_of(path),
+        info=trial_info(fill(said), info, name),
         imu=stream,
         wheels=wheels,
         currents=merged.currents,
         command=merged.command,
         reference_x=merged.reference_x,
         reference_v=merged.reference_v,
-        inputs=_inputs(sources),
-        layout=" + ".join(dict.fromkeys(s.match.layout.name for s in sources.values())),
+        inputs=tuple(dict.fromkeys(file for source in sources for file in source.inputs)),
+        layout=" + ".join(dict.fromkeys(source.match.layout.name for source in sources)),
     )
-    names: dict[str, str] = {}
-    for source in sources.values():
-        for binding in source.match.bindings:
-            names.setdefault(binding.channel, binding.name)
     if whole:
-        trial, more = check_sensors(trial, the_robot, str(first), names)
+        names: dict[str, str] = {}
+        for source in sources:
+            for binding in source.match.bindings:
+                names.setdefault(binding.channel, binding.name)
+        trial, more = check_sensors(trial, the_robot, str(path), names)
         doubts += more
-    doubts += _across(trial)
+        doubts += _across(trial)
+        trial, more = _longest_stretch(trial, the_robot)
+        doubts += more
+    else:
+        doubts += _across(trial)
     return dataclasses.replace(trial, warnings=tuple(dict.fromkeys(doubts)))
 
 
 def _robot(
-    sources: dict[str, Source], given: str | Path | None, info: TrialInfo | None, doubts: list[str]
+    sources: Sequence[Source], given: str | Path | None, info: TrialInfo | None, doubts: list[str]
 ) -> tuple[str | None, Robot]:
     """Decide which robot the log is of; without a word from anyone it is the laboratory's own."""
     said = given or (info.robot if info else None)
-    for source in sources.values():
+    for source in sources:
         said = said or _beside(source, source.metadata.robot)
-    for source in sources.values():
+    for source in sources:
         said = said or source.match.layout.robot
     if said:
         return str(said), load_robot(str(said))
@@ -170,49 +198,45 @@ def _beside(source: Source, name: str) -> str:
     return str(path) if name.endswith(".toml") and path.is_file() else name
 
 
-def _merge(sources: dict[str, Source], parts: dict[str, Parts]) -> Parts:
+def _merge(files: Files, parts: Sequence[Parts]) -> Parts:
     """Take each sensor from the file that was given for it, else from the first file that has it."""
     merged = Parts()
-    for role, one in parts.items():
-        kinds = _ROLES.get(role, tuple(k for kinds in _ROLES.values() for k in kinds))
-        found = [kind for kind in kinds if getattr(one, kind) is not None]
+    for (role, source), one in zip(files, parts, strict=True):
+        found = [kind for kind in _ROLES.get(role, _KINDS) if getattr(one, kind) is not None]
         if role and not found:
             raise InputError(
-                f"{sources[role].path}: given as --{role}, but nothing in it is of that kind",
-                f"its layout was taken as '{sources[role].match.layout.name}'",
+                f"{source.path}: given as --{role}, but nothing in it is of that kind",
+                f"its layout was taken as '{source.match.layout.name}'",
             )
         for kind in found:
-            setattr(merged, kind, getattr(one, kind))
-        merged.declared |= {kind: unit for kind, unit in one.declared.items() if kind in found}
-        if one.gravity_removed and "acceleration" in found:
-            merged.gravity_removed = True
+            # An acceleration with gravity in it is worth more than one without.
+            better = kind == "acceleration" and merged.gravity_removed and not one.gravity_removed
+            if role or better or getattr(merged, kind) is None:
+                setattr(merged, kind, getattr(one, kind))
+                merged.declared[kind] = one.declared.get(kind, "")
+                if kind == "acceleration":
+                    merged.gravity_removed = one.gravity_removed
     return merged
 
 
 def _imu(parts: Parts, path: Path, doubts: list[str]) -> ImuStream | None:
     """Put accelerometer and gyroscope on common stamps."""
-    acc, gyro = parts.acceleration, parts.rate
-    if acc is None and gyro is None:
-        return None
+    acc, gyro, removed = parts.acceleration, parts.rate, parts.gravity_removed
     if acc is None or gyro is None:
         present = acc or gyro
-        assert present is not None
+        if present is None:
+            return None
         doubts.append(f"no {'gyroscope' if gyro is None else 'accelerometer'} in the log")
         nothing = np.full_like(present.values, np.nan)
         force, rate = (nothing, present.values) if acc is None else (present.values, nothing)
-        return ImuStream(present.t, force, rate, parts.gravity_removed)
+        return ImuStream(present.t, force, rate, removed)
     for what, samples in (("accelerometer", acc), ("gyroscope", gyro)):
-        absent = [
-            axis for axis, column in zip("xyz", samples.values.T, strict=True) if np.isnan(column).all()
-        ]
+        absent = [axis for axis, v in zip("xyz", samples.values.T, strict=True) if np.isnan(v).all()]
         if absent:
             doubts.append(f"{what}: no axis {', '.join(absent)} in the log")
-    if len(acc.t) == len(gyro.t) and (acc.t == gyro.t).all():
-        return ImuStream(acc.t, acc.values, gyro.values, parts.gravity_removed)
-    both = np.intersect1d(acc.t, gyro.t)
+    both, a, g = np.intersect1d(acc.t, gyro.t, assume_unique=True, return_indices=True)
     if len(both) > 0.5 * min(len(acc.t), len(gyro.t)):
-        a, g = np.isin(acc.t, both), np.isin(gyro.t, both)
-        return ImuStream(both, acc.values[a], gyro.values[g], parts.gravity_removed)
+        return ImuStream(both, acc.values[a], gyro.values[g], removed)
     inside = (acc.t >= gyro.t[0]) & (acc.t <= gyro.t[-1])
     if np.count_nonzero(inside) < 2:
         raise InputError(
@@ -221,24 +245,9 @@ def _imu(parts: Parts, path: Path, doubts: list[str]) -> ImuStream | None:
             "both need stamps of the same clock",
         )
     doubts.append("the gyroscope has stamps of its own; interpolated to the accelerometer's")
-    return ImuStream(
-        acc.t[inside], acc.values[inside], _interpolate(acc.t[inside], gyro), parts.gravity_removed
-    )
-
-
-def _declared(parts: Parts) -> tuple[str, str]:
-    """Return the units that the accelerometer and the gyroscope were said to have."""
-    return parts.declared.get("acceleration", "m/s^2"), parts.declared.get("rate", "rad/s")
-
-
-def _interpolate(t: Array, samples: Samples) -> Array:
-    """Interpolate each axis linearly to other stamps."""
-    return np.column_stack([np.interp(t, samples.t, column) for column in samples.values.T])
-
-
-def _inputs(sources: dict[str, Source]) -> tuple[InputFile, ...]:
-    """List every file that was read once."""
-    return tuple(dict.fromkeys(file for source in sources.values() for file in source.inputs))
+    t = acc.t[inside]
+    rate = np.column_stack([np.interp(t, gyro.t, column) for column in gyro.values.T])
+    return ImuStream(t, acc.values[inside], rate, removed)
 
 
 def _across(trial: Trial) -> list[str]:
@@ -262,3 +271,46 @@ def _across(trial: Trial) -> list[str]:
         if shared < 0.5 * min(np.ptp(t), np.ptp(base[1])):
             doubts.append(f"{base[0]} and {what} have only {shared:.2f} s in common")
     return doubts
+
+
+def _longest_stretch(trial: Trial, robot: Robot) -> tuple[Trial, list[str]]:
+    """Cut a trial at gaps in its IMU that are too long to bridge; keep the longest stretch with a rest."""
+    if trial.imu is None:
+        return trial, []
+    t, still = trial.imu.t, rests(trial, robot)
+    gaps = [
+        (float(t[i]), float(t[i + 1]))
+        for i in np.flatnonzero(np.diff(t) > BRIDGED)
+        if not any(begin <= t[i] and t[i + 1] <= end for begin, end in still)
+    ]
+    if not gaps:
+        return trial, []
+    stretches = zip([float(t[0]), *(b for _, b in gaps)], [*(a for a, _ in gaps), float(t[-1])], strict=True)
+
+    def worth(stretch: tuple[float, float]) -> tuple[bool, float]:
+        resting = any(min(end, stretch[1]) - max(begin, stretch[0]) > BRIDGED for begin, end in still)
+        return resting, stretch[1] - stretch[0]
+
+    begin, end = max(stretches, key=worth)
+    missing = ", ".join(f"{a:.3f} to {b:.3f} s" for a, b in gaps[:3]) + (", …" if len(gaps) > 3 else "")
+    doubt = (
+        f"no IMU samples while the robot moved: {missing}: the log is cut there and only its longest stretch "
+        f"with a rest is used, {begin:.3f} to {end:.3f} s; --from and --to choose another"
+    )
+    cut = {name: _within(getattr(trial, name), begin, end) for name in _STREAMS}
+    return dataclasses.replace(trial, **cut), [doubt]
+
+
+def _within(stream: Any, begin: float, end: float) -> Any:
+    """Return the samples of a stream between two instants; None where hardly any is left."""
+    if stream is None:
+        return None
+    keep = (stream.t >= begin) & (stream.t <= end)
+    if np.count_nonzero(keep) < 2:
+        return None
+    arrays = {
+        f.name: value
+        for f in dataclasses.fields(stream)
+        if isinstance(value := getattr(stream, f.name), np.ndarray)
+    }
+    return dataclasses.replace(stream, **{name: values[keep] for name, values in arrays.items()})

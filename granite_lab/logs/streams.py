@@ -9,11 +9,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from granite_lab.errors import InputError
-from granite_lab.logs import paths
-from granite_lab.logs.clocks import ClockResetError, stray, tidy, unit_factor, unwrap_stamps
+from granite_lab.logs.clocks import ClockResetError, Mask, Rows, runs, stray, tidy, unit_factor, unwrap_stamps
 from granite_lab.logs.encoders import convert
 from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.matching import Binding
@@ -21,11 +19,14 @@ from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
 from granite_lab.parameters import Robot
 
-LONG_STRETCH = 0.5
-"""An axis that is silent for longer [s] while its neighbours go on is refused."""
+WINDOW = 5
+"""Samples through which a line is laid to get a speed."""
 
-_SLOWEST = {"imu": 4.0, "wheels": 0.5}
-Mask = npt.NDArray[np.bool_]
+_SLOWEST = {(*ACCELERATION, *RATE): 4.0, ENCODERS: 0.5}
+"""The lowest plausible sampling rate [Hz] of a sensor."""
+
+_A, _E2 = 6378137.0, 6.69437999014e-3
+"""Semi-major axis [m] and squared eccentricity of WGS 84."""
 
 
 class Samples(NamedTuple):
@@ -33,7 +34,7 @@ class Samples(NamedTuple):
 
     t: Array
     values: Array
-    rows: npt.NDArray[np.intp]
+    rows: Rows
 
 
 @dataclass
@@ -65,22 +66,22 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
     """
     parts = Parts(doubts=list(source.doubts))
     parts.gravity_removed = source.match.layout.gravity_removed or source.metadata.imu_gravity_removed
-    t = _clock(source, parts)
+    t = _clock(source, parts.doubts)
     if window is not None:
         source, t = _cut(source, t, window)
     for name, channels, what in (
         ("acceleration", ACCELERATION, "accelerometer"),
         ("rate", RATE, "gyroscope"),
     ):
-        samples = _samples(source, t, channels, what, parts)
+        samples = _samples(source, t, channels, what, parts.doubts)
         if samples is not None:
-            setattr(parts, name, _without_holes(source, samples, channels, what, parts))
             parts.declared[name] = source.bindings(*channels)[0].unit.name
+            setattr(parts, name, _whole(source, samples, channels, what, parts.doubts))
     parts.wheels = _wheels(source, t, robot, parts)
-    currents = _samples(source, t, CURRENTS, "motor currents", parts)
+    currents = _samples(source, t, CURRENTS, "motor currents", parts.doubts)
     if currents is not None:
         parts.currents = CurrentStream(currents.t, currents.values)
-    command = _samples(source, t, ("v_cmd",), "command", parts)
+    command = _samples(source, t, ("v_cmd",), "command", parts.doubts)
     if command is not None:
         parts.command = Series(command.t, command.values[:, 0])
     _reference(source, t, parts)
@@ -88,11 +89,7 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
 
 
 def _cut(source: Source, t: Array, window: tuple[float, float]) -> tuple[Source, Array]:
-    """Keep the rows whose stamps lie in a window.
-
-    Raises:
-        InputError: there are none.
-    """
+    """Keep the rows whose stamps lie in a window."""
     inside = (t >= window[0]) & (t <= window[1])
     if not inside.any():
         raise InputError(
@@ -112,16 +109,10 @@ def interval(window: tuple[float, float]) -> str:
     return f"after {start} s" if math.isinf(window[1]) else f"between {start} and {end} s"
 
 
-def _clock(source: Source, parts: Parts) -> Array:
+def _clock(source: Source, doubts: list[str]) -> Array:
     """Return the stamp of every row [s], from the first clock that runs."""
     clocks = source.bindings("t")
-
-    def runs(binding: Binding) -> bool:
-        stamps = source.columns[binding.place]
-        stamps = stamps[np.isfinite(stamps)]
-        return len(stamps) > 0 and bool(stamps.max() > stamps.min())
-
-    binding = next((b for b in clocks if runs(b)), None)
+    binding = next((b for b in clocks if len(np.unique(_finite(source.columns[b.place]))) > 1), None)
     if binding is None:
         raise InputError(
             f"{source.path}: column '{clocks[0].name}' does not advance, expected time stamps",
@@ -132,7 +123,7 @@ def _clock(source: Source, parts: Parts) -> Array:
         logged = logged * factor + source.columns[part.place] * (part.unit.factor * part.spec.scale)
         factor = 1.0
     for block in stray(logged):
-        parts.doubts.append(
+        doubts.append(
             f"{source.place(block.start)}: column '{binding.name}': {block.stop - block.start} stamps "
             f"from here on leave the time line (to {logged[block][0]:.10g}) and come back: left out"
         )
@@ -140,19 +131,23 @@ def _clock(source: Source, parts: Parts) -> Array:
         logged[block] = np.nan
     raw, doubt = unwrap_stamps(logged, binding.spec.wrap)
     if doubt:
-        parts.doubts.append(f"{source.path.name}: {doubt}")
-    for what, channels in (("imu", (*ACCELERATION, *RATE)), ("wheels", ENCODERS)):
+        doubts.append(f"{source.path.name}: {doubt}")
+    for channels, slowest in _SLOWEST.items():
         rows = _sampled(source, channels) & np.isfinite(raw)
         if np.count_nonzero(rows) < 3:
             continue
         try:
-            factor, doubt = unit_factor(raw[rows], factor, _SLOWEST[what])
+            factor, doubt = unit_factor(raw[rows], factor, slowest)
         except InputError as error:
             raise InputError(f"{source.path}: column '{binding.name}': {error.message}", error.hint) from None
         if doubt:
-            parts.doubts.append(f"{source.path.name}: column '{binding.name}': {doubt}")
+            doubts.append(f"{source.path.name}: column '{binding.name}': {doubt}")
         break
     return raw * factor
+
+
+def _finite(values: Array) -> Array:
+    return values[np.isfinite(values)]
 
 
 def _sampled(source: Source, channels: Sequence[str]) -> Mask:
@@ -164,7 +159,7 @@ def _sampled(source: Source, channels: Sequence[str]) -> Mask:
 
 
 def _samples(
-    source: Source, t: Array, channels: Sequence[str], what: str, parts: Parts, si: bool = True
+    source: Source, t: Array, channels: Sequence[str], what: str, doubts: list[str], si: bool = True
 ) -> Samples | None:
     """Return the samples of some channels in the order of time, NaN for what was not logged.
 
@@ -175,7 +170,7 @@ def _samples(
         return None
     places = np.flatnonzero(_sampled(source, channels))
     if len(places) == 0:
-        parts.doubts.append(f"{source.path.name}: {what}: the columns are there but empty")
+        doubts.append(f"{source.path.name}: {what}: the columns are there but empty")
         return None
     values = np.full((len(places), len(channels)), np.nan)
     for binding in bindings:
@@ -190,81 +185,72 @@ def _samples(
         raise InputError(f"{source.place(int(places[error.row]))}: {error.message}", error.hint) from None
     except InputError as error:
         raise InputError(f"{source.path}: {error.message}", error.hint) from None
-    parts.doubts += [f"{source.path.name}: {doubt}" for doubt in stamps.doubts]
+    doubts += [f"{source.path.name}: {doubt}" for doubt in stamps.doubts]
     return Samples(stamps.t, values[stamps.rows], places[stamps.rows])
 
 
-def _without_holes(
-    source: Source, samples: Samples, channels: Sequence[str], what: str, parts: Parts
+def _whole(
+    source: Source, samples: Samples, channels: Sequence[str], what: str, doubts: list[str]
 ) -> Samples:
-    """Leave out rows in which an axis is missing; refuse a long stretch of them."""
+    """Leave out the samples in which an axis is missing that is logged elsewhere."""
     t, values, rows = samples
     logged = np.isfinite(values).any(axis=0)
     holes = np.asarray(np.isnan(values[:, logged]).any(axis=1))
-    if not holes.any():
+    count = int(np.count_nonzero(holes))
+    if count == 0:
         return samples
-    first, last = longest(holes, t)
-    axis = channels[int(np.flatnonzero(logged & ~np.isfinite(values[first]))[0])]
-    name = source.bindings(axis)[0].name
-    if t[last] - t[first] > LONG_STRETCH:
-        raise InputError(
-            f"{source.place(int(rows[first]))}: column '{name}': no number for "
-            f"{t[last] - t[first]:.2f} s from t = {t[first]:.3f} s on while the other axes go on, "
-            "expected one a sample",
-            "cut the trial there",
-        )
-    count = np.count_nonzero(holes)
     if len(t) - count < 2:
         raise InputError(
             f"{source.path}: {what}: {len(t) - count} samples have all their axes, expected at least two",
             "the axes of a sensor belong in one row",
         )
-    parts.doubts.append(f"{source.path.name}: {what}: {count} samples without '{name}' were left out")
+    first, last = _longest(holes, t)
+    axis = channels[int(np.flatnonzero(logged & np.isnan(values[first]))[0])]
+    doubts.append(
+        f"{source.path.name}: {what}: {count} samples without '{source.bindings(axis)[0].name}' were left "
+        f"out, the longest stretch from t = {t[first]:.3f} s to {t[last]:.3f} s"
+    )
     return Samples(t[~holes], values[~holes], rows[~holes])
 
 
-def longest(flags: Mask, t: Array) -> tuple[int, int]:
+def _longest(flags: Mask, t: Array) -> tuple[int, int]:
     """Return the first and last sample of the stretch of flags that lasts longest."""
-    edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    longest = int(np.argmax(t[ends] - t[starts]))
-    return int(starts[longest]), int(ends[longest])
+    return max(runs(flags), key=lambda run: t[run[1]] - t[run[0]])
 
 
 def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream | None:
     """Return wheel angles and rates."""
-    samples = _samples(source, t, ENCODERS, "encoders", parts, si=False)
+    samples = _samples(source, t, ENCODERS, "encoders", parts.doubts, si=False)
     if samples is None:
         return None
     angle = np.full(samples.values.shape, np.nan)
     rate = np.full(samples.values.shape, np.nan)
     steps: list[float] = []
     parts.declared["wheels"] = source.bindings(*ENCODERS)[0].unit.name
-    name = source.path.name
     for binding in source.bindings(*ENCODERS):
+        where = f"{source.path.name}: column '{binding.name}'"
         wheel = ENCODERS.index(binding.channel)
         raw = samples.values[:, wheel]
         seen = np.isfinite(raw)
         if not seen.any():
-            parts.doubts.append(f"{name}: '{binding.name}' is empty; that wheel is taken as without encoder")
+            parts.doubts.append(f"{where} is empty; that wheel is taken as without encoder")
             continue
-        per_rev = _counts(source, binding, robot)
-        if binding.unit.name.startswith("counts") and not per_rev:
-            raise InputError(
-                f"{source.path}: column '{binding.name}': counts per wheel revolution are not known",
-                "give '# enc_counts_per_rev = …' in the log, or counts_per_rev in the robot's file or map",
-            )
         converted = convert(
             samples.t[seen], raw[seen], binding.unit,
-            scale=binding.spec.scale, wrap=binding.spec.wrap, per_rev=per_rev,
+            scale=binding.spec.scale, wrap=binding.spec.wrap, per_rev=_counts(source, binding, robot),
             radius=robot.wheels.radius, increment=binding.spec.increment,
         )  # fmt: skip
         angle[seen, wheel] = converted.angle
         if converted.rate is not None:
             rate[seen, wheel] = converted.rate
         steps.append(converted.step)
-        parts.doubts += [f"{name}: column '{binding.name}': {doubt}" for doubt in converted.doubts]
-        _silence(samples.t, seen, f"{name}: column '{binding.name}'", parts)
+        parts.doubts += [f"{where}: {doubt}" for doubt in converted.doubts]
+        if not seen.all():
+            first, last = _longest(~seen, samples.t)
+            begin, end = samples.t[first], samples.t[last]
+            # In a log where each wheel has rows of its own, holes are the rule and short.
+            if end - begin > 0.1 and (last - first) > 0.02 * len(seen):
+                parts.doubts.append(f"{where}: no sample from t = {begin:.3f} s to {end:.3f} s")
     rates = np.isfinite(rate).any()
     said = source.metadata.enc_step_radps if rates else source.metadata.enc_step_rad
     step = max(steps, default=0.0) if math.isnan(said) else said
@@ -274,38 +260,69 @@ def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream
 def _counts(source: Source, binding: Binding, robot: Robot) -> float:
     """Return the counts per wheel revolution: of the log, the column map, or the robot."""
     said = source.metadata.enc_counts
-    return said if not math.isnan(said) else binding.spec.counts_per_rev or robot.encoders.counts
-
-
-def _silence(t: Array, seen: Mask, where: str, parts: Parts) -> None:
-    """Note a wheel that is silent while others go on."""
-    if seen.all():
-        return
-    first, last = longest(~seen, t)
-    # In a log where each wheel has rows of its own, holes are the rule and short.
-    if t[last] - t[first] > 0.1 and (last - first) > 0.02 * len(t):
-        parts.doubts.append(f"{where}: no sample from t = {t[first]:.3f} s to {t[last]:.3f} s")
+    counts = said if not math.isnan(said) else binding.spec.counts_per_rev or robot.encoders.counts
+    if binding.unit.name.startswith("counts") and not counts:
+        raise InputError(
+            f"{source.path}: column '{binding.name}': counts per wheel revolution are not known",
+            "give '# enc_counts_per_rev = …' in the log, or counts_per_rev in the robot's file or map",
+        )
+    return counts
 
 
 def _reference(source: Source, t: Array, parts: Parts) -> None:
     """Return the external reference as distance and speed along the path."""
-    globe = _samples(source, t, ("ref_lat", "ref_lon"), "reference", parts)
-    plane = _samples(source, t, ("ref_x", "ref_y"), "reference", parts)
-    speed = _samples(source, t, ("ref_v",), "reference", parts)
+    globe = _samples(source, t, ("ref_lat", "ref_lon"), "reference", parts.doubts)
+    plane = _samples(source, t, ("ref_x", "ref_y"), "reference", parts.doubts)
+    speed = _samples(source, t, ("ref_v",), "reference", parts.doubts)
     place = globe or (plane if source.bindings("ref_y") else None)
     if place is not None:
         whole = np.isfinite(place.values).all(axis=1)
         if np.count_nonzero(whole) < 2:
             parts.doubts.append(f"{source.path.name}: reference: no two places with both coordinates")
             return
-        one, other = place.values[whole].T
-        x, y = paths.geographic(one, other) if globe is not None else (one, other)
-        stamps = place.t[whole]
-        distance, along = paths.path(stamps, x, y)
+        stamps, (x, y) = place.t[whole], place.values[whole].T
+        if globe is not None:
+            x, y = _metres(latitude=x, longitude=y)
+        # Speed over a few samples in each direction: the noise of places at rest adds up to no distance.
+        along = np.hypot(slope(stamps, x), slope(stamps, y))
+        distance = np.concatenate(([0.0], np.cumsum(np.diff(stamps) * (along[1:] + along[:-1]) / 2)))
         parts.reference_x, parts.reference_v = Series(stamps, distance), Series(stamps, along)
     elif plane is not None:
         parts.reference_x = Series(plane.t, plane.values[:, 0])
-        if speed is None and len(plane.t) > paths.WINDOW:
-            parts.reference_v = Series(plane.t, paths.slope(plane.t, plane.values[:, 0]))
+        if speed is None and len(plane.t) > WINDOW:
+            parts.reference_v = Series(plane.t, slope(plane.t, plane.values[:, 0]))
     if speed is not None:
         parts.reference_v = Series(speed.t, speed.values[:, 0])
+
+
+def slope(t: Array, x: Array, window: int = WINDOW) -> Array:
+    """Return the slope of a line through `window` neighbouring samples, fewer at the ends.
+
+    Args:
+        t: (N,) stamps [s].
+        x: (N,) values.
+        window: an odd number of samples.
+
+    Returns:
+        (N,) slope [1/s]; it has the noise and the smoothing of the window.
+    """
+    places = np.arange(len(t))[:, None] + np.arange(-(window // 2), window // 2 + 1)
+    use = (places >= 0) & (places < len(t))
+    places = np.clip(places, 0, len(t) - 1)
+    n, dt, dx = use.sum(axis=1), use * (t[places] - t[:, None]), use * (x[places] - x[:, None])
+    st, sx, stt, stx = dt.sum(axis=1), dx.sum(axis=1), (dt * dt).sum(axis=1), (dt * dx).sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray((n * stx - st * sx) / (n * stt - st * st))
+
+
+def _metres(latitude: Array, longitude: Array) -> tuple[Array, Array]:
+    """Return metres east and north of the first place.
+
+    Args:
+        latitude, longitude: (N,) [rad], WGS 84; the area is small (some kilometres).
+
+    Source: radii of curvature of the ellipsoid in the meridian and the prime vertical.
+    """
+    w = 1 - _E2 * np.sin(latitude[0]) ** 2
+    meridian, vertical = _A * (1 - _E2) / w**1.5, _A / np.sqrt(w)
+    return (longitude - longitude[0]) * vertical * np.cos(latitude[0]), (latitude - latitude[0]) * meridian

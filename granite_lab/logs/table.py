@@ -1,57 +1,48 @@
-"""Columns of numbers out of a text table: fast when all is well, exact about the place when not."""
+"""Columns of numbers out of a table: fast when all is well, exact about the place when not."""
 
 from __future__ import annotations
 
 import csv
+import io
 import re
 import warnings
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TextIO
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from granite_lab.errors import InputError, at
-from granite_lab.files import readable
-from granite_lab.logs.dialect import MISSING, Dialect, is_number, split_rows
-from granite_lab.logs.encoding import open_text
+from granite_lab.files import readable, refuse_special
+from granite_lab.logs.dialect import MISSING, Table, TableFormat, is_number, lines_of, sniff, split_rows
 from granite_lab.logs.trial import Array
 
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
 _EXACT = {} if pd.__version__ >= "3.1" else {"float_precision": "round_trip"}
 
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_SHORTEST = 10
+"""Vectors of a MATLAB file with fewer values are parameters, not samples."""
 
 
-class _Counting:
-    """A text file that counts the delimiters it hands out, to notice rows that are too long or short."""
+def open_table(path: Path, said: TableFormat | None = None) -> Table:
+    """Open a table: a text file, or a MATLAB file.
 
-    def __init__(self, file: TextIO, delimiter: str) -> None:
-        self._file = file
-        self._delimiter = delimiter
-        self.delimiters = 0
-        self.last = "\n"
-
-    def read(self, size: int = -1) -> str:
-        text = self._file.read(size)
-        self.delimiters += text.count(self._delimiter)
-        self.last = text[-1:] or self.last
-        return text
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._file)
+    Raises:
+        InputError: it cannot be read as a table.
+    """
+    return _matlab(path) if path.suffix.lower() == ".mat" else sniff(path, said)
 
 
 def load(
-    path: Path, dialect: Dialect, wanted: Sequence[int], dates: Sequence[int] = ()
+    table: Table, wanted: Sequence[int], dates: Sequence[int] = ()
 ) -> tuple[dict[int, Array], list[str]]:
     """Read some columns of a table as numbers.
 
     Args:
-        path: the file.
-        dialect: its layout, from `sniff`.
+        table: from `open_table`.
         wanted: places of the columns, counted from 0.
         dates: those of them that hold dates (ISO 8601; without a zone: UTC).
 
@@ -62,52 +53,52 @@ def load(
     Raises:
         InputError: a cell that is no finite number or no date, or a row of the wrong length, with its line.
     """
+    if table.numbers:
+        return {place: table.numbers[place] for place in wanted}, []
     numbers = [place for place in wanted if place not in dates]
-    with open_text(path, dialect.encoding) as file:
-        for _ in islice(file, dialect.data_line - 1):
-            pass
-        counting = _Counting(file, dialect.delimiter)
-        try:
-            frame = _parse(counting, dialect, wanted, dates)
-        except OSError as error:
-            raise readable(error, path) from None
-        except (ValueError, OverflowError, pd.errors.ParserError) as error:
-            short = find_fault(path, dialect, numbers)
-            place = at(path, short) if short else str(path)
-            raise InputError(f"{place}: not a table of numbers: {error}", "export the log again") from None
+    begin = 0
+    for _ in range(table.data_line - 1):
+        begin = table.text.find(b"\n", begin) + 1
+    try:
+        frame = _parse(table, begin, wanted, dates)
+    except (ValueError, OverflowError, pd.errors.ParserError) as error:
+        place = at(table.path, _find_fault(table, numbers) or None)
+        raise InputError(f"{place}: not a table of numbers: {error}", "export the log again") from None
     doubts: list[str] = []
     # Rows of blanks are rows to pandas but hold no delimiter; they also end up in the careful count.
-    if dialect.delimiter != " " and counting.delimiters != len(frame) * (dialect.width - 1):
-        short = find_fault(path, dialect, numbers)
+    delimiters = table.text.count(table.delimiter.encode(), begin)
+    if table.delimiter != " " and delimiters != len(frame) * (table.width - 1):
+        short = _find_fault(table, numbers)
         if short:
             frame = frame.iloc[:-1]
-            doubts.append(f"{at(path.name, short)}: the last row is cut off and was left out")
+            doubts.append(f"{at(table.path.name, short)}: the last row is cut off and was left out")
     columns = {place: frame[place].to_numpy(dtype=np.float64) for place in numbers}
-    for values in columns.values():
-        if np.isinf(values).any():
-            find_fault(path, dialect, numbers)
-    return columns | {place: _seconds(path, dialect, place, frame[place]) for place in dates}, doubts
+    if any(np.isinf(values).any() for values in columns.values()):
+        _find_fault(table, numbers)
+    return columns | {place: _seconds(table, place, frame[place]) for place in dates}, doubts
 
 
-def is_dated(dialect: Dialect, place: int) -> bool:
+def is_dated(table: Table, place: int) -> bool:
     """Say whether the first cells of a column are dates as ISO 8601 writes them."""
-    cells = [row[place].strip() for row in dialect.sample if row[place].strip() not in MISSING]
+    cells = [row[place].strip() for row in table.sample if row[place].strip() not in MISSING]
     return bool(cells) and all(_DATE.match(cell) for cell in cells)
 
 
-def _seconds(path: Path, dialect: Dialect, place: int, texts: pd.Series) -> Array:
-    """Return dates as seconds since 1970, exact to the microsecond; NaN for an empty cell.
+def line_of(table: Table, row: int) -> int:
+    """Return the line in the file of a row of data, counted from 0."""
+    return next((line for line, _ in islice(_walk(table), row, None)), 0)
 
-    Raises:
-        InputError: a cell is no date, with its line.
-    """
+
+def _seconds(table: Table, place: int, texts: pd.Series) -> Array:
+    """Return dates as seconds since 1970, exact to the microsecond; NaN for an empty cell."""
     written = texts.str.strip().str.replace(",", ".", regex=False)
+    written = written.where(written.str.match(_DATE.pattern, na=False))
     stamps = pd.to_datetime(written, utc=True, format="ISO8601", errors="coerce")
     wrong = np.flatnonzero(stamps.isna() & texts.notna())
     if len(wrong):
         row = int(wrong[0])
         raise InputError(
-            f"{at(path, line_of(path, dialect, row) or None)}: column '{dialect.name(place)}': "
+            f"{at(table.path, line_of(table, row) or None)}: column '{table.name(place)}': "
             f"{str(texts.iloc[row])[:30]!r} is not a date, expected one as 2026-03-01T12:00:00.25Z",
             "write dates by ISO 8601, or leave the cell empty",
         )
@@ -115,104 +106,130 @@ def _seconds(path: Path, dialect: Dialect, place: int, texts: pd.Series) -> Arra
     return np.asarray(since, dtype=np.float64)
 
 
-def _parse(file: _Counting, dialect: Dialect, wanted: Sequence[int], dates: Sequence[int]) -> pd.DataFrame:
+def _parse(table: Table, begin: int, wanted: Sequence[int], dates: Sequence[int]) -> pd.DataFrame:
     """Let pandas' C engine read the wanted columns."""
+    file = io.BytesIO(table.text)
+    file.seek(begin)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pd.errors.ParserWarning)  # lengths of rows are checked by count
         return pd.read_csv(  # type: ignore[call-overload,no-any-return]
             file,
-            sep=r"\s+" if dialect.delimiter == " " else dialect.delimiter,
-            decimal=dialect.decimal,
+            sep=r"\s+" if table.delimiter == " " else table.delimiter,
+            decimal=table.decimal,
             header=None,
-            names=list(range(dialect.width)),
+            names=list(range(table.width)),
             usecols=sorted(set(wanted)),
             dtype={place: str if place in dates else np.float64 for place in wanted},
             index_col=False,
             na_values=list(MISSING),
             keep_default_na=False,
             skipinitialspace=True,
+            encoding_errors="replace",
             engine="c",
             **_EXACT,
         )
 
 
-def walk(path: Path, dialect: Dialect) -> Iterator[tuple[int, list[str]]]:
-    """Yield every row of data with the line it ends on, slowly and exactly.
-
-    Raises:
-        InputError: the file is not a table.
-    """
-    with open_text(path, dialect.encoding) as file:
-        rows = split_rows(islice(file, dialect.data_line - 1, None), dialect.delimiter)
-        count = 0
-        try:
-            for count, row in enumerate(rows, 1):
-                lines = getattr(rows, "line_num", count)
-                if row:
-                    yield dialect.data_line - 1 + lines, row
-        except csv.Error as error:
-            place = at(path, dialect.data_line + count)
-            raise InputError(f"{place}: not a row of a table: {error}", "export the log again") from None
+def _walk(table: Table) -> Iterator[tuple[int, list[str]]]:
+    """Yield every row of data with the line it ends on, slowly and exactly."""
+    rows = split_rows(islice(lines_of(table.text), table.data_line - 1, None), table.delimiter)
+    count = 0
+    try:
+        for count, row in enumerate(rows, 1):
+            if row:
+                yield table.data_line - 1 + getattr(rows, "line_num", count), row
+    except csv.Error as error:
+        place = at(table.path, table.data_line + count)
+        raise InputError(f"{place}: not a row of a table: {error}", "export the log again") from None
 
 
-def find_fault(path: Path, dialect: Dialect, wanted: Sequence[int]) -> int:
+def _find_fault(table: Table, wanted: Sequence[int]) -> int:
     """Go through the table row by row and refuse the first cell or row that is wrong.
 
     Returns:
         the line of the last row if it is merely cut off, else 0.
-
-    Raises:
-        InputError: with file, line and column.
     """
-    short = 0
-    for line, row in walk(path, dialect):
+    short = cells = 0
+    for line, row in _walk(table):
         if short:
-            break
-        extra = len(row) == dialect.width + 1 and not row[-1].strip()
-        if len(row) < dialect.width and not (len(row) == dialect.width - 1 and dialect.open_end):
-            if any(cell.strip() for cell in row):
-                short = line
-                cells = len(row)
-            continue
-        if len(row) > dialect.width and not extra:
             raise InputError(
-                f"{at(path, line)}: {len(row)} cells, expected {dialect.width}",
+                f"{at(table.path, short)}: {cells} cells, expected {table.width}",
+                "a row of the log is cut off or damaged",
+            )
+        if len(row) < table.width and not (len(row) == table.width - 1 and table.open_end):
+            if any(cell.strip() for cell in row):
+                short, cells = line, len(row)
+            continue
+        if len(row) > table.width and not (len(row) == table.width + 1 and not row[-1].strip()):
+            raise InputError(
+                f"{at(table.path, line)}: {len(row)} cells, expected {table.width}",
                 "a delimiter too many, or a decimal comma in a comma-separated file",
             )
         for place in wanted:
             if place < len(row):
-                check_cell(path, line, dialect, place, row[place])
-    else:
-        return short
-    raise InputError(
-        f"{at(path, short)}: {cells} cells, expected {dialect.width}",
-        "a row of the log is cut off or damaged",
-    )
+                _check_cell(table, line, place, row[place].strip())
+    return short
 
 
-def check_cell(path: Path, line: int, dialect: Dialect, place: int, cell: str) -> None:
-    """Refuse a cell that is neither a finite number nor empty.
-
-    Raises:
-        InputError: with file, line and column.
-    """
-    text = cell.strip()
+def _check_cell(table: Table, line: int, place: int, text: str) -> None:
+    """Refuse a cell that is neither a finite number nor empty."""
     if text in MISSING or text.casefold() in ("true", "false"):
         return
-    where = f"{at(path, line)}: column '{dialect.name(place)}'"
+    where = f"{at(table.path, line)}: column '{table.name(place)}'"
     shown = text if len(text) <= 30 else text[:27] + "…"
-    if not is_number(text, dialect.decimal):
-        comma = dialect.decimal == "." and is_number(text.replace(",", "."))
+    if not is_number(text, table.decimal):
+        comma = table.decimal == "." and is_number(text.replace(",", "."))
         hint = (
             'write numbers with a decimal point, or say decimal = "," under [table] in a column map'
             if comma
             else "leave the cell empty where the sensor has no sample"
         )
         raise InputError(f"{where}: {shown!r} is not a number, expected one", hint)
-    if not np.isfinite(float(text.replace(dialect.decimal, "."))):
+    if not np.isfinite(float(text.replace(table.decimal, "."))):
         raise InputError(f"{where}: {shown} is not finite, expected a number", "leave the cell empty instead")
 
 
-def line_of(path: Path, dialect: Dialect, row: int) -> int:
-    """Return the line in the file of a row of data, counted from 0."""
-    return next((line for line, _ in islice(walk(path, dialect), row, None)), 0)
+def _matlab(path: Path) -> Table:
+    """Take the vectors of a MATLAB file, single or in structs, as columns; they must be of one length.
+
+    Raises:
+        InputError: the file cannot be read, or its vectors make no table.
+    """
+    from scipy.io import loadmat  # noqa: PLC0415, only where a log is one
+
+    refuse_special(path)
+    again = "in MATLAB: s = table2struct(T, 'ToScalar', true); save('log.mat', '-struct', 's', '-v7')"
+    try:
+        held = loadmat(path, simplify_cells=True)
+    except OSError as error:
+        raise readable(error, path) from None
+    except NotImplementedError:
+        raise InputError(f"{path}: is a MATLAB file of version 7.3", f"save it with -v7; {again}") from None
+    except Exception as error:  # the parser raises whatever a damaged file makes it stumble over
+        what = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(
+            f"{path}: cannot be read as a MATLAB file: {what}", "copy or save it again"
+        ) from None
+    found = dict(_vectors(held, ""))
+    lengths = sorted({len(values) for values in found.values()})
+    if len(lengths) != 1:
+        one_each = [f"{next(n for n, v in found.items() if len(v) == k)} ({k})" for k in lengths[:4]]
+        what = f"vectors of different lengths: {', '.join(one_each)}" if lengths else "no vectors of numbers"
+        raise InputError(f"{path}: {what}, expected a column a quantity, all of one length", again)
+    short = [name.rpartition(".")[2] for name in found]
+    names = tuple(short if len(set(short)) == len(short) else found)
+    return Table(path, (names,), len(names), "MATLAB", numbers=tuple(found.values()))
+
+
+def _vectors(held: dict[str, Any], prefix: str) -> Iterator[tuple[str, Array]]:
+    """Yield the vectors in a MATLAB file or struct; a matrix is a vector for each of its columns."""
+    for key, value in held.items():
+        if isinstance(value, dict):
+            yield from _vectors(value, f"{prefix}{key}.")
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and len(value) >= _SHORTEST:
+            if value.ndim == 1:
+                yield prefix + key, value.astype(np.float64)
+            elif value.ndim == 2 and value.shape[1] < value.shape[0]:
+                ends = "xyz" if value.shape[1] == 3 else range(1, value.shape[1] + 1)
+                for end, column in zip(ends, value.T, strict=True):
+                    yield f"{prefix}{key}_{end}", column.astype(np.float64)

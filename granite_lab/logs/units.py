@@ -7,10 +7,8 @@ import math
 import re
 from dataclasses import dataclass
 
-from granite_lab.parameters import GRAVITY
-
 STANDARD_GRAVITY = 9.80665
-"""The g of accelerometer data sheets [m/s^2]; `GRAVITY` is the paper's."""
+"""The g of accelerometer data sheets [m/s^2]."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +99,3 @@ def resembling(text: str, *quantities: str) -> str:
     known = [spelling for spelling, unit in _UNITS.items() if unit.quantity in quantities]
     close = difflib.get_close_matches(text, known, n=1, cutoff=0.5)
     return close[0] if close else ""
-
-
-__all__ = ["GRAVITY", "STANDARD_GRAVITY", "Unit", "find_unit", "resembling", "spellings"]

@@ -11,7 +11,7 @@ import pytest
 
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.logs import inspect_logs, read_trial, write_canonical
-from granite_lab.logs.joints import assign, wheels_of
+from granite_lab.logs.bag import assign
 from granite_lab.logs.named import name_of, trial_files
 from granite_lab.logs.trial import Trial
 from tests.logs import make
@@ -301,7 +301,7 @@ def test_a_folder_stands_for_its_logs_of_every_kind(trial: Trial, tmp_path: Path
     ],
 )
 def test_wheels_are_known_by_the_names_of_their_joints(joint: str, wheels: tuple[str, ...]) -> None:
-    assert wheels_of(joint) == wheels
+    assert assign([joint]).get(joint, ()) == wheels
 
 
 def test_a_wheel_has_one_joint() -> None:

@@ -34,10 +34,6 @@ def cells(changes: dict[tuple[int, str], str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def stretch(column: str, first: int, last: int, text: str) -> str:
-    return cells({(line, column): text for line in range(first, last)})
-
-
 def header(change: Callable[[str], str]) -> str:
     return "\n".join([change(LINES[0]), *LINES[1:]]) + "\n"
 
@@ -141,8 +137,6 @@ CASES: dict[str, tuple[str | bytes, str, str]] = {
     "a row too long": (insert(20, LINES[19] + ",1,2"), r":20: 13 cells, expected 11", "delimiter"),
     "a row too short": (insert(20, "0.18,1,2"), r":20: 3 cells, expected 11", "damaged"),
     "second header in the middle": (insert(200, LINES[0]), r":200: column 't_s': 't_s' is not a number.*", ""),
-    "long NaN stretch": (stretch("imu_gy_radps", 200, 300, "NaN"), r":200: column 'imu_gy_radps': no number for 0.99 s from t = 1.980 s on.*", "cut"),
-    "long empty stretch": (stretch("imu_ax_mps2", 200, 300, ""), r":200: column 'imu_ax_mps2': no number for 0.99 s.*", "cut"),
     # clocks
     "one row": ("\n".join(LINES[:2]), r": column 't_s' does not advance, expected time stamps", "two rows"),
     "constant time": (column("t_s", lambda _: 5.0), r": column 't_s' does not advance, expected time stamps", ""),

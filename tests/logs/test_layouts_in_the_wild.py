@@ -10,7 +10,7 @@ import pytest
 from granite_lab.errors import InputError, UsageError
 from granite_lab.logs import read_trial
 from granite_lab.logs.layouts import all_layouts, load_layout
-from granite_lab.logs.sources import recognise
+from granite_lab.logs.matching import recognise
 from granite_lab.logs.trial import Trial
 
 N = 200
