@@ -127,7 +127,7 @@ def draw(effect: Effect, path: Path) -> str:
     """
     import os
 
-    from granite_lab.effects.signature import typical
+    from granite_lab.effects.contract import typical
     from granite_lab.files import write_bytes
     from granite_lab.parameters import load_robot, load_soil, load_variants
     from granite_lab.planning.imprint import imprint

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from granite_lab.effects.library import neutral_gap
-from granite_lab.effects.signature import CHANNELS, typical
 from granite_lab.errors import EstimateError, InputError, LabError
 from granite_lab.model import Accuracy, interpreted, simulate
-from granite_lab.model.effect import Active, Effect, EffectParameter, activate
+from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.engine import engine_of
 from granite_lab.model.graph import STATES, build_graph
 from granite_lab.model.simulator import parameter_vector, rest_state
@@ -36,6 +35,10 @@ SEEN = 1e-6
 """Least change of some channel at a typical size, as a share of the channel's largest value."""
 
 
+CHANNELS = ("imu_ax_mps2", "imu_az_mps2", "imu_gy_radps", "enc_f_rad", "enc_r_rad", "cur_f_A", "cur_r_A")
+"""What the sensors read."""
+
+
 @dataclass(frozen=True)
 class Check:
     """One check.
@@ -49,6 +52,22 @@ class Check:
     name: str
     passed: bool | None
     detail: str
+
+
+def typical(effect: Effect) -> Active:
+    """Switch an effect on at a value in the middle of what the literature leads to expect.
+
+    A parameter that may have either sign stands halfway up its positive side, a shape at its start.
+    """
+    values = {}
+    for p in effect.parameters:
+        if p.shape:
+            values[p.name] = p.neutral
+        elif p.prior_low < p.neutral:
+            values[p.name] = (p.neutral + p.prior_high) / 2
+        else:
+            values[p.name] = (p.prior_low + p.prior_high) / 2
+    return activate(effect, values)
 
 
 def contract(effect: Effect) -> list[Check]:
@@ -174,9 +193,8 @@ def _seen(effect: Effect) -> tuple[bool, str]:
     plain, run = (simulate(variant, robot, soil, effects=e) for e in ((), (active,)))
     shares = {c: float(np.abs(run[c] - plain[c]).max() / np.abs(plain[c]).max()) for c in CHANNELS}
     best = max(shares, key=shares.__getitem__)
-    return shares[
-        best
-    ] > SEEN, f"{_told(active)} changes {best} by {100 * shares[best]:.2g} % of its largest value"
+    said = f"{_told(active)} changes {best} by {100 * shares[best]:.2g} % of its largest value"
+    return shares[best] > SEEN, said
 
 
 def _expected_range(effect: Effect) -> tuple[bool, str]:
@@ -188,23 +206,22 @@ def _expected_range(effect: Effect) -> tuple[bool, str]:
             p.name: float(p.prior_low + s * (p.prior_high - p.prior_low))
             for p, s in zip(effect.parameters, share, strict=True)
         }
+        active = activate(effect, values)
         for variant in load_variants():
             try:
-                run = simulate(variant, load_robot(), load_soil(), effects=(activate(effect, values),))
+                run = simulate(variant, load_robot(), load_soil(), effects=(active,))
             except EstimateError as error:
-                return (
-                    False,
-                    f"{_told(activate(effect, values))} at {variant.velocity:g} m/s: {error.message}",
-                )
+                return False, f"{_told(active)} at {variant.velocity:g} m/s: {error.message}"
             if not 0.15 * variant.distance < run["x_m"][-1] < 1.1 * variant.distance:
-                return False, f"{_told(activate(effect, values))}: the robot does not cover the distance"
+                return False, f"{_told(active)}: the robot does not cover the distance"
             runs += 1
     return True, f"{runs} runs, all four variants"
 
 
 def _bounds(effect: Effect) -> tuple[bool, str]:
     usual, refused, runs = typical(effect).as_dict(), "", 0
-    for p, bound in _ends(effect.parameters):
+    ends = [(p, bound) for p in effect.parameters for bound in (p.low, p.high)]
+    for p, bound in ends:
         active = activate(effect, usual | {p.name: bound})
         runs += 1
         try:
@@ -212,12 +229,6 @@ def _bounds(effect: Effect) -> tuple[bool, str]:
         except EstimateError as error:
             refused = refused or f"; {p.name} = {bound:g} is refused: {error.message}"
     return True, f"{runs} runs{refused}"
-
-
-def _ends(parameters: Sequence[EffectParameter]) -> Iterator[tuple[EffectParameter, float]]:
-    for p in parameters:
-        yield p, p.low
-        yield p, p.high
 
 
 def _compiled(effect: Effect) -> tuple[bool | None, str]:
