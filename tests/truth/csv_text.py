@@ -66,13 +66,6 @@ def join(head: list[str], columns: list[str], rows: Rows) -> str:
     return "\n".join([*head, ",".join(columns), *(",".join(row) for row in rows), ""])
 
 
-def without_columns(text: str, prefix: str) -> str:
-    """Drop the columns whose name begins with `prefix`."""
-    head, columns, rows = split(text)
-    keep = [i for i, name in enumerate(columns) if not name.startswith(prefix)]
-    return join(head, [columns[i] for i in keep], [[row[i] for i in keep] for row in rows])
-
-
 def converted(text: str, prefix: str, factor: float, suffix: str | None = None) -> str:
     """Multiply the columns that begin with `prefix`; the unit in their name becomes `suffix`, if given.
 
@@ -138,13 +131,6 @@ def unsorted(text: str, seed: int, reach: int = 5) -> str:
 def backwards(text: str) -> str:
     """Write the rows in reverse order of time."""
     return with_rows(text, lambda rows: rows[::-1])
-
-
-def with_cell(text: str, row: int, column: str, cell: str) -> str:
-    """Replace one cell, by text in a number for example."""
-    head, columns, rows = split(text)
-    rows[row][columns.index(column)] = cell
-    return join(head, columns, rows)
 
 
 def with_gap_of_nan(text: str, column: str, start: float, stop: float) -> str:

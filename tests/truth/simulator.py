@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -14,49 +15,20 @@ from granite_lab.hidden.simulator import DT, Body, solve
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
+class Result(SimpleNamespace):
     """Signals of one run at `t` (N,), SI units; (N, 2) where front and rear differ.
 
     Attributes:
         state: (N, 12) or wider, in the order of `granite_lab.hidden.model`.
         x: position of R along O; v, w: components of its velocity along R's x and z.
-        read_rate: (N, 2) rate that the encoders tell.
+        pitch, pitch_rate, pitch_acceleration: of the body; acceleration: (N, 2) of R along R's x and z.
+        slip, sinkage, W, R, F, M, normal: as in `granite_lab.hidden.contact.Contact`; k92: in force.
+        v_o, omega, angle, rolled: motion of the wheels, rolled the integral of v_o; v_wheel: (N, 2, 2)
+            velocity of the wheel centres along O's x and z; read_rate: that the encoders tell.
+        current, voltage, torque: of the drives.
+        v_d, s_d: desired velocity and distance.
         rise: of the ground [rad].
-        acceleration: (N, 2) inertial acceleration of R along R's x and z.
-        rolled: (N, 2) integral of v_o; s_d: that of v_d.
-        v_wheel: (N, 2, 2) velocity of front and rear wheel centre along O's x and z.
     """
-
-    t: Array
-    state: Array
-    x: Array
-    v: Array
-    w: Array
-    pitch: Array
-    pitch_rate: Array
-    pitch_acceleration: Array
-    acceleration: Array
-    v_wheel: Array
-    v_o: Array
-    omega: Array
-    angle: Array
-    rolled: Array
-    slip: Array
-    sinkage: Array
-    W: Array
-    R: Array
-    F: Array
-    M: Array
-    normal: Array
-    current: Array
-    voltage: Array
-    torque: Array
-    k92: Array
-    v_d: Array
-    s_d: Array
-    read_rate: Array
-    rise: float = 0.0
 
     def at(self, t: float, name: str) -> Array:
         """Return a signal at an instant, linear between samples."""
@@ -126,52 +98,39 @@ def build(
     acceleration: float,
     distance: float,
     k92: float | None = None,
-    a_theta: float | None = None,
+    a_theta: float = 0.0,
     robot: Robot | None = None,
     soil: Soil | None = None,
     intervals: int = 32,
 ) -> Truth:
     """Return the model of one motion, with a constant k_92 or (5); by default the paper's robot and soil."""
-    if (k92 is None) == (a_theta is None):
-        raise ValueError("give either k92 or a_theta")
-    law = constant_k92(k92) if k92 is not None else exponential_k92(float(a_theta or 0.0))
+    law = exponential_k92(a_theta) if k92 is None else constant_k92(k92)
     command = Trapezoid(velocity, acceleration, distance)
     return Truth(robot or load_robot(), soil or load_soil(), command, law, intervals)
 
 
 def simulate(
     *,
-    velocity: float,
-    acceleration: float,
-    distance: float,
-    k92: float | None = None,
-    a_theta: float | None = None,
-    robot: Robot | None = None,
-    soil: Soil | None = None,
     dt: float = 0.005,
     settle: float = 1.0,
     after: float = 1.0,
     method: Method = "LSODA",
     rtol: float = 1e-7,
     atol: float = 1e-9,
+    **given: Any,
 ) -> Result:
     """Run one motion; t = 0 is the start of the command.
 
     Args:
-        velocity, acceleration, distance: the trapezoid [m/s], [m/s^2], [m].
-        k92, a_theta: exactly one of them.
-        robot, soil: records; the paper's when not given.
         dt: spacing of the returned samples [s].
         settle, after: rest before the command and time after its end [s].
         method, rtol, atol: of `scipy.integrate.solve_ivp`.
+        given: as for `build`.
     """
-    truth = build(
-        velocity=velocity, acceleration=acceleration, distance=distance,
-        k92=k92, a_theta=a_theta, robot=robot, soil=soil,
-    )  # fmt: skip
+    truth = build(**given)
+    truth.method = method
     steps = int(np.floor((settle + truth.command.end + after) / dt + 1e-9))
     t = np.asarray(-settle + dt * np.arange(steps + 1))
-    truth.method = method
     return integrate(truth, t, rtol=rtol, atol=atol)
 
 
