@@ -16,7 +16,7 @@ Mask = npt.NDArray[np.bool_]
 GAP_PERIODS = 3.0
 """A gap is a step of more than this many median periods."""
 
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _WRAPS = (2.0**16, 2.0**24, 2.0**32)
 _EPOCH = (9.4e8, 2.6e9)  # 2000 to 2052 in seconds since 1970
 _FASTEST = 20000.0
@@ -79,15 +79,15 @@ def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
         return factor, ""
     # A clock that counts from 1970 names its own unit; else only one unit may give a usual rate.
     middle = abs(float(np.median(raw)))
-    fits = [f for f in _SECONDS.values() if _EPOCH[0] <= middle * f <= _EPOCH[1]] or [
-        f for f in _SECONDS.values() if max(slowest, 4.0) <= rate / f <= 2000.0
+    fits = [f for f in SECONDS.values() if _EPOCH[0] <= middle * f <= _EPOCH[1]] or [
+        f for f in SECONDS.values() if max(slowest, 4.0) <= rate / f <= 2000.0
     ]
     if len(fits) != 1 or not slowest <= rate / fits[0] <= _FASTEST:
         raise InputError(
             f"stamps {rate / factor:.3g} times a second in the declared unit, expected {slowest:g} to 20000",
             "correct the unit of the time column",
         )
-    unit = next(name for name, f in _SECONDS.items() if f == fits[0])
+    unit = next(name for name, f in SECONDS.items() if f == fits[0])
     return fits[0], f"stamps are in {unit}, not in the unit declared: {rate / fits[0]:.4g} Hz"
 
 

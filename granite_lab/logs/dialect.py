@@ -193,7 +193,10 @@ def _read(path: Path) -> tuple[bytes, str, tuple[str, ...]]:
         data = data.removeprefix(codecs.BOM_UTF8)
     else:
         data = data.decode(encoding, "replace").encode()
-    return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"), encoding, doubts
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if 1 < data.count(b";") == data.count(b";\n") + data.endswith(b";"):
+        data = data.replace(b";\n", b"\n").removesuffix(b";")  # rows that end as in MATLAB
+    return data, encoding, doubts
 
 
 def _unpacked(path: Path) -> bytes:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
+from granite_lab.errors import InputError
+from granite_lab.logs.clocks import SECONDS, unit_factor
 from granite_lab.logs.layouts import ACCELERATION, CHANNELS, ENCODERS, RATE
 from granite_lab.logs.trial import Array
 from granite_lab.logs.units import DATE, STANDARD_GRAVITY, Unit, find_unit
@@ -43,12 +46,28 @@ _KINDS = {  # order matters: the more telling words first
     "cur": ("current", "cur", "amps", "curr", "iq", "amp"),
     "a": ("accelerometer", "acceleration", "accel", "acc", "a", "linacc", "force"),
     "g": ("gyroscope", "gyro", "gyr", "omega", "angular", "w", "rate", "g", "rot"),
-    "enc": ("encoder", "enc", "ticks", "tick", "wheel", "odo", "pos", "counts", "count", "vel", "speed"),
+    "enc": (
+        "encoder",
+        "enc",
+        "ticks",
+        "tick",
+        "wheel",
+        "odo",
+        "pos",
+        "counts",
+        "count",
+        "vel",
+        "speed",
+        "rpm",
+    ),
 }
 _TURNS = {"x": "roll", "y": "pitch", "z": "yaw"}
 _ATTITUDE = {"roll", "pitch", "yaw", "heading", "euler", "quat", "quaternion", "orientation", "attitude"}
-_COMMAND = ("cmd", "command", "desired", "setpoint", "setspeed", "target")
-_REFERENCE = ("ref", "mocap", "vicon", "optitrack", "gps", "truth", "groundtruth")
+_NUMBERED = {"enc", "encoder", "wheel", "motor", "cur", "current", "count", "counts", "tick", "ticks"}
+_RATES = {"vel", "speed", "rate", "v", "rpm"}
+_COMMAND = {"cmd", "command", "desired", "setpoint", "setspeed", "target"}
+_REFERENCE = {"ref", "mocap", "vicon", "optitrack", "gps", "truth", "groundtruth"}
+_GLOBE = {"ref_lat": {"lat", "latitude"}, "ref_lon": {"lon", "long", "lng", "longitude"}}
 _DEFAULT = {
     "t": "s",
     "a": "m/s^2",
@@ -58,6 +77,9 @@ _DEFAULT = {
     "v_cmd": "m/s",
     "ref_v": "m/s",
     "ref_x": "m",
+    "ref_y": "m",
+    "ref_lat": "deg",
+    "ref_lon": "deg",
 }
 
 
@@ -97,31 +119,52 @@ def by_name(name: str) -> Guess:
     """Guess from the name alone."""
     parts, unit_text = words(name)
     unit = find_unit(unit_text) if unit_text else None
+    to, kind, confidence = _named(parts, unit)
+    if to:
+        return _checked(to, unit, kind, confidence)
+    if _ATTITUDE & set(parts) or re.fullmatch(r".*(^|[^A-Za-z])q[wxyz0-4]", name.strip(), re.IGNORECASE):
+        return Guess((), unit.name if unit else "", 0.0, "attitude: recognised, not used")
+    return UNKNOWN
+
+
+def _named(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], str, float]:
+    """Return channels that the words of a name mean, what kind they are of, and how sure that is."""
+    said = set(parts)
+    globe = next((channel for channel, known in _GLOBE.items() if known & said), "")
+    if said & _COMMAND:
+        return ("v_cmd",), "v_cmd", 0.7
+    if globe:
+        return (globe,), globe, 0.8
+    if said & _REFERENCE:
+        speed = (unit is not None and unit.quantity == "speed") or said & {"v", "vel"}
+        channel = "ref_v" if speed else "ref_y" if "y" in said else "ref_x"
+        return () if "z" in said else (channel,), channel, 0.5
+    sensor = _sensor(parts, unit)
+    if sensor[0] and "covariance" not in said:
+        return sensor
+    if parts and (parts[0] in _TIME or parts[-1] in _TIME):
+        return ("t",), "t", 0.9
+    return (), "", 0.0
+
+
+def _sensor(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], str, float]:
+    """Return the same for the channels of a sensor."""
     joined = "".join(parts)
-    if any(word in parts for word in _COMMAND):
-        return _checked(("v_cmd",), unit, "v_cmd", 0.7)
-    if any(word in parts for word in _REFERENCE):
-        speed = (unit is not None and unit.quantity == "speed") or "v" in parts or "vel" in parts
-        return _checked(("ref_v",) if speed else ("ref_x",), unit, "ref_v" if speed else "ref_x", 0.5)
-    numbered = next((int(word) for word in parts if word in ("1", "2", "3", "4")), 0)
-    wheels = wheels_named(parts) or ((WHEELS[numbered - 1],) if numbered else ())
+    wheels = wheels_named(parts)
+    if not wheels and _NUMBERED & set(parts):
+        wheels = tuple(wheel for number, wheel in enumerate(WHEELS, 1) if str(number) in parts)
     for kind, hints in _KINDS.items():
         # `ax`, `gyrx`, `accz`: the axis may hang on to the word.
         axis = next((a for a in "xyz" if a in parts or any(joined.endswith(h + a) for h in hints)), "")
         named = any(h in parts or (axis and h + axis in parts) or (len(h) > 2 and h in joined) for h in hints)
-        if not named:
-            continue
         if kind == "g" and not axis:
             axis = next((a for a, turn in _TURNS.items() if turn in parts), "")
-        if kind in ("a", "g") and axis:
-            return _checked((f"imu_{kind}{axis}",), unit, kind, 0.9)
-        if kind in ("cur", "enc") and wheels:
-            return _checked(tuple(f"{kind}_{w}" for w in wheels), unit, kind, 0.8)
-    if _ATTITUDE & set(parts) or re.fullmatch(r".*(^|[^A-Za-z])q[wxyz0-3]", name.strip(), re.IGNORECASE):
-        return Guess((), unit.name if unit else "", 0.0, "attitude: recognised, not used")
-    if parts and (parts[0] in _TIME or parts[-1] in _TIME):
-        return _checked(("t",), unit, "t", 0.9)
-    return UNKNOWN
+        if named and kind in ("a", "g") and axis:
+            return (f"imu_{kind}{axis}",), kind, 0.9
+        turning = kind == "enc" and unit is not None and unit.name == "rpm"
+        if wheels and kind in ("cur", "enc") and (named or turning):
+            return tuple(f"{kind}_{wheel}" for wheel in wheels), kind, 0.8
+    return (), "", 0.0
 
 
 def _checked(to: tuple[str, ...], unit: Unit | None, kind: str, confidence: float) -> Guess:
@@ -214,14 +257,13 @@ def _time(found: dict[int, Guess], columns: Mapping[int, Array]) -> None:
                 clocks = [place]
                 found[place] = Guess(("t",), "s", 0.6, "increases evenly")
     for place in clocks:
-        steps = np.diff(columns[place][np.isfinite(columns[place])])
-        one = found[place]
-        if not one.assumed or not (steps > 0).any():
-            continue
-        rate = 1 / float(np.median(steps[steps > 0]))
-        fits = [u for u, f in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if 4 <= rate * f <= 4000]
-        if fits:
-            found[place] = Guess(("t",), fits[0], one.confidence, f"{one.why}; unit by the rate")
+        one, stamps = found[place], columns[place][np.isfinite(columns[place])]
+        for slowest in (4.0, 0.5) if one.assumed else ():
+            with suppress(InputError):
+                factor, _ = unit_factor(stamps, 1.0, slowest)
+                unit = next(name for name, size in SECONDS.items() if size == factor)
+                found[place] = Guess(("t",), unit, one.confidence, f"{one.why}; unit by the rate")
+                break
 
 
 def _triples(found: dict[int, Guess], columns: Mapping[int, Array]) -> None:
@@ -261,13 +303,20 @@ def _gravity_unit(values: Array) -> str:
 
 
 def _encoders(found: dict[int, Guess], names: Mapping[int, str], columns: Mapping[int, Array]) -> None:
-    """Tell counts, angles, rates and velocities of wheels apart by their values."""
-    for place, one in found.items():
-        values = columns[place][np.isfinite(columns[place])]
-        if not one.to or one.to[0] not in ENCODERS or not one.assumed or len(values) < 5:
+    """Tell counts, angles, rates and velocities of wheels apart by their names and values."""
+    wheels = [place for place, one in found.items() if one.to and one.to[0] in ENCODERS and one.assumed]
+    said = {place: set(words(names[place])[0]) for place in wheels}
+    for rate in (True, False):  # all wheels report the same
+        members = [place for place in wheels if bool(said[place] & _RATES) == rate]
+        values = [columns[place][np.isfinite(columns[place])] for place in members]
+        if not members or min(map(len, values)) < 5:
             continue
-        if {"vel", "speed", "rate", "v", "rpm"} & set(words(names[place])[0]):
-            unit = "rad/s" if np.abs(values).max() > 3 else "m/s"
+        whole = all((v == np.rint(v)).all() for v in values) and max(map(np.ptp, values)) > 5
+        if rate:
+            unit = "rad/s" if max(np.abs(v).max() for v in values) > 3 else "m/s"
         else:
-            unit = "counts" if (values == np.rint(values)).all() and np.ptp(values) > 20 else "rad"
-        found[place] = Guess(one.to, unit, one.confidence * 0.9, "name; unit by the values")
+            counted = whole or any(said[place] & {"count", "counts", "tick", "ticks"} for place in members)
+            unit = "counts" if counted else "rad"
+        for place in members:
+            one = found[place]
+            found[place] = Guess(one.to, unit, one.confidence * 0.9, "name; unit by the values")

@@ -22,9 +22,11 @@ from granite_lab.logs.trial import Array
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
 _EXACT = {} if pd.__version__ >= "3.1" else {"float_precision": "round_trip"}
 
-_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_DATE = re.compile(r"(\d{4})[-/_.](\d\d)[-/_.](\d\d)[T _-](\d\d)[:_.-](\d\d)(?:[:_.-](?=\d\d))?")
+"""The beginning of a date: ISO 8601, or with other signs in between, as ``2026_03_01_12_00_00_250``."""
+
 _SHORTEST = 10
-"""Vectors of a MATLAB file with fewer values are parameters, not samples."""
+"""Vectors of a MATLAB file with fewer values are parameters, not samples; matrices have at most as many."""
 
 
 def open_table(path: Path, said: TableFormat | None = None) -> Table:
@@ -79,7 +81,7 @@ def load(
 
 
 def is_dated(table: Table, place: int) -> bool:
-    """Say whether the first cells of a column are dates as ISO 8601 writes them."""
+    """Say whether the first cells of a column are dates, the year first."""
     cells = [row[place].strip() for row in table.sample if row[place].strip() not in MISSING]
     return bool(cells) and all(_DATE.match(cell) for cell in cells)
 
@@ -91,8 +93,10 @@ def line_of(table: Table, row: int) -> int:
 
 def _seconds(table: Table, place: int, texts: pd.Series) -> Array:
     """Return dates as seconds since 1970, exact to the microsecond; NaN for an empty cell."""
-    written = texts.str.strip().str.replace(",", ".", regex=False)
-    written = written.where(written.str.match(_DATE.pattern, na=False))
+    written = texts.str.strip().where(texts.str.match(r"\s*\d{4}\D", na=False))
+    if not written.str.contains("T", na=True).all():
+        written = written.str.replace(_DATE, r"\1-\2-\3T\4:\5:", regex=True).str.rstrip(":")
+    written = written.str.replace(r"(?<=:\d\d:\d\d)[,_:](?=\d+\D*$)", ".", regex=True)
     stamps = pd.to_datetime(written, utc=True, format="ISO8601", errors="coerce")
     wrong = np.flatnonzero(stamps.isna() & texts.notna())
     if len(wrong):
@@ -222,14 +226,14 @@ def _matlab(path: Path) -> Table:
 
 
 def _vectors(held: dict[str, Any], prefix: str) -> Iterator[tuple[str, Array]]:
-    """Yield the vectors in a MATLAB file or struct; a matrix is a vector for each of its columns."""
+    """Yield the vectors in a MATLAB file or struct; a matrix is several, along its longer side."""
     for key, value in held.items():
         if isinstance(value, dict):
             yield from _vectors(value, f"{prefix}{key}.")
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and len(value) >= _SHORTEST:
-            if value.ndim == 1:
-                yield prefix + key, value.astype(np.float64)
-            elif value.ndim == 2 and value.shape[1] < value.shape[0]:
-                ends = "xyz" if value.shape[1] == 3 else range(1, value.shape[1] + 1)
-                for end, column in zip(ends, value.T, strict=True):
-                    yield f"{prefix}{key}_{end}", column.astype(np.float64)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and max(value.shape) >= _SHORTEST:
+            rows = np.atleast_2d(value.T if value.ndim == 2 and value.shape[0] >= value.shape[1] else value)
+            if rows.ndim == 2 and len(rows) <= _SHORTEST:
+                ends = {1: [""], 3: ["_x", "_y", "_z"]}.get(
+                    len(rows), [f"_{k + 1}" for k in range(len(rows))]
+                )
+                yield from zip((f"{prefix}{key}{end}" for end in ends), rows.astype(np.float64), strict=True)

@@ -77,12 +77,30 @@ def test_without_telling_names_clock_and_gravity_are_found_by_value(tmp_path: Pa
         ("mocap_v_mps", ("ref_v",), "m/s"),
         ("timestamp_ns", ("t",), "ns"),
         ("rate_pitch", ("imu_gy",), "rad/s"),
+        ("rear_left_rpm", ("enc_rl",), "rpm"),
+        ("gps_longitude", ("ref_lon",), "deg"),
+        ("mocap_y_mm", ("ref_y",), "mm"),
+        ("field.position1", (), ""),
+        ("field.pose.covariance1", (), ""),
         ("battery", (), ""),
     ],
 )
 def test_names_are_understood(name: str, to: tuple[str, ...], unit: str) -> None:
     found = by_name(name)
     assert (found.to, found.unit) == (to, unit)
+
+
+@pytest.mark.parametrize("name", ["roll", "pitch_deg", "Euler_Z", "field.orientation.w", "quat_x", "q3"])
+def test_a_logged_attitude_is_recognised_and_said_to_be_of_no_use(name: str, tmp_path: Path) -> None:
+    lines = make.lines()
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([f"{lines[0]},{name}", *(f"{x},0.5" for x in lines[1:])]))
+    report = inspect_logs([path]).files[0]
+    column = report.columns[-1]
+    assert (column.name, column.to) == (name, ())
+    assert "attitude: recognised, not used" in column.why
+    assert report.layout == "canonical"
+    assert f'# name = "{name}"' in report.to_map_toml()
 
 
 def test_a_known_log_is_described_whole(tmp_path: Path) -> None:
