@@ -25,10 +25,10 @@ from itertools import pairwise
 from pathlib import Path
 
 from granite_lab.reporting import write_report
-from granite_lab.running import Cache, Execution
-from granite_lab.running.codec import encode, pack, unpack
-from granite_lab.running.fingerprint import trial_key
-from granite_lab.study import Options, analyse, study
+from granite_lab.running import Cache, Execution, Options
+from granite_lab.running.cache import trial_key
+from granite_lab.running.codec import ALIGNED, encode, sealed
+from granite_lab.study import analyse, study
 
 FIRST = "_000"
 """End of the name of the first copy of a sample."""
@@ -88,10 +88,9 @@ def remember(logs: Sequence[Path], cache: Cache, jobs: int) -> None:
     study(firsts, "firsts", execution=Execution(jobs, cache=cache))
     for first in firsts:
         data = encode(((), cache.get(trial_key(analyse.__qualname__, first, Options()))))
-        text, arrays = unpack(data)
         for log in (log for log in logs if log.stem[: -len(FIRST)] == first.stem[: -len(FIRST)]):
-            named = pack(text.replace(first.stem, log.stem), arrays)
-            cache.put(trial_key(analyse.__qualname__, log, Options()), named)
+            named = data[ALIGNED:].replace(first.stem.encode(), log.stem.encode())  # of the same length
+            cache.put(trial_key(analyse.__qualname__, log, Options()), sealed(named))
 
 
 def measure(folder: Path, jobs: int, *, remembered: bool) -> Cost:

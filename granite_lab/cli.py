@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from granite_lab import __version__
+from granite_lab.commands import hidden, logs, model, plan, trials
 from granite_lab.errors import LabError
 
 app = typer.Typer(
@@ -19,6 +20,27 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # which would swallow units in brackets
 )
+for command in (
+    logs.check,
+    logs.inspect,
+    logs.ingest,
+    model.simulate,
+    model.wheel,
+    trials.fit_k92,
+    trials.fit_atheta,
+    trials.compare,
+    trials.study,
+    logs.view,
+    trials.compare_studies,
+    trials.discover,
+    plan.plan_next,
+    model.params,
+    hidden.hide,
+    hidden.reveal,
+    hidden.kit,
+):
+    app.command(command.__name__.replace("_", "-"))(command)
+app.add_typer(model.effects_app, name="effects")
 
 
 def _version(asked: bool) -> None:
@@ -34,44 +56,6 @@ def _options(
     ] = False,
 ) -> None:
     """From raw logs of a robot on sand to slip, fitted models and reports, with uncertainty."""
-
-
-def _register() -> None:
-    from granite_lab.commands import (
-        check,
-        compare_studies,
-        discover,
-        effects,
-        fit,
-        hidden,
-        kit,
-        logs,
-        parameters,
-        plan,
-        simulate,
-        study,
-        wheel,
-    )
-
-    for module in (
-        check,
-        logs,
-        simulate,
-        wheel,
-        fit,
-        study,
-        compare_studies,
-        discover,
-        plan,
-        parameters,
-        effects,
-        hidden,
-        kit,
-    ):
-        module.register(app)
-
-
-_register()
 
 
 def _interrupted() -> None:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from granite_lab import __version__
 from granite_lab.comparison.compare import compare
-from granite_lab.effects import library, load_effects
+from granite_lab.discovery.finding import Finding
+from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError
-from granite_lab.fitting import fit_a_theta, fit_k92
+from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.logs.named import name_of
 from granite_lab.logs.trial import InputFile, Trial
@@ -21,26 +22,11 @@ from granite_lab.parameters import Soil, load_soil
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, Options, each_trial
-from granite_lab.running.fingerprint import code, fingerprint
-from granite_lab.running.guard import Guard, tell
-from granite_lab.running.options import NOTHING_SAID
-from granite_lab.running.reading import ingest
+from granite_lab.running.cache import code, fingerprint
+from granite_lab.running.each import HERE
+from granite_lab.running.output import Guard
+from granite_lab.running.reading import estimate, read
 from granite_lab.running.search import save_found, search
-
-EXCLUDED = "excluded: "
-"""How the reason of a trial that `granite-lab.toml` excludes begins in a report."""
-
-__all__ = [
-    "EXCLUDED",
-    "Options",
-    "analyse",
-    "each_trial",
-    "ground",
-    "over_trials",
-    "record",
-    "study",
-    "write",
-]
 
 
 def analyse(path: Path, options: Options) -> TrialResult:
@@ -49,7 +35,10 @@ def analyse(path: Path, options: Options) -> TrialResult:
     Raises:
         LabError: any stage could not do its work; the message says which and why.
     """
-    trial, robot, motion = ingest(path, options)
+    from granite_lab.fitting import fit_k92  # noqa: PLC0415, heavy
+
+    logged, robot = read(path, options)
+    trial, motion = estimate(logged, robot, options)
     soil, effects = ground(trial, options)
     fit = fit_k92(motion, trial, robot, soil, effects=effects)
     return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
@@ -65,10 +54,9 @@ def ground(trial: Trial, options: Options) -> tuple[Soil, tuple[Active, ...]]:
 def study(
     paths: Sequence[Path],
     name: str,
-    options: Options = NOTHING_SAID,
+    options: Options = Options(),  # noqa: B008, frozen
     *,
-    jobs: int = 0,
-    execution: Execution | None = None,
+    execution: Execution = HERE,
     discover: bool = False,
     strict: bool = False,
     done: Callable[[Path], None] = lambda _: None,
@@ -80,8 +68,7 @@ def study(
         paths: the logs.
         name: of the report.
         options: for all of them.
-        jobs: number of processes; 0 means one per core.
-        execution: where the work is done and what is remembered, in place of `jobs`.
+        execution: where the work is done and what is remembered.
         discover: search for a missing effect in the end.
         strict: a trial or a search that fails ends the study.
         done: called with each path once it is finished.
@@ -91,41 +78,30 @@ def study(
         LabError: no trial went through; it is that of the first. With `strict`, one did not.
     """
     paths = sorted(paths, key=lambda path: (name_of(path), str(path)))
-    how = execution or Execution(jobs)
-    outcomes = each_trial(analyse, paths, options, execution=how, done=done)
-    trials = tuple(o for o in outcomes if isinstance(o, TrialResult))
+    outcomes = each_trial(analyse, paths, options, execution=execution, done=done)
+    results = tuple(o for o in outcomes if isinstance(o, TrialResult))
     errors = [(path, o) for path, o in zip(paths, outcomes, strict=True) if isinstance(o, LabError)]
-    if errors and (strict or not trials):
+    if errors and (strict or not results):
         raise errors[0][1]
     failures = tuple(Failure(name_of(path), error.message, error.hint) for path, error in errors)
+    trials, motions = [r.trial for r in results], [r.comparison.motion for r in results]
     source = source_of("study", paths, trials, options, discover)
-    result = StudyResult(name, trials, failures, over_trials(trials), source)
+    result = StudyResult(name, results, failures, over_trials(results), source)
     if not discover:
         return result
-    result = _searched(result, options, how, progress)
-    if strict and result.unsearched:
-        raise EstimateError(result.unsearched, "--no-discover leaves the search out")
-    return result
-
-
-def _searched(
-    result: StudyResult,
-    options: Options,
-    execution: Execution,
-    progress: Callable[[str, int], None] = lambda *_: None,
-) -> StudyResult:
-    """Return the study with what a search for a missing effect found, or with the reason why not."""
-    trials = [r.trial for r in result.trials]
-    motions = [r.comparison.motion for r in result.trials]
     try:
         finding = search(trials, options, motions=motions, execution=execution, progress=progress)
     except LabError as error:
+        if strict:
+            raise EstimateError(error.message, "--no-discover leaves the search out") from None
         return replace(result, unsearched=error.message)
     return replace(result, finding=finding)
 
 
 def over_trials(trials: Sequence[TrialResult]) -> AThetaFit | None:
     """Fit a_θ over trials; None where they do not allow it."""
+    from granite_lab.fitting import fit_a_theta  # noqa: PLC0415, heavy
+
     try:
         return fit_a_theta([trial.comparison.fit for trial in trials])
     except EstimateError:
@@ -135,7 +111,7 @@ def over_trials(trials: Sequence[TrialResult]) -> AThetaFit | None:
 def source_of(
     command: str,
     paths: Sequence[Path],
-    trials: Sequence[TrialResult],
+    trials: Sequence[Trial],
     options: Options,
     discover: bool | None = None,
 ) -> Source:
@@ -148,12 +124,9 @@ def source_of(
         options: that were in force.
         discover: whether a search for a missing effect was asked for; None where that is no question.
     """
-    first = trials[0]
-    rows = in_force(
-        options.robot or first.trial.info.robot or "granite", options.soil or first.comparison.run.soil.name
-    )
+    rows = in_force(options.robot or trials[0].info.robot or "granite", ground(trials[0], options)[0].name)
     given = options.given() + ((("discover", "no"),) if discover is False else ())
-    used = [file for trial in trials for file in trial.trial.inputs]
+    used = [file for trial in trials for file in trial.inputs]
     known = {file.path for file in used}
     others = [*(path for path in paths if path not in known), *options.files()]
     inputs = [*used, *(InputFile(path, fingerprint(path)) for path in others)]
@@ -167,48 +140,94 @@ def source_of(
     )
 
 
-def write(
-    result: StudyResult, options: Options, folder: Path, jobs: int = 1, guard: Guard | None = None
-) -> Path | None:
-    """Write the report of a study, and the model with what was found.
+class Written(NamedTuple):
+    """What was written.
+
+    Attributes:
+        page: first page of the report; None where it could not be written.
+        model: the model with what was found; None where nothing was searched, or it could not be written.
+        finding: what was found, with what could not be written among its `failures`.
+        failures: what could not be written, one line each.
+    """
+
+    page: Path | None
+    model: Path | None = None
+    finding: Finding | None = None
+    failures: tuple[str, ...] = ()
+
+
+def write(result: StudyResult, options: Options, folder: Path, jobs: int = 1) -> Written:
+    """Write the report of a study, and the model with what was found; what fails costs nothing of the others.
 
     Args:
         result: the study.
         options: of it.
         folder: to write into.
         jobs: number of processes that draw.
-        guard: told what fails; without one that is an error in the end.
-
-    Returns:
-        the report's first page, None where it could not be written.
-
-    Raises:
-        LabError: without a guard, something could not be written.
     """
     from granite_lab.reporting import write_finding, write_report  # noqa: PLC0415, heavy
 
-    own = guard or Guard(folder)
-    finding, known, model = result.finding, None, None
+    guard = Guard(folder)
+    finding, known, model = result.finding, library(options.effects), None
     if finding is not None:
         trials = [r.trial for r in result.trials]
         motions = [r.comparison.motion for r in result.trials]
-        known = library() | (load_effects(options.effects) if options.effects else {})
-        saved = save_found(finding, options, trials, motions, own)
-        model = saved.name if saved else None
-        finding = replace(finding, failures=(*finding.failures, *own.lines))
+        model = save_found(finding, options, trials, motions, guard)
+        finding = replace(finding, failures=(*finding.failures, *guard.lines))
         result = replace(result, finding=finding)
-    page = own.run("report", partial(write_report, result, folder, model=model, effects=known, jobs=jobs))
+    name = model.name if model else None
+    page = guard.run("report", lambda: write_report(result, folder, model=name, effects=known, jobs=jobs))
     if page is None and finding is not None:
-        own.run("finding", partial(write_finding, finding, folder, model))
+        guard.run("finding", lambda: write_finding(finding, folder, name))
         alone = replace(result, finding=None, unsearched="the search could not be shown; see finding.json")
-        page = own.run("rest", partial(write_report, alone, folder, jobs=jobs))
-    if guard is None:
-        tell(own.lines)
-    return page
+        page = guard.run("rest", lambda: write_report(alone, folder, jobs=jobs))
+    return Written(page, model, finding, tuple(guard.lines))
 
 
-def record(result: StudyResult, folder: Path, *, done: Callable[[str], None] = lambda _: None) -> list[Path]:
+def write_found(
+    finding: Finding,
+    options: Options,
+    trials: Sequence[Trial],
+    motions: Sequence[Motion],
+    folder: Path,
+    source: Source,
+    jobs: int = 1,
+) -> Written:
+    """Write model, design and report of a search; what fails costs nothing of the others.
+
+    Args:
+        finding: of the search.
+        options: of it.
+        trials, motions: that were searched.
+        folder: to write into.
+        source: where the finding comes from.
+        jobs: number of processes that draw.
+    """
+    from granite_lab.reporting import write_discovery, write_finding  # noqa: PLC0415, heavy
+
+    guard = Guard(folder)
+    known, model = library(options.effects), save_found(finding, options, trials, motions, guard)
+
+    def told() -> Finding:
+        return replace(finding, failures=(*finding.failures, *guard.lines))
+
+    page = guard.run(
+        "report", lambda: write_discovery(told(), folder, source, model=model, effects=known, jobs=jobs)
+    )
+    if page is None:
+        guard.run("finding", lambda: write_finding(told(), folder, model))
+    return Written(page, model, told(), tuple(guard.lines))
+
+
+def record(
+    result: StudyResult, folder: Path, *, progress: Callable[[str, int], None] = lambda *_: None
+) -> list[Path]:
     """Write a Rerun recording of each trial and one of the whole study.
+
+    Args:
+        result: the study.
+        folder: of the recordings.
+        progress: told how many are written.
 
     Raises:
         LabError: a file cannot be written.
@@ -219,9 +238,7 @@ def record(result: StudyResult, folder: Path, *, done: Callable[[str], None] = l
     for trial in result.trials:
         path = folder / f"{trial.trial.name}.rrd"
         paths.append(record_trial(trial.trial, trial.comparison, path, finding=result.finding))
-        done(trial.trial.name)
+        progress("recordings", len(paths))
     for path in set(folder.glob("*.rrd")) - {folder / "study.rrd", *paths}:
         path.unlink()  # of a trial that is no longer in the study
-    paths.append(record_study(result, folder / "study.rrd", finding=result.finding))
-    done("study")
-    return paths
+    return [*paths, record_study(result, folder / "study.rrd", finding=result.finding)]

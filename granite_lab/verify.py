@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,9 @@ from granite_lab.reporting.content import Failure
 from granite_lab.reporting.crate import changed_files
 from granite_lab.reporting.json_report import SCHEMA
 from granite_lab.running import Execution, Options
-from granite_lab.running.fingerprint import code, fingerprint
-from granite_lab.study import EXCLUDED, study, write
+from granite_lab.running.cache import code, fingerprint
+from granite_lab.running.output import tell
+from granite_lab.study import study, write
 
 
 @dataclass(frozen=True)
@@ -63,26 +64,22 @@ def verify(
     path = report / "report.json" if report.is_dir() else report
     old = _load(path)
     origin = old["provenance"]
-    excluded = [Failure(**f) for f in old["failures"] if f["message"].startswith(EXCLUDED)]
+    excluded = tuple(f for f in (Failure(**f) for f in old["failures"]) if f.excluded)
     left_out = {failure.trial for failure in excluded}
-    names = [t["name"] for t in old["trials"]] + [f["trial"] for f in old["failures"]]
-    names = [name for name in names if name not in left_out]
-    files = trial_files(logs) if logs else _recorded(origin, names, path)
+    files = trial_files(logs) if logs else list(_recorded(old, left_out, path))
     files = [file for file in files if name_of(file) not in left_out]
     said = [(o["name"], o["value"]) for o in origin["options"]]
     options = Options.from_given(said)
     differences = [*changed_files(path.parent), *_inputs(origin, [*files, *options.files()])]
-    how = Execution(execution.jobs, execution.scheduler)
-    searching = ("discover", "no") not in said
     result = study(
-        files, old["name"], options, execution=how, discover=searching, done=done, progress=progress
-    )
+        files, old["name"], options, execution=Execution(execution.jobs, execution.scheduler),
+        discover=("discover", "no") not in said, done=done, progress=progress,
+    )  # fmt: skip
     result = replace(result, failures=(*result.failures, *excluded))
     with tempfile.TemporaryDirectory(prefix="granite-lab-verify-") as temporary:
         folder = Path(temporary) / "report"
-        write(result, options, folder)
-        new = _load(folder / "report.json")
-        differences += _leaves(_results(old), _results(new))
+        tell(write(result, options, folder).failures)
+        differences += _differences(_results(old), _results(_load(folder / "report.json")))
         differences += _tables(path.parent / "tables", folder / "tables")
     notes = []
     if origin["version"] != __version__ or origin["code_sha256"] != code(search=True):
@@ -108,17 +105,19 @@ def _load(path: Path) -> dict[str, Any]:
     return dict(document)
 
 
-def _recorded(origin: dict[str, Any], names: Sequence[str], report: Path) -> list[Path]:
-    """Return the logs where the report found them."""
-    paths = [Path(i["file"]) for i in origin["inputs"]]
+def _recorded(document: dict[str, Any], left_out: Collection[str], report: Path) -> Iterator[Path]:
+    """Yield the logs where the report found them."""
+    paths = [Path(i["file"]) for i in document["provenance"]["inputs"]]
     logs = {name_of(p): p for p in paths[::-1] if p.suffix.lower() not in (".toml", ".py")}
+    names = [t["name"] for t in document["trials"]] + [f["trial"] for f in document["failures"]]
     for name in names:
-        if name not in logs or not logs[name].exists():
+        if name in logs and logs[name].exists():
+            yield logs[name]
+        elif name not in left_out:
             raise InputError(
                 f"{report}: the log of trial '{name}' is not where the report found it",
                 "go to the folder the study was run in, or name the logs before --verify",
             )
-    return [logs[name] for name in names]
 
 
 def _inputs(origin: dict[str, Any], files: Sequence[Path]) -> Iterator[str]:
@@ -130,31 +129,32 @@ def _inputs(origin: dict[str, Any], files: Sequence[Path]) -> Iterator[str]:
             yield f"{path}: its content is not what the report was made from"
 
 
-def _results(document: dict[str, Any]) -> dict[str, Any]:
-    """Leave out what does not come from the logs: how the command was written."""
+def _results(document: dict[str, Any]) -> dict[str, str]:
+    """Return the values of a report by their place, without how the command was written."""
     origin = {k: v for k, v in document["provenance"].items() if k in ("options", "parameters")}
-    return document | {"provenance": origin}
+    return dict(_leaves(document | {"provenance": origin}))
 
 
-def _leaves(old: Any, new: Any, place: str = "") -> Iterator[str]:
+def _leaves(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
+    """Yield each value of a document with its place."""
+    if isinstance(value, dict):
+        for key, inside in value.items():
+            yield from _leaves(inside, f"{place}.{key}")
+    elif isinstance(value, list):
+        names = [v.get("name", v.get("id", i)) if isinstance(v, dict) else i for i, v in enumerate(value)]
+        for i, inside in enumerate(value):
+            yield from _leaves(inside, f"{place}.{names[i] if names.count(names[i]) == 1 else i}")
+    else:
+        yield place.removeprefix("."), json.dumps(value, ensure_ascii=False)
+
+
+def _differences(old: dict[str, str], new: dict[str, str]) -> Iterator[str]:
     """Yield a line for each value that differs."""
-    if isinstance(old, dict) and isinstance(new, dict):
-        for key in sorted(old.keys() | new.keys()):
-            if key not in old or key not in new:
-                yield f"{place}{key}: {'only in the report' if key in old else 'missing in the report'}"
-            else:
-                yield from _leaves(old[key], new[key], f"{place}{key}.")
-    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        for i, (a, b) in enumerate(zip(old, new, strict=True)):
-            name = a.get("name", a.get("id", i)) if isinstance(a, dict) else i
-            yield from _leaves(a, b, f"{place}{name}.")
-    elif old != new:
-        yield f"{place.rstrip('.')}: {_short(old)} in the report, {_short(new)} now"
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= 60 else f"{text[:57]}…"
+    for place in sorted(old.keys() | new.keys()):
+        if place not in old or place not in new:
+            yield f"{place}: {'only in the report' if place in old else 'missing in the report'}"
+        elif old[place] != new[place]:
+            yield f"{place}: {old[place]:.60} in the report, {new[place]:.60} now"
 
 
 def _tables(old: Path, new: Path) -> Iterator[str]:

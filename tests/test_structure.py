@@ -16,7 +16,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 STAGES = [
     {"errors", "estimate", "__init__"},
-    {"csv_rows", "files", "lazily", "processes", "shown"},
+    {"csv_rows", "files", "processes", "shown"},
     {"parameters"},
     {"logs"},
     {"hidden"},
@@ -112,9 +112,10 @@ def test_a_library_has_one_home(library: str, home: str) -> None:
             assert path.relative_to(PACKAGE).as_posix().startswith(home), path
 
 
-def test_nothing_is_unpickled() -> None:
+def test_what_is_unpickled_names_only_records() -> None:
     for path in MODULES:
-        assert not imports_of(path) & {"pickle", "shelve", "marshal", "dill", "cloudpickle"}
+        if path != PACKAGE / "running" / "codec.py":  # which refuses all others, see its tests
+            assert not imports_of(path) & {"pickle", "shelve", "marshal", "dill", "cloudpickle"}, path
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import difflib
 import functools
 import inspect
@@ -13,8 +14,16 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
+
 P = ParamSpec("P")
 R = TypeVar("R")
+
+DEFAULTS = {
+    "tolerance": TOLERANCE, "latency": LATENCY_LIMIT, "strict": False, "jobs": 0, "cache": True,
+    "done": lambda _: None, "progress": lambda *_: None,
+}  # fmt: skip
+"""Defaults of keywords that several functions share; that of the others is None."""
 
 _WORDS = {
     str: "a text", Path: "a path", float: "a number", int: "a whole number", bool: "True or False",
@@ -25,13 +34,10 @@ _WORDS = {
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Make a function raise a TypeError that names the parameter, what was expected and what was given.
 
+    Keywords that several functions share (``**said: Unpack[…]``) stand in its signature like its own.
     Types that only a type checker imports are not checked.
     """
-    signature = inspect.signature(function)
-
-    @functools.cache
-    def hints() -> dict[str, Any]:
-        return typing.get_type_hints(function, localns=_Known(function))
+    signature, hints = _spelt_out(function)
 
     @functools.wraps(function)
     def called(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -45,11 +51,12 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         except TypeError as error:
             raise TypeError(f"{function.__name__}(): {error}") from None
         for name, value in bound.arguments.items():
-            if name in hints() and not _fits(value, hints()[name]):
-                expected, given = _words(hints()[name]), f"{value!r:.60} ({type(value).__name__})"
+            if not _fits(value, hints[name]):
+                expected, given = _words(hints[name]), f"{value!r:.60} ({type(value).__name__})"
                 raise TypeError(f"{function.__name__}(): {name}: expected {expected}, got {given}")
         return function(*args, **kwargs)
 
+    called.__signature__ = signature  # type: ignore[attr-defined]
     return called
 
 
@@ -58,10 +65,25 @@ class _Known(dict[str, Any]):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__()
-        self._found = vars(typing) | vars(__import__("builtins")) | function.__globals__
+        self._found = vars(typing) | vars(builtins) | function.__globals__
 
     def __missing__(self, name: str) -> Any:
         return self._found.get(name, Any)
+
+
+def _spelt_out(function: Callable[..., Any]) -> tuple[inspect.Signature, dict[str, Any]]:
+    """Return the signature of a function with its shared keywords one by one, and the type of each."""
+    signature = inspect.signature(function)
+    hints = typing.get_type_hints(function, localns=_Known(function))
+    parameters = list(signature.parameters.values())
+    if parameters and parameters[-1].kind is inspect.Parameter.VAR_KEYWORD:
+        (shared,) = typing.get_args(hints[parameters.pop().name])
+        hints |= typing.get_type_hints(shared)
+        parameters += [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=DEFAULTS.get(name))
+            for name in typing.get_type_hints(shared)
+        ]
+    return signature.replace(parameters=parameters), hints
 
 
 def _alternatives(hint: Any) -> tuple[Any, ...]:

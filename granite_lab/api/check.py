@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
 from granite_lab.api.calls import checked
-from granite_lab.api.options import options_of
-from granite_lab.api.project import choose
+from granite_lab.api.project import About, choose
 from granite_lab.errors import EstimateError, InputError, LabError, UsageError
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Array, Trial
@@ -81,24 +80,14 @@ class Checked:
 
 
 @checked
-def check(
-    log: str | Path,
-    *,
-    robot: str | Path | None = None,
-    column_map: str | Path | None = None,
-    topics: Mapping[str, str] | None = None,
-    window: tuple[float, float] | None = None,
-) -> Checked:
+def check(log: str | Path, **about: Unpack[About]) -> Checked:
     """Check a log after a run in the field: readable, sensors, standstills, speed, slip, estimate.
 
     A log that cannot be used is no exception here but a failed check.
 
     Args:
         log: path of the log.
-        robot: name or file of the robot; without it the log says which.
-        column_map: name or file of a column map; without it the layout is recognised.
-        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
-        window: begin and end of what is taken of the log [s of the log], infinite where open.
+        robot, column_map, topics, window: as in `fit_k92`.
 
     Returns:
         the checks; the table has a row for each.
@@ -106,30 +95,29 @@ def check(
     Raises:
         UsageError: unknown robot or column map, or a folder of several logs.
     """
-    said = choose(log, robot, None, column_map, everything=True)
-    if len(said.files) > 1:
-        raise UsageError(f"{log}: {len(said.files)} logs", "check one after the other")
-    path = said.files[0]
-    options = options_of(robot=said.robot, column_map=said.column_map, topics=topics, window=window)
+    choice = choose(log, about, everything=True)
+    if len(choice.files) > 1:
+        raise UsageError(f"{log}: {len(choice.files)} logs", "check one after the other")
+    path, options = choice.files[0], choice.options
     try:
-        trial, body = read(path, options)
+        trial, robot = read(path, options)
     except InputError as error:
         return Checked(path, False, (Check("log", False, error.message, error.hint),), error)
     checks = [_log(trial), *_sensors(trial)]
     failed = InputError if not all(c.good for c in checks) else EstimateError
     try:
         with one_thread():
-            checks += _motion(estimate(trial, body, options)[1], trial)
-    except EstimateError as error:
-        checks.append(Check("estimate", False, error.message, error.hint))
-    except InputError as error:
-        checks.append(Check("log", False, error.message, error.hint))
-        failed = InputError
+            checks += _motion(estimate(trial, robot, options)[1], trial)
+    except (InputError, EstimateError) as error:
+        if isinstance(error, InputError):
+            failed = InputError
+        what = "log" if isinstance(error, InputError) else "estimate"
+        checks.append(Check(what, False, error.message, error.hint))
     bad = [c for c in checks if not c.good]
     if not bad:
         return Checked(path, trial.info.virtual, tuple(checks))
-    what = f"{path}: failed: {', '.join(dict.fromkeys(c.name for c in bad))}"
-    return Checked(path, trial.info.virtual, tuple(checks), failed(what, bad[0].advice))
+    told = f"{path}: failed: {', '.join(dict.fromkeys(c.name for c in bad))}"
+    return Checked(path, trial.info.virtual, tuple(checks), failed(told, bad[0].advice))
 
 
 def _log(trial: Trial) -> Check:

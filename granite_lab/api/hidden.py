@@ -1,7 +1,8 @@
-"""`hide` and `reveal`: virtual trials with a sealed answer, to judge discoveries."""
+"""`hide`, `reveal` and `kit`: trials with a sealed answer, to judge discoveries."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,20 +10,27 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granite_lab.api.calls import checked
-from granite_lab.api.kit import TRIALS, searched_kit
-from granite_lab.errors import UsageError
+from granite_lab.effects import library
+from granite_lab.errors import InputError, UsageError
 from granite_lab.files import sha256, write_bytes, write_text
-from granite_lab.hidden.kit_check import ANSWER
+from granite_lab.hidden import kit_check
+from granite_lab.hidden.kit_check import ALLOWED, ANSWER, SCHEMA
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.scoring import Score, read_finding, score
 from granite_lab.hidden.sealed import NAME, open_answer, seal
 from granite_lab.hidden.wild import lab_of
 from granite_lab.hidden.wish import Wish
 from granite_lab.logs import write_canonical, write_truth
-from granite_lab.parameters import load_robot, load_soil
+from granite_lab.parameters import CATALOGUE, load_robot, load_soil
 
 if TYPE_CHECKING:
     import pandas as pd
+
+TRIALS, FINDING = "trials", "finding"
+"""Folders of a kit: the logs, and what `discover` wrote."""
+
+FILES = ("finding.json", "report.json")
+"""Names under which `discover` and `study` write a discovery."""
 
 
 @dataclass(frozen=True)
@@ -162,18 +170,11 @@ def reveal(folder: str | Path, finding: str | Path | None = None, *, jobs: int =
         EstimateError: the search of a kit is impossible.
     """
     place, said = Path(folder), Path(finding) if finding else None
+    answer = open_answer(place)  # a seal that does not hold is told before a search, which takes a while
     if said is None and (place / TRIALS).is_dir():
-        open_answer(place)  # a seal that does not hold is told before the search, which takes a while
-        said = searched_kit(place, jobs)
-    answer = open_answer(place)
-    judged = score(answer, _finding(said)) if said else None
+        said = _searched_kit(place, jobs)
+    judged = score(answer, _finding_in(said)) if said else None
     return Revealed(answer, judged, tuple(_changed(place, answer)), said)
-
-
-def _finding(place: Path) -> Mapping[str, Any]:
-    from granite_lab.api.found import finding_in, newest_in  # noqa: PLC0415, heavy, and nothing to `hide`
-
-    return finding_in(newest_in(place) if place.is_dir() else place, read_finding)
 
 
 def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
@@ -188,3 +189,122 @@ def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
         elif sha256(path) != trial["sha256"]:
             lines.append(f"{path}: has changed since it was written")
     return lines
+
+
+def _finding_in(place: Path) -> Mapping[str, Any]:
+    """Return the document of a discovery: a file, also of a study, or the newest in a folder.
+
+    Raises:
+        InputError: there is none, it cannot be read, or the study did not search.
+    """
+    path = place
+    if place.is_dir():
+        there = [place / name for name in FILES if (place / name).is_file()]
+        if not there:
+            raise InputError(
+                f"{place}: holds no finding ('finding.json' is missing)",
+                f"run 'granite-lab discover TRIALS… --out {place}' first",
+            )
+        path = max(there, key=lambda file: file.stat().st_mtime)
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return read_finding(path)  # which says what is wrong
+    if not isinstance(document, dict) or "discovery" not in document:
+        return read_finding(path)
+    if not isinstance(document["discovery"], dict):
+        raise InputError(
+            f"{path}: this study did not search for a missing effect",
+            "run 'granite-lab study' without --no-discover, or 'granite-lab discover'",
+        )
+    return dict(document["discovery"])
+
+
+@dataclass(frozen=True)
+class Kit:
+    """An empty kit.
+
+    Attributes:
+        folder: where it lies.
+        files: what is in it.
+    """
+
+    folder: Path
+    files: tuple[Path, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return what an answer may name, one row a parameter."""
+        import pandas as pd  # noqa: PLC0415
+
+        rows = [
+            {"effect": name, "title": e["title"], "parameter": key} | p
+            for name, e in _allowed().items()
+            for key, p in e["parameters"].items()
+        ]
+        return pd.DataFrame(rows)
+
+
+def _allowed() -> dict[str, Any]:
+    """Return the effects that an answer may name, with unit, meaning and bounds of their parameters."""
+    return {
+        effect.id: {
+            "title": effect.title,
+            "equation": effect.equation,
+            "parameters": {
+                p.name: {"unit": p.unit, "meaning": p.meaning, "low": p.low, "high": p.high}
+                for p in effect.parameters
+            },
+        }
+        for effect in library().values()
+    }
+
+
+@checked
+def kit(out: str | Path) -> Kit:
+    """Write an empty kit: README, template of the answer, folder of the trials, and a checker.
+
+    Args:
+        out: folder to write.
+
+    Raises:
+        UsageError: the folder holds something already.
+        LabError: a file cannot be written.
+    """
+    folder = Path(out)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(f"{folder}: is there already and not empty", "choose another folder")
+    template = {"schema": SCHEMA, "made_by": "", "virtual": True, "effects": [], "note": ""}
+    texts = {
+        "README.md": (CATALOGUE / "kit" / "README.md").read_text(encoding="utf-8"),
+        "check.py": Path(kit_check.__file__).read_text(encoding="utf-8"),
+        ANSWER: json.dumps(template, indent=2) + "\n",
+        ALLOWED: json.dumps({"schema": "granite-lab/kit-allowed/1", "effects": _allowed()}, indent=1) + "\n",
+        f"{TRIALS}/robot.toml": (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8"),
+        f"{TRIALS}/soil.toml": (CATALOGUE / "soils" / "dry_sand.toml").read_text(encoding="utf-8"),
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return Kit(folder, tuple(folder / name for name in texts))
+
+
+def _searched_kit(folder: Path, jobs: int) -> Path:
+    """Return the folder with the discovery of a kit; where there is none, search for it.
+
+    Raises:
+        InputError: there is no log, or one cannot be used.
+        EstimateError: the search is impossible.
+    """
+    from granite_lab.api.search import discover  # noqa: PLC0415, heavy, and nothing to `hide`
+
+    trials, found = folder / TRIALS, folder / FINDING
+    if (found / "finding.json").is_file():
+        return found
+    if not kit_check.logs_of(folder):
+        raise InputError(f"{trials}: holds no log", "the kit's README says what a log is")
+    files = {key: trials / f"{key}.toml" for key in ("robot", "soil", "map")}
+    given = {key: path if path.is_file() else None for key, path in files.items()}
+    discover(
+        kit_check.logs_of(folder), robot=given["robot"], soil=given["soil"], column_map=given["map"],
+        out=found, jobs=jobs,
+    )  # fmt: skip
+    return found

@@ -1,30 +1,30 @@
-"""`ingest` and `inspect`: the motion in logs, and what unknown logs hold."""
+"""`ingest`, `inspect` and `view`: the motion in logs, what unknown logs hold, and a look at either."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from granite_lab.api.calls import checked
-from granite_lab.api.project import choose
-from granite_lab.api.records import Records, sifted
-from granite_lab.errors import UsageError
+from granite_lab.api.project import About, Logs, choose
+from granite_lab.api.records import Origin, Records, sifted
+from granite_lab.errors import InputError, UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import judge
 from granite_lab.estimation.motion import Motion
+from granite_lab.files import is_folder
 from granite_lab.logs import Inspection, inspect_logs
+from granite_lab.logs.named import is_log, name_of
 from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.parameters import Robot
 from granite_lab.running import Options, each_trial
-from granite_lab.running.reading import ingest as run
+from granite_lab.running.reading import estimate, read
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Logs = str | Path | Sequence[str | Path]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +57,9 @@ class Ingested(Shown):
 
 
 def _ingest(path: Path, options: Options) -> Ingested:
-    return Ingested(*run(path, options))
-
-
-def _path(path: str | Path | None) -> Path | None:
-    return None if path is None else Path(path)
+    logged, robot = read(path, options)
+    trial, motion = estimate(logged, robot, options)
+    return Ingested(trial, robot, motion)
 
 
 @checked
@@ -73,10 +71,6 @@ def ingest(
     currents: str | Path | None = None,
     reference: str | Path | None = None,
     rows: str | None = None,
-    column_map: str | Path | None = None,
-    topics: Mapping[str, str] | None = None,
-    window: tuple[float, float] | None = None,
-    robot: str | Path | None = None,
     variant: float | None = None,
     rests: Sequence[tuple[float, float]] = (),
     distance_measured: Estimate | None = None,
@@ -84,6 +78,7 @@ def ingest(
     reference_std: float = 0.0,
     jobs: int = 0,
     done: Callable[[Path], None] = lambda _: None,
+    **about: Unpack[About],
 ) -> Records[Ingested]:
     """Estimate body velocity, slip and their uncertainty from logs.
 
@@ -92,10 +87,6 @@ def ingest(
         imu, encoders, currents, reference: further files of the trial, where sensors were logged
             apart; only with one log.
         rows: rows to take from a log of several runs, as ``run_id = 4``.
-        column_map: name or file of a column map; without it the layout is recognised.
-        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
-        window: begin and end of what is taken of every log [s of the log], infinite where open.
-        robot: name or file of the robot; without it the log says which.
         variant: desired velocity [m/s], if the log lacks it.
         rests: intervals of standstill (start, end) [s, the log's time].
         distance_measured: total distance by tape [m].
@@ -103,6 +94,7 @@ def ingest(
         reference_std: std of the reference's own velocity [m/s].
         jobs: number of processes; 0 means one per core.
         done: called with each path once it is finished.
+        robot, column_map, topics, window: as in `fit_k92`.
 
     Returns:
         one record a log; its table has a row for each IMU stamp.
@@ -112,30 +104,24 @@ def ingest(
         EstimateError: the motion cannot be had from it.
         UsageError: the arguments do not fit together.
     """
-    choice = choose(logs, robot, None, column_map)
-    files, robot, column_map = choice.files, choice.robot, choice.column_map
-    if len(files) > 1 and any((imu, encoders, currents, reference)):
+    apart = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
+    paths: dict[str, Any] = {name: Path(path) for name, path in apart.items() if path is not None}
+    choice = choose(
+        logs, {**about, "jobs": jobs, "cache": False},
+        rows=rows, rests=tuple(rests), distance_measured=distance_measured, **paths,
+    )  # fmt: skip
+    if len(choice.files) > 1 and paths:
         raise UsageError("files of single sensors go with one trial", "ingest the trials one by one")
-    options = Options(
-        robot=None if robot is None else str(robot),
-        column_map=None if column_map is None else str(column_map),
-        rows=rows,
-        info=TrialInfo(robot=None if robot is None else str(robot), v_desired=variant) if variant else None,
-        rests=tuple(rests),
-        distance_measured=distance_measured,
-        topics=tuple((topics or {}).items()),
-        window=window,
-        imu=_path(imu),
-        encoders=_path(encoders),
-        currents=_path(currents),
-        reference=_path(reference),
-    )
-    outcomes = each_trial(_ingest, files, options, jobs=jobs, done=done)
-    found, _ = sifted(files, outcomes, strict=True)
+    options = choice.options
+    if variant:
+        options = replace(options, info=TrialInfo(robot=options.robot, v_desired=variant))
+    outcomes = each_trial(_ingest, choice.files, options, execution=choice.execution, done=done)
+    found, _ = sifted(choice.files, outcomes, strict=True)
     if against_reference:
-        found = [Ingested(i.trial, i.robot, i.motion, judge(i.motion, i.trial, reference_std)) for i in found]
-    left_out = [(item.trial, item.reason) for item in choice.left_out]
-    return Records(found, lambda item: item.name, left_out)
+        found = [replace(i, judgement=judge(i.motion, i.trial, reference_std)) for i in found]
+    warnings = tuple(f"{item.name}: {line}" for item in found for line in item.motion.warnings)
+    origin = Origin(excluded=choice.excluded, warnings=warnings)
+    return Records(found, [item.name for item in found], origin)
 
 
 @checked
@@ -152,9 +138,7 @@ def inspect(
 
     Args:
         logs: paths of logs.
-        column_map: name or file of a column map.
-        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
-        robot: name or file of the robot.
+        column_map, topics, robot: as in `fit_k92`.
 
     Returns:
         what was recognised, file by file; its table has a row for each column.
@@ -166,3 +150,79 @@ def inspect(
     if not paths:
         raise UsageError("no log given", "name the files of one trial")
     return inspect_logs(paths, map=column_map, robot=robot, topics=topics)
+
+
+@checked
+def view(
+    what: str | Path,
+    *,
+    trial: str | None = None,
+    web: bool = False,
+    screenshot: str | Path | None = None,
+    at: float | None = None,
+    robot: str | Path | None = None,
+    soil: str | Path | None = None,
+    column_map: str | Path | None = None,
+    tell: Callable[[str], None] = print,
+) -> None:
+    """Open a timeline in the Rerun viewer, and return while it stays open.
+
+    Args:
+        what: a recording (.rrd), a report folder, or a log.
+        trial: with a report folder, the trial to open.
+        web: serve the viewer to a browser on this machine instead, until interrupted.
+        screenshot: save a picture of the viewer (.png) instead; no display is needed.
+        at: with `screenshot`, the time since the start of the command [s]; else the middle.
+        robot, soil, column_map: with a log, names or files.
+        tell: called with the address, with `web`.
+
+    Raises:
+        InputError: there is no such recording, or the log cannot be used.
+        UsageError: `web` and `screenshot` together, `at` alone or outside of the recording.
+        LabError: there is no display, viewer or graphics driver.
+    """
+    from granite_lab.reporting.recording import open_viewer, save_picture, serve  # noqa: PLC0415, heavy
+
+    if web and screenshot is not None:
+        raise UsageError("--web and --screenshot: one of them at a time", "run the command twice")
+    if at is not None and screenshot is None:
+        raise UsageError("--at: only a picture has a time", "add --screenshot FILE.png")
+    path = Path(what)
+    if is_folder(path) and not is_log(path):
+        path = _recording_in(path, trial)
+    elif path.suffix != ".rrd":
+        path = _recorded(path, {"robot": robot, "soil": soil, "column_map": column_map})
+    if screenshot is not None:
+        save_picture(path, Path(screenshot), at)
+    elif web:
+        serve(path, tell)
+    else:
+        open_viewer(path)
+
+
+def _recorded(log: Path, said: Mapping[str, Any]) -> Path:
+    """Make a recording of a log below ``reports/view``."""
+    from granite_lab.reporting.recording import record_trial  # noqa: PLC0415, heavy
+    from granite_lab.study import analyse  # noqa: PLC0415, heavy
+
+    result = analyse(log, choose(log, said, everything=True).options)
+    made = Path("reports") / "view" / f"{name_of(log)}.rrd"
+    return record_trial(result.trial, result.comparison, made)
+
+
+def _recording_in(folder: Path, trial: str | None) -> Path:
+    """Return the recording of a trial in a report folder, or that of the whole study.
+
+    Raises:
+        InputError: there is none.
+    """
+    found = {path.stem: path for path in sorted(folder.rglob("*.rrd"), reverse=True)}
+    if not found:
+        raise InputError(
+            f"{folder}: no recording in it", "make one with 'granite-lab study TRIALS --out DIR'"
+        )
+    if trial is not None and trial not in found:
+        raise InputError(
+            f"{folder}: no recording of trial '{trial}'", f"there are: {', '.join(sorted(found))}"
+        )
+    return found[trial] if trial else found.get("study", found[min(found)])

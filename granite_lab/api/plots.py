@@ -13,8 +13,9 @@ from granite_lab.api.logs import Ingested
 from granite_lab.api.records import Records
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
+from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
-from granite_lab.fitting.fit import K92Fit
+from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import canvas
 from granite_lab.reporting.plot_motion import SLIP_STD_SHOWN, comparison_figure
@@ -29,20 +30,23 @@ def plot(record: Any) -> Figure:
     """
     if isinstance(record, Records) and len(record):
         if all(isinstance(item, K92Fit) for item in record):
-            return fits_plot(list(record))
+            return fits_plot([(f.variant.velocity, f.k92) for f in record], any(f.virtual for f in record))
         if len(record) == 1:
             return plot(record[0])
         raise TypeError("plot(): of fits all are drawn, of other records one, as in records[0].plot()")
-    if isinstance(record, Ingested):
-        return motion_plot(record.motion)
-    if isinstance(record, Motion):
-        return motion_plot(record)
-    if isinstance(record, K92Fit):
-        return fits_plot([record])
-    if isinstance(record, Comparison):
-        return comparison_figure(record, 0).draw()
-    if isinstance(record, Finding):
-        return gap_figure(record).draw()
+    match record:
+        case Ingested():
+            return motion_plot(record.motion)
+        case Motion():
+            return motion_plot(record)
+        case K92Fit():
+            return fits_plot([(record.variant.velocity, record.k92)], record.virtual)
+        case AThetaFit():
+            return fits_plot([(v, k92) for _, v, k92, _ in record.points], False, record)
+        case Comparison():
+            return comparison_figure(record, 0).draw()
+        case Finding():
+            return gap_figure(record).draw()
     raise TypeError(f"plot(): there is no figure of {type(record).__name__}")
 
 
@@ -77,13 +81,18 @@ def _band(axis: Any, t: Any, value: Any, std: Any, label: str) -> None:
     axis.plot(t, value, color=canvas.MEASURED, label=f"{label}, ±2σ")
 
 
-def fits_plot(fits: Sequence[K92Fit]) -> Figure:
-    """Draw k_92 over velocity with 95 % intervals, and the law and values of the paper."""
+def fits_plot(fits: Sequence[tuple[float, Estimate]], virtual: bool, law: AThetaFit | None = None) -> Figure:
+    """Draw k_92 over velocity with 95 % intervals, the law and values of the paper, and a fitted law.
+
+    Args:
+        fits: desired velocity [m/s] and k_92 of each trial.
+        virtual: some of the logs were written by a simulator.
+        law: a_θ that was fitted to them.
+    """
     paper = load_paper()
     figure, (axis,) = canvas.stacked([2.6], [2])
-    known = [fit for fit in fits if math.isfinite(fit.k92.value)]
-    x = [fit.variant.velocity for fit in known]
-    top = 1.1 * max([*x, *(point.velocity for point in paper.table3)])
+    known = [(v, k92) for v, k92 in fits if math.isfinite(k92.value)]
+    top = 1.1 * max([*(v for v, _ in known), *(point.velocity for point in paper.table3)])
     v = np.linspace(0, top, 200)
     with canvas.styled():
         axis.plot(
@@ -94,13 +103,21 @@ def fits_plot(fits: Sequence[K92Fit]) -> Figure:
         axis.plot(
             *zip(*table, strict=True), color=canvas.PAPER, marker="s", linestyle="none", label="Table 3"
         )
+        if law is not None:
+            low, high = (np.exp(-a_theta * v) for a_theta in law.ci95)
+            axis.fill_between(v, low, high, color=canvas.FITTED, alpha=0.25, linewidth=0)
+            axis.plot(
+                v, np.exp(-law.a_theta.value * v), color=canvas.FITTED,
+                label=f"fit, exp(−{law.a_theta.value:.3g} v), 95 %",
+            )  # fmt: skip
         axis.errorbar(
-            x, [fit.k92.value for fit in known], yerr=[1.96 * np.nan_to_num(fit.k92.std) for fit in known],
+            [v for v, _ in known], [k92.value for _, k92 in known],
+            yerr=[1.96 * np.nan_to_num(k92.std) for _, k92 in known],
             color=canvas.MEASURED, marker="o", markersize=4, linestyle="none",
             label="one trial, 95 %",
         )  # fmt: skip
         axis.set(xlim=(0, top), ylim=(-0.03, 1.03), xlabel="desired velocity [m/s]", ylabel="k_92 [-]")
         canvas.legend_above(axis, 2)
         canvas.align_labels([axis])
-        canvas.mark_virtual(figure, any(fit.virtual for fit in fits))
+        canvas.mark_virtual(figure, virtual)
     return figure

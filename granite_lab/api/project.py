@@ -1,18 +1,62 @@
-"""`granite-lab.toml` beside the logs: what holds for all trials there, and which are left out."""
+"""Which trials are meant and what is said about them: keywords, and `granite-lab.toml` beside the logs."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypedDict
 
 from granite_lab.errors import InputError, UsageError
 from granite_lab.logs.named import is_log, name_of, trial_files
 from granite_lab.parameters.catalogue import find, forget
 from granite_lab.parameters.quantity import build, read_toml
+from granite_lab.running import Cache, Execution, Options
+from granite_lab.running.each import HERE
 
 FILE = "granite-lab.toml"
+
+Logs = str | Path | Sequence[str | Path]
+
+
+class About(TypedDict, total=False):
+    """What may be said about logs, see `fit_k92`."""
+
+    robot: str | Path | None
+    column_map: str | Path | None
+    topics: Mapping[str, str] | None
+    window: tuple[float, float] | None
+
+
+class Work(About, total=False):
+    """What may be said of work over many trials, see `fit_k92`."""
+
+    soil: str | Path | None
+    effects: str | Path | None
+    strict: bool
+    jobs: int
+    scheduler: str | None
+    cache: bool
+
+
+class Fit(Work, total=False):
+    """What may be said of fits, see `fit_k92`."""
+
+    model: str | Path | None
+    done: Callable[[Path], None]
+
+
+class Search(Work, total=False):
+    """What may be said of a search for a missing effect, see `discover`."""
+
+    tolerance: float
+    latency: float
+    progress: Callable[[str, int], None]
+
+
+class Chain(Fit, Search, total=False):
+    """What may be said of a study."""
 
 
 @dataclass(frozen=True)
@@ -47,21 +91,21 @@ class Project:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Trials, and what is said about all of them.
+    """Trials, what is said about all of them, and how the work is done.
 
     Attributes:
         files: the logs that are taken.
-        robot, soil, column_map: names or files; None leaves it to the log and the catalogue.
+        options: what holds for all of them; what is None is left to the log and the catalogue.
         out: folder for folders of results.
-        left_out: trials that are excluded.
+        excluded: trials that are excluded.
+        execution: where the work is done and what is remembered.
     """
 
     files: tuple[Path, ...]
-    robot: str | None
-    soil: str | None
-    column_map: str | None
+    options: Options
     out: Path = Path("reports")
-    left_out: tuple[Excluded, ...] = ()
+    excluded: tuple[Excluded, ...] = ()
+    execution: Execution = HERE
 
 
 def project_in(folder: Path) -> Project:
@@ -100,20 +144,14 @@ def project_in(folder: Path) -> Project:
     return Project(**named, out=str(folder / read.out) if read.out else "", exclude=read.exclude)
 
 
-def choose(
-    logs: str | Path | Sequence[str | Path],
-    robot: str | Path | None = None,
-    soil: str | Path | None = None,
-    column_map: str | Path | None = None,
-    *,
-    everything: bool = False,
-) -> Chosen:
+def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **more: Any) -> Chosen:
     """Return which trials are taken and what is said about them; what is given wins over the file.
 
     Args:
         logs: paths of logs, or of folders with logs.
-        robot, soil, column_map: as given.
+        said: keywords of `Chain`.
         everything: take trials that are excluded, too.
+        **more: further fields of the options.
 
     Raises:
         UsageError: no log, all of them excluded, or files of several folders that disagree.
@@ -122,25 +160,29 @@ def choose(
     forget()
     files = trial_files(logs)
     projects = {folder: project_in(folder) for folder in dict.fromkeys(path.parent for path in files)}
-    given = {"robot": robot, "soil": soil, "map": column_map, "out": None}
-    said: dict[str, str | None] = {key: None if value is None else str(value) for key, value in given.items()}
-    for key, value in given.items():
-        if value is not None:
-            continue
+    names: dict[str, str | None] = {}
+    for key in ("robot", "soil", "map", "out"):
+        given = said.get("column_map" if key == "map" else key)
         values = {getattr(project, key): folder for folder, project in projects.items()}
-        if len(values) > 1:
+        if given is None and len(values) > 1:
             raise UsageError(
                 f"{' and '.join(str(folder / FILE) for folder in values.values())}: not the same {key}",
                 f"give --{key}, or logs of one folder",
             )
-        said[key] = next(iter(values)) or None
+        names[key] = str(given) if given is not None else next(iter(values)) or None
     reasons = {(folder, e.trial): e for folder, p in projects.items() for e in p.exclude if not everything}
     taken = tuple(path for path in files if (path.parent, name_of(path)) not in reasons)
-    left_out = tuple(reasons[path.parent, name_of(path)] for path in files if path not in taken)
+    excluded = tuple(reasons[path.parent, name_of(path)] for path in files if path not in taken)
     if not taken:
         raise UsageError(
             f"{files[0].parent / FILE}: excludes {'all trials' if len(files) > 1 else files[0].name}",
-            f"reason given: {left_out[0].reason}",
+            f"reason given: {excluded[0].reason}",
         )
-    out = Path(said["out"] or "reports")
-    return Chosen(taken, said["robot"], said["soil"], said["map"], out, left_out)
+    named = {key: said.get(key) for key in ("model", "effects")}
+    paths: dict[str, Any] = {key: Path(path) for key, path in named.items() if path is not None}
+    plain = {key: said[key] for key in ("tolerance", "latency", "window") if key in said}
+    topics = tuple((said.get("topics") or {}).items())
+    options = Options(names["robot"], names["soil"], names["map"], topics=topics, **paths, **plain, **more)
+    cache = Cache() if said.get("cache", True) else None
+    execution = Execution(said.get("jobs", 0), said.get("scheduler"), cache)
+    return Chosen(taken, options, Path(names["out"] or "reports"), excluded, execution)

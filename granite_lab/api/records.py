@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, overload
 
+from granite_lab.api.project import Excluded
 from granite_lab.errors import LabError
 from granite_lab.logs.named import name_of
+from granite_lab.reporting.content import Source
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
@@ -30,24 +33,41 @@ SHOWN = 3
 """Records that are shown in a line each."""
 
 
-class Records(Sequence[T], Shown, Generic[T]):
-    """Records in the order of the trials; `to_frame` puts their tables below each other.
+@dataclass(frozen=True)
+class Origin:
+    """Where records come from.
+
+    Attributes:
+        source: command, inputs, parameters and code; None where nobody asked.
+        excluded: trials that `granite-lab.toml` excludes.
+        failed: (trial, reason) of those that could not be used.
+        warnings: what a reader of the records should know, one line each.
+        written: files that were written.
+    """
+
+    source: Source | None = None
+    excluded: tuple[Excluded, ...] = ()
+    failed: tuple[tuple[str, str], ...] = ()
+    warnings: tuple[str, ...] = ()
+    written: tuple[Path, ...] = ()
+
+
+class Records(Shown, Sequence[T], Generic[T]):
+    """Records in the order of the logs; `to_frame()` puts their tables below each other.
 
     Args:
         items: the records.
-        label: returns what the first column of the table says of a record; None for no such column.
-        left_out: trials that are excluded or could not be used, with the reason.
+        names: of their trials, where the tables do not name them.
+        origin: where they come from.
     """
 
-    def __init__(
-        self,
-        items: Sequence[T],
-        label: Callable[[T], str] | None = None,
-        left_out: Sequence[tuple[str, str]] = (),
-    ) -> None:
-        self._items = tuple(items)
-        self._label = label
-        self.left_out = tuple(left_out)
+    def __init__(self, items: Sequence[T], names: Sequence[str] = (), origin: Origin = Origin()) -> None:
+        self._items, self._names, self.origin = tuple(items), tuple(names), origin
+
+    @property
+    def left_out(self) -> tuple[tuple[str, str], ...]:
+        """(trial, reason) of trials that are excluded or failed."""
+        return (*((item.trial, item.reason) for item in self.origin.excluded), *self.origin.failed)
 
     @overload
     def __getitem__(self, index: int) -> T: ...
@@ -56,7 +76,7 @@ class Records(Sequence[T], Shown, Generic[T]):
     def __getitem__(self, index: int | slice) -> T | Records[T]:
         """Return one record, or some of them."""
         if isinstance(index, slice):
-            return Records(self._items[index], self._label, self.left_out)
+            return Records(self._items[index], self._names[index], self.origin)
         return self._items[index]
 
     def __len__(self) -> int:
@@ -77,17 +97,14 @@ class Records(Sequence[T], Shown, Generic[T]):
         """Return one table of all records, units in the column names."""
         import pandas as pd  # noqa: PLC0415
 
-        frames = []
-        for item in self._items:
-            frame = item.to_frame()
-            if self._label is not None and "trial" not in frame:
-                frame.insert(0, "trial", self._label(item))
-            frames.append(frame)
+        frames = [item.to_frame() for item in self._items]
+        for name, frame in zip(self._names, frames, strict=False):
+            frame.insert(0, "trial", name)
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
 
 
 def sifted(
-    files: Sequence[Path], outcomes: Sequence[E | LabError], *, strict: bool
+    files: Sequence[Path], outcomes: Sequence[E | LabError], *, strict: bool = False
 ) -> tuple[list[E], list[tuple[str, str]]]:
     """Return the results, and the trials that failed with the reason.
 

@@ -2,61 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Unpack
 
-from granite_lab.api.calls import checked
-from granite_lab.api.options import execution_of, options_of
-from granite_lab.api.project import Chosen, choose
-from granite_lab.api.records import Records, sifted
+from granite_lab.api.calls import DEFAULTS, checked
+from granite_lab.api.project import Chain, Fit, Logs, choose
+from granite_lab.api.records import Origin, Records, sifted
 from granite_lab.comparison.record import Comparison
 from granite_lab.errors import UsageError
-from granite_lab.fitting import fit_a_theta as fit_over_trials
-from granite_lab.fitting import published_fit
 from granite_lab.fitting.fit import AThetaFit, K92Fit
-from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
-from granite_lab.reporting.content import Failure, StudyResult, TrialResult
-from granite_lab.running import Execution
-from granite_lab.study import EXCLUDED, Options, analyse, each_trial, write
+from granite_lab.reporting.content import EXCLUDED, Failure, StudyResult, TrialResult
+from granite_lab.running import each_trial
+from granite_lab.running.cache import code, content, digest_of
+from granite_lab.running.output import Guard, Stamp, claimed, tell
+from granite_lab.running.search import MODEL
+from granite_lab.study import Written, analyse, source_of, write
 from granite_lab.study import record as record_all
 from granite_lab.study import study as run
 
-Logs = str | Path | Sequence[str | Path]
 
-
-def _analysed(
-    choice: Chosen, options: Options, execution: Execution, strict: bool, done: Callable[[Path], None]
-) -> tuple[list[TrialResult], list[tuple[str, str]]]:
-    """Return the results, and the trials that are left out with the reason."""
-    outcomes = each_trial(analyse, choice.files, options, execution=execution, done=done)
-    results, failures = sifted(choice.files, outcomes, strict=strict)
-    return results, [*((item.trial, item.reason) for item in choice.left_out), *failures]
-
-
-def with_excluded(result: StudyResult, choice: Chosen) -> StudyResult:
-    """Return a study that also lists the trials that `granite-lab.toml` excludes, with the reason."""
-    excluded = (Failure(item.trial, f"{EXCLUDED}{item.reason}", "") for item in choice.left_out)
-    return replace(result, failures=(*result.failures, *excluded))
+def _analysed(command: str, logs: Logs, said: Mapping[str, Any]) -> tuple[list[TrialResult], Origin]:
+    """Return the trials that went through the chain, and what is to be said of all."""
+    choice = choose(logs, said)
+    outcomes = each_trial(
+        analyse,
+        choice.files,
+        choice.options,
+        execution=choice.execution,
+        done=said.get("done", DEFAULTS["done"]),
+    )
+    found, failed = sifted(choice.files, outcomes, strict=said.get("strict", False))
+    lines = [f"{r.trial.name}: {line}" for r in found for line in r.comparison.motion.warnings]
+    source = source_of(command, choice.files, [r.trial for r in found], choice.options)
+    warnings = (*lines, *choice.execution.tidied())
+    return found, Origin(source, choice.excluded, tuple(failed), warnings)
 
 
 @checked
-def fit_k92(
-    logs: Logs,
-    *,
-    robot: str | Path | None = None,
-    soil: str | Path | None = None,
-    column_map: str | Path | None = None,
-    topics: Mapping[str, str] | None = None,
-    window: tuple[float, float] | None = None,
-    model: str | Path | None = None,
-    effects: str | Path | None = None,
-    strict: bool = False,
-    jobs: int = 0,
-    scheduler: str | None = None,
-    cache: bool = True,
-    done: Callable[[Path], None] = lambda _: None,
-) -> Records[K92Fit]:
+def fit_k92(logs: Logs, **said: Unpack[Fit]) -> Records[K92Fit]:
     """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory.
 
     Args:
@@ -80,32 +66,13 @@ def fit_k92(
         InputError: a log or file cannot be used.
         EstimateError: an estimate or fit cannot be had.
     """
-    choice = choose(logs, robot, soil, column_map)
-    options = options_of(
-        robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
-        effects=effects, window=window,
-    )  # fmt: skip
-    found, left_out = _analysed(choice, options, execution_of(jobs, scheduler, cache), strict, done)
-    return Records([result.comparison.fit for result in found], None, left_out)
+    found, origin = _analysed("fit-k92", logs, said)
+    return Records([result.comparison.fit for result in found], (), origin)
 
 
 @checked
 def fit_a_theta(
-    logs: Logs | Sequence[K92Fit] | None = None,
-    *,
-    published: bool = False,
-    robot: str | Path | None = None,
-    soil: str | Path | None = None,
-    column_map: str | Path | None = None,
-    topics: Mapping[str, str] | None = None,
-    window: tuple[float, float] | None = None,
-    model: str | Path | None = None,
-    effects: str | Path | None = None,
-    strict: bool = False,
-    jobs: int = 0,
-    scheduler: str | None = None,
-    cache: bool = True,
-    done: Callable[[Path], None] = lambda _: None,
+    logs: Logs | Sequence[K92Fit] | None = None, *, published: bool = False, **said: Unpack[Fit]
 ) -> AThetaFit:
     """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws.
 
@@ -122,6 +89,9 @@ def fit_a_theta(
         UsageError: both or neither of `logs` and `published`.
         InputError, EstimateError: as in `fit_k92`, or the trials do not allow the fit.
     """
+    from granite_lab.fitting import fit_a_theta as fit_over_trials  # noqa: PLC0415, heavy
+    from granite_lab.fitting import published_fit  # noqa: PLC0415, heavy
+
     if published == (logs is not None):
         raise UsageError("fit_a_theta takes trials or published=True", "give one of the two")
     if logs is None:
@@ -129,33 +99,14 @@ def fit_a_theta(
     if not isinstance(logs, (str, Path)) and all(isinstance(item, K92Fit) for item in logs) and len(logs):
         return fit_over_trials([item for item in logs if isinstance(item, K92Fit)])
     paths = logs if isinstance(logs, (str, Path)) else [x for x in logs if isinstance(x, (str, Path))]
-    fits = fit_k92(
-        paths, robot=robot, soil=soil, column_map=column_map, topics=topics, model=model, effects=effects,
-        strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, done=done, window=window,
-    )  # fmt: skip
+    fits = fit_k92(paths, **said)
     fit = fit_over_trials(list(fits))
     left_out = (f"{trial} left out: {reason}" for trial, reason in fits.left_out)
     return replace(fit, notes=(*fit.notes, *left_out))
 
 
 @checked
-def compare(
-    logs: Logs,
-    *,
-    out: str | Path | None = None,
-    robot: str | Path | None = None,
-    soil: str | Path | None = None,
-    column_map: str | Path | None = None,
-    topics: Mapping[str, str] | None = None,
-    window: tuple[float, float] | None = None,
-    model: str | Path | None = None,
-    effects: str | Path | None = None,
-    strict: bool = False,
-    jobs: int = 0,
-    scheduler: str | None = None,
-    cache: bool = True,
-    done: Callable[[Path], None] = lambda _: None,
-) -> Records[Comparison]:
+def compare(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Fit]) -> Records[Comparison]:
     """Hold measurement against simulation: velocity, wheel speed, slip, torques and pitch.
 
     Args:
@@ -171,18 +122,65 @@ def compare(
         InputError, EstimateError: as in `fit_k92`.
         LabError: a file cannot be written.
     """
-    choice = choose(logs, robot, soil, column_map)
-    options = options_of(
-        robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
-        effects=effects, window=window,
-    )  # fmt: skip
-    results, left_out = _analysed(choice, options, execution_of(jobs, scheduler, cache), strict, done)
-    found = [result.comparison for result in results]
+    found, origin = _analysed("compare", logs, said)
+    comparisons = [result.comparison for result in found]
     if out is not None:
         from granite_lab.reporting import write_comparison  # noqa: PLC0415, heavy
 
-        write_comparison(found, Path(out))
-    return Records(found, lambda item: item.motion.trial, left_out)
+        origin = replace(origin, written=tuple(write_comparison(comparisons, Path(out))))
+    return Records(comparisons, [result.trial.name for result in found], origin)
+
+
+@dataclass(frozen=True)
+class Studied:
+    """A study, and what was written of it.
+
+    Attributes:
+        result: the study.
+        written: None where no folder was given.
+        unchanged: the folder held all of it already, so that nothing was written.
+        warnings: what a user should know, one line each.
+    """
+
+    result: StudyResult
+    written: Written | None = None
+    unchanged: bool = False
+    warnings: tuple[str, ...] = ()
+
+
+def studied(
+    logs: Logs, out: str | Path | None, name: str, discover: bool, recordings: bool, said: Mapping[str, Any]
+) -> Studied:
+    """Run `study`, and say what was written; what could not be written is no error here."""
+    choice, progress = choose(logs, said), said.get("progress", DEFAULTS["progress"])
+    folder = None if out is None else Path(out)
+    with claimed(folder) if folder else nullcontext():
+        result = run(
+            choice.files, folder.name if folder else name, choice.options, execution=choice.execution,
+            discover=discover, strict=said.get("strict", False), done=said.get("done", DEFAULTS["done"]),
+            progress=progress,
+        )  # fmt: skip
+        excluded = (Failure(item.trial, f"{EXCLUDED}{item.reason}", "") for item in choice.excluded)
+        result = replace(result, failures=(*result.failures, *excluded))
+        warnings = choice.execution.tidied()
+        if folder is None:
+            return Studied(result, warnings=warnings)
+        key = digest_of(code(shows=True), content(result), content(choice.options), recordings)
+        stamp = Stamp(folder, key, choice.execution.cache)
+        if stamp.holds():
+            model = folder / MODEL if (folder / MODEL).exists() else None
+            return Studied(result, Written(folder / "index.html", model, result.finding), True, warnings)
+        failed = []
+        if recordings:
+            guard = Guard(folder)
+            guard.run("recordings", lambda: record_all(result, folder / "recordings", progress=progress))
+            failed = guard.lines
+        progress("report", 0)
+        written = write(result, choice.options, folder, choice.execution.jobs)
+        written = written._replace(failures=(*failed, *written.failures))
+        if not written.failures:
+            stamp.set()
+    return Studied(replace(result, finding=written.finding), written, False, warnings)
 
 
 @checked
@@ -193,20 +191,7 @@ def study(
     name: str = "study",
     discover: bool = True,
     recordings: bool = True,
-    robot: str | Path | None = None,
-    soil: str | Path | None = None,
-    column_map: str | Path | None = None,
-    topics: Mapping[str, str] | None = None,
-    window: tuple[float, float] | None = None,
-    model: str | Path | None = None,
-    effects: str | Path | None = None,
-    tolerance: float = TOLERANCE,
-    latency: float = LATENCY_LIMIT,
-    strict: bool = False,
-    jobs: int = 0,
-    scheduler: str | None = None,
-    cache: bool = True,
-    done: Callable[[Path], None] = lambda _: None,
+    **said: Unpack[Chain],
 ) -> StudyResult:
     """Run the whole chain over trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
 
@@ -214,13 +199,14 @@ def study(
 
     Args:
         logs: paths of logs, or of folders with logs.
-        out: folder for the report; without it nothing is written.
+        out: folder for the report; without it nothing is written. A report that is there already, of the
+            same logs by the same code, is kept.
         name: of the report, unless `out` gives it.
         discover: search for an effect that the model lacks.
         recordings: with `out`, also write a Rerun recording of each trial.
         robot, soil, column_map, topics, window, model, effects, strict, jobs, scheduler,
             cache, done: as in `fit_k92`.
-        tolerance, latency: of that search, as in `discover`.
+        tolerance, latency, progress: of that search, as in `discover`.
 
     Returns:
         the results; the table has a row for each trial.
@@ -228,23 +214,9 @@ def study(
     Raises:
         LabError: no trial went through, or a file cannot be written.
     """
-    choice = choose(logs, robot, soil, column_map)
-    options = options_of(
-        robot=choice.robot, soil=choice.soil, column_map=choice.column_map, topics=topics, model=model,
-        effects=effects, tolerance=tolerance, latency=latency, window=window,
-    )  # fmt: skip
-    folder = None if out is None else Path(out)
-    execution = execution_of(jobs, scheduler, cache)
-    result = run(
-        choice.files, folder.name if folder else name, options, execution=execution, discover=discover,
-        strict=strict, done=done,
-    )  # fmt: skip
-    result = with_excluded(result, choice)
-    if folder is not None:
-        if recordings:
-            record(result, folder / "recordings")
-        write(result, options, folder, jobs)
-    return result
+    found = studied(logs, out, name, discover, recordings, said)
+    tell(found.written.failures if found.written else ())
+    return found.result
 
 
 @checked
@@ -266,4 +238,4 @@ def report(result: StudyResult, folder: str | Path) -> Path:
     """
     from granite_lab.reporting import write_report  # noqa: PLC0415, heavy
 
-    return write_report(result, Path(folder), model="model.toml" if result.finding is not None else None)
+    return write_report(result, Path(folder), model=MODEL if result.finding is not None else None)

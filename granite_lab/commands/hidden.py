@@ -1,4 +1,4 @@
-"""`granite-lab hide` and `granite-lab reveal`: virtual trials with a sealed answer, to judge discoveries."""
+"""`granite-lab hide`, `reveal` and `kit`: trials with a sealed answer, to judge discoveries."""
 
 from __future__ import annotations
 
@@ -9,27 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granite_lab.commands.common import (
-    JobsOption,
-    JsonOption,
-    QuietOption,
-    RobotOption,
-    SoilOption,
-    console,
-    print_json,
-    progress,
-    warn,
-)
-from granite_lab.errors import UsageError
+from granite_lab.commands import options as o
+from granite_lab.commands.printing import console, print_json, progress, show, warn
 
 if TYPE_CHECKING:
     from granite_lab.hidden.scoring import Score
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the app."""
-    app.command("hide")(hide)
-    app.command("reveal")(reveal)
 
 
 def _effects(incomplete: str) -> list[str]:
@@ -68,54 +52,35 @@ def hide(
         str,
         typer.Option(help="bench, or wild: logger, robot and sand drawn by the seed.", autocompletion=_labs),
     ] = "bench",
-    robot: RobotOption = None,
-    soil: SoilOption = None,
+    robot: o.Robot = None,
+    soil: o.Soil = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a set that is there.")] = False,
     label: Annotated[str, typer.Option("--name", help="First word of the trials' names.")] = "hidden",
     truth: Annotated[Path | None, typer.Option(help="Folder to keep the true motion aside (CSV).")] = None,
-    jobs: JobsOption = 1,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
+    jobs: o.Jobs = 1,
+    quiet: o.Quiet = False,
+    as_json: o.Json = False,
 ) -> None:
     """Write virtual trials in which an effect is hidden, by an independent simulator; seal the answer."""
     from granite_lab.api.hidden import hide as run
     from granite_lab.parameters import load_variants
 
-    with progress(quiet) as display:
-        task = display.add_task("trials", total=repetitions and repetitions * len(load_variants()))
+    total = repetitions * len(load_variants()) if repetitions else None
+    with progress(quiet, "trials", total) as shown:
         made = run(
-            effect, out, seed=seed, strength=strength, sizes=_sizes(size or []), noise=noise,
-            sand_off=sand_off, repetitions=repetitions, lab=lab,
+            effect, out, seed=seed, strength=strength, sizes=o.numbers_of("--size", size, "name"),
+            noise=noise, sand_off=sand_off, repetitions=repetitions, lab=lab,
             robot=robot, soil=soil, overwrite=overwrite, label=label,
             truth=truth, jobs=jobs,
-            done=lambda _: display.advance(task),
+            done=shown.done,
         )  # fmt: skip
     if as_json:
         print_json({"schema": "granite-lab/hide/1", "trials": made.trials, "sealed": made.sealed})
     else:
-        shown = console()
-        shown.print(
-            f"{len(made.trials)} virtual trials in {out}, the answer sealed in {made.sealed}", soft_wrap=True
-        )
         folder, finding = shlex.quote(str(out)), shlex.quote(str(out / "finding.json"))
-        for line in (
-            f"find it: granite-lab discover {folder} --json > {finding}",
-            f"then:    granite-lab reveal {folder} --finding {finding}",
-        ):
-            shown.print(line, soft_wrap=True, markup=False)
-
-
-def _sizes(given: list[str]) -> dict[str, float]:
-    found = {}
-    for text in given:
-        name, _, value = text.partition("=")
-        try:
-            found[name.strip()] = float(value)
-        except ValueError:
-            raise UsageError(
-                f"--size {text}: not a number", "write name=value, as in --size play=1.5"
-            ) from None
-    return found
+        show(f"{len(made.trials)} virtual trials in {out}, the answer sealed in {made.sealed}")
+        show(f"find it: granite-lab discover {folder} --json > {finding}")
+        show(f"then:    granite-lab reveal {folder} --finding {finding}")
 
 
 def reveal(
@@ -128,8 +93,8 @@ def reveal(
             help="A discovery to be judged: its JSON, or a folder written by `discover` or `study`."
         ),
     ] = None,
-    jobs: JobsOption = 0,
-    as_json: JsonOption = False,
+    jobs: o.Jobs = 0,
+    as_json: o.Json = False,
 ) -> None:
     """Open the sealed answer of a hidden set or a kit, and judge a discovery by it.
 
@@ -148,68 +113,67 @@ def reveal(
 
 
 def _show_answer(answer: Mapping[str, Any]) -> None:
-    from rich.table import Table
+    from granite_lab.reporting.grid import grid, row_of, say
 
-    shown = console()
     trials = "virtual trials" if answer.get("virtual", True) else "trials"
-    table = Table(title=f"Hidden in these {trials}", title_justify="left")
-    for heading in ("effect", "parameter", "value", "unit"):
-        table.add_column(heading, justify="right" if heading == "value" else "left")
-    for effect in answer["effects"]:
-        named = effect["id"] + ("" if effect["library"] else " (not in the library)")
-        if not effect["parameters"]:
-            table.add_row(named, "", "", "")
-        for k, (name, parameter) in enumerate(effect["parameters"].items()):
-            table.add_row(named if k == 0 else "", name, f"{parameter['value']:.4g}", parameter["unit"])
     if answer["effects"]:
-        shown.print(table)
+        say(console(), f"Hidden in these {trials}", "bold")
+        table = grid("effect", "parameter", "value", "unit", words=(0, 1, 3))
+        for effect in answer["effects"]:
+            named = effect["id"] + ("" if effect["library"] else " (not in the library)")
+            values = [(name, f"{p['value']:.4g}", p["unit"]) for name, p in effect["parameters"].items()]
+            for k, cells in enumerate(values or [("", "", "")]):
+                table.add_row(*row_of(named if k == 0 else "", *cells))
+        console().print(table)
         for effect in answer["effects"]:
             told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
-            shown.print(f"{effect['id']}: {told}.", markup=False)
+            say(console(), f"{effect['id']}: {told}.")
     else:
-        shown.print(f"Nothing is hidden in these {trials}.")
+        say(console(), f"Nothing is hidden in these {trials}.")
     if "made_by" in answer:
-        shown.print(f"made by {answer['made_by']}", markup=False)
+        say(console(), f"made by {answer['made_by']}")
         return
     if answer["sand_off"]:
         off = ", ".join(f"{name} {100 * (x - 1):+.1f} %" for name, x in answer["sand_off"].items())
-        shown.print(f"sand off its file: {off}")
-    if answer.get("lab", {}).get("name") == "wild":
-        _show_lab(answer["lab"])
-    shown.print(f"seed {answer['seed']}, strength {answer['strength']:g}, noise {answer['noise']:g}")
-
-
-def _show_lab(lab: Mapping[str, Any]) -> None:
-    """Print what was drawn of robot, sand and logger, a line each."""
-    for part, drawn in lab.items():
-        if isinstance(drawn, Mapping):
-            told = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in drawn.items())
-        else:
-            told = f"{drawn:.4g}" if isinstance(drawn, float) else str(drawn)
-        console().print(f"{part}: {told}", markup=False, soft_wrap=True)
+        say(console(), f"sand off its file: {off}")
+    lab = answer.get("lab", {})
+    for part, drawn in lab.items() if lab.get("name") == "wild" else ():
+        each = drawn.items() if isinstance(drawn, Mapping) else [("", drawn)]
+        told = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in each)
+        show(f"{part}: {told.strip()}")
+    say(console(), f"seed {answer['seed']}, strength {answer['strength']:g}, noise {answer['noise']:g}")
 
 
 def _show_score(judged: Score) -> None:
-    from rich.table import Table
-
     from granite_lab.hidden.scoring import MEANING
+    from granite_lab.reporting.grid import grid, row_of, say
 
-    shown = console()
     mark = "right" if judged.right else "wrong"
     named = ", ".join(judged.named) or judged.verdict
-    shown.print(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})", markup=False)
+    say(console(), f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
     if judged.parameters:
-        table = Table(title="Parameters", title_justify="left")
-        for heading in ("effect", "parameter", "hidden", "found", "std", "z", "meaning"):
-            table.add_column(
-                heading, justify="left" if heading in ("effect", "parameter", "meaning") else "right"
-            )
+        table = grid("effect", "parameter", "hidden", "found", "std", "z", "meaning", words=(0, 1, 6))
         for p in judged.parameters:
-            table.add_row(
-                p.effect, f"{p.name} [{p.unit}]", f"{p.true:.4g}", f"{p.value:.4g}",
-                "" if p.std is None else f"{p.std:.2g}", "" if p.z is None else f"{p.z:+.1f}", p.kind,
-            )  # fmt: skip
-        shown.print(table)
+            std, z = "" if p.std is None else f"{p.std:.2g}", "" if p.z is None else f"{p.z:+.1f}"
+            cells = (p.effect, f"{p.name} [{p.unit}]", f"{p.true:.4g}", f"{p.value:.4g}", std, z, p.kind)
+            table.add_row(*row_of(*cells))
+        console().print(table)
     for part, share in judged.gap_closed.items():
         if share is not None:
-            shown.print(f"gap closed, {part.replace('_', ' ')} trials: {100 * share:.1f} %")
+            say(console(), f"gap closed, {part.replace('_', ' ')} trials: {100 * share:.1f} %")
+
+
+def kit(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="New folder of the kit.")],
+    as_json: o.Json = False,
+) -> None:
+    """Write an empty kit: what another laboratory fills in so that `discover` can be judged blind."""
+    from granite_lab.api.hidden import kit as write
+
+    made = write(out)
+    if as_json:
+        print_json({"schema": "granite-lab/kit/1", "folder": made.folder, "files": made.files})
+        return
+    for path in made.files:
+        show(path)
+    show(f"read {made.folder / 'README.md'}; python {made.folder / 'check.py'} checks and seals it")

@@ -1,4 +1,4 @@
-"""`granite-lab inspect` and `granite-lab ingest`: what a log holds, and the motion in it."""
+"""`granite-lab check`, `inspect`, `ingest` and `view`: what a log holds, and the motion in it."""
 
 from __future__ import annotations
 
@@ -7,64 +7,65 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granite_lab.commands.common import (
-    FormatOption,
-    FromOption,
-    JobsOption,
-    JsonOption,
-    MapOption,
-    QuietOption,
-    RobotOption,
-    ToOption,
-    TopicOption,
-    TrialsArgument,
-    chosen,
-    console,
-    files_of,
-    print_json,
-    progress,
-    refuse_missing,
-    topics_of,
-    warn,
-    window_of,
-)
+from granite_lab.commands import options as o
+from granite_lab.commands.printing import console, print_json, progress, show, warn_of
 from granite_lab.errors import UsageError
 
 if TYPE_CHECKING:
     from granite_lab.estimate import Estimate
     from granite_lab.estimation.motion import Motion
 
-ImuOption = Annotated[Path | None, typer.Option(help="File with the IMU, where sensors were logged apart.")]
-EncodersOption = Annotated[
-    Path | None, typer.Option(help="File with the encoders, where sensors were logged apart.")
-]
 
+@o.spread
+def check(
+    trial: Annotated[Path, typer.Argument(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP).")],
+    about: o.About,
+    as_json: o.Json = False,
+) -> None:
+    """Say after a run in the field whether the log is good: exit code 3 if it cannot be used, 4 if poor."""
+    from granite_lab.api.check import check as run
+    from granite_lab.reporting.grid import clean, grid, row_of, say
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the app."""
-    app.command("inspect")(inspect)
-    app.command("ingest")(ingest)
+    found = run(trial, **about.said())
+    if as_json:
+        document = {"virtual": found.virtual, "good": found.good, "checks": found.checks}
+        print_json({"schema": "granite-lab/check/1", "log": found.log} | document)
+    else:
+        shown = console()
+        table = grid("", "check", "found", words=(0, 1, 2))
+        for one in found.checks:
+            mark = clean("good", "green") if one.good else clean("BAD", "bold red")
+            table.add_row(*row_of(mark, one.name, one.found if one.good else f"{one.found}. {one.advice}."))
+        shown.print(table)
+        if found.virtual:
+            say(shown, "virtual data: written by a simulator.", "yellow")
+        if found.good:
+            say(shown, "The run is good.", "bold green")
+    if found.error is not None:
+        raise found.error
 
 
 def inspect(
-    logs: TrialsArgument = None,
-    robot: RobotOption = None,
-    column_map: MapOption = None,
-    topic: TopicOption = None,
+    logs: Annotated[
+        list[Path] | None, typer.Argument(metavar="TRIALS…", help=o.LOGS, show_default=False)
+    ] = None,
+    robot: o.Robot = None,
+    column_map: o.Map = None,
+    topic: o.Topic = None,
     write_map: Annotated[
         Path | None, typer.Option(help="Write the column map here, to edit and to pass with --map.")
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Draw the recognised channels over time (.png, .pdf or .svg).")
     ] = None,
-    as_json: JsonOption = False,
+    as_json: o.Json = False,
 ) -> None:
     """Say what is recognised in unknown logs: columns, units, clocks, rates, gaps, variant."""
     from granite_lab.api.logs import inspect as run
     from granite_lab.files import write_text
     from granite_lab.reporting.terminal import show_inspection
 
-    inspection = run(logs or [], column_map=column_map, topics=topics_of(topic), robot=robot)
+    inspection = run(logs or [], column_map=column_map, topics=o.topics_of(topic), robot=robot)
     if write_map:
         write_text(write_map, inspection.to_map_toml())
     if plot:
@@ -75,16 +76,21 @@ def inspect(
         print_json({"schema": "granite-lab/inspect/1", **inspection.as_json()})
         return
     show_inspection(inspection, console())
-    if write_map:
-        console().print(f"column map: {write_map}", soft_wrap=True)
-    if plot:
-        console().print(f"plot: {plot}", soft_wrap=True)
+    for what, path in (("column map", write_map), ("plot", plot)):
+        if path:
+            show(f"{what}: {path}")
 
 
+@o.spread
 def ingest(
-    trials: TrialsArgument = None,
-    imu: ImuOption = None,
-    encoders: EncodersOption = None,
+    about: o.About,
+    trials: o.Trials = None,
+    imu: Annotated[
+        Path | None, typer.Option(help="File with the IMU, where sensors were logged apart.")
+    ] = None,
+    encoders: Annotated[
+        Path | None, typer.Option(help="File with the encoders, where sensors were logged apart.")
+    ] = None,
     currents: Annotated[Path | None, typer.Option(help="File with the motor currents.")] = None,
     reference: Annotated[
         Path | None, typer.Option(help="File with an external reference, as GPS or motion capture.")
@@ -92,11 +98,6 @@ def ingest(
     rows: Annotated[
         str | None, typer.Option(help="Rows to take from a log of several runs, as 'run_id = 4'.")
     ] = None,
-    column_map: MapOption = None,
-    topic: TopicOption = None,
-    start: FromOption = None,
-    end: ToOption = None,
-    robot: RobotOption = None,
     variant: Annotated[
         float | None, typer.Option(help="Desired velocity [m/s], if the log lacks it.", min=0.01, max=5)
     ] = None,
@@ -116,56 +117,41 @@ def ingest(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the motion tables.", show_default="reports/ingest")
     ] = None,
-    table_format: FormatOption = None,
-    jobs: JobsOption = 0,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
+    table_format: o.Format = None,
+    jobs: o.Jobs = 0,
+    quiet: o.Quiet = False,
+    as_json: o.Json = False,
 ) -> None:
     """Estimate body velocity, slip and their uncertainty from logs."""
-    refuse_missing(trials)
     from granite_lab.api.logs import ingest as run
+    from granite_lab.api.project import choose
     from granite_lab.files import ending_of, write_table
     from granite_lab.reporting.terminal import show_motions
 
     if against not in (None, "ref"):
         raise UsageError(f"--against {against}: not known", "use --against ref")
-    ending = ending_of(None, table_format)
-    choice = chosen(trials or ([imu] if imu else None), robot, None, column_map)
-    files, out = choice.files, out or choice.out / "ingest"
-    with progress(quiet) as display:
-        task = display.add_task("ingesting", total=len(files))
+    ending, said = ending_of(None, table_format), about.said()
+    logs = trials or ([imu] if imu else [])
+    choice = choose(logs, said)
+    out = out or choice.out / "ingest"
+    with progress(quiet, "ingesting", len(choice.files)) as shown:
         found = run(
-            files,
-            imu=imu if trials else None,
-            encoders=encoders,
-            currents=currents,
-            reference=reference,
-            rows=rows,
-            column_map=choice.column_map,
-            topics=topics_of(topic),
-            window=window_of(start, end),
-            robot=choice.robot,
-            variant=variant,
-            rests=[_interval(text) for text in rest or ()],
+            logs, imu=imu if trials else None, encoders=encoders, currents=currents, reference=reference,
+            rows=rows, variant=variant, rests=[_interval(text) for text in rest or ()],
             distance_measured=_measured(distance_measured) if distance_measured else None,
-            against_reference=against is not None,
-            reference_std=reference_std,
-            jobs=jobs,
-            done=lambda _: display.advance(task),
-        )
-    documents: list[dict[str, Any]] = []
-    good = []
-    for item in found:
-        motion = item.motion
-        path = out / f"{motion.trial}{ending}"
-        write_table(path, motion.to_frame(), ending)
-        documents.append(_as_json(motion, path) | ({"judgement": item.judgement} if against else {}))
-        good.append((motion, path, item.judgement))
-        warn([f"{motion.trial}: {line}" for line in motion.warnings])
+            against_reference=against is not None, reference_std=reference_std, jobs=jobs, done=shown.done,
+            **said,
+        )  # fmt: skip
+    paths = [out / f"{item.name}{ending}" for item in found]
+    for item, path in zip(found, paths, strict=True):
+        write_table(path, item.to_frame(), ending)
+    excluded = warn_of(found.origin)
     if as_json:
-        print_json({"schema": "granite-lab/ingest/1", "trials": documents} | files_of(choice))
+        judged = [{"judgement": item.judgement} if against else {} for item in found]
+        rows_ = [_as_json(i.motion, path) | j for i, path, j in zip(found, paths, judged, strict=True)]
+        print_json({"schema": "granite-lab/ingest/1", "trials": rows_} | excluded)
     else:
-        show_motions(good, console())
+        show_motions([(i.motion, path, i.judgement) for i, path in zip(found, paths, strict=True)], console())
 
 
 def _as_json(motion: Motion, path: Path) -> dict[str, Any]:
@@ -209,3 +195,29 @@ def _measured(text: str) -> Estimate:
     if not (measured.value > 0 and measured.std > 0):
         raise UsageError(f"--distance-measured {text}: must be positive", "write 2.03 or 2.03±0.01 [m]")
     return measured
+
+
+def view(
+    what: Annotated[Path, typer.Argument(help="A recording (.rrd), a report folder, or a log (CSV).")],
+    trial: Annotated[str | None, typer.Option(help="With a report folder: the trial to open.")] = None,
+    web: Annotated[bool, typer.Option("--web", help="Serve the viewer to a browser until Ctrl+C.")] = False,
+    screenshot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Save a picture instead; needs no display.")
+    ] = None,
+    at: Annotated[
+        float | None,
+        typer.Option(help="Seconds after the start of the command.", show_default="middle"),
+    ] = None,
+    robot: o.Robot = None,
+    soil: o.Soil = None,
+    column_map: o.Map = None,
+) -> None:
+    """Open a timeline in the Rerun viewer, in a browser, or as a picture."""
+    from granite_lab.api.logs import view as run
+
+    run(
+        what, trial=trial, web=web, screenshot=screenshot, at=at, robot=robot, soil=soil,
+        column_map=column_map, tell=lambda address: typer.echo(f"{address}\nCtrl+C ends it."),
+    )  # fmt: skip
+    if screenshot is not None:
+        typer.echo(screenshot)

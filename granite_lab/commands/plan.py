@@ -7,15 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granite_lab.commands.common import (
-    EffectsOption,
-    JobsOption,
-    JsonOption,
-    QuietOption,
-    console,
-    print_json,
-    progress,
-)
+from granite_lab.commands import options as o
+from granite_lab.commands.printing import console, print_json, progress
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,12 +16,7 @@ if TYPE_CHECKING:
     from granite_lab.planning.plan import Plan, Proposal
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the app."""
-    app.command("plan-next")(plan)
-
-
-def plan(
+def plan_next(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder written by `discover` or `study`.")],
     room: Annotated[
         float | None,
@@ -39,24 +27,16 @@ def plan(
         typer.Option(min=0.02, help="Fastest command [m/s].", show_default="1.25 times the fastest so far"),
     ] = None,
     most: Annotated[int, typer.Option(min=1, help="Rows of the table.")] = 8,
-    effects: EffectsOption = None,
-    jobs: JobsOption = 0,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
+    effects: o.Effects = None,
+    jobs: o.Jobs = 0,
+    quiet: o.Quiet = False,
+    as_json: o.Json = False,
 ) -> None:
     """Propose the next trial: the one that best answers what the trials so far left open."""
-    from granite_lab.api.plan import plan_next
+    from granite_lab.api.search import plan_next as run
 
-    with progress(quiet) as display:
-        task = display.add_task("looking at trials", total=None)
-        found = plan_next(
-            folder,
-            room=room,
-            max_speed=max_speed,
-            effects=effects,
-            jobs=jobs,
-            progress=lambda done, all_: display.update(task, completed=done, total=all_),
-        )
+    with progress(quiet, "looking at trials") as shown:
+        found = run(folder, room=room, max_speed=max_speed, effects=effects, jobs=jobs, progress=shown.of)
     if as_json:
         print_json(_document(found))
     else:

@@ -36,9 +36,16 @@ def _library() -> dict[str, Effect]:
     return found
 
 
-def library() -> dict[str, Effect]:
-    """Return every effect of the package by its id, in alphabetical order."""
-    return dict(_library())
+def library(own: Path | str | None = None) -> dict[str, Effect]:
+    """Return every effect of the package by its id, in alphabetical order.
+
+    Args:
+        own: a user's effect file, whose effects are added as `load_effects` returns them.
+
+    Raises:
+        InputError: of `load_effects`.
+    """
+    return _library() | (load_effects(own) if own else {})
 
 
 def get(effect_id: str, known: Mapping[str, Effect] | None = None) -> Effect:

@@ -28,13 +28,22 @@ class TrialResult:
     comparison: Comparison
 
 
+EXCLUDED = "excluded: "
+"""How the message of a trial begins that the user's `granite-lab.toml` excludes."""
+
+
 @dataclass(frozen=True)
 class Failure:
-    """A trial that could not be used, and why."""
+    """A trial that was left out, and why: it could not be used, or `granite-lab.toml` excludes it."""
 
     trial: str
     message: str
     hint: str
+
+    @property
+    def excluded(self) -> bool:
+        """Whether the user excluded it."""
+        return self.message.startswith(EXCLUDED)
 
 
 @dataclass(frozen=True)

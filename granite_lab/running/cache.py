@@ -1,19 +1,29 @@
-"""Finished results on disk, found by the content of what they were made from."""
+"""Finished results on disk, found by the content of what they were made from: files, options and code."""
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
+import importlib.metadata
+import json
 import os
+import platform
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+import granite_lab
 from granite_lab.errors import LabError
-from granite_lab.files import write_bytes
+from granite_lab.files import sha256, write_bytes
+from granite_lab.logs.named import sidecar
 from granite_lab.model.effect import Effect
 from granite_lab.running.codec import Arena, decode
-from granite_lab.running.fingerprint import fingerprint
+from granite_lab.running.options import Options
 
 VARIABLE = "GRANITE_LAB_CACHE"
 """Environment variable with the folder of the cache."""
@@ -24,14 +34,15 @@ LARGEST = 5_000_000_000
 STALE = 3600.0
 """Age [s] after which a file that was never finished is removed."""
 
+PACKAGE = Path(granite_lab.__file__).parent
+LIBRARIES = ("casadi", "filterpy", "numpy", "pandas", "scipy")
+DRAWING = ("jinja2", "matplotlib", "rerun-sdk")
 
-def default_folder() -> Path:
-    """Return the folder that the system means for caches, or what the environment says."""
-    if chosen := os.environ.get(VARIABLE):
-        return Path(chosen)
-    from platformdirs import user_cache_path  # noqa: PLC0415, only for the commands that need it
+SHOWS = ("api", "cli.py", "commands", "hidden", "reporting")
+"""Parts of the package that no cached result depends on: they only call and show."""
 
-    return user_cache_path("granite-lab", appauthor=False)
+SEARCHES = ("discovery",)
+"""Parts that only the search for a missing effect depends on."""
 
 
 class Cache:
@@ -42,7 +53,7 @@ class Cache:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder or default_folder()
+        self.folder = folder or _default_folder()
         self.trouble: LabError | None = None
 
     def get(
@@ -51,7 +62,7 @@ class Cache:
         """Return the record that stands under a key; None where there is none that still holds.
 
         Args:
-            key: of `fingerprint`.
+            key: of `trial_key` or `digest_of`.
             effects: as in `codec.decode`.
             arena: where the record lies from then on.
         """
@@ -74,7 +85,7 @@ class Cache:
         """Remember a result.
 
         Args:
-            key: of `fingerprint`.
+            key: of `trial_key` or `digest_of`.
             data: `codec.encode` of a pair: files with their hashes that it also depends on, and the record.
         """
         try:
@@ -85,20 +96,99 @@ class Cache:
     def trim(self, largest: int = LARGEST) -> None:
         """Remove what was never finished, and what was not used for longest where the cache is too large."""
         with suppress(OSError):
-            entries = []
-            for path in self.folder.glob("*/*"):
-                stat = path.stat()
-                if path.suffix == ".part":
-                    if time.time() - stat.st_mtime > STALE:
-                        path.unlink(missing_ok=True)
-                else:
-                    entries.append((stat.st_mtime, stat.st_size, path))
-            total = sum(size for _, size, _ in entries)
-            for _, size, path in sorted(entries):
-                if total <= largest:
-                    break
-                path.unlink(missing_ok=True)
-                total -= size
+            entries = [(p.stat().st_mtime, p.stat().st_size, p) for p in self.folder.glob("*/*")]
+            total = 0
+            for used, size, path in sorted(entries, reverse=True):
+                unfinished = path.suffix == ".part"
+                total += 0 if unfinished else size
+                if time.time() - used > STALE if unfinished else total > largest:
+                    path.unlink(missing_ok=True)
 
     def _path(self, key: str) -> Path:
         return self.folder / key[:2] / f"{key[2:]}.bin"
+
+
+def _default_folder() -> Path:
+    """Return the folder that the system means for caches, or what the environment says."""
+    if chosen := os.environ.get(VARIABLE):
+        return Path(chosen)
+    from platformdirs import user_cache_path  # noqa: PLC0415, only for the commands that need it
+
+    return user_cache_path("granite-lab", appauthor=False)
+
+
+@lru_cache
+def code(*, search: bool = False, shows: bool = False) -> str:
+    """Return the hash of the sources and the library versions behind a result.
+
+    Args:
+        search: the result is that of the search for a missing effect.
+        shows: the result is a written report.
+    """
+    left_out = () if shows else SHOWS if search else SHOWS + SEARCHES
+    digest = hashlib.sha256()
+    for path in sorted(PACKAGE.rglob("*")):
+        place = path.relative_to(PACKAGE)
+        source = path.suffix in (".py", ".toml") or (shows and place.parts[0] == "reporting")
+        if source and path.is_file() and path.suffix != ".pyc" and place.parts[0] not in left_out:
+            digest.update(f"{place.as_posix()} {sha256(path)}\n".encode())
+    for library in LIBRARIES + DRAWING * shows:
+        digest.update(f"{library} {importlib.metadata.version(library)}\n".encode())
+    digest.update(f"{granite_lab.__version__} {platform.machine()} {platform.python_version()}".encode())
+    return digest.hexdigest()
+
+
+def fingerprint(path: Path) -> str:
+    """Return the hash of a file, or of all files of a folder; "absent" where nothing can be read."""
+    try:
+        if not path.is_dir():
+            return sha256(path)
+        inside = sorted(p for p in path.rglob("*") if p.is_file())
+        return digest_of([(p.relative_to(path).as_posix(), sha256(p)) for p in inside])
+    except (LabError, OSError):
+        return "absent"
+
+
+def trial_key(what: str, path: Path, options: Options) -> str:
+    """Return the name under which the result of one trial is remembered.
+
+    Args:
+        what: the work, by name.
+        path: the log.
+        options: of the work.
+    """
+    direct = (path, *options.files())
+    files = [(str(p), fingerprint(p), fingerprint(sidecar(p))) for p in direct]
+    mine = dataclasses.replace(options, tolerance=0.0, latency=0.0)  # of searches
+    return digest_of(code(), what, files, content(mine))
+
+
+def content(record: Any) -> str:
+    """Return the hash of a record; equal records have equal ones."""
+    digest = hashlib.sha256()
+    for part in _parts(record):
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def _parts(value: Any) -> Iterator[bytes]:
+    if isinstance(value, np.ndarray):
+        yield f"{value.dtype.str}{value.shape}".encode()
+        yield value.tobytes()
+    elif isinstance(value, Effect):
+        yield value.id.encode()
+    elif dataclasses.is_dataclass(value):
+        yield type(value).__name__.encode()
+        for field in dataclasses.fields(value):
+            yield from _parts(getattr(value, field.name))
+    elif isinstance(value, (tuple, list)):
+        yield f"{len(value)} of".encode()
+        for item in value:
+            yield from _parts(item)
+    else:
+        yield f"{value!r};".encode("utf-8", errors="surrogatepass")
+
+
+def digest_of(*parts: Any) -> str:
+    """Return the hash of plain values."""
+    return hashlib.sha256(json.dumps(parts, ensure_ascii=True).encode()).hexdigest()

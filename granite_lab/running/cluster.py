@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from granite_lab.errors import LabError, UsageError
-from granite_lab.running import fingerprint
+from granite_lab.running import cache
 
 X = TypeVar("X")
 Y = TypeVar("Y")
@@ -24,8 +24,6 @@ PATIENCE = 10
 
 AHEAD = 2
 """Items per thread of the cluster that are on their way."""
-
-LOST = LabError("the cluster has lost all its workers", "start new ones; finished trials are remembered")
 
 _alone = threading.Lock()
 
@@ -63,41 +61,35 @@ def connected(address: str) -> Iterator[Any]:
         client.close(timeout=PATIENCE)
 
 
-def run_on(address: str, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[tuple[int, Y | LabError]]:
+def run_on(client: Any, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[tuple[int, Y | LabError]]:
     """Yield (index, result) of each item, in the order in which they are finished.
 
     Args:
-        address: of the scheduler.
+        client: of `connected`.
         call: a module-level function of this package, or a partial of one.
         items: its arguments.
 
     Raises:
-        UsageError: the cluster cannot be used.
         LabError: all workers are gone.
     """
-    with connected(address) as client:
-        yield from run_with(client, call, items)
-
-
-def run_with(client: Any, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[tuple[int, Y | LabError]]:
-    """Do the work of `run_on` with a client that is connected."""
     from distributed import wait  # noqa: PLC0415
 
+    code, folder = cache.code(search=True), str(Path.cwd())
     queue = list(enumerate(items))[::-1]
     inside: dict[Any, int] = {}
     try:
         while queue or inside:
             room = max(1, sum(client.nthreads().values())) * (1 + AHEAD) - len(inside)
             for index, item in (queue.pop() for _ in range(min(room, len(queue)))):
-                future = client.submit(
-                    _on_worker, call, item, str(Path.cwd()), fingerprint.code(search=True), pure=False
-                )
-                inside[future] = index
+                inside[client.submit(_on_worker, call, item, folder, code, pure=False)] = index
             try:
                 done = wait(list(inside), timeout=PATIENCE, return_when="FIRST_COMPLETED").done
             except TimeoutError:
                 if not client.nthreads():
-                    raise LOST from None
+                    raise LabError(
+                        "the cluster has lost all its workers",
+                        "start new ones; finished trials are remembered",
+                    ) from None
                 continue
             for future in done:
                 index = inside.pop(future)
@@ -122,7 +114,7 @@ def _on_worker(call: Callable[[X], Y], item: X, folder: str, code: str) -> Y | L
 
     A process has only one current folder: the threads of a worker take turns.
     """
-    if fingerprint.code(search=True) != code:
+    if cache.code(search=True) != code:
         return LabError(
             f"{item}: a worker runs another version of granite-lab, or other libraries",
             "install the same ones on all workers and start them again",

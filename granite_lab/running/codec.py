@@ -1,41 +1,48 @@
-"""Records as bytes and back: a line of JSON, the arrays behind it, and a hash that says whether all is whole.
+"""Records as bytes and back: a restricted pickle, the arrays behind it, and a hash of all.
 
-No pickle: what is read names only records of this package. Arrays are not copied when they are read, so that
-a record may lie in a file that is mapped into memory (`Arena`).
+What is read names only records of this package and arrays, so that a foreign file cannot run code. Arrays are
+not copied when they are read, so that a record may lie in a file that is mapped into memory (`Arena`).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
-import importlib
-import json
-import math
+import io
 import mmap
-import sys
+import pickle
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from types import BuiltinFunctionType, FunctionType
 from typing import Any
 
 import numpy as np
 
-from granite_lab.model.effect import Active, Effect
+from granite_lab.model.effect import Effect
 
 ALIGNED = 64
-"""Bytes to which text and arrays are aligned."""
-
-DIGEST = 32
-"""Bytes of the hash; the length of the text follows in the rest of the first `ALIGNED`."""
+"""Bytes to which the parts are aligned, and length of the hash."""
 
 CHUNK = 16_000_000
 """Size of a file of an `Arena` [bytes]; a trial takes 2 MB."""
+
+PLAIN = {
+    "pathlib": ("Path", "PosixPath", "WindowsPath"),
+    "numpy": ("dtype", "ndarray"),
+    "numpy._core.numeric": ("_frombuffer",),
+    "numpy._core.multiarray": ("scalar",),
+}
+"""What may be named besides records of this package: module to its names."""
+
+NAMED = (type, FunctionType, BuiltinFunctionType, Path, np.ndarray, np.generic, np.dtype)
+"""Kinds of what a record may hold besides plain values and records, or what pickle names for it."""
 
 Buffer = bytearray | memoryview
 
 
 def encode(record: Any) -> bytes:
-    """Return a record of this package as bytes; equal records give equal bytes.
+    """Return a record of this package as bytes.
 
     Args:
         record: frozen dataclasses, tuples, lists, dictionaries, texts, numbers and NumPy arrays.
@@ -43,9 +50,17 @@ def encode(record: Any) -> bytes:
     Raises:
         TypeError: something else is in it.
     """
-    arrays: list[Any] = []
-    text = json.dumps(_flat(record, arrays), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return pack(text, arrays)
+    buffers: list[pickle.PickleBuffer] = []
+    file = io.BytesIO()
+    _Writer(file, 5, buffer_callback=buffers.append).dump(record)
+    parts = [file.getvalue(), *(buffer.raw() for buffer in buffers)]
+    sizes = np.array([len(parts), *(len(part) for part in parts)], "<i8").tobytes()
+    return sealed(b"".join(bytes(part) + bytes(-len(part) % ALIGNED) for part in (sizes, *parts)))
+
+
+def sealed(body: bytes) -> bytes:
+    """Return the body of a record with its hash before it."""
+    return hashlib.blake2b(body).digest() + body
 
 
 def decode(data: bytes | Buffer, effects: Mapping[str, Effect] | None = None) -> Any:
@@ -58,38 +73,18 @@ def decode(data: bytes | Buffer, effects: Mapping[str, Effect] | None = None) ->
     Raises:
         ValueError, KeyError and others: the bytes are not whole or of another version.
     """
-    text, arrays = unpack(data)
-    return _built(json.loads(text), arrays, effects or {})
-
-
-def pack(text: str, arrays: list[Any]) -> bytes:
-    """Return a text with its arrays as bytes."""
-    shapes = [[array.dtype.str, list(array.shape)] for array in arrays]
-    head = json.dumps([text, shapes], separators=(",", ":")).encode("ascii")
-    parts = [head, *(array.tobytes() for array in arrays)]
-    body = b"".join(part + bytes(-len(part) % ALIGNED) for part in parts)
-    start = len(head).to_bytes(ALIGNED - DIGEST, "little")
-    return hashlib.blake2b(start + body, digest_size=DIGEST).digest() + start + body
-
-
-def unpack(data: bytes | Buffer) -> tuple[str, list[Any]]:
-    """Return text and arrays of `pack`.
-
-    Raises:
-        ValueError: the bytes are not whole.
-    """
     whole = memoryview(bytearray(data) if isinstance(data, bytes) else data)
-    if hashlib.blake2b(whole[DIGEST:], digest_size=DIGEST).digest() != whole[:DIGEST]:
+    body = whole[ALIGNED:]
+    if hashlib.blake2b(body).digest() != whole[:ALIGNED]:
         raise ValueError("not whole, or no record of this package")
-    place = int.from_bytes(whole[DIGEST:ALIGNED], "little")
-    text, shapes = json.loads(bytes(whole[ALIGNED : ALIGNED + place]))
-    arrays, place = [], ALIGNED + place + -place % ALIGNED
-    for kind, shape in shapes:
-        dtype = np.dtype(kind)
-        size = math.prod(shape) * dtype.itemsize
-        arrays.append(np.frombuffer(whole[place : place + size], dtype).reshape(shape))
-        place += size + -size % ALIGNED
-    return text, arrays
+    count = int.from_bytes(body[:8], "little")
+    sizes = np.frombuffer(body[8 : 8 * (1 + count)], "<i8").tolist()
+    parts, place = [], 8 * (1 + count)
+    for size in sizes:
+        place += -place % ALIGNED
+        parts.append(body[place : place + size])
+        place += size
+    return _Reader(parts[0], effects or {}, parts[1:]).load()
 
 
 class Arena:
@@ -122,67 +117,38 @@ class Arena:
         return held
 
 
-def _flat(value: Any, arrays: list[Any]) -> Any:  # noqa: PLR0911, one line a type
-    if value is None or isinstance(value, (bool, str)):
-        return value
-    if isinstance(value, np.generic):
-        return _flat(value.item(), arrays)
-    if isinstance(value, int):
-        return value
-    if isinstance(value, float):
-        return value if math.isfinite(value) else {"float": repr(value)}
-    if isinstance(value, np.ndarray):
-        if value.dtype.hasobject:
-            raise TypeError("an array of objects cannot be stored")
-        arrays.append(value)
-        return {"array": len(arrays) - 1}
-    if isinstance(value, (tuple, list)):
-        return {type(value).__name__: [_flat(v, arrays) for v in value]}
-    if isinstance(value, Mapping):
-        return {"dict": [[_flat(k, arrays), _flat(v, arrays)] for k, v in value.items()]}
-    if isinstance(value, Path):
-        return {"path": str(value)}
-    if isinstance(value, Active):
-        return {"active": value.id, "values": list(value.values)}
-    cls = type(value)
-    if dataclasses.is_dataclass(cls) and cls.__module__.startswith("granite_lab."):
-        fields = {f.name: _flat(getattr(value, f.name), arrays) for f in dataclasses.fields(cls)}
-        return {"record": f"{cls.__module__}:{cls.__qualname__}", "fields": fields}
-    raise TypeError(f"a {cls.__name__} cannot be stored")
+def effect_named(name: str) -> Effect:
+    """Stand in a record for an effect, which comes from the library or from a user's file, not from bytes."""
+    raise KeyError(name)
 
 
-def _built(tree: Any, arrays: list[Any], effects: Mapping[str, Effect]) -> Any:  # noqa: PLR0911
-    if isinstance(tree, str):
-        return sys.intern(tree)  # a phase stands at each sample: one text for all
-    if not isinstance(tree, dict):
-        return tree
-    kind, held = next(iter(tree.items()))
-    match kind:
-        case "float":
-            return float(held)
-        case "array":
-            return arrays[held]
-        case "tuple":
-            return tuple(_built(v, arrays, effects) for v in held)
-        case "list":
-            return [_built(v, arrays, effects) for v in held]
-        case "dict":
-            return {_built(k, arrays, effects): _built(v, arrays, effects) for k, v in held}
-        case "path":
-            return Path(held)
-        case "active":
-            return Active(effects[held], tuple(float(v) for v in tree["values"]))
-    fields = {name: _built(v, arrays, effects) for name, v in tree["fields"].items()}
-    return _class(held)(**fields)
+class _Writer(pickle.Pickler):
+    def reducer_override(self, obj: Any) -> Any:
+        if isinstance(obj, Effect):
+            return effect_named, (obj.id,)
+        if isinstance(obj, np.ndarray) and not obj.flags.forc:
+            return np.ascontiguousarray(obj).__reduce_ex__(5)
+        if not isinstance(obj, NAMED) and not _is_record(type(obj)):
+            raise TypeError(f"a {type(obj).__name__} cannot be stored")
+        return NotImplemented
 
 
-def _class(name: str) -> Any:
-    module, _, path = name.partition(":")
-    if not module.startswith("granite_lab."):
-        raise ValueError(f"{name} is no record of this package")
-    found: Any = importlib.import_module(module)
-    for part in path.split("."):
-        found = getattr(found, part)
-    if not dataclasses.is_dataclass(found):
-        raise ValueError(f"{name} is no record")
-    return found
+class _Reader(pickle.Unpickler):
+    def __init__(self, data: memoryview, effects: Mapping[str, Effect], arrays: list[memoryview]) -> None:
+        super().__init__(io.BytesIO(data), buffers=arrays)
+        self._effects = effects
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) == (effect_named.__module__, effect_named.__name__):
+            return self._effects.__getitem__
+        if name in PLAIN.get(module, ()):
+            return super().find_class(module, name)
+        found = super().find_class(module, name) if module.startswith("granite_lab.") else None
+        if not _is_record(found):
+            raise ValueError(f"{module}.{name} is no record of this package")
+        return found
+
+
+def _is_record(found: Any) -> bool:
+    own = isinstance(found, type) and found.__module__.startswith("granite_lab.")
+    return own and dataclasses.is_dataclass(found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,13 +13,39 @@ from granite_lab.errors import LabError
 from granite_lab.parameters.catalogue import CATALOGUE, forget
 from granite_lab.parameters.quantity import noting_files
 from granite_lab.processes import one_thread
+from granite_lab.running.cache import Cache, trial_key
 from granite_lab.running.codec import Arena, decode, encode
-from granite_lab.running.execution import Execution
-from granite_lab.running.fingerprint import trial_key
-from granite_lab.running.local import run_here
 from granite_lab.running.options import Options
+from granite_lab.running.pool import run_here
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Where work is done and what is remembered of it; results do not depend on it.
+
+    Attributes:
+        jobs: number of processes of this machine; 0 means one per core, 1 means this process.
+        scheduler: address of a Dask scheduler that does the work in their place.
+        cache: of finished results; None computes everything.
+    """
+
+    jobs: int = 0
+    scheduler: str | None = None
+    cache: Cache | None = None
+
+    def tidied(self) -> tuple[str, ...]:
+        """Keep the cache within its size; return a line where nothing could be remembered."""
+        if self.cache is None:
+            return ()
+        self.cache.trim()
+        trouble = self.cache.trouble
+        return (f"nothing is remembered: {trouble.message}",) if trouble is not None else ()
+
+
+HERE = Execution()
+"""All cores of this machine, nothing remembered."""
 
 
 def each_trial(
@@ -26,8 +53,7 @@ def each_trial(
     paths: Sequence[Path],
     options: Options,
     *,
-    jobs: int = 0,
-    execution: Execution | None = None,
+    execution: Execution = HERE,
     done: Callable[[Path], None] = lambda _: None,
 ) -> list[T | LabError]:
     """Apply `work` to each trial and keep the order of the trials.
@@ -39,46 +65,46 @@ def each_trial(
         work: a module-level function of path and options that returns records.
         paths: the logs.
         options: for all of them.
-        jobs: number of processes; 0 means one per core, 1 means this process.
-        execution: where the work is done and what is remembered, in place of `jobs`.
+        execution: where the work is done and what is remembered.
         done: called with each path once it is finished.
 
     Returns:
         results and errors, in the order of `paths`.
     """
-    how = execution or Execution(jobs)
+    cache, name = execution.cache, work.__qualname__
     results: dict[Path, T | LabError] = {}
     keys: dict[Path, str] = {}
-    arena = Arena(how.cache.folder if how.cache is not None else None)
-    if how.cache is not None:
-        for path in dict.fromkeys(paths):
-            keys[path] = trial_key(work.__qualname__, path, options)
-            found = how.cache.get(keys[path], arena=arena)
-            if found is not None:
-                results[path] = found
-                done(path)
+    arena = Arena(cache.folder if cache is not None else None)
+    for path in dict.fromkeys(paths) if cache is not None else ():
+        keys[path] = trial_key(name, path, options)
+        found = cache.get(keys[path], arena=arena) if cache is not None else None
+        if found is not None:
+            results[path] = found
+            done(path)
     left = [path for path in dict.fromkeys(paths) if path not in results]
-    for index, outcome in _outcomes(partial(_guarded, work, options), left, how):
+    for index, outcome in _outcomes(partial(_guarded, work, options), left, execution):
         path = left[index]
         if isinstance(outcome, LabError):
             results[path] = outcome
         else:
             # An input that was changed meanwhile is no longer what the key says.
-            if how.cache is not None and trial_key(work.__qualname__, path, options) == keys[path]:
-                how.cache.put(keys[path], outcome)
+            if cache is not None and trial_key(name, path, options) == keys[path]:
+                cache.put(keys[path], outcome)
             results[path] = decode(arena.hold(outcome))[1]
         done(path)
     return [results[path] for path in paths]
 
 
 def _outcomes(
-    call: Callable[[Path], bytes | LabError], paths: Sequence[Path], how: Execution
+    call: Callable[[Path], bytes | LabError], paths: Sequence[Path], execution: Execution
 ) -> Iterator[tuple[int, bytes | LabError]]:
-    if how.scheduler is not None and paths:
-        from granite_lab.running.cluster import run_on  # noqa: PLC0415, an extra
+    if execution.scheduler is None or not paths:
+        yield from run_here(call, paths, execution.jobs)
+        return
+    from granite_lab.running.cluster import connected, run_on  # noqa: PLC0415, an extra
 
-        return run_on(how.scheduler, call, paths)
-    return run_here(call, paths, how.jobs)
+    with connected(execution.scheduler) as client:
+        yield from run_on(client, call, paths)
 
 
 def _guarded(work: Callable[[Path, Options], Any], options: Options, path: Path) -> bytes | LabError:

@@ -59,6 +59,7 @@ class Options:
 
     def given(self) -> tuple[tuple[str, str], ...]:
         """Return what was said about all trials, as the options of the command line."""
+        start, end = self.window or (-math.inf, math.inf)
         named = {
             "robot": self.robot,
             "soil": self.soil,
@@ -67,8 +68,8 @@ class Options:
             "effects": self.effects,
             "tolerance": None if self.tolerance == TOLERANCE else f"{self.tolerance:.9g}",
             "latency": None if self.latency == LATENCY_LIMIT else f"{1e3 * self.latency:.9g}",
-            "from": self.window[0] if self.window and math.isfinite(self.window[0]) else None,
-            "to": self.window[1] if self.window and math.isfinite(self.window[1]) else None,
+            "from": start if math.isfinite(start) else None,
+            "to": end if math.isfinite(end) else None,
         }
         topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
         return (*((key, str(value)) for key, value in named.items() if value is not None), *topics)
@@ -77,14 +78,13 @@ class Options:
     def from_given(cls, given: Sequence[tuple[str, str]]) -> Options:
         """Return what `given` was made from; other names are passed over."""
         said = dict(given)
-        model, effects = said.get("model"), said.get("effects")
         topics = (value.partition("=") for key, value in given if key == "topic")
         return cls(
             robot=said.get("robot"),
             soil=said.get("soil"),
             column_map=said.get("map"),
-            model=None if model is None else Path(model),
-            effects=None if effects is None else Path(effects),
+            model=Path(said["model"]) if "model" in said else None,
+            effects=Path(said["effects"]) if "effects" in said else None,
             topics=tuple((role, topic) for role, _, topic in topics),
             tolerance=float(said.get("tolerance", TOLERANCE)),
             latency=float(said.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,
@@ -92,6 +92,3 @@ class Options:
             if {"from", "to"} & set(said)
             else None,
         )
-
-
-NOTHING_SAID = Options()

@@ -2,32 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
-from granite_lab.errors import LabError
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Robot, load_robot
-from granite_lab.running.each import each_trial
-from granite_lab.running.execution import Execution
 from granite_lab.running.options import Options
-
-
-def ingest(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
-    """Read a log, correct it and estimate its motion.
-
-    Returns:
-        the corrected trial, which later stages read in place of the log; its robot; its motion.
-
-    Raises:
-        InputError: the log cannot be used.
-        EstimateError: the motion cannot be had from it.
-    """
-    trial, robot = read(path, options)
-    clean, motion = estimate(trial, robot, options)
-    return clean, robot, motion
 
 
 def read(path: Path, options: Options) -> tuple[Trial, Robot]:
@@ -66,19 +47,14 @@ def estimate(trial: Trial, robot: Robot, options: Options) -> tuple[Trial, Motio
     return correct(trial, robot, rests=options.rests, distance_measured=options.distance_measured)
 
 
-def to_search(
-    paths: Sequence[Path], options: Options, execution: Execution
-) -> list[tuple[Trial, Motion] | LabError]:
-    """Return the corrected trials of a search with their motion, and errors, in the order of the paths.
+def corrected(path: Path, options: Options) -> tuple[Trial, Motion]:
+    """Read a log, correct it and estimate its motion.
 
-    Args:
-        paths: the logs.
-        options: for all of them.
-        execution: where estimates are made and remembered.
+    Returns:
+        the corrected trial, which later stages read in place of the log, and its motion.
+
+    Raises:
+        InputError: the log cannot be used.
+        EstimateError: the motion cannot be had from it.
     """
-    return list(each_trial(_corrected, paths, options, execution=execution))
-
-
-def _corrected(path: Path, options: Options) -> tuple[Trial, Motion]:
-    trial, _, motion = ingest(path, options)
-    return trial, motion
+    return estimate(*read(path, options), options)

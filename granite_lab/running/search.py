@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from granite_lab import __version__
 from granite_lab.discovery.discover import discover
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import Finding
-from granite_lab.effects import library, load_effects
+from granite_lab.effects import library
 from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
 from granite_lab.errors import LabError, UsageError
 from granite_lab.estimate import Estimate
@@ -24,12 +24,12 @@ from granite_lab.files import write_text
 from granite_lab.inference.bench import Respond, Task, World
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.effect import Effect
-from granite_lab.parameters import Robot, Soil, Variant, load_paper, load_robot, load_soil
+from granite_lab.parameters import Variant, load_paper, load_robot, load_soil
+from granite_lab.running.cache import code, content, digest_of, fingerprint
 from granite_lab.running.codec import decode, encode
-from granite_lab.running.execution import HERE, Execution
-from granite_lab.running.fingerprint import fingerprint, search_key
-from granite_lab.running.guard import Guard
+from granite_lab.running.each import HERE, Execution
 from granite_lab.running.options import Options
+from granite_lab.running.output import Guard
 
 MODEL = "model.toml"
 """Name of the file with what was found."""
@@ -66,21 +66,17 @@ def search(
     robot, soil = names_of(trials, options)
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     trials, motions = [trials[i] for i in order], [motions[i] for i in order]
-    candidates = library() | (load_effects(options.effects) if options.effects else {})
-    effects = candidates | {EmpiricalLaw.id: EmpiricalLaw()}
-    cache, key = execution.cache, ""
-    if cache is not None:
-        parts = (*trials, *motions, load_robot(robot), load_soil(soil))
-        key = search_key([encode(part) for part in parts], options)
-        found = cache.get(key, effects)
-        if isinstance(found, Finding):
-            return found
+    effects, cache = _effects(options.effects), execution.cache
+    key = search_key((*trials, *motions, load_robot(robot), load_soil(soil)), options)
+    found = cache.get(key, effects) if cache is not None else None
+    if isinstance(found, Finding):
+        return found
     with _respond(execution, options.effects) as respond:
         finding = discover(
             trials,
             load_robot(robot),
             load_soil(soil),
-            effects=candidates,
+            effects=library(options.effects),
             motions=motions,
             jobs=execution.jobs or os.cpu_count() or 1,
             respond=respond,
@@ -113,6 +109,18 @@ def names_of(trials: Sequence[Trial], options: Options) -> tuple[str, str]:
     return robots.pop(), soils.pop()
 
 
+def search_key(inputs: Sequence[Any], options: Options) -> str:
+    """Return the name under which a finding is remembered.
+
+    Args:
+        inputs: records that the search works on.
+        options: of the search: the user's own effect file, tolerance and latency.
+    """
+    own = fingerprint(options.effects) if options.effects else None
+    hashes = [content(record) for record in inputs]
+    return digest_of(code(search=True), hashes, own, options.tolerance, options.latency)
+
+
 def save_found(
     finding: Finding,
     options: Options,
@@ -132,12 +140,15 @@ def save_found(
     Returns:
         path of the model file, None where it could not be written.
     """
+    from granite_lab.planning.design import NAME, save_design  # noqa: PLC0415, a defect there is guarded
+
     path = guard.folder / MODEL
-    saved = guard.run("model", partial(_save_model, finding, options, trials, path))
-    guard.run("design", partial(_save_design, finding, trials, motions, guard.folder))
+    saved = guard.run("model", lambda: _save_model(finding, options, trials, path))
+    said = [_saying(trial, motion.variant) for trial, motion in zip(trials, motions, strict=True)]
+    guard.run("design", lambda: save_design(finding, said, guard.folder / NAME))
     if finding.tracebacks:
-        path = guard.folder / "failure-search.txt"
-        guard.run("tracebacks", partial(write_text, path, "\n".join(finding.tracebacks)))
+        text = "\n".join(finding.tracebacks)
+        guard.run("tracebacks", lambda: write_text(guard.folder / "failure-search.txt", text))
     return saved
 
 
@@ -145,30 +156,21 @@ def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], pat
     active = {item.id: item for item in finding.active}
     fitted = []
     for found in finding.effects:
-        if found.empirical:
-            continue
-        item = active[found.id]
-        std = {p.name: p.estimate.std for p in found.parameters}
-        values = {name: Estimate(v, std.get(name, 0.0)) for name, v in item.as_dict().items()}
-        fitted.append(FittedEffect(item.effect, values, found.twins))
+        if not found.empirical:
+            item = active[found.id]
+            std = {p.name: p.estimate.std for p in found.parameters}
+            values = {name: Estimate(v, std.get(name, 0.0)) for name, v in item.as_dict().items()}
+            fitted.append(FittedEffect(item.effect, values, found.twins))
     files = sorted((file.path.name, file.sha256) for t in trials for file in t.inputs)
-    provenance: dict[str, Any] = {
+    provenance = {
         "version": __version__,
         "verdict": finding.verdict,
         "virtual": finding.virtual,
         "inputs": [f"{name} sha256 {sha}" for name, sha in files],
     }
-    robot, soil = names_of(trials, options)
     law = Estimate(load_paper().a_theta)
-    save_model(ModelFile(robot, soil, "exponential", law, tuple(fitted), provenance), path)
+    save_model(ModelFile(*names_of(trials, options), "exponential", law, tuple(fitted), provenance), path)
     return path
-
-
-def _save_design(finding: Finding, trials: Sequence[Trial], motions: Sequence[Motion], folder: Path) -> None:
-    from granite_lab.planning.design import NAME, save_design  # noqa: PLC0415, a defect there is guarded
-
-    said = [_saying(trial, motion.variant) for trial, motion in zip(trials, motions, strict=True)]
-    save_design(finding, said, folder / NAME)
 
 
 def _saying(trial: Trial, variant: Variant) -> Trial:
@@ -177,41 +179,24 @@ def _saying(trial: Trial, variant: Variant) -> Trial:
     return replace(trial, info=replace(trial.info, v_desired=v, a_max=a, distance=d))
 
 
-@dataclass(frozen=True)
-class _Recipe:
-    """A world as a worker of a cluster can make it again; a user's own effects come from their file."""
-
-    robot: Robot
-    soil: Soil
-    variants: tuple[Variant, ...]
-    effects: Path | None
-    effects_sha256: str
-
-    def world(self) -> World:
-        own: dict[str, Effect] = load_effects(self.effects) if self.effects else {}
-        law = {EmpiricalLaw.id: EmpiricalLaw()}
-        return World(self.robot, self.soil, self.variants, library() | own | law)
-
-
 @contextmanager
 def _respond(execution: Execution, effects: Path | None) -> Iterator[Respond | None]:
     """Give what simulates on the cluster, or None where this machine does it."""
     if execution.scheduler is None:
         yield None
         return
-    from granite_lab.running.cluster import connected, run_with  # noqa: PLC0415, an extra
+    from granite_lab.running.cluster import connected, run_on  # noqa: PLC0415, an extra
 
+    sha = fingerprint(effects) if effects else ""
     with connected(execution.scheduler) as client:
 
         def respond(world: World, tasks: Sequence[Task]) -> list[Array | None]:
             if type(world) is not World:  # a worker makes a plain world
                 return [world.respond(task) for task in tasks]
-            sha = fingerprint(effects) if effects else ""
-            recipe = _Recipe(world.robot, world.soil, world.variants, effects, sha)
             size = max(1, min(16, len(tasks) // (2 * max(1, sum(client.nthreads().values())))))
             parts = [tuple(tasks[i : i + size]) for i in range(0, len(tasks), size)]
             found: dict[int, list[Array | None]] = {}
-            for index, part in run_with(client, partial(_simulate, recipe), parts):
+            for index, part in run_on(client, partial(_simulate, encode(world), effects, sha), parts):
                 if isinstance(part, LabError):
                     raise LabError(f"the cluster failed: {part.message.partition(': ')[2]}", part.hint)
                 found[index] = part
@@ -220,10 +205,16 @@ def _respond(execution: Execution, effects: Path | None) -> Iterator[Respond | N
         yield respond
 
 
-def _simulate(recipe: _Recipe, tasks: Sequence[Task]) -> list[Array | None] | LabError:
-    if recipe.effects and fingerprint(recipe.effects) != recipe.effects_sha256:
-        return LabError(
-            f"worker: {recipe.effects} is another file on a worker", "share the folder with the workers"
-        )
-    world = recipe.world()
-    return [world.respond(task) for task in tasks]
+def _simulate(
+    world: bytes, effects: Path | None, sha: str, tasks: Sequence[Task]
+) -> list[Array | None] | LabError:
+    """Simulate on a worker, which takes a user's own effects from their file."""
+    if effects and fingerprint(effects) != sha:
+        return LabError(f"worker: {effects} is another file on a worker", "share the folder with the workers")
+    made: World = decode(world, _effects(effects))
+    return [made.respond(task) for task in tasks]
+
+
+def _effects(own: Path | None) -> dict[str, Effect]:
+    """Return all effects that a finding may name."""
+    return library(own) | {EmpiricalLaw.id: EmpiricalLaw()}

@@ -59,7 +59,7 @@ def test_every_command_is_a_function_with_a_description() -> None:
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     assert set(FUNCTIONS) == set(commands)
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
-    for command, name in FUNCTIONS.items():
+    for name in FUNCTIONS.values():
         function = getattr(gl, name)
         assert callable(function)
         assert name in gl.__all__
@@ -67,7 +67,6 @@ def test_every_command_is_a_function_with_a_description() -> None:
         text = inspect.getdoc(function) or ""
         for argument in inspect.signature(function).parameters:
             assert f"{argument}:" in text or f"{argument}," in text, (name, argument)
-        assert f"`{command}`" in page
         assert f"gl.{name}(" in page
 
 
@@ -117,17 +116,17 @@ def test_the_package_imports_nothing_heavy_and_asks_for_functions_when_they_are_
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert done.stdout.strip() == "set()"
     assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.3
-    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+    with pytest.raises(AttributeError, match="nonsense"):
         gl.nonsense  # noqa: B018
 
 
 def test_study_stays_a_function_beside_the_module_of_its_name() -> None:
     import granite_lab.study
-    from granite_lab.study import Options
+    from granite_lab.study import Written
 
     assert inspect.isfunction(gl.study)
     assert inspect.isfunction(granite_lab.study)
-    assert Options.__module__ in sys.modules
+    assert Written.__module__ in sys.modules
     assert inspect.ismodule(sys.modules["granite_lab.study"])
 
 

@@ -31,11 +31,11 @@ EXCLUDE = f'[[exclude]]\ntrial = "{B}"\nreason = "a wheel hit a stone"\n'
 def test_robot_of_the_file_is_used_where_none_is_given(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, 'robot = "mine.toml"\nout = "results"\n')
     (folder / "mine.toml").write_text(GRANITE, encoding="utf-8")
-    found = choose(folder)
-    assert found.robot == str(folder / "mine.toml")
+    found = choose(folder, {})
+    assert found.options.robot == str(folder / "mine.toml")
     assert found.out == folder / "results"
-    assert found.soil is None
-    assert choose(folder, robot="granite").robot == "granite"
+    assert found.options.soil is None
+    assert choose(folder, {"robot": "granite"}).options.robot == "granite"
 
 
 def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_folders_that_disagree_need_the_option(tmp_path: Path) -> None:
     done = lab("fit-k92", first, second)
     assert done.code == 2
     assert "not the same soil" in done.error
-    assert choose([first, second], soil="dry_sand").soil == "dry_sand"
+    assert choose([first, second], {"soil": "dry_sand"}).options.soil == "dry_sand"
 
 
 def test_params_shows_where_robot_and_soil_come_from(tmp_path: Path) -> None:

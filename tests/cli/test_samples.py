@@ -15,8 +15,8 @@ from granite_lab.fitting import fit_a_theta
 from granite_lab.hidden.sealed import open_answer
 from granite_lab.parameters.quantity import parse_toml
 from granite_lab.reporting.content import TrialResult
-from granite_lab.running import Cache, Execution, each_trial
-from granite_lab.study import Options, analyse
+from granite_lab.running import Cache, Execution, Options, each_trial
+from granite_lab.study import analyse
 
 SAMPLES = Path(__file__).parent.parent.parent / "data" / "samples"
 LOGS = sorted(SAMPLES.glob("*.csv"))

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from granite_lab.api.view import view as show
+from granite_lab.api.logs import view as show
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.reporting.recording import (
     open_viewer,

@@ -99,7 +99,7 @@ import numpy as np
 from granite_lab.inference.bench import Bench, Task, World
 from granite_lab.effects import library
 from granite_lab.parameters import load_robot, load_soil, load_variants
-from granite_lab.running.execution import Execution
+from granite_lab.running import Execution
 from granite_lab.running.search import _respond
 world = World(load_robot(), load_soil(), load_variants()[2:], library())
 effect = library()["tyre_windup"]
@@ -162,17 +162,17 @@ def test_a_broken_log_is_left_out_on_a_cluster_too(cluster: Cluster, tmp_path: P
 
 def test_a_worker_that_cannot_see_the_folder_says_so(tmp_path: Path) -> None:
     from granite_lab.errors import LabError
-    from granite_lab.running import fingerprint
+    from granite_lab.running import cache
     from granite_lab.running.cluster import _on_worker
 
     before = Path.cwd()
     try:
-        lost = _on_worker(len, "x.csv", str(tmp_path / "nowhere"), fingerprint.code(search=True))
+        lost = _on_worker(len, "x.csv", str(tmp_path / "nowhere"), cache.code(search=True))
         assert isinstance(lost, LabError)
         assert "cannot see the folder" in lost.message
         other = _on_worker(len, "x.csv", str(tmp_path), "other code")
         assert isinstance(other, LabError)
         assert "another version" in other.message
-        assert _on_worker(len, "x.csv", str(tmp_path), fingerprint.code(search=True)) == 5
+        assert _on_worker(len, "x.csv", str(tmp_path), cache.code(search=True)) == 5
     finally:
         os.chdir(before)

@@ -10,13 +10,12 @@ from typing import Any, NoReturn
 import pytest
 
 import granite_lab.reporting
-from granite_lab.api.search import write_found
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import LabError
 from granite_lab.running import Options
-from granite_lab.running.guard import Guard, tell
-from granite_lab.study import write
+from granite_lab.running.output import Guard, tell
+from granite_lab.study import write, write_found
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
 
@@ -74,8 +73,8 @@ def test_a_search_keeps_all_but_the_part_that_fails(
     study = made_up_study(speeds=(0.5,), repetitions=2)
     trials = [r.trial for r in study.trials]
     motions = [r.comparison.motion for r in study.trials]
-    written = write_found(found(), Options(), trials, motions, tmp_path, [], 1)
-    (line,) = written.finding.failures
+    written = write_found(found(), Options(), trials, motions, tmp_path, study.source)
+    (line,) = written.failures
     assert line.startswith(f"{part}: ValueError: mean of an empty slice; the traceback is in ")
     there = {path.name for path in tmp_path.iterdir()}
     assert there >= {FILES[p] for p in PARTS if p != part} | {"finding.json", f"failure-{part}.txt"}
@@ -90,13 +89,11 @@ def test_a_study_keeps_the_rest_of_its_report_when_the_search_cannot_be_shown(
 ) -> None:
     monkeypatch.setattr("granite_lab.reporting.report._missing", broken)
     study = replace(made_up_study(speeds=(0.5,), repetitions=2), finding=found())
-    guard = Guard(tmp_path)
-    assert write(study, Options(), tmp_path, guard=guard) == tmp_path / "index.html"
-    assert [line.partition(":")[0] for line in guard.lines] == ["report"]
+    written = write(study, Options(), tmp_path)
+    assert written.page == tmp_path / "index.html"
+    assert [line.partition(":")[0] for line in written.failures] == ["report"]
     assert json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))["verdict"] == "named"
     assert "see finding.json" in (tmp_path / "index.html").read_text(encoding="utf-8")
-    with pytest.raises(LabError, match="report: ValueError"):
-        write(study, Options(), tmp_path)
 
 
 def test_a_study_whose_report_fails_keeps_the_finding(
@@ -104,7 +101,6 @@ def test_a_study_whose_report_fails_keeps_the_finding(
 ) -> None:
     monkeypatch.setattr(granite_lab.reporting, "write_report", broken, raising=False)
     study = replace(made_up_study(speeds=(0.5,), repetitions=2), finding=found())
-    guard = Guard(tmp_path)
-    assert write(study, Options(), tmp_path, guard=guard) is None
+    assert write(study, Options(), tmp_path).page is None
     assert json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))["verdict"] == "named"
     assert (tmp_path / "model.toml").exists()

@@ -18,6 +18,7 @@ import pytest
 from granite_lab.logs.trial import ImuStream, Trial, TrialInfo
 from granite_lab.reporting import write, write_report
 from granite_lab.running import Cache, Execution, Options, each_trial
+from granite_lab.running.cache import content
 from granite_lab.running.codec import Arena, decode, encode
 from tests.reporting.made_up import made_up_study
 
@@ -54,7 +55,7 @@ def test_many_results_take_little_memory(tmp_path: Path, remembered: bool) -> No
     assert kept < 1_000_000  # of 45 MB
     for k, trial in enumerate(found, 1):
         assert isinstance(trial, Trial)
-        assert encode(trial) == encode(long_trial("x" * k))
+        assert content(trial) == content(long_trial("x" * k))
 
 
 def held(record: Any, folder: Path | None = None) -> Any:
@@ -64,11 +65,11 @@ def held(record: Any, folder: Path | None = None) -> Any:
 def test_a_record_in_a_file_is_as_before() -> None:
     result = made_up_study(speeds=(0.5,), repetitions=1).trials[0]
     kept = held(result)
-    assert encode(kept) == encode(result)
+    assert content(kept) == content(result)
     changed = dataclasses.replace(kept.comparison.motion, v=2 * kept.comparison.motion.v)
     assert changed.v.tobytes() == (2 * result.comparison.motion.v).tobytes()
     for again in (pickle.loads(pickle.dumps(kept)), copy.deepcopy(kept)):
-        assert encode(again) == encode(result)
+        assert content(again) == content(result)
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
@@ -90,7 +91,7 @@ def test_records_of_one_arena_do_not_touch_each_other(
     trials = [long_trial("x" * k) for k in range(1, 6)]
     kept = [decode(arena.hold(encode(trial))) for trial in trials]
     kept[0].imu.specific_force[:] = 99.0
-    assert [encode(k) for k in kept[1:]] == [encode(t) for t in trials[1:]]
+    assert [content(k) for k in kept[1:]] == [content(t) for t in trials[1:]]
 
 
 @pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="counts open files in /dev/fd")
@@ -108,7 +109,7 @@ def test_a_full_disk_leaves_the_records_in_memory(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr("tempfile.TemporaryFile", full)
     trial = long_trial("xx")
-    assert encode(held(trial)) == encode(trial)
+    assert content(held(trial)) == content(trial)
 
 
 def test_a_page_of_many_trials_shows_the_figures_of_further_ones_from_their_files(

@@ -12,7 +12,7 @@ from granite_lab.errors import InputError, LabError
 from granite_lab.estimate import Estimate
 from granite_lab.parameters import load_robot
 from granite_lab.parameters.catalogue import CATALOGUE
-from granite_lab.running import Cache, Execution, Options, each_trial, fingerprint
+from granite_lab.running import Cache, Execution, Options, cache, each_trial
 
 worked: list[str] = []
 
@@ -105,7 +105,7 @@ def test_a_new_sidecar_an_option_and_new_code_count(
     assert worked == ["0.csv"]
     run(logs, how, Options(rows="run = 1"))
     assert len(worked) == 4
-    monkeypatch.setattr(fingerprint, "code", lambda **_: "another version")
+    monkeypatch.setattr(cache, "code", lambda **_: "another version")
     run(logs, how)
     assert len(worked) == 4
 

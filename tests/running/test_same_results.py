@@ -115,7 +115,7 @@ def test_verify_refuses_what_is_no_report(
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:
     from granite_lab.errors import LabError
-    from granite_lab.running.folder import claimed
+    from granite_lab.running.output import claimed
 
     with (
         claimed(tmp_path / "report"),
@@ -127,7 +127,7 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:
 
 
 def test_what_a_killed_run_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
-    from granite_lab.running.folder import claimed
+    from granite_lab.running.output import claimed
 
     litter = [tmp_path / ".report.ab12_xyz" / "new", tmp_path / "report" / "recordings"]
     kept = [tmp_path / ".report.backup1" / "mine", tmp_path / ".other.ab12_xyz" / "new"]

@@ -12,16 +12,16 @@ from typing import Any
 import pytest
 
 import granite_lab as gl
-from granite_lab.api.search import write_found
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import InputError, UsageError
 from granite_lab.planning.design import load_design
-from granite_lab.running import Cache, Execution, Options
-from granite_lab.running.fingerprint import search_key, trial_key
-from granite_lab.running.guard import Guard
-from granite_lab.running.reading import to_search
-from granite_lab.running.search import save_found, search
+from granite_lab.running import Cache, Execution, Options, each_trial
+from granite_lab.running.cache import trial_key
+from granite_lab.running.output import Guard
+from granite_lab.running.reading import corrected
+from granite_lab.running.search import save_found, search, search_key
+from granite_lab.study import write_found
 from tests.effects.example import EXAMPLE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
@@ -45,7 +45,7 @@ def test_what_was_commanded_is_recognised_and_remembered(
     silent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     how = Execution(1, cache=Cache(tmp_path / "cache"))
-    recognised = to_search([silent], Options(), how)[0]
+    recognised = each_trial(corrected, [silent], Options(), execution=how)[0]
     assert isinstance(recognised, tuple)
     trial, motion = recognised
     assert (trial.info.v_desired, trial.info.a_max, trial.info.distance) == (None, None, None)
@@ -56,7 +56,7 @@ def test_what_was_commanded_is_recognised_and_remembered(
         raise AssertionError("estimated again")
 
     monkeypatch.setattr("granite_lab.estimation.correct", again)
-    assert isinstance(to_search([silent], Options(), how)[0], tuple)
+    assert isinstance(each_trial(corrected, [silent], Options(), execution=how)[0], tuple)
 
 
 def found_in_made_up_study() -> Finding:
@@ -84,7 +84,7 @@ def test_study_and_discover_leave_the_same_for_a_plan_and_a_simulation(tmp_path:
     study = replace(made_up_study(speeds=(0.5,), repetitions=2), finding=finding)
     trials = [r.trial for r in study.trials]
     motions = [r.comparison.motion for r in study.trials]
-    write_found(finding, Options(), trials, motions, tmp_path / "discover", [], 1)
+    write_found(finding, Options(), trials, motions, tmp_path / "discover", study.source)
     chain.write(study, Options(), tmp_path / "study")
     for name in ("design.json", "model.toml"):
         assert (tmp_path / "discover" / name).read_bytes() == (tmp_path / "study" / name).read_bytes()

@@ -38,12 +38,11 @@ def run_here(call: Callable[[X], Y], items: Sequence[X], jobs: int) -> Iterator[
     queue = deque(enumerate(items))
     while queue:
         yield from _crowd(call, queue, workers, lost)
-    for suspect in lost:
+    for index, item in lost:
         again: list[tuple[int, X]] = []
-        yield from _crowd(call, deque([suspect]), 1, again)
-        yield from (
-            (i, LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY)) for i, item in again
-        )
+        yield from _crowd(call, deque([(index, item)]), 1, again)
+        if again:
+            yield index, LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY)
 
 
 def _crowd(

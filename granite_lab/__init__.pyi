@@ -1,0 +1,41 @@
+from .api.check import Checked, check
+from .api.hidden import hide, kit, reveal
+from .api.logs import ingest, inspect, view
+from .api.model import list_effects, params, show_effect, simulate, wheel
+from .api.search import discover, plan_next
+from .api.trials import compare, fit_a_theta, fit_k92, record, report, study
+from .errors import EstimateError, InputError, LabError, UsageError
+from .estimate import Estimate
+from .reporting.two_studies import compare_studies
+
+__version__: str
+
+__all__ = [
+    "Checked",
+    "Estimate",
+    "EstimateError",
+    "InputError",
+    "LabError",
+    "UsageError",
+    "check",
+    "compare",
+    "compare_studies",
+    "discover",
+    "fit_a_theta",
+    "fit_k92",
+    "hide",
+    "ingest",
+    "inspect",
+    "kit",
+    "list_effects",
+    "params",
+    "plan_next",
+    "record",
+    "report",
+    "reveal",
+    "show_effect",
+    "simulate",
+    "study",
+    "view",
+    "wheel",
+]

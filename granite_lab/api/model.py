@@ -1,0 +1,425 @@
+"""`simulate`, `wheel`, `params`, `list_effects`, `show_effect`: the model and its numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from granite_lab.api.calls import checked
+from granite_lab.api.project import FILE, project_in
+from granite_lab.api.records import Records
+from granite_lab.effects import get, library
+from granite_lab.effects.model_file import load_model
+from granite_lab.errors import UsageError
+from granite_lab.logs import write_canonical, write_truth
+from granite_lab.model import Accuracy, Run
+from granite_lab.model import simulate as run_model
+from granite_lab.model.effect import Active, Effect, activate
+from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, acts, rolling
+from granite_lab.model.virtual import Scatter, rake, virtual_trial
+from granite_lab.parameters import (
+    GRAVITY,
+    Robot,
+    Soil,
+    Variant,
+    Wheels,
+    load_paper,
+    load_robot,
+    load_soil,
+    variant_of,
+)
+from granite_lab.parameters.catalogue import Provenance, forget, in_force
+from granite_lab.parameters.quantity import build, key_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+T = TypeVar("T", Wheels, Soil)
+
+
+class _Model(NamedTuple):
+    """The model that was asked for; of k_92 and a_θ at most one is given."""
+
+    robot: Robot
+    soil: Soil
+    effects: tuple[Active, ...]
+    k92: float | None
+    a_theta: float | None
+
+
+def _model(
+    robot: str | Path | Robot | None,
+    soil: str | Path | Soil | None,
+    model: str | Path | None,
+    effects: str | Path | None,
+    active: Mapping[str, Mapping[str, float]] | None,
+    k92: float | None,
+    a_theta: float | None,
+    grade: str | None = None,
+) -> _Model:
+    """Return the model of the arguments of `simulate`; what is given wins over the model file.
+
+    Raises:
+        UsageError: k_92 and a_θ together, or an unknown name.
+        InputError: a file cannot be used.
+    """
+    if k92 is not None and a_theta is not None:
+        raise UsageError("--k92 and --a-theta exclude each other", "give one of the two")
+    forget()
+    base = load_model(Path(model), Path(effects) if effects else None) if model else None
+    known = library(None if model else effects)
+    switched = tuple(activate(get(name, known), values) for name, values in (active or {}).items())
+    if not isinstance(robot, Robot):
+        robot = load_robot(robot or (base.robot if base else "granite"), grade)
+    if not isinstance(soil, Soil):
+        soil = load_soil(soil or (base.soil if base else "dry_sand"))
+    if base is None:
+        return _Model(robot, soil, switched, k92, a_theta)
+    if k92 is None and a_theta is None:
+        k92, a_theta = base.k92, base.a_theta
+    return _Model(robot, soil, base.effects + switched, k92, a_theta)
+
+
+@checked
+def simulate(
+    variant: float | Variant | None = None,
+    *,
+    v: float | None = None,
+    a: float | None = None,
+    distance: float | None = None,
+    k92: float | None = None,
+    a_theta: float | None = None,
+    robot: str | Path | Robot | None = None,
+    soil: str | Path | Soil | None = None,
+    grade: str | None = None,
+    model: str | Path | None = None,
+    effects: str | Path | None = None,
+    active: Mapping[str, Mapping[str, float]] | None = None,
+    log: str | Path | None = None,
+    truth: str | Path | None = None,
+    seed: int = 0,
+    scatter: bool = False,
+    repetition: int = 1,
+) -> Run:
+    """Simulate one run: equations (1)-(26), with k_92 = exp(-a_θ v) unless `k92` is given.
+
+    Args:
+        variant: a variant of Table 2 by its velocity [m/s], or any trapezoid.
+        v, a, distance: or its velocity [m/s], acceleration [m/s^2] and distance [m].
+        k92: a constant k_92.
+        a_theta: a_θ of the law (5) [s/m]; the paper's by default.
+        robot, soil: names or files of the catalogue, or records.
+        grade: IMU grade instead of the robot's.
+        model: model.toml, the paper's model with effects switched on.
+        effects: your own effect file (.py). It is run: use only code you trust.
+        active: effects to switch on, id to its parameters, as ``{"drive_reaction": {"share": 1.0}}``.
+        log: write the log that virtual sensors would write here (CSV).
+        truth: with `log`, keep the true motion aside here (CSV).
+        seed: with `log` or `scatter`, of sensors and sand.
+        scatter: scatter the sand as raking does.
+        repetition: with `log`, number of the repetition.
+
+    Returns:
+        the run; its table has a row for each instant.
+
+    Raises:
+        UsageError: unknown name, or arguments that do not fit together.
+        InputError: a number out of its bounds, or a file that cannot be used.
+        EstimateError: the robot finds no rest on this soil, or the simulation does not converge.
+    """
+    if truth is not None and log is None:
+        raise UsageError("--truth needs --log", "give the virtual log a path with --log")
+    it = _model(robot, soil, model, effects, active, k92, a_theta, grade)
+    ground, a_theta = it.soil, it.a_theta
+    if scatter:
+        exponent = load_paper().a_theta if a_theta is None else a_theta
+        ground, a_theta = rake(ground, exponent, Scatter(), np.random.default_rng([seed, 1]))
+    run = run_model(
+        _trapezoid(variant, v, a, distance), it.robot, ground,
+        k92=it.k92, a_theta=a_theta, effects=it.effects,
+        accuracy=Accuracy(1e-6, 1e-8, 0.0025) if log else Accuracy(),
+    )  # fmt: skip
+    if log:
+        trial, true = virtual_trial(run, seed, Path(log).stem, repetition=repetition)
+        write_canonical(Path(log), trial)
+        if truth:
+            write_truth(Path(truth), true)
+    return run
+
+
+def _trapezoid(
+    variant: float | Variant | None, v: float | None, a: float | None, distance: float | None
+) -> Variant:
+    """Return the motion that was asked for: a row of Table 2, or one given by its three numbers.
+
+    Raises:
+        UsageError: nothing or too much was given, or no such variant.
+        InputError: a number is out of its bounds.
+    """
+    given: dict[str, Any] = {"velocity_mps": v, "acceleration_mps2": a, "distance_m": distance}
+    if variant is not None:
+        if any(value is not None for value in given.values()):
+            raise UsageError("--variant excludes --v, --a and --distance", "give one or the other")
+        return variant if isinstance(variant, Variant) else variant_of(variant)
+    if any(value is None for value in given.values()):
+        raise UsageError("the motion is not given", "use --variant 0.5, or all of --v, --a and --distance")
+    return build(Variant, given, "command line")
+
+
+@dataclass(frozen=True, eq=False)
+class WheelRun:
+    """One wheel at one or more slips.
+
+    Attributes:
+        points: the wheel at each slip, in the order of the slips.
+        wheels, soil: what rolls on what.
+        effects: effects that act on the wheel, with their values.
+        left_out: ids of effects that cannot act on a single wheel.
+    """
+
+    points: tuple[WheelPoint, ...]
+    wheels: Wheels
+    soil: Soil
+    effects: tuple[Active, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def fades(self) -> bool:
+        """Whether some motion is so slow that the model reduces its slip."""
+        return any(p.rolling.fades for p in self.points)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return forces, torque, sinkage and angles, one row a slip."""
+        import pandas as pd  # noqa: PLC0415
+
+        return pd.DataFrame(
+            [
+                {
+                    "slip": p.slip, "v_mps": p.rolling.velocity, "omega_radps": p.rolling.rate, "k92": p.k92,
+                    "load_N": p.load, "drawbar_pull_N": p.drawbar_pull, "torque_Nm": p.torque,
+                    "thrust_N": p.thrust, "resistance_N": p.resistance, "sinkage_mm": 1000 * p.sinkage,
+                    "angle_front_deg": math.degrees(p.angle_front),
+                    "angle_rear_deg": math.degrees(p.angle_rear),
+                }
+                for p in self.points
+            ]
+        )  # fmt: skip
+
+    def arcs(self) -> pd.DataFrame:
+        """Return the stresses over the contact arc, one row a slip and place from back to front."""
+        import pandas as pd  # noqa: PLC0415
+
+        return pd.concat(
+            pd.DataFrame(
+                {
+                    "slip": p.slip, "angle_deg": p.angle * 180 / math.pi,
+                    "normal_stress_Pa": p.normal_stress, "shear_stress_Pa": p.shear_stress,
+                }
+            )
+            for p in self.points
+        ).reset_index(drop=True)  # fmt: skip
+
+
+@checked
+def wheel(
+    slip: float | Sequence[float],
+    *,
+    load: float | None = None,
+    sinkage: float | None = None,
+    k92: float | None = None,
+    a_theta: float | None = None,
+    omega: float | None = None,
+    v: float | None = None,
+    angle: float = 0.0,
+    robot: str | Path | Robot | None = None,
+    radius: float | None = None,
+    width: float | None = None,
+    soil: str | Path | Soil | None = None,
+    soil_values: Mapping[str, float] | None = None,
+    model: str | Path | None = None,
+    effects: str | Path | None = None,
+    active: Mapping[str, Mapping[str, float]] | None = None,
+) -> WheelRun:
+    """Roll one wheel on one soil, at a load or at a sinkage, by the contact model (4), (6)-(17).
+
+    The larger of ω r and the velocity is 0.1 m/s where neither is given; the equations do not depend on it
+    above 0.02 m/s, effects may.
+
+    Args:
+        slip: slip ratio λ of (1), one or several; negative where the wheel brakes.
+        load: vertical load [N]; a quarter of the robot's weight by default.
+        sinkage: z_0 [m] instead of a load.
+        k92: ϑ_2 / ϑ_1; by default (5), k_92 = exp(-a_θ v), at the larger of ω r and the velocity.
+        a_theta: a_θ [s/m]; the paper's by default.
+        omega: angular velocity [rad/s].
+        v: velocity of the wheel's centre [m/s].
+        angle: of the wheel [rad], for effects that depend on it.
+        robot, soil: names or files of the catalogue, or records.
+        radius, width: of the wheel instead of the robot's [m].
+        soil_values: values instead of the soil's, by the keys of its file, as ``{"cohesion_Pa": 500}``.
+        model: model.toml, the paper's model with effects switched on.
+        effects: your own effect file (.py). It is run: use only code you trust.
+        active: effects to switch on, id to its parameters.
+
+    Raises:
+        UsageError: unknown name, or arguments that do not fit together.
+        InputError: a number out of its bounds, or a file that cannot be used.
+        EstimateError: the wheel sinks to its axle.
+    """
+    if load is not None and sinkage is not None:
+        raise UsageError("--load and --sinkage exclude each other", "give one of the two")
+    it = _model(robot, soil, model, effects, active, k92, a_theta)
+    rim = _changed(it.robot.wheels, {"radius_m": radius, "width_m": width})
+    ground = _changed(it.soil, soil_values or {})
+    ratio = Ratio(it.k92, load_paper().a_theta if it.a_theta is None else it.a_theta)
+    _check(ratio, load)
+    if load is None and sinkage is None:
+        if it.robot.chassis is None:
+            raise UsageError("the load is not given", "add --load or --sinkage")
+        load = it.robot.chassis.total_mass * GRAVITY / 4
+    one_wheel = SingleWheel(rim, ground, it.effects, it.robot.chassis)
+    points = []
+    for one in [slip] if isinstance(slip, (int, float)) else slip:
+        motion = rolling(float(one), rim.radius, omega=omega, velocity=v, angle=angle)
+        if sinkage is not None:
+            points.append(one_wheel.at_sinkage(sinkage, motion, ratio))
+        else:
+            points.append(one_wheel.at_load(load or 0.0, motion, ratio))
+    left_out = tuple(e.id for e in it.effects if not acts(e.effect))
+    return WheelRun(tuple(points), rim, ground, one_wheel.effects, left_out)
+
+
+def _check(ratio: Ratio, load: float | None) -> None:
+    """Refuse numbers that mean nothing.
+
+    Raises:
+        UsageError: k_92, a_θ or the load is out of range.
+    """
+    if ratio.k92 is not None and not 0 <= ratio.k92 <= 1:
+        raise UsageError(f"--k92 {ratio.k92:g} is out of range", "expected a number from 0 to 1")
+    if not 0 <= ratio.a_theta <= 100:
+        raise UsageError(f"--a-theta {ratio.a_theta:g} is out of range", "expected 0 to 100 s/m")
+    if load is not None and not 0 < load < 1e6:
+        raise UsageError(f"--load {load:g} is out of range", "expected a number above 0 and below 1e6 N")
+
+
+def _changed(record: T, values: Mapping[str, float | None]) -> T:
+    """Return a record of a file with some values replaced, by their keys in the file.
+
+    Raises:
+        InputError: unknown key, or a number out of its bounds.
+    """
+    given = {key: value for key, value in values.items() if value is not None}
+    if not given:
+        return record
+    table: dict[str, Any] = {key_of(f): getattr(record, f.name) for f in dataclasses.fields(record)}
+    return build(type(record), table | given, "command line")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number in force: value, unit, allowed range, meaning and origin."""
+
+    of: Provenance
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row."""
+        import pandas as pd  # noqa: PLC0415
+
+        return pd.DataFrame([dataclasses.asdict(self.of)])
+
+
+@dataclass(frozen=True)
+class EffectRecord:
+    """A physical effect that can be added to the paper's model."""
+
+    effect: Effect
+
+    @property
+    def id(self) -> str:
+        """The effect's name."""
+        return self.effect.id
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return its parameters, one row each; `neutral` is the value at which the effect vanishes."""
+        import pandas as pd  # noqa: PLC0415
+
+        rows = [
+            {"effect": self.id, "title": self.effect.title, "parameter": p.name, "unit": p.unit,
+             "meaning": p.meaning, "low": p.low, "high": p.high, "neutral": p.neutral}
+            for p in self.effect.parameters
+        ]  # fmt: skip
+        return pd.DataFrame(rows)
+
+
+@checked
+def params(
+    robot: str | Path | None = None, soil: str | Path | None = None, grade: str | None = None
+) -> Records[Parameter]:
+    """Return every number in force with its unit, allowed range and origin.
+
+    Args:
+        robot, soil: names or files; by default granite and dry_sand.
+        grade: IMU grade instead of the robot's.
+
+    Raises:
+        UsageError: unknown robot, soil or IMU grade.
+        InputError: a file is wrong.
+    """
+    forget()
+    return Records(
+        [Parameter(row) for row in in_force(str(robot or "granite"), str(soil or "dry_sand"), grade)]
+    )
+
+
+def chosen_in(
+    folder: Path, robot: str | Path | None = None, soil: str | Path | None = None
+) -> dict[str, dict[str, str]]:
+    """Return which robot and soil hold for the logs of a folder, and who says so.
+
+    Args:
+        folder: of logs.
+        robot, soil: that win over its `granite-lab.toml`.
+
+    Raises:
+        InputError: that file is wrong.
+    """
+    project, chosen = project_in(folder), {}
+    for key, given, default in (("robot", robot, "granite"), ("soil", soil, "dry_sand")):
+        beside = getattr(project, key)
+        origin = f"--{key}" if given else str(folder / FILE) if beside else "unless a log names another"
+        chosen[key] = {"value": str(given or beside or default), "origin": origin}
+    return chosen
+
+
+@checked
+def list_effects(effects: str | Path | None = None) -> Records[EffectRecord]:
+    """Return every effect that can be added to the paper's model.
+
+    Args:
+        effects: your own effect file (.py). It is run: use only code you trust.
+
+    Raises:
+        InputError: the file cannot be used.
+    """
+    return Records([EffectRecord(effect) for effect in library(effects).values()])
+
+
+@checked
+def show_effect(effect_id: str, effects: str | Path | None = None) -> EffectRecord:
+    """Return one effect: equation, source, parameters and what an observer sees.
+
+    Args:
+        effect_id: its id.
+        effects: your own effect file (.py). It is run: use only code you trust.
+
+    Raises:
+        UsageError: no such effect.
+    """
+    return EffectRecord(get(effect_id, library(effects)))

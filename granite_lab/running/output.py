@@ -1,0 +1,150 @@
+"""The folder of a report: one run at a time writes into it, and a part that fails is told."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import shutil
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TypeVar
+
+from granite_lab.errors import LabError, printable
+from granite_lab.files import readable, write_text
+from granite_lab.running.cache import Cache, digest_of, fingerprint
+from granite_lab.running.codec import encode
+
+T = TypeVar("T")
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[None]:
+    """Keep other runs out of a folder during the block, and remove what a killed one left behind.
+
+    The lock is on the folder itself, so that it leaves no file there. The folder is made; if it is still
+    empty after the block it is removed again.
+
+    Raises:
+        LabError: another run writes into it, or it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = os.open(folder, os.O_RDONLY) if os.name == "posix" else None
+    except OSError as error:
+        raise readable(error, folder, "write") from None
+    try:
+        if lock is not None:
+            _lock(lock, folder)
+        _sweep(folder)
+        yield
+    finally:
+        if lock is not None:
+            os.close(lock)
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _lock(descriptor: int, folder: Path) -> None:
+    import fcntl  # noqa: PLC0415, absent on Windows
+
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+            raise LabError(
+                f"{folder}: another run is writing into it", "wait, or choose another --out"
+            ) from None
+        # a file system without locks: two runs at once stay possible there
+
+
+def _sweep(folder: Path) -> None:
+    """Remove unfinished files in a folder, and unfinished folders beside it, that nobody writes any more."""
+    with suppress(OSError):
+        for path in folder.rglob(".*.part"):
+            if re.search(r"\.[0-9a-f]{12}\.part$", path.name):
+                path.unlink(missing_ok=True)
+        beside = re.compile(re.escape(f".{folder.name[:100]}.") + r"[a-z0-9_]{8}")
+        for path in folder.parent.iterdir():
+            unfinished = beside.fullmatch(path.name) and path.is_dir() and not path.is_symlink()
+            if unfinished and {p.name for p in path.iterdir()} <= {"new", "old"}:
+                shutil.rmtree(path, ignore_errors=True)
+
+
+class Guard:
+    """Runs the parts of an output one after the other; one that fails is told and the rest goes on.
+
+    Args:
+        folder: of the output; tracebacks are written into it as ``failure-<part>.txt``.
+
+    Attributes:
+        lines: what failed, one line each.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.lines: list[str] = []
+
+    def run(self, part: str, call: Callable[[], T]) -> T | None:
+        """Return what a part gives, None where it fails.
+
+        Args:
+            part: its name, a word.
+            call: does it; known trouble becomes its own line, any other exception one with a traceback.
+        """
+        path = self.folder / f"failure-{part}.txt"
+        try:
+            found = call()
+        except LabError as error:
+            self.lines.append(f"{part}: {error.message}" + (f" ({error.hint})" if error.hint else ""))
+        except Exception as error:  # a defect of this package
+            line = f"{part}: {type(error).__name__}: {printable(str(error))}"
+            try:
+                write_text(path, traceback.format_exc())
+                line += f"; the traceback is in {path}"
+            except LabError as full:
+                line += f"; {full.message}"
+            self.lines.append(line)
+        else:
+            with suppress(OSError):
+                path.unlink(missing_ok=True)  # that of an earlier run would be wrong
+            return found
+        return None
+
+
+def tell(lines: Sequence[str]) -> None:
+    """Tell what failed, now that everything else is written.
+
+    Raises:
+        LabError: there is a line.
+    """
+    if lines:
+        raise LabError("; ".join(lines), "everything else was written")
+
+
+class Stamp:
+    """Remembers what a run wrote into a folder, so that the next one with the same key need not.
+
+    Args:
+        folder: of the output.
+        key: hash of all that the output depends on.
+        cache: where that is remembered; None remembers nothing.
+    """
+
+    def __init__(self, folder: Path, key: str, cache: Cache | None) -> None:
+        self._folder, self._cache = folder, cache
+        self._key = digest_of(str(folder.resolve()), key)
+
+    def holds(self) -> bool:
+        """Say whether the output is there as it was written, to the byte."""
+        written = self._cache.get(self._key) if self._cache is not None else None
+        return bool(written) and all(fingerprint(self._folder / name) == sha for name, sha in written or ())
+
+    def set(self) -> None:
+        """Remember the files that the folder now holds."""
+        if self._cache is not None:
+            files = sorted(p for p in self._folder.rglob("*") if p.is_file())
+            now = tuple((p.relative_to(self._folder).as_posix(), fingerprint(p)) for p in files)
+            self._cache.put(self._key, encode(((), now)))
