@@ -35,8 +35,8 @@ from granite_lab.model.effect import activate
 from granite_lab.model.engine import INTERPRETED
 from granite_lab.model.instants import COAST, USUAL, instants
 from granite_lab.model.native import graphs, machine
-from granite_lab.model.simulator import integrate_many, parameter_vector, rest_state
-from granite_lab.model.symbols import model_parameters, names_of
+from granite_lab.model.simulator import parameter_vector, rest_state
+from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, variant_of
 from tests.model.box import draw
 
@@ -101,12 +101,6 @@ Draws within the bounds of the parameters, relative tolerance 10⁻⁴, compared
 | | median | 90 % | worst |
 |---|---|---|---|
 {box}
-
-## Derivatives
-
-`integrate_many` uses the steps of the first run for all parameter values, so that differences are smooth.
-For {numbers} parameters the rms error of the derivatives is {shared:.1e} of their rms (median). With separate
-CVODES runs it is {alone:.2g}. Each further run takes {more:.1f} ms.
 """
 
 
@@ -284,46 +278,6 @@ def box(draws: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def derivatives(repeats: int) -> dict[str, Any]:
-    """Return the figures of derivatives by differences."""
-    p = model_parameters(load_robot(), load_soil(), variant_of(0.7), a_theta=load_paper().a_theta)
-    active = [activate(get("slip_sinkage"), {})]
-    first, names = parameter_vector(p, active), names_of(p)
-    wanted = (
-        "a_theta", "soil.frictional_modulus", "soil.cohesion", "soil.shear_modulus", "soil.friction_angle",
-        "soil.exponent", "soil.tyre_friction",
-    )  # fmt: skip
-    places = [*map(names.index, wanted), len(names)]
-    count = len(places)
-    steps = 1e-4 * np.maximum(np.abs(first[places]), 0.1)
-    vectors = np.repeat(first[None], 2 * count, 0)
-    vectors[range(count), places] += steps
-    vectors[range(count, 2 * count), places] -= steps
-
-    def run(accuracy: Accuracy, others: Array) -> Array:
-        found = integrate_many(p, active, others, accuracy, tuple(SIGNALS))
-        return np.stack([found[name] for name in SIGNALS], axis=1)
-
-    def slopes(runs: Array) -> Array:
-        difference: Array = (runs[1 : count + 1] - runs[0]) / steps[:, None, None]
-        return difference
-
-    fine = dataclasses.replace(LEAN, relative=1e-10, absolute=1e-12, order=5)
-    exact = by_cvodes(partial(run, fine, vectors))
-    truth = (exact[1 : count + 1] - exact[count + 1 :]) / (2 * steps[:, None, None])
-    ours, theirs = run(LEAN, vectors[:count]), by_cvodes(partial(run, LEAN, vectors[:count]))
-    size = np.sqrt(np.mean(truth**2, axis=2))
-    acts = size > 0  # c does nothing where the first branch of (10) rules
-
-    def off(runs: Array) -> float:
-        errors = np.sqrt(np.mean((slopes(runs) - truth) ** 2, axis=2))
-        return float(np.median(errors[acts] / size[acts]))
-
-    shared, alone = off(ours), off(theirs)
-    many, one = median_times([partial(run, LEAN, vectors[:count]), partial(run, LEAN, vectors[:0])], repeats)
-    return {"numbers": count, "shared": shared, "alone": alone, "more": 1000 * (many - one) / count}
-
-
 def main() -> None:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -339,7 +293,7 @@ def main() -> None:
             "machine": platform.machine(), "python": platform.python_version(), "cold": cold, "warm": warm,
             "never": never, "help": process_time(["--help"], options.repeats),
             "whole": process_time(whole, options.repeats), **paper_table(options.repeats),
-            **derivatives(options.repeats), **box(options.draws),
+            **box(options.draws),
         }  # fmt: skip
         os.environ[machine.FOLDER] = f"{folder}/empty"
         graphs.forget()

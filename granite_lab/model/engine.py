@@ -22,22 +22,39 @@ INTERPRETED = "GRANITE_LAB_INTERPRETED"
 
 
 class Engine(Protocol):
-    """What `granite_lab.model.interpreted` and `granite_lab.model.native.graphs` both offer."""
+    """What the modules `granite_lab.model.interpreted` and `granite_lab.model.native.graphs` both offer."""
 
     def run(
         self, effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
     ) -> Array:
-        """Return (S, N) states."""
+        """Integrate the equations of motion.
 
-    def run_many(
-        self, effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, starts: Array, vectors: Array
-    ) -> list[Array]:
-        """Return (S, N) states for each of K states (K, S) at rest and parameters (K, P)."""
+        Args:
+            effects: of the graph.
+            variant: the commanded trapezoid.
+            accuracy: tolerances and output grid.
+            start: (S,) state at the first instant.
+            vector: (P,) parameters.
+
+        Returns:
+            (S, N) states.
+
+        Raises:
+            EstimateError: the integrator gave up.
+        """
 
     def outputs(
         self, effects: tuple[Effect, ...], names: tuple[str, ...], t: Array, states: Array, vector: Array
     ) -> Array:
-        """Return (rows, N) outputs of the graph."""
+        """Return (rows, N) outputs of the graph.
+
+        Args:
+            effects: of the graph.
+            names: of the outputs.
+            t: (N,) instants [s].
+            states: (S, N) at them.
+            vector: (P,) parameters.
+        """
 
 
 @cache

@@ -1,8 +1,7 @@
-"""The graph without machine code: CVODES (SUNDIALS) through CasADi, and NumPy for the outputs."""
+"""The graph without machine code: CVODES (SUNDIALS) through CasADi."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -10,8 +9,6 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.errors import EstimateError
-from granite_lab.model.columns import ColumnFunction
 from granite_lab.model.effect import Effect
 from granite_lab.model.graph import build_graph
 from granite_lab.model.instants import Accuracy, instants
@@ -49,21 +46,7 @@ def _integrator(effects: tuple[Effect, ...], variant: Variant, accuracy: Accurac
 def run(
     effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
 ) -> Array:
-    """Integrate the equations of motion; the history is read without a detour over lists of numbers.
-
-    Args:
-        effects: of the graph.
-        variant: the commanded trapezoid.
-        accuracy: tolerances and output grid.
-        start: (S,) state at the first instant.
-        vector: (P,) parameters.
-
-    Returns:
-        (S, N) states.
-
-    Raises:
-        EstimateError: CVODES gave up.
-    """
+    """Integrate by CVODES; see `engine.Engine`."""
     integrator = _integrator(effects, variant, accuracy)
     history = np.empty((1 + integrator.size2_out("xf"), start.size))
     history[0] = start
@@ -78,55 +61,15 @@ def run(
     return np.ascontiguousarray(history.T)
 
 
-def run_many(
-    effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, starts: Array, vectors: Array
-) -> list[Array]:
-    """Integrate from several states with several parameters, each run with steps of its own.
-
-    Args:
-        effects: of the graph.
-        variant: the commanded trapezoid.
-        accuracy: tolerances and output grid.
-        starts: (K, S) states at the first instant.
-        vectors: (K, P) parameters.
-
-    Returns:
-        K times (S, N) states, not numbers where CVODES gave up another than the first run.
-
-    Raises:
-        EstimateError: CVODES gave up the first run.
-    """
-    histories = [run(effects, variant, accuracy, starts[0], vectors[0])]
-    for start, vector in zip(starts[1:], vectors[1:], strict=True):
-        try:
-            histories.append(run(effects, variant, accuracy, start, vector))
-        except EstimateError:
-            histories.append(np.full_like(histories[0], np.nan))
-    return histories
-
-
 @lru_cache(maxsize=128)
-def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> Callable[[Array, Array, Array], Array]:
+def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> Any:
     graph = build_graph(effects)
-    inputs, stacked = [graph.t, graph.x, graph.p], ca.vertcat(*(graph.outputs[name] for name in names))
-    try:
-        columns = ColumnFunction(inputs, stacked)
-    except NotImplementedError:  # an effect with a rare function: CasADi, sample by sample
-        function = ca.Function("outputs", inputs, [ca.densify(stacked)])
-        return lambda t, x, p: np.array(function(t[None], x, p))
-    return lambda t, x, p: columns(t[None], x, p, samples=t.size)
+    stacked = ca.densify(ca.vertcat(*(graph.outputs[name] for name in names)))
+    return ca.Function("outputs", [graph.t, graph.x, graph.p], [stacked])
 
 
 def outputs(
     effects: tuple[Effect, ...], names: tuple[str, ...], t: Array, states: Array, vector: Array
 ) -> Array:
-    """Return (rows, N) outputs of the graph.
-
-    Args:
-        effects: of the graph.
-        names: of the outputs.
-        t: (N,) instants [s].
-        states: (S, N) at them.
-        vector: (P,) parameters.
-    """
-    return _columns(effects, names)(t, states, vector)
+    """Return outputs; see `engine.Engine`."""
+    return np.array(_columns(effects, names)(t[None], states, vector))

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from granite_lab.errors import EstimateError
 from granite_lab.model.command import steady_part
-from granite_lab.model.delays import delayed
 from granite_lab.model.effect import Active, Effect
 from granite_lab.model.engine import engine_of
 from granite_lab.model.graph import STATES, build_graph
@@ -56,15 +55,7 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
     Raises:
         EstimateError: the robot finds no rest on this soil.
     """
-    return _rest(p, tuple(e.effect for e in effects), parameter_vector(p, effects))
-
-
-def _rest(p: ModelParameters, chosen: tuple[Effect, ...], vector: Array) -> Array:
-    """Return the state at rest with these parameters; those of p say where to look for it.
-
-    Raises:
-        EstimateError: the robot finds no rest on this soil.
-    """
+    chosen, vector = tuple(e.effect for e in effects), parameter_vector(p, effects)
     extra = sum(len(e.states) for e in chosen)
     q = np.array([0.85 * p.wheels.radius + p.chassis.com_z, 0.0] + extra * [0.0])
     limit = np.array(2 * [0.2 * p.wheels.radius] + extra * [np.inf])
@@ -94,7 +85,7 @@ def _rest(p: ModelParameters, chosen: tuple[Effect, ...], vector: Array) -> Arra
 
 
 def parameter_vector(p: ModelParameters, effects: Sequence[Active]) -> Array:
-    """Return the (P,) numbers of a run: the model's in the order of `names_of`, then the effects'."""
+    """Return the (P,) numbers of a run: the model's in the order of `vector_of`, then the effects'."""
     return np.array(vector_of(p) + [value for e in effects for value in e.values], dtype=float)
 
 
@@ -128,67 +119,35 @@ def integrate(
     if not np.isfinite(table).all():
         raise EstimateError("the simulation gave values that are not finite", "check the parameters")
     signals = dict(zip(wanted, table, strict=True))
-    return {"t_s": t} | delayed(t, signals, chosen, vector)
+    return {"t_s": t} | _delayed(t, signals, chosen, vector)
 
 
-def integrate_many(
-    p: ModelParameters,
-    effects: Sequence[Active],
-    vectors: Array,
-    accuracy: Accuracy = USUAL,
-    names: tuple[str, ...] | None = None,
+@lru_cache(maxsize=64)
+def _lags(effects: tuple[Effect, ...]) -> Any:
+    graph = build_graph(effects)
+    return ca.Function("lags", [graph.p], [ca.vertcat(*graph.delays.values())])
+
+
+def _delayed(
+    t: Array, signals: dict[str, Array], effects: tuple[Effect, ...], vector: Array
 ) -> dict[str, Array]:
-    """Integrate the model as `integrate` does, and beside it with other numbers, all by the same steps.
-
-    The errors of such runs are alike, so that their differences are good derivatives (internal
-    numerical differentiation). Where no machine code can be had, each run takes steps of its own.
+    """Return the signals with those that an effect delays shifted in time; before and after, at rest.
 
     Args:
-        p: all numbers of the first run.
-        effects: effects added to the paper's model, with their numbers in the first run.
-        vectors: (K, P) numbers of the other runs, in the order of `parameter_vector`; the command is
-            that of the first.
-        accuracy: tolerances and output grid.
-        names: which outputs of the graph are wanted; by default all.
-
-    Returns:
-        name to (1 + K, N) array, the first run first; a run without solution is not a number.
-        ``t_s`` is (N,) [s after command start].
-
-    Raises:
-        EstimateError: the integrator gave up the first run, or the robot finds no rest in it.
+        t: (N,) time since the start of the command [s].
+        signals: name to (N,) array.
+        effects: effects of the graph.
+        vector: (P,) its parameters.
     """
-    chosen = tuple(e.effect for e in effects)
-    moving = tuple(e for e in chosen if e.moves)
-    moves = np.repeat([True, *(e.moves for e in chosen)], [len(vector_of(p)), *map(_numbers, chosen)])
-    first = parameter_vector(p, effects)
-    everything = np.vstack([first, np.reshape(vectors, (-1, first.size))])
-    # runs that differ by sensors only share their motion
-    motions, which = np.unique(everything[:, moves], axis=0, return_inverse=True)
-    order = [which[0], *(k for k in range(len(motions)) if k != which[0])]
-    starts = np.stack([_rest_or_none(p, moving, motions[k], needed=k == which[0]) for k in order])
-    found = engine_of(moving).run_many(moving, p.variant, accuracy, starts, motions[order])
-    history = dict(zip(order, found, strict=True))
-    t, wanted = instants(p.variant, accuracy), names or tuple(build_graph(chosen).outputs)
-    rows = []
-    for k, vector in zip(which, everything, strict=True):
-        table = engine_of(chosen).outputs(chosen, wanted, t, history[k], vector)
-        rows.append(delayed(t, dict(zip(wanted, table, strict=True)), chosen, vector))
-    return {"t_s": t} | {name: np.stack([row[name] for row in rows]) for name in wanted}
-
-
-def _numbers(effect: Effect) -> int:
-    return len(effect.parameters)
-
-
-def _rest_or_none(p: ModelParameters, chosen: tuple[Effect, ...], vector: Array, *, needed: bool) -> Array:
-    """Return the state at rest; where there is none and none is needed, what is not a number."""
-    try:
-        return _rest(p, chosen, vector)
-    except EstimateError:
-        if needed:
-            raise
-        return np.full(len(STATES) + sum(len(e.states) for e in chosen), np.nan)
+    delays = build_graph(effects).delays
+    if not delays:
+        return signals
+    late = {
+        name: np.interp(t - lag, t, signals[name])
+        for name, lag in zip(delays, _lags(effects)(vector).full()[:, 0], strict=True)
+        if lag != 0 and name in signals
+    }
+    return signals | late
 
 
 def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy) -> Array:
@@ -198,8 +157,7 @@ def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy
         EstimateError: the integrator gave up, or the robot finds no rest.
     """
     chosen, vector = tuple(e.effect for e in effects), parameter_vector(p, effects)
-    start = _rest(p, chosen, vector)
-    states = engine_of(chosen).run(chosen, p.variant, accuracy, start, vector)
+    states = engine_of(chosen).run(chosen, p.variant, accuracy, rest_state(p, effects), vector)
     states.flags.writeable = False
     return states
 

@@ -69,25 +69,24 @@ def model_parameters(
     )  # fmt: skip
 
 
-def _leaves(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the dotted name and value of each number in a nested record, in field order."""
+def _numbers(record: Any) -> Iterator[Any]:
+    """Yield the numbers or symbols of a nested record, in field order."""
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
-        name = f"{prefix}{field.name}"
         if dataclasses.is_dataclass(value):
-            yield from _leaves(value, f"{name}.")
-        elif "unit" in field.metadata or isinstance(value, float):
-            yield name, value
-
-
-def names_of(record: Any) -> list[str]:
-    """Return the dotted names of the numbers in a record, in the order of `vector_of`."""
-    return [name for name, _ in _leaves(record)]
+            yield from _numbers(value)
+        elif isinstance(value, (int, float, ca.SX)):
+            yield value
 
 
 def vector_of(record: Any) -> list[float]:
     """Return the numbers of a record as one flat list."""
-    return [float(value) for _, value in _leaves(record)]
+    return [float(value) for value in _numbers(record)]
+
+
+def symbols_of(record: Any) -> Any:
+    """Return the symbols of a symbolic record as one CasADi column, in the order of `vector_of`."""
+    return ca.vertcat(*_numbers(record))
 
 
 def symbolic(record: T, prefix: str = "") -> T:
@@ -98,20 +97,6 @@ def symbolic(record: T, prefix: str = "") -> T:
         name = f"{prefix}{field.name}"
         if dataclasses.is_dataclass(value):
             changes[field.name] = symbolic(value, f"{name}.")
-        elif "unit" in field.metadata or isinstance(value, float):
+        elif isinstance(value, (int, float)):
             changes[field.name] = ca.SX.sym(name)
     return dataclasses.replace(record, **changes)  # type: ignore[type-var]
-
-
-def symbols_of(record: Any) -> Any:
-    """Return the symbols of a symbolic record as one CasADi column, in the order of `vector_of`."""
-    return ca.vertcat(*_symbols(record))
-
-
-def _symbols(record: Any) -> Iterator[Any]:
-    for field in dataclasses.fields(record):
-        value = getattr(record, field.name)
-        if dataclasses.is_dataclass(value):
-            yield from _symbols(value)
-        elif isinstance(value, ca.SX):
-            yield value

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from itertools import pairwise
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,12 +13,10 @@ from hypothesis import strategies as st
 from granite_lab.effects import get
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.model import Accuracy, Run, simulate, simulator
-from granite_lab.model.columns import ColumnFunction
 from granite_lab.model.contact import NODES, WheelState, contact_angles, wheel_forces
 from granite_lab.model.effect import activate
-from granite_lab.model.graph import build_graph
-from granite_lab.model.simulator import integrate, rest_state
-from granite_lab.model.symbols import model_parameters, names_of, vector_of
+from granite_lab.model.simulator import integrate
+from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import (
     GRAVITY,
     Variant,
@@ -174,20 +171,6 @@ def test_eight_nodes_integrate_the_contact_arc_as_well_as_two_hundred(
     assert len(NODES) == 8
 
 
-def test_columns_give_the_same_numbers_as_the_graph() -> None:
-    graph = build_graph(())
-    p = model_parameters(ROBOT, SOIL, variant_of(0.5), a_theta=4.919)
-    vector = np.array(vector_of(p))
-    rng = np.random.default_rng(0)
-    x = rest_state(p)[:, None] + 0.01 * rng.normal(size=(len(graph.states), 50))
-    t = rng.uniform(-1, 8, 50)
-    stacked = ca.vertcat(*graph.outputs.values())
-    expected = np.array(ca.Function("f", [graph.t, graph.x, graph.p], [stacked])(t[None], x, vector))
-    got = ColumnFunction([graph.t, graph.x, graph.p], stacked)(t[None], x, vector, samples=50)
-    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12)
-    assert len(names_of(p)) == vector.size
-
-
 def test_a_robot_too_heavy_for_the_soil_is_refused() -> None:
     heavy = replace_path(ROBOT, "chassis.body_mass", 2000.0)
     with pytest.raises(EstimateError, match="sinks to its axles"):
@@ -211,8 +194,8 @@ def test_each_run_is_integrated_unless_sensors_with_faults_look_at_the_same_moti
         looked += 1
         return rest(*args)  # type: ignore[arg-type]
 
-    rest = simulator._rest
-    monkeypatch.setattr(simulator, "_rest", evaluated)
+    rest = simulator.rest_state
+    monkeypatch.setattr(simulator, "rest_state", evaluated)
     simulator._remembered.cache_clear()  # another test may have looked at this motion
     for _ in range(2):
         integrate(p)

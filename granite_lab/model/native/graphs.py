@@ -21,7 +21,6 @@ from granite_lab.model.graph import build_graph
 from granite_lab.model.instants import Accuracy, instants
 from granite_lab.model.limits import most_steps, not_converged
 from granite_lab.model.native import (
-    elimination,
     lowering,
     machine,
     operations,
@@ -43,8 +42,7 @@ LARGE = 3_000_000
 def _version() -> str:
     """Return the text of all that makes machine code of a graph: other text, other code."""
     return "".join(
-        inspect.getsource(m)
-        for m in (program, writer, operations, lowering, translate, elimination, rosenbrock)
+        inspect.getsource(m) for m in (program, writer, operations, lowering, translate, rosenbrock)
     )
 
 
@@ -125,53 +123,23 @@ def forget() -> None:
 def run(
     effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
 ) -> Array:
-    """Integrate the equations of motion; `run_many` with one vector."""
-    return run_many(effects, variant, accuracy, start[None], vector[None])[0]
-
-
-def run_many(
-    effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, starts: Array, vectors: Array
-) -> list[Array]:
-    """Integrate the equations of motion, anew from each corner of the command on.
-
-    The first run chooses the steps, all others take the same ones.
-
-    Args:
-        effects: of the graph.
-        variant: the commanded trapezoid.
-        accuracy: tolerances and output grid.
-        starts: (K, S) states at the first instant.
-        vectors: (K, P) parameters.
-
-    Returns:
-        K times (S, N) states, not numbers where another than the first run gave up.
-
-    Raises:
-        EstimateError: the integrator, and CVODES after too many of its steps, gave up the first run.
-        NotImplementedError: the graph cannot be compiled.
-    """
-    integrate, equations = _integrator(), _equations(effects).address
+    """Integrate, anew from each corner of the command on; see `engine.Engine`."""
+    equations = _equations(effects).address
     grid = instants(variant, accuracy)
     t, ends = np.append(grid, np.inf), np.append(corners(variant), grid[-1])
-    n, samples, most = starts.shape[1], grid.size, most_steps(grid.size)
-    sequence, states, vectors = np.empty(most), starts.copy(), np.ascontiguousarray(vectors, dtype=float)
-    histories = []
-    for k in range(len(vectors)):
-        work, out = np.zeros(rosenbrock.work_size(n)), np.empty((n, samples))
-        status = integrate(
-            n, equations["rates"], equations["slopes"], ends.ctypes.data, ends.size, t.ctypes.data, samples,
-            states[k].ctypes.data, vectors[k].ctypes.data, accuracy.relative, accuracy.absolute, most,
-            rosenbrock.TABLE.ctypes.data, work.ctypes.data, sequence.ctypes.data, int(k > 0), out.ctypes.data,
-        )  # fmt: skip
-        if status == rosenbrock.TOO_MANY and k == 0:
-            # a very stiff and all but rigid part, followed very closely, is easier for CVODES
-            return interpreted.run_many(effects, variant, accuracy, starts, vectors)
-        if status < 0 and k == 0:
-            raise not_converged(_TROUBLE[status])
-        if status < 0:
-            out[:] = np.nan
-        histories.append(out)
-    return histories
+    n, samples, state = start.size, grid.size, start.copy()
+    work, out = np.zeros(rosenbrock.work_size(n)), np.empty((n, samples))
+    status = _integrator()(
+        n, equations["rates"], equations["slopes"], ends.ctypes.data, ends.size, t.ctypes.data, samples,
+        state.ctypes.data, vector.ctypes.data, accuracy.relative, accuracy.absolute, most_steps(samples),
+        rosenbrock.TABLE.ctypes.data, work.ctypes.data, out.ctypes.data,
+    )  # fmt: skip
+    if status == rosenbrock.TOO_MANY:
+        # a very stiff and all but rigid part, followed very closely, is easier for CVODES
+        return interpreted.run(effects, variant, accuracy, start, vector)
+    if status < 0:
+        raise not_converged(_TROUBLE[status])
+    return out
 
 
 _TROUBLE = {
@@ -208,18 +176,7 @@ def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> Any:
 def outputs(
     effects: tuple[Effect, ...], names: tuple[str, ...], t: Array, states: Array, vector: Array
 ) -> Array:
-    """Return (rows, N) outputs of the graph.
-
-    Args:
-        effects: of the graph.
-        names: of the outputs.
-        t: (N,) instants [s].
-        states: (S, N) at them.
-        vector: (P,) parameters.
-
-    Raises:
-        NotImplementedError: the graph cannot be compiled.
-    """
+    """Return outputs; see `engine.Engine`."""
     evaluate, samples = _columns(effects, names), t.size
     blocks = -(-samples // program.LANES)
     stride = blocks * program.LANES

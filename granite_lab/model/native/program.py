@@ -107,13 +107,8 @@ def _with_sums(nodes: list[Node], results: list[tuple[int, int, int]]) -> Progra
     return Program(tuple(kept), tuple((a, b, new[k]) for a, b, k in results))
 
 
-def schedule(program: Program, *, packed: bool = True) -> list[list[int]]:
-    """Return the nodes in groups of at most `LANES`, each after all that it works on.
-
-    Args:
-        program: the instructions.
-        packed: whether nodes of one form are to be grouped; otherwise each is alone.
-    """
+def schedule(program: Program) -> list[list[int]]:
+    """Return the nodes in groups of at most `LANES`, each after all that it works on."""
     form: list[int] = []
     depth: list[int] = []
     forms: dict[tuple[int, ...], int] = {}
@@ -123,7 +118,7 @@ def schedule(program: Program, *, packed: bool = True) -> list[list[int]]:
         key: tuple[int, ...] = (node.op, *(form[o] for o in node.operands))
         if leaf:  # numbers may differ from lane to lane
             key = ()
-        elif not packed or (node.op == SUM and max(Counter(key).values()) >= FEWEST):
+        elif node.op == SUM and max(Counter(key).values()) >= FEWEST:
             key = (-1, k)  # a sum over lanes
         form.append(forms.setdefault(key, len(forms)))
         depth.append(0 if leaf else 1 + max(depth[o] for o in node.operands))

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from granite_lab.model.native.elimination import factor, solve
 from granite_lab.model.native.translate import Equations, Floats, power, sqrt
 
 GAMMA = 0.25
@@ -72,6 +71,56 @@ FIRST = 1e-4
 def work_size(n: int) -> int:
     """Return how many numbers `run` needs as work space."""
     return 2 * n * n + 11 * n
+
+
+def factor(n: int, a: Floats, pivots: Floats) -> int:
+    """Split a matrix into L and U with row exchanges; return 0 where it is singular."""
+    for k in range(n):
+        best = k
+        size = abs(a[k + n * k])
+        for i in range(k + 1, n):
+            if abs(a[i + n * k]) > size:
+                size = abs(a[i + n * k])
+                best = i
+        pivots[k] = best
+        if not size > 0.0:
+            return 0
+        if best != k:
+            for j in range(n):
+                kept = a[k + n * j]
+                a[k + n * j] = a[best + n * j]
+                a[best + n * j] = kept
+        scale = 1.0 / a[k + n * k]
+        a[k + n * k] = scale
+        for i in range(k + 1, n):
+            a[i + n * k] = a[i + n * k] * scale
+        for j in range(k + 1, n):
+            share = a[k + n * j]
+            if share != 0.0:
+                for i in range(k + 1, n):
+                    a[i + n * j] = a[i + n * j] - a[i + n * k] * share
+    return 1
+
+
+def solve(n: int, a: Floats, pivots: Floats, b: Floats) -> None:
+    """Replace b by the solution, with what `factor` left."""
+    for k in range(n):
+        best = int(pivots[k])
+        kept = b[best]
+        b[best] = b[k]
+        b[k] = kept
+    for k in range(n):
+        share = b[k]
+        if share != 0.0:
+            for i in range(k + 1, n):
+                b[i] = b[i] - a[i + n * k] * share
+    k = n - 1
+    while k >= 0:
+        share = b[k] * a[k + n * k]
+        b[k] = share
+        for i in range(k):
+            b[i] = b[i] - a[i + n * k] * share
+        k = k - 1
 
 
 def combine(n: int, stages: int, scale: float, weights: Floats, u: Floats, total: Floats) -> None:
@@ -181,8 +230,6 @@ def run(
     most: int,
     table: Floats,
     work: Floats,
-    sequence: Floats,
-    replay: int,
     out: Floats,
 ) -> int:
     """Integrate, anew from each corner on.
@@ -202,8 +249,6 @@ def run(
         most: steps, rejected ones included.
         table: `TABLE`.
         work: work space, `work_size` zeros.
-        sequence: the accepted steps [s], room for `most`.
-        replay: 1 to take the steps of `sequence` as they are, 0 to choose them and write them there.
         out: (n, samples) states.
 
     Returns:
@@ -218,7 +263,6 @@ def run(
     now = t[0]
     sample = 1
     steps = 0
-    taken = 0
     for piece in range(pieces):
         end = ends[piece]
         if piece > 0:
@@ -234,13 +278,9 @@ def run(
                 return TOO_MANY
             if now + 1.001 * h >= end:
                 h = end - now
-            if replay == 1:
-                h = sequence[taken]
             error = step(n, rates, now, h, y, p, relative, absolute, table, jacobian, w, u, at)
             grow = 0.9 * power(error, -0.25)
-            if error <= 1.0 or (replay == 1 and error < HOPELESS):
-                sequence[taken] = h
-                taken = taken + 1
+            if error <= 1.0:
                 # the next error as the last two lead to expect it
                 if last_h > 0.0:
                     grow = min(grow, grow * (h / last_h) * power(last_error / error, 0.25))
@@ -262,7 +302,7 @@ def run(
             else:
                 grow = max(0.1, min(grow, 0.9))
                 rejected = 1
-                if h < SHORTEST or replay == 1:
+                if h < SHORTEST:
                     return TOO_SMALL if error < HOPELESS else NO_NUMBER
             h = h * grow
     return steps

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granite_lab.model.native import elimination, rosenbrock
+from granite_lab.model.native import rosenbrock
 from granite_lab.model.native.translate import Equations, Floats
 
 STIFF = 1e4
@@ -31,13 +31,11 @@ def run(
     *,
     k: float = STIFF,
     tolerance: float = 1e-6,
-    steps: Floats | None = None,
 ) -> tuple[int, Floats]:
     n, out = len(start), np.full((len(start), t.size), np.nan)
     status = rosenbrock.run(
         n, rates, slopes, np.array([t[-1]]), 1, np.append(t, np.inf), t.size, np.array(start), np.array([k]),
-        tolerance, tolerance, 2000, rosenbrock.TABLE, np.zeros(rosenbrock.work_size(n)),
-        np.zeros(2000) if steps is None else steps, int(steps is not None), out.ravel(),
+        tolerance, tolerance, 2000, rosenbrock.TABLE, np.zeros(rosenbrock.work_size(n)), out.ravel(),
     )  # fmt: skip
     return status, out
 
@@ -56,16 +54,20 @@ def test_errors_are_of_the_size_of_the_tolerance_also_between_the_steps(k: float
 
 def test_halved_steps_cut_the_error_by_sixteen_and_between_the_steps_by_sixteen_too() -> None:
     """Order 4 at the ends of the steps; the polynomial of order 3 has a local error of order 4."""
-    t = np.linspace(0, 2, 81)
-    worst, last = [], []
+    worst, last, p, table = [], [], np.ones(1), rosenbrock.TABLE
     for count in (8, 16, 32):
-        steps = np.full(2000, 2 / count)
-        steps[count - 1] = 2 - sum(steps[: count - 1])
-        status, x = run(forced, forced_slopes, t, [1.0, 1.0], k=1.0, steps=steps)
-        assert status == count
-        error = np.hypot(x[0] - np.cos(t), x[1] - np.exp(-np.sin(t)))
-        worst.append(np.sqrt(np.mean(error**2)))
-        last.append(error[-1])
+        h, y, errors = 2 / count, np.ones(2), []
+        jacobian, w, u, at, inside = np.zeros(8), np.zeros(8), np.zeros(12), np.zeros(2), np.zeros(2)
+        for now in h * np.arange(count):
+            forced_slopes(now, y, p, jacobian)
+            rosenbrock.step(2, forced, now, h, y, p, 1.0, 1.0, table, jacobian, w, u, at)
+            for part in (0.25, 0.5, 0.75, 1.0):
+                rosenbrock.between(2, part, y, at, table, u, inside, 1)
+                t = now + part * h
+                errors.append(np.hypot(inside[0] - np.cos(t), inside[1] - np.exp(-np.sin(t))))
+            y = at.copy()
+        worst.append(np.sqrt(np.mean(np.square(errors))))
+        last.append(errors[-1])
     for errors in (worst, last):
         orders = np.log2(np.array(errors[:-1]) / errors[1:])
         assert (orders > 3.6).all(), (errors, orders)
@@ -97,7 +99,7 @@ def test_a_matrix_is_factored_with_exchanges_and_a_singular_one_is_told() -> Non
         a, b = rng.normal(size=(n, n)), rng.normal(size=n)
         a[0, 0] = 0.0 if n > 1 else 2.0
         w, pivots, x = a.T.ravel().copy(), np.zeros(n), b.copy()
-        assert elimination.factor(n, w, pivots) == 1
-        elimination.solve(n, w, pivots, x)
+        assert rosenbrock.factor(n, w, pivots) == 1
+        rosenbrock.solve(n, w, pivots, x)
         np.testing.assert_allclose(a @ x, b, atol=1e-10)
-    assert elimination.factor(2, np.ones(4), np.zeros(2)) == 0
+    assert rosenbrock.factor(2, np.ones(4), np.zeros(2)) == 0
