@@ -13,7 +13,8 @@ from granite_lab.errors import InputError, UsageError, at
 from granite_lab.files import sha256
 from granite_lab.logs.bag import bag_layout, read_bag
 from granite_lab.logs.dialect import Table
-from granite_lab.logs.layouts import Layout
+from granite_lab.logs.guess import by_name
+from granite_lab.logs.layouts import ENCODERS, Layout
 from granite_lab.logs.matching import Binding, Match, best, match, no_match, recognise
 from granite_lab.logs.metadata import Metadata, collect
 from granite_lab.logs.named import is_bag, sidecar
@@ -83,6 +84,12 @@ def open_source(
         found = best(path, fits) if fits else match(bag_layout(table, chosen, doubts), table)
     else:
         table, found = recognise(path, maps)
+        names = _wheels_passed_over(table, found)
+        if names and found.layout not in maps:
+            doubts.append(
+                f"{path.name}: {', '.join(names)}: look like wheels, which layout '{found.layout.name}' does "
+                "not know; inspect --write-map writes a map to which they can be added"
+            )
     doubts = [*table.doubts, *doubts]
     condition, splitter = rows or found.layout.rows, _place(table, found.layout.split)
     selector = _selector(table, condition, asked=rows is not None) if condition else None
@@ -112,6 +119,15 @@ def open_source(
     metadata = collect(table.comments, path, doubts, *beside)
     inputs = tuple(InputFile(file, sha256(file)) for file in (path, *beside))
     return Source(path, table, found, columns, kept, metadata, inputs, tuple(doubts))
+
+
+def _wheels_passed_over(table: Table, found: Match) -> list[str]:
+    """Name the columns that look like wheels, where the layout knows none."""
+    if any(b.channel in ENCODERS for b in found.bindings):
+        return []
+    used = {b.place for b in found.bindings}
+    names = [table.name(place) for place in range(table.width) if place not in used]
+    return [name for name in names if set(by_name(name).to) & set(ENCODERS)]
 
 
 def refuse_unused(sources: Sequence[Source], maps: Sequence[Layout]) -> None:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
-HEADER = (
-    "t_s,imu_ax_mps2,imu_ay_mps2,imu_az_mps2,imu_gx_radps,imu_gy_radps,imu_gz_radps,"
-    "enc_fl_rad,enc_fr_rad,enc_rl_rad,enc_rr_rad"
-)
+from granite_lab.logs import read_trial
+from granite_lab.logs.trial import Trial
+
+IMU = [f"imu_{kind}" for kind in ("ax_mps2", "ay_mps2", "az_mps2", "gx_radps", "gy_radps", "gz_radps")]
+WHEELS = [f"enc_{wheel}_rad" for wheel in ("fl", "fr", "rl", "rr")]
+COLUMNS = ["t_s", *IMU, *WHEELS]
+HEADER = ",".join(COLUMNS)
 RADIUS = 0.0965
 
 
@@ -45,3 +52,31 @@ def lines(**options: float) -> list[str]:
 def text(**options: float) -> str:
     """Return a canonical log."""
     return "\n".join(lines(**options)) + "\n"
+
+
+def only(*names: str, change: Callable[[list[str]], list[str]] = lambda row: row) -> str:
+    """Return some columns of the log, each row of cells changed."""
+    keep = [COLUMNS.index(name) for name in names]
+    header, *data = ([line.split(",")[i] for i in keep] for line in lines())
+    return "\n".join(",".join(row) for row in [header, *map(change, data)]) + "\n"
+
+
+def written(folder: Path, content: str | bytes, name: str = "trial.csv") -> Path:
+    """Write a file into a folder, which is made."""
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def read(folder: Path, content: str | bytes, name: str = "trial.csv", **options: Any) -> Trial:
+    """Write a log and read it."""
+    return read_trial(written(folder, content, name), **options)
+
+
+def same(one: Any, other: Any, rtol: float = 0.0, atol: float = 0.0) -> None:
+    """Hold IMU and wheels of two trials to be the same."""
+    for stream, names in (("imu", ("t", "specific_force", "angular_rate")), ("wheels", ("t", "angle"))):
+        for name in names:
+            a, b = (getattr(getattr(trial, stream), name) for trial in (one, other))
+            np.testing.assert_allclose(a, b, rtol=rtol, atol=atol, err_msg=f"{stream}.{name}")

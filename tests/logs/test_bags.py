@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from pathlib import Path
 
@@ -20,21 +19,7 @@ from tests.logs.bags import EPOCH, IMU, JOINTS, KINDS, ODOM, OUTSIDE, WHEELS, Ba
 
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory: pytest.TempPathFactory) -> Trial:
-    path = tmp_path_factory.mktemp("drive") / "drive.csv"
-    path.write_text(make.text())
-    return rounded(read_trial(path))
-
-
-def same(bag: Trial, csv: Trial, atol: float = 0.0) -> None:
-    assert bag.imu is not None
-    assert csv.imu is not None
-    assert bag.wheels is not None
-    assert csv.wheels is not None
-    np.testing.assert_allclose(bag.imu.t, csv.imu.t, rtol=0, atol=atol)
-    np.testing.assert_array_equal(bag.imu.specific_force, csv.imu.specific_force)
-    np.testing.assert_array_equal(bag.imu.angular_rate, csv.imu.angular_rate)
-    np.testing.assert_allclose(bag.wheels.t, csv.wheels.t, rtol=0, atol=atol)
-    np.testing.assert_array_equal(bag.wheels.angle, csv.wheels.angle)
+    return rounded(make.read(tmp_path_factory.mktemp("drive"), make.text()))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -43,8 +28,8 @@ def test_a_bag_gives_the_trial_of_the_csv(kind: str, trial: Trial, tmp_path: Pat
     write_canonical(csv, trial)
     bag = Bag(kind)
     path = bag.write(tmp_path, "drive_v0.3_r1", bag.trial(trial))
-    got, expected = read_trial(path), read_trial(csv)
-    same(got, expected)
+    got = read_trial(path)
+    make.same(got, read_trial(csv))
     assert got.name.startswith("drive_v0.3_r1")
     assert got.layout == f"ROS: imu {IMU}, joints {WHEELS}"
     assert got.inputs[0].path == path
@@ -53,14 +38,13 @@ def test_a_bag_gives_the_trial_of_the_csv(kind: str, trial: Trial, tmp_path: Pat
 
 def test_stamps_since_1970_keep_their_nanoseconds(trial: Trial, tmp_path: Path) -> None:
     bag = Bag("ros2", epoch=EPOCH)
-    path = bag.write(tmp_path, "late", bag.trial(trial))
-    same(read_trial(path), trial)
+    make.same(read_trial(bag.write(tmp_path, "late", bag.trial(trial))), trial)
 
 
 def test_messages_without_stamps_are_taken_when_they_arrived(trial: Trial, tmp_path: Path) -> None:
     bag = Bag("ros1", stamped=False)
     got = read_trial(bag.write(tmp_path, "bare", bag.trial(trial)))
-    same(got, trial)
+    make.same(got, trial)
     assert any("carry no stamps" in line for line in got.warnings)
 
 
@@ -75,70 +59,65 @@ def test_a_file_beside_the_bag_says_what_it_is(trial: Trial, tmp_path: Path) -> 
 
 
 def test_of_two_imus_the_fuller_topic_is_taken_and_said(trial: Trial, tmp_path: Path) -> None:
-    assert trial.imu is not None
     bag = Bag("ros2")
     other = [("/imu/raw", t, bag.imu(t, (0, 0, 9.81), (0, 0, 0))) for t in trial.imu.t[::2]]
     path = bag.write(tmp_path, "two", [*bag.trial(trial), *other])
     got = read_trial(path)
-    same(got, trial)
+    make.same(got, trial)
     said = [line for line in got.warnings if "/imu/raw" in line]
     assert said == ["two: topic /imu/data taken as imu, not /imu/raw; --topic imu=… chooses another"]
     chosen = read_trial(path, topics={"imu": "/imu/raw"})
-    assert chosen.imu is not None
-    assert len(chosen.imu.t) == len(trial.imu.t[::2])
+    assert len(chosen.imu.t) == len(other)
     assert not [line for line in chosen.warnings if "taken as imu" in line]
+    assert read_trial(path, topics={"joints": "none"}).wheels is None
 
 
 def test_velocities_serve_where_positions_are_not_published(trial: Trial, tmp_path: Path) -> None:
-    assert trial.wheels is not None
     bag = Bag("ros1")
     rate = np.gradient(trial.wheels.angle, trial.wheels.t, axis=0)
     joints = [
         (WHEELS, t, bag.joints(t, JOINTS, velocity=row)) for t, row in zip(trial.wheels.t, rate, strict=True)
     ]
-    imu = [item for item in bag.trial(trial) if item[0] == IMU]
-    got = read_trial(bag.write(tmp_path, "rates", [*imu, *joints]))
-    assert got.wheels is not None
-    assert got.wheels.rate is not None
+    got = read_trial(bag.write(tmp_path, "rates", [*bag.of_imu(trial), *joints]))
     np.testing.assert_array_equal(got.wheels.rate, rate)
 
 
 def test_odometry_stands_for_wheels_where_there_are_no_joints_and_says_so(
     trial: Trial, tmp_path: Path
 ) -> None:
-    assert trial.wheels is not None
     bag = Bag("ros2")
     v = np.gradient(trial.wheels.angle[:, 0], trial.wheels.t) * make.RADIUS
-    odom = [(ODOM, t, bag.odometry(t, 0, x)) for t, x in zip(trial.wheels.t, v, strict=True)]
-    imu = [item for item in bag.trial(trial) if item[0] == IMU]
-    got = read_trial(bag.write(tmp_path, "odom", [*imu, *odom]))
-    assert got.wheels is not None
-    assert got.wheels.rate is not None
+    odom = [(ODOM, t, bag.odometry(t, 0.0, x)) for t, x in zip(trial.wheels.t, v, strict=True)]
+    got = read_trial(bag.write(tmp_path, "odom", [*bag.of_imu(trial), *odom]))
     np.testing.assert_allclose(got.wheels.rate[:, 2] * make.RADIUS, v, rtol=1e-12, atol=1e-12)
     assert any(f"the wheels' velocity is that of odometry {ODOM}" in line for line in got.warnings)
 
 
-def test_an_outside_reference_is_taken_only_when_asked_for(trial: Trial, tmp_path: Path) -> None:
-    assert trial.wheels is not None
-    bag = Bag("ros2")
-    outside = [(OUTSIDE, t, bag.odometry(t, 0.2 * t, 0.2)) for t in trial.wheels.t]
+@pytest.mark.parametrize(
+    "kind",
+    ["Odometry", "Pose", "PoseStamped", "PoseWithCovariance", "PoseWithCovarianceStamped", "NavSatFix"],
+)
+def test_places_from_outside_are_a_reference_only_when_asked_for(
+    kind: str, trial: Trial, tmp_path: Path
+) -> None:
+    """What has no header is put on the clock of the others, though it arrives later by as much as they."""
+    bag = Bag("ros2", late=0.25)
+    outside = [(OUTSIDE, t, bag.place(kind, t, 0.2 * t)) for t in trial.wheels.t]
     path = bag.write(tmp_path, "outside", [*bag.trial(trial), *outside])
     assert read_trial(path).reference_v is None
     got = read_trial(path, topics={"reference": OUTSIDE})
-    assert got.reference_v is not None
-    assert got.reference_x is not None
-    assert set(got.reference_v.value) == {0.2}
-    assert np.ptp(got.reference_x.value) == pytest.approx(0.2 * np.ptp(trial.wheels.t), rel=1e-6)
+    np.testing.assert_allclose(got.reference_x.t, trial.wheels.t, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.median(got.reference_v.value), 0.2, rtol=1e-3)
+    assert np.ptp(got.reference_x.value) == pytest.approx(0.2 * np.ptp(trial.wheels.t), rel=1e-3)
+    assert any("carry no stamps" in line for line in got.warnings) == (kind in ("Pose", "PoseWithCovariance"))
 
 
 def test_a_covariance_that_begins_with_minus_one_means_that_there_is_no_sample(
     trial: Trial, tmp_path: Path
 ) -> None:
-    assert trial.imu is not None
     bag = Bag("ros2")
     imu = [(IMU, t, bag.imu(t, (0, 0, 0), (0, 0.1, 0), no_force=True)) for t in trial.imu.t]
-    got = read_trial(bag.write(tmp_path, "gyro", [*imu, *(m for m in bag.trial(trial) if m[0] == WHEELS)]))
-    assert got.imu is not None
+    got = read_trial(bag.write(tmp_path, "gyro", [*imu, *bag.of_wheels(trial)]))
     assert np.isnan(got.imu.specific_force).all()
     assert set(got.imu.angular_rate[:, 1]) == {0.1}
     assert any("no accelerometer" in line for line in got.warnings)
@@ -146,23 +125,16 @@ def test_a_covariance_that_begins_with_minus_one_means_that_there_is_no_sample(
 
 def test_a_column_map_names_topic_and_field(trial: Trial, tmp_path: Path) -> None:
     """A written map reads the bag as it was read; edited, it turns a sign or takes effort for current."""
-    assert trial.wheels is not None
-    bag = Bag("mcap")
-    joints = [
-        (WHEELS, t, bag.joints(t, JOINTS, angle, effort=(1.0, 2.0, 3.0, 4.0)))
-        for t, angle in zip(trial.wheels.t, trial.wheels.angle, strict=True)
-    ]
-    path = bag.write(tmp_path, "mapped", [*(m for m in bag.trial(trial) if m[0] == IMU), *joints])
-    report = inspect_logs([path])
-    text = report.to_map_toml()
-    own = tmp_path / "own.toml"
+    bag, own = Bag("mcap"), tmp_path / "own.toml"
+    joints = bag.of_wheels(trial, effort=(1.0, 2.0, 3.0, 4.0))
+    path = bag.write(tmp_path, "mapped", [*bag.of_imu(trial), *joints])
+    text = inspect_logs([path]).to_map_toml()
     own.write_text(text)
-    same(read_trial(path, map=own), read_trial(path))
+    make.same(read_trial(path, map=own), read_trial(path))
     name = f"{WHEELS}.effort.{JOINTS[1]}"
+    assert f'# name = "{name}"' in text
     own.write_text(text + f'\n[[column]]\nname = "{name}"\nto = ["cur_fr"]\nunit = "A"\nscale = -0.5\n')
-    got = read_trial(path, map=own)
-    assert got.currents is not None
-    assert set(got.currents.current[:, 1]) == {-1.0}
+    assert set(read_trial(path, map=own).currents.current[:, 1]) == {-1.0}
 
 
 def test_a_bag_can_be_inspected(trial: Trial, tmp_path: Path) -> None:
@@ -174,11 +146,7 @@ def test_a_bag_can_be_inspected(trial: Trial, tmp_path: Path) -> None:
     assert {s.what: round(s.rate) for s in file.streams} == {"imu": 100, "encoders": 100}
     assert len(file.rests) == 2
     channels = {c for column in file.columns for c in column.to}
-    assert channels == {
-        "t",
-        *(f"imu_{k}{a}" for k in "ag" for a in "xyz"),
-        *(f"enc_{w}" for w in ("fl", "fr", "rl", "rr")),
-    }
+    assert channels == {name.rpartition("_")[0] for name in make.COLUMNS}
     assert report.as_json()["files"][0]["text"] is None
     frame = report.to_frame()
     assert list(frame.loc[frame["channels"] == "enc_fl", "column"]) == [f"{WHEELS}.position.{JOINTS[0]}"]
@@ -206,10 +174,6 @@ def test_a_bag_without_sensors_is_refused_with_what_it_holds(tmp_path: Path) -> 
     with pytest.raises(InputError, match=r"no topic with sensor_msgs/msg/Imu") as caught:
         read_trial(bag.write(tmp_path, "talk", text))
     assert "std_msgs/msg/String" in caught.value.hint
-
-
-def test_joints_that_are_no_wheels_are_refused(tmp_path: Path) -> None:
-    bag = Bag("ros2")
     arm = [("/joint_states", k / 10, bag.joints(k / 10, ["shoulder", "elbow"], [0.1, k])) for k in range(9)]
     with pytest.raises(InputError, match="no wheel among the joints of /joint_states"):
         read_trial(bag.write(tmp_path, "arm", arm))
@@ -219,15 +183,7 @@ def test_joints_that_are_no_wheels_are_refused(tmp_path: Path) -> None:
 def test_a_damaged_bag_is_one_line_and_never_a_traceback(kind: str, trial: Trial, tmp_path: Path) -> None:
     """Cut off at many places, and with bytes changed."""
     bag = Bag(kind)
-    short = dataclasses.replace(
-        trial,
-        imu=dataclasses.replace(
-            trial.imu, t=trial.imu.t[:50], specific_force=trial.imu.specific_force[:50],  # type: ignore[union-attr]
-            angular_rate=trial.imu.angular_rate[:50],  # type: ignore[union-attr]
-        ),
-        wheels=dataclasses.replace(trial.wheels, t=trial.wheels.t[:50], angle=trial.wheels.angle[:50]),  # type: ignore[union-attr]
-    )  # fmt: skip
-    path = bag.write(tmp_path, "cut", bag.trial(short))
+    path = bag.write(tmp_path, "cut", bag.trial(rounded(trial, 50)))
     file = next(p for p in path.iterdir() if p.suffix in (".db3", ".mcap")) if path.is_dir() else path
     whole = file.read_bytes()
     rng = np.random.default_rng(1)
@@ -256,13 +212,10 @@ def test_a_damaged_bag_is_one_line_and_never_a_traceback(kind: str, trial: Trial
 def test_a_missing_bag_and_a_text_that_is_none(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not exist"):
         read_trial(tmp_path / "none.mcap")
-    (tmp_path / "text.bag").write_text("t_s\n0\n")
-    with pytest.raises(InputError, match="cannot be read as a ROS bag"):
-        read_trial(tmp_path / "text.bag")
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "folder" / "metadata.yaml").write_text("a: [1, 2\n")
-    with pytest.raises(InputError, match="cannot be read as a ROS bag"):
-        read_trial(tmp_path / "folder")
+    make.written(tmp_path, "a: [1, 2\n", "folder/metadata.yaml")
+    for path in (make.written(tmp_path, "t_s\n0\n", "text.bag"), tmp_path / "folder"):
+        with pytest.raises(InputError, match="cannot be read as a ROS bag"):
+            read_trial(path)
 
 
 def test_without_the_library_one_line_says_what_to_install(
@@ -275,12 +228,17 @@ def test_without_the_library_one_line_says_what_to_install(
 
 
 def test_a_folder_stands_for_its_logs_of_every_kind(trial: Trial, tmp_path: Path) -> None:
-    (tmp_path / "a_v0.2.csv").write_text(make.text())
-    (tmp_path / "notes.txt").write_text("")
+    make.written(tmp_path, make.text(), "a_v0.2.csv")
+    make.written(tmp_path, "", "notes.txt")
+    make.written(tmp_path, b"", "e.mat")
+    for name in ("imu.csv", "wheel_encoders.csv", "Barometer.csv"):
+        make.written(tmp_path, "", f"f_v0.3/{name}")
+    for name in ("imu_1.csv", "imu_2.csv"):  # two trials
+        make.written(tmp_path, "", f"g/{name}")
     for kind, name in (("ros1", "b"), ("ros2", "c_v0.5"), ("mcap", "d")):
-        Bag(kind).write(tmp_path, name, Bag(kind).trial(trial))
+        Bag(kind).write(tmp_path, name, Bag(kind).trial(rounded(trial, 3)))
     names = [name_of(path) for path in trial_files(tmp_path)]
-    assert names == ["a_v0.2", "b", "c_v0.5", "d"]
+    assert names == ["a_v0.2", "b", "c_v0.5", "d", "e", "f_v0.3"]
     with pytest.raises(UsageError, match="two logs are called 'b'"):
         trial_files([tmp_path / "b.bag", tmp_path / "x" / "b.csv"])
 
@@ -305,34 +263,5 @@ def test_wheels_are_known_by_the_names_of_their_joints(joint: str, wheels: tuple
 
 
 def test_a_wheel_has_one_joint() -> None:
-    assert assign(["front_left", "front_left_wheel", "left_wheel"]) == {
-        "front_left_wheel": ("fl",),
-        "left_wheel": ("rl",),
-    }
-
-
-def test_a_role_can_be_left_out(trial: Trial, tmp_path: Path) -> None:
-    path = Bag("ros2").write(tmp_path, "less", Bag("ros2").trial(trial))
-    got = read_trial(path, topics={"joints": "none"})
-    assert got.wheels is None
-    assert got.imu is not None
-
-
-@pytest.mark.parametrize("kind", ["PoseStamped", "NavSatFix"])
-def test_poses_and_satellite_fixes_are_references(kind: str, trial: Trial, tmp_path: Path) -> None:
-    assert trial.wheels is not None
-    bag = Bag("ros2")
-
-    def message(t: float) -> object:
-        if kind == "NavSatFix":
-            status = bag.of("sensor_msgs/msg/NavSatStatus", 0, 1)
-            place = (52.0 + 0.2 * t / 111_267.0, 21.0, 100.0)
-            return bag.of("sensor_msgs/msg/NavSatFix", bag.header(t), status, *place, np.zeros(9), 0)
-        place_and_turn = bag.odometry(t, 0.2 * t, 0.2).pose.pose
-        return bag.of("geometry_msgs/msg/PoseStamped", bag.header(t), place_and_turn)
-
-    outside = [(OUTSIDE, t, message(t)) for t in trial.wheels.t]
-    path = bag.write(tmp_path, "outside", [*bag.trial(trial), *outside])
-    got = read_trial(path, topics={"reference": OUTSIDE})
-    assert got.reference_v is not None
-    np.testing.assert_allclose(np.median(got.reference_v.value), 0.2, rtol=1e-3)
+    found = assign(["front_left", "front_left_wheel", "left_wheel"])
+    assert found == {"front_left_wheel": ("fl",), "left_wheel": ("rl",)}

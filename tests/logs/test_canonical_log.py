@@ -64,10 +64,6 @@ def test_what_is_written_is_read_back_to_the_last_bit(trial: Trial, tmp_path: Pa
     path = tmp_path / "any.csv"
     write_canonical(path, trial)
     back = read_trial(path)
-    assert trial.imu is not None
-    assert back.imu is not None
-    assert trial.wheels is not None
-    assert back.wheels is not None
     np.testing.assert_array_equal(back.imu.t, trial.imu.t)
     np.testing.assert_array_equal(back.imu.specific_force, trial.imu.specific_force)
     np.testing.assert_array_equal(back.imu.angular_rate, trial.imu.angular_rate)
@@ -79,7 +75,6 @@ def test_what_is_written_is_read_back_to_the_last_bit(trial: Trial, tmp_path: Pa
     if trial.currents is not None and back.currents is not None:
         np.testing.assert_array_equal(back.currents.current, trial.currents.current)
     if trial.reference_v is not None:
-        assert back.reference_v is not None
         np.testing.assert_array_equal(back.reference_v.value, trial.reference_v.value)
     if trial.wheels.step:
         assert back.wheels.step == trial.wheels.step
@@ -92,8 +87,6 @@ def test_logged_rates_are_written_as_rates_and_integrated_again(tmp_path: Path) 
     wheels = WheelStream(t, np.zeros_like(rate), rate, 0.01)
     write_canonical(path, Trial("rates", TrialInfo(robot="granite"), wheels=wheels))
     back = read_trial(path).wheels
-    assert back is not None
-    assert back.rate is not None
     np.testing.assert_array_equal(back.rate, rate)
     assert back.angle[-1, 0] == pytest.approx(1 - np.cos(t[-1]), abs=1e-4)
     assert back.step == 0.01
@@ -106,7 +99,6 @@ def test_gravity_stays_removed(tmp_path: Path) -> None:
     path = tmp_path / "free.csv"
     write_canonical(path, Trial("free", TrialInfo(robot="granite"), imu=imu))
     back = read_trial(path)
-    assert back.imu is not None
     assert back.imu.gravity_removed
     np.testing.assert_array_equal(back.imu.specific_force, force)
 
@@ -151,10 +143,6 @@ def test_the_suffix_gives_the_unit(channel: str, old: str, new: str, factor: flo
     plain.write_text("\n".join(lines))
     other.write_text("\n".join(changed))
     a, b = read_trial(plain), read_trial(other)
-    assert a.imu is not None
-    assert b.imu is not None
-    assert a.wheels is not None
-    assert b.wheels is not None
     np.testing.assert_allclose(b.imu.t, a.imu.t, rtol=0, atol=1e-12)
     np.testing.assert_allclose(b.imu.specific_force, a.imu.specific_force, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(b.imu.angular_rate, a.imu.angular_rate, rtol=1e-12, atol=1e-12)
@@ -169,9 +157,6 @@ def test_currents_in_milliamperes_and_rates_in_turns_a_minute(tmp_path: Path) ->
         '# robot = "granite"\nt_s,cur_fl_mA,enc_fl_rpm,enc_fr_rpm,enc_rl_rpm,enc_rr_rpm\n' + "\n".join(rows)
     )
     trial = read_trial(path)
-    assert trial.currents is not None
-    assert trial.wheels is not None
-    assert trial.wheels.rate is not None
     assert trial.currents.current[3, 0] == pytest.approx(1.003)
     assert np.isnan(trial.currents.current[3, 1:]).all()
     assert trial.wheels.rate[0, 0] == pytest.approx(2 * np.pi)
@@ -184,11 +169,9 @@ def test_counts_take_their_size_from_the_log_before_the_robot(tmp_path: Path) ->
     path = tmp_path / "c.csv"
     path.write_text('# robot = "granite"\n' + body)
     wheels = read_trial(path).wheels
-    assert wheels is not None
     assert wheels.angle[-1, 2] == pytest.approx(49 * 2 * np.pi / 106000, rel=1e-14)
     path.write_text('# robot = "granite"\n# enc_counts_per_rev = 1000\n' + body)
     wheels = read_trial(path).wheels
-    assert wheels is not None
     assert wheels.angle[-1, 2] == pytest.approx(49 * 2 * np.pi / 1000, rel=1e-14)
     assert wheels.step == pytest.approx(2 * np.pi / 1000)
 
@@ -205,8 +188,6 @@ def test_sparse_rows_give_each_sensor_its_own_stamps(tmp_path: Path) -> None:
     path = tmp_path / "sparse.csv"
     path.write_text("\n".join(sparse))
     trial = read_trial(path)
-    assert trial.imu is not None
-    assert trial.wheels is not None
     assert (len(trial.imu.t), len(trial.wheels.t)) == (600, 300)
     assert trial.wheels.t[1] == 0.023
 
@@ -239,10 +220,6 @@ def test_two_files_make_one_trial(tmp_path: Path) -> None:
     wheels.write_text("\n".join(",".join([line.split(",")[0], *line.split(",")[7:]]) for line in lines))
     assert names[7] == "enc_fl_rad"
     one, two = read_trial(whole), read_trial(imu, encoders=wheels)
-    assert one.imu is not None
-    assert two.imu is not None
-    assert one.wheels is not None
-    assert two.wheels is not None
     np.testing.assert_array_equal(two.imu.specific_force, one.imu.specific_force)
     np.testing.assert_array_equal(two.wheels.angle, one.wheels.angle)
     assert len(two.inputs) == 2
@@ -254,7 +231,6 @@ def test_the_angle_counts_where_the_rate_is_logged_too(tmp_path: Path) -> None:
     path = tmp_path / "both.csv"
     path.write_text("\n".join(both))
     trial = read_trial(path)
-    assert trial.wheels is not None
     assert trial.wheels.rate is None
 
 

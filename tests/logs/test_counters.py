@@ -65,7 +65,6 @@ def test_an_angle_of_one_turn_is_unwrapped(tmp_path: Path) -> None:
     rows = [f"{a:.2f}" + f",{np.mod(x, 2 * np.pi):.6f}" * 4 for a, x in zip(t, true, strict=True)]
     path.write_text("t_s,enc_fl_rad,enc_fr_rad,enc_rl_rad,enc_rr_rad\n" + "\n".join(rows))
     wheels = read_trial(path).wheels
-    assert wheels is not None
     np.testing.assert_allclose(wheels.angle[:, 0], true, atol=1e-6)
 
 
@@ -78,7 +77,6 @@ def test_counts_turned_into_an_angle_by_the_logger_are_unwrapped(tmp_path: Path)
     head = '# robot = "granite"\nt_s,enc_fl_rad,enc_fr_rad,enc_rl_rad,enc_rr_rad\n'
     path.write_text(head + "\n".join(rows))
     wheels = read_trial(path).wheels
-    assert wheels is not None
     np.testing.assert_array_equal(np.rint(wheels.angle[:, 0] / q), true)
 
 
@@ -105,7 +103,6 @@ def test_velocity_and_distance_of_the_circumference_need_the_radius() -> None:
     t = np.arange(101) / 100
     for text, raw in (("m/s", np.full(101, 0.3)), ("m", 0.3 * t), ("mm", 300 * t)):
         unit = find_unit(text)
-        assert unit is not None
         wheel = convert(t, raw, unit, scale=1, wrap=0, per_rev=0, radius=0.1, increment=False)
         assert wheel.angle[-1] == pytest.approx(3.0)
         assert (wheel.rate is None) == (text != "m/s")

@@ -37,7 +37,6 @@ def test_kobuki_counts_are_unwrapped_exactly() -> None:
     trial = read_trial(path)
     assert trial.info.robot == "kobuki"
     assert trial.imu is None
-    assert trial.wheels is not None
     counts = load_robot("kobuki").encoders.counts
     for wheels, name in (((0, 2), "field.left_encoder"), ((1, 3), "field.right_encoder")):
         logged = raw(path, name).astype(int)
@@ -56,7 +55,6 @@ def test_kobuki_counts_are_unwrapped_exactly() -> None:
 def test_kobuki_stamps_are_the_drivers_not_those_of_receipt() -> None:
     path = DATA / "kobuki" / "kobuki_core_uint16_wrap.csv"
     wheels = read_trial(path).wheels
-    assert wheels is not None
     np.testing.assert_allclose(wheels.t, raw(path, "field.header.stamp") * 1e-9, rtol=0, atol=1e-6)
     # The device's own 16-bit millisecond clock runs beside them, but for its rate: no bursts.
     device = np.cumsum(np.diff(raw(path, "field.time_stamp")) % 65536) / 1000
@@ -76,13 +74,9 @@ def test_robotino_slips_as_its_camera_says(name: str, low: float, high: float) -
     path = DATA / "robotino_slip" / f"{name}.csv"
     trial = read_trial(path)
     assert trial.imu is None
-    assert trial.wheels is not None
-    assert trial.reference_x is not None
-    assert trial.reference_v is not None
     # The camera's way against the raw file, whose third header row has the short names.
     steps = raw(path, "dy", ";", 2)
     np.testing.assert_allclose(trial.reference_x.value, np.cumsum(steps) / 1000, atol=1e-12)
-    assert trial.wheels.rate is not None
     np.testing.assert_allclose(trial.wheels.rate[:, 0], -raw(path, "m2vel", ";", 2) / 16, atol=1e-12)
     # The steady part: the robot has sped up, and the camera sees it to the end.
     steady = trial.wheels.t > 1.5
@@ -91,7 +85,6 @@ def test_robotino_slips_as_its_camera_says(name: str, low: float, high: float) -
     wheels = np.ptp(trial.wheels.angle[steady, 0]) * 0.040
     assert low <= 100 * (1 - way / wheels) <= high
     assert trial.reference_v.value[steady].mean() == pytest.approx(way / np.ptp(t), rel=0.02)
-    assert trial.command is not None
     assert trial.command.value[0] in (0.1, 0.2, 0.3)
 
 
@@ -111,13 +104,9 @@ def test_boreal_husky_in_two_files(name: str) -> None:
     trial = read_trial(imu, encoders=pro)
     assert trial.info.robot == "husky"
     assert trial.warnings == ()
-    assert trial.imu is not None
-    assert trial.wheels is not None
-    assert trial.currents is not None
     np.testing.assert_array_equal(trial.imu.specific_force[:, 1], raw(imu, "ay"))
     np.testing.assert_array_equal(trial.imu.angular_rate[:, 2], raw(imu, "wz"))
     np.testing.assert_array_equal(trial.currents.current[:, 3], raw(pro, "curR"))
-    assert trial.wheels.rate is not None
     np.testing.assert_allclose(trial.wheels.rate[:, 2], raw(pro, "velL") / 0.165, rtol=1e-12)
     assert np.median(np.diff(trial.imu.t)) == pytest.approx(0.01)
     assert np.median(np.diff(trial.wheels.t)) == pytest.approx(1 / 6.5)
@@ -129,10 +118,6 @@ def test_husky_with_gps_in_three_files() -> None:
     folder = DATA / "husky_gps"
     trial = read_trial(folder / "imu.csv", encoders=folder / "odom.csv", reference=folder / "fix.csv")
     assert trial.info.robot == "husky_gps"
-    assert trial.imu is not None
-    assert trial.wheels is not None
-    assert trial.reference_v is not None
-    assert trial.reference_x is not None
     rates = [1 / np.median(np.diff(s.t)) for s in (trial.imu, trial.wheels, trial.reference_v)]
     np.testing.assert_allclose(rates, [30, 10, 2.5], rtol=0.02)
     # Gravity is on the sensor's y axis, and stays the only unit that fits.
@@ -154,7 +139,6 @@ def test_the_turned_imu_agrees_with_its_robot_file() -> None:
     """Rotation [roll, pitch, yaw] takes sensor vectors to the robot's by Rz(yaw) Ry(pitch) Rx(roll)."""
     folder = DATA / "husky_gps"
     trial = read_trial(folder / "imu.csv")
-    assert trial.imu is not None
     roll, pitch, yaw = np.deg2rad(load_robot("husky_gps").imu.rotation)
     rx = np.array([[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]])
     ry = np.array([[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]])
@@ -178,9 +162,6 @@ def test_one_run_of_the_small_car() -> None:
     run = raw(path, "run_id")
     for number in (4, 21, 22):
         trial = read_trial(path, rows=f"run_id = {number}")
-        assert trial.imu is not None
-        assert trial.wheels is not None
-        assert trial.reference_v is not None
         mine = run == number
         np.testing.assert_array_equal(trial.imu.t, raw(path, "")[mine])
         np.testing.assert_array_equal(trial.imu.specific_force[:, 0], raw(path, "ax_imu")[mine])

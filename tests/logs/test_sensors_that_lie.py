@@ -100,8 +100,6 @@ def test_the_good_trial_is_read_without_a_doubt(tmp_path: Path) -> None:
 
 def test_currents_in_milliamperes_are_converted_and_said(tmp_path: Path) -> None:
     good, trial = read_trial(SAMPLE), read_trial(written(tmp_path, times(1000, *CURRENTS)))
-    assert good.currents is not None
-    assert trial.currents is not None
     np.testing.assert_allclose(trial.currents.current, good.currents.current, rtol=1e-9)
     assert any(CURRENTS[0] in line and "in mA" in line for line in trial.warnings)
 
@@ -122,8 +120,6 @@ def test_a_burst_of_bad_stamps_is_left_out_and_its_line_named(to: float, tmp_pat
         table.loc[burst, "t_s"] = 0.0 if to == 0 else table.loc[burst, "t_s"] + to
 
     good, trial = read_trial(SAMPLE), read_trial(written(tmp_path, change))
-    assert good.imu is not None
-    assert trial.imu is not None
     keep = np.isin(good.imu.t, trial.imu.t)
     assert 0 < np.count_nonzero(~keep) < 41
     np.testing.assert_array_equal(trial.imu.specific_force, good.imu.specific_force[keep])
@@ -133,7 +129,6 @@ def test_a_burst_of_bad_stamps_is_left_out_and_its_line_named(to: float, tmp_pat
 
 def test_a_wheel_off_the_ground_is_named_and_left_out(tmp_path: Path) -> None:
     trial = read_trial(written(tmp_path, times(1.5, ANGLES[0])))
-    assert trial.wheels is not None
     assert np.isnan(trial.wheels.angle[:, 0]).sum() > 100
     assert np.isfinite(trial.wheels.angle[:, 1:]).all()
     assert any(ANGLES[0] in line and "off the ground" in line for line in trial.warnings)

@@ -37,7 +37,6 @@ def log(path: Path, head: str, stamp: Callable[[int], str]) -> Path:
 
 
 def times(trial: Trial) -> np.ndarray:
-    assert trial.imu is not None
     return trial.imu.t
 
 

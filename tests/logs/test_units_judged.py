@@ -33,10 +33,6 @@ def read(text: str, folder: Path, name: str = "trial.csv") -> Trial:
 
 
 def close(a: Trial, b: Trial) -> bool:
-    assert a.imu is not None
-    assert b.imu is not None
-    assert a.wheels is not None
-    assert b.wheels is not None
     return (
         np.allclose(a.imu.t, b.imu.t, atol=1e-4)
         and np.allclose(a.imu.specific_force, b.imu.specific_force, rtol=1e-3, atol=1e-2)
@@ -87,7 +83,6 @@ def test_removed_gravity_is_noticed(tmp_path: Path) -> None:
     for row in rows:
         row[at] = f"{float(row[at]) - 9.81:.9g}" if row[at] else ""
     trial = read(csv_text.join(head, columns, rows), tmp_path)
-    assert trial.imu is not None
     assert trial.imu.gravity_removed
     assert any("has removed gravity" in line for line in trial.warnings)
 
@@ -113,14 +108,12 @@ def test_a_dead_encoder_is_reported_and_an_absent_one_too(tmp_path: Path) -> Non
     trial = read(csv_text.join(head, columns, rows), tmp_path)
     assert any("encoder fl stands still" in line for line in trial.warnings)
     assert any("'enc_rr_rad' is empty" in line for line in trial.warnings)
-    assert trial.wheels is not None
     assert np.isnan(trial.wheels.angle[:, 3]).all()
 
 
 def test_a_wheel_that_is_silent_for_a_while_is_reported(tmp_path: Path) -> None:
     text = csv_text.with_gap_of_nan(good("industrial", 0.3, 1), "enc_rl_rad", 3.0, 4.5)
     trial = read(text, tmp_path)
-    assert trial.wheels is not None
     assert np.isnan(trial.wheels.angle[:, 2]).sum() > 100
     assert any("'enc_rl_rad': no sample from t = 3.0" in line for line in trial.warnings)
 
@@ -128,8 +121,6 @@ def test_a_wheel_that_is_silent_for_a_while_is_reported(tmp_path: Path) -> None:
 def test_a_short_hole_in_one_axis_costs_its_samples_only(tmp_path: Path) -> None:
     text = csv_text.with_gap_of_nan(good("industrial", 0.3, 1), "imu_gy_radps", 3.0, 3.1)
     right, holed = read(good("industrial", 0.3, 1), tmp_path), read(text, tmp_path)
-    assert right.imu is not None
-    assert holed.imu is not None
     assert 15 <= len(right.imu.t) - len(holed.imu.t) <= 25
     assert any("without 'imu_gy_radps' were left out" in line for line in holed.warnings)
 
@@ -143,7 +134,6 @@ def test_wraps_injected_into_a_trial_are_undone_exactly(bits: int, tmp_path: Pat
     true = np.array([round(float(row[at]) * counts / (2 * np.pi)) for row in rows if row[at]])
     wrapped = csv_text.wrapped_counts(text, counts, bits, start=2**bits - 3000)
     trial = read(wrapped, tmp_path)
-    assert trial.wheels is not None
     got = np.rint((trial.wheels.angle[:, 0] - trial.wheels.angle[0, 0]) * counts / (2 * np.pi))
     np.testing.assert_array_equal(got, true - true[0])
     assert any("wrapped" in line for line in trial.warnings)
