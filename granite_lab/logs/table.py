@@ -214,7 +214,7 @@ def _matlab(path: Path) -> Table:
         raise InputError(
             f"{path}: cannot be read as a MATLAB file: {what}", "copy or save it again"
         ) from None
-    found = dict(_vectors(held, ""))
+    found = dict(_vectors({key: value for key, value in held.items() if not key.startswith("__")}, ""))
     lengths = sorted({len(values) for values in found.values()})
     if len(lengths) != 1:
         one_each = [f"{next(n for n, v in found.items() if len(v) == k)} ({k})" for k in lengths[:4]]
