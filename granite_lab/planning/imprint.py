@@ -16,7 +16,7 @@ from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil, Variant
-from granite_lab.planning.design import Design, Driven, Noise
+from granite_lab.planning.design import Driven, Noise
 from granite_lab.planning.stage import trial_model
 
 
@@ -56,13 +56,6 @@ class FineWorld(World):
     accuracy = replace(ACCURACY, relative=1e-8, absolute=1e-10, order=5)
 
 
-def nominal(robot: Robot, soil: Soil, variants: Sequence[Variant], share: float = 0.0) -> Design:
-    """Return the design of one trial a command, with white noise of a common strength."""
-    white = tuple(Noise(channel=c, rest=noise.NOMINAL[c]) for c in CHANNELS)
-    driven = tuple(Driven(variant=v, noise=white) for v in variants)
-    return Design(verdict="none", robot=robot, soil=soil, share=share, driven=driven, virtual=True)
-
-
 def imprint(
     active: Active, robot: Robot, soil: Soil, variants: Sequence[Variant], *, jobs: int = 1
 ) -> Imprint:
@@ -78,9 +71,10 @@ def imprint(
         EstimateError: a simulation does not converge.
         InputError: the robot cannot be simulated.
     """
-    design = nominal(robot, soil, variants)
+    white = tuple(Noise(channel=c, rest=noise.NOMINAL[c]) for c in CHANNELS)
+    driven = [Driven(variant=v, noise=white) for v in variants]
     with Bench(FineWorld(robot, soil, tuple(variants), {active.id: active.effect}), jobs) as bench:
-        trials = [trial_model(design, k, d.variant, d) for k, d in enumerate(design.driven)]
+        trials = [trial_model(k, d.variant, d, robot) for k, d in enumerate(driven)]
         problem = Problem(trials, bench)
         point = problem.neutral()
         slopes = problem.slopes(point)

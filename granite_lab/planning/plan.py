@@ -118,7 +118,7 @@ def plan_next(
     conditions = (*(d.conditions for d in design.driven), *(o.conditions for o in chosen))
     world = StagedWorld(design.robot, design.soil, variants, {**known, **STAGING}, conditions=conditions)
     with Bench(world, jobs) as bench:
-        stage = Stage(design, bench)
+        stage = Stage(design, bench, [o.like for o in chosen])
         models = (asked.named,) if asked.kind == "sharpen" else explanations(stage, asked)
         false = models if asked.kind == "apart" else models[:1]
         pairs = [(model, [m for m in models if m is not model]) for model in false]
@@ -129,7 +129,7 @@ def plan_next(
             progress(k + 1, len(chosen))
             number = design.driven.index(option.like) if option.repeats else len(design.driven) + k
             try:
-                more = [stage.one_more(number, option.like, model, others) for model, others in pairs]
+                more = [stage.one_more(number, model, others) for model, others in pairs]
             except EstimateError:
                 continue
             after = [a + b for a, b in zip(at_hand, more, strict=True)]
@@ -186,7 +186,7 @@ def _outlook(stage: Stage, models: Sequence[Setting], informations: Sequence[Arr
 def _stds(stage: Stage, named: Setting, information: Array) -> Outlook:
     """Return the relative std of each named strength; of a_θ and the sand where there is none."""
     std = np.sqrt(np.diag(fitted(information, 0).covariance))
-    problem = stage.problem(0, stage.design.driven[0])
+    problem = stage.problem(0)
     point = stage.point(problem, named)
     strengths = problem.parameters(point.effects, per_trial=False)
     found = {

@@ -64,9 +64,8 @@ def question(design: Design, known: Mapping[str, Effect]) -> Question:
         first = max(range(len(named)), key=lambda k: len(twins[k]))
         return Question("apart", (ids[first], *twins[first][: MOST - 1]), named, first)
     most = DECISIVE if design.verdict == "none" else np.inf  # what is shown and is small needs no trial
-    leading = [c for c in design.possible if c.name not in ids and c.name in lasting and c.value < most][
-        :MOST
-    ]
+    possible = [c for c in design.possible if c.name not in ids and c.name in lasting and c.value < most]
+    leading = possible[:MOST]
     rivals = tuple(c.name for c in leading)
     if design.verdict == "unknown" and len(rivals) > 1:
         return Question("apart", rivals, (), None, tuple(max(c.value, DECISIVE) for c in leading))
@@ -107,7 +106,7 @@ def _start(
     stage: Stage, others: Setting, id_: str, truth: Setting = (), gain: float = 0.0
 ) -> tuple[str, Values] | None:
     """Return an effect at the size at which it comes nearest to `truth`, or has a log Bayes factor `gain`."""
-    problem = stage.problem(0, stage.design.driven[0])
+    problem = stage.problem(0)
     parameters = problem.parameters_of(id_)
     neutral = np.array([p.neutral for p in parameters])
     tried = []
@@ -137,7 +136,7 @@ def _imitating(
     true = (*others, truth)
     guess = nearest = _start(stage, others, id_, true)
     least = np.inf
-    parameters = stage.problem(0, stage.design.driven[0]).parameters_of(id_)
+    parameters = stage.problem(0).parameters_of(id_)
     shared = [k for k, p in enumerate(parameters) if not p.per_trial]
     for _ in range(ROUNDS):
         if guess is None:

@@ -20,23 +20,23 @@ from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.inference.noise import FLOOR, Whitener
 from granite_lab.inference.normal import Posterior, Scales, posterior
 from granite_lab.inference.nuisances import TrialModel
-from granite_lab.inference.observation import CHANNELS, Observation
+from granite_lab.inference.observation import BIN, CHANNELS, Observation
 from granite_lab.inference.problem import Point, Problem, Slopes
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, peak_velocity
-from granite_lab.parameters import Variant
+from granite_lab.parameters import Robot, Variant
 from granite_lab.planning.design import Design, Driven, Noise, commanded_share
 
 
-def trial_model(design: Design, number: int, variant: Variant, like: Driven) -> TrialModel:
+def trial_model(number: int, variant: Variant, like: Driven, robot: Robot, width: float = BIN) -> TrialModel:
     """Return a trial that reads nothing at the stamps of ideal sensors.
 
     Args:
-        design: gives robot and bins.
         number, variant: of the command.
         like: trials whose channels and standstills it has.
+        robot: of the trial.
+        width: of a bin [s].
     """
-    robot, width = design.robot, design.width
     names = [n.channel for n in like.noise]
     first = -max(1, round(like.before / width))
     last = max(first + 2, int(np.ceil((duration(variant) + like.after) / width)))
@@ -76,19 +76,26 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
 
 
 class Stage:
-    """The trials at hand, then those that are proposed; the numbers are those of the bench's commands."""
+    """The trials at hand, then those that are proposed; the numbers are those of the bench's commands.
 
-    def __init__(self, design: Design, bench: Bench) -> None:
+    Args:
+        design: of the trials at hand.
+        bench: runs the simulations.
+        likes: per proposed trial those whose channels and noise it has.
+    """
+
+    def __init__(self, design: Design, bench: Bench, likes: Sequence[Driven] = ()) -> None:
         self.design, self.bench = design, bench
+        self.likes = (*design.driven, *likes)
         self.scales = Scales(design.share, FORMULA_ERROR[0], {s.name: s.value for s in design.scales})
         self._models: dict[int, TrialModel] = {}
         self._slopes: dict[tuple[int, Setting], Slopes] = {}
 
-    def problem(self, number: int, like: Driven, count: int = 1) -> Problem:
+    def problem(self, number: int, count: int = 1) -> Problem:
         """Return the problem of some trials of a command."""
         if number not in self._models:
-            variant = self.bench.world.variants[number]
-            self._models[number] = trial_model(self.design, number, variant, like)
+            variant, robot, width = self.bench.world.variants[number], self.design.robot, self.design.width
+            self._models[number] = trial_model(number, variant, self.likes[number], robot, width)
         return Problem([self._models[number]] * count, self.bench)
 
     def point(self, problem: Problem, model: Setting) -> Point:
@@ -101,14 +108,11 @@ class Stage:
             point = problem.with_effect(point, id_, values)
         return point
 
-    def information(
-        self, number: int, like: Driven, count: int, model: Setting, others: Sequence[Setting] = ()
-    ) -> Array:
+    def information(self, number: int, count: int, model: Setting, others: Sequence[Setting] = ()) -> Array:
         """Return what trials of one command tell.
 
         Args:
             number: of the command.
-            like: trials whose channels and noise they have.
             count: number of repetitions.
             model: effects that are switched on, whose shared parameters are fitted.
             others: effects of k other models.
@@ -120,9 +124,13 @@ class Stage:
         Raises:
             EstimateError: a simulation has no solution.
         """
-        problem = self.problem(number, like, count)
+        problem, like = self.problem(number, count), self.likes[number]
         point = self.point(problem, model)
-        slopes = self._differentiated(problem, number, model, point)
+        if (number, model) not in self._slopes:
+            near = next((s for (n, _), s in self._slopes.items() if n == number), None)
+            if (found := problem.slopes(point, near)) is not None:
+                self._slopes[number, model] = found
+        slopes = self._slopes.get((number, model))
         runs = problem.respond([problem.centre(self.point(problem, other), 0) for other in others])
         if slopes is None or runs is None:
             raise EstimateError("a proposed trial cannot be simulated", "check the effects")
@@ -138,34 +146,25 @@ class Stage:
 
     def at_hand(self, model: Setting, others: Sequence[Setting] = ()) -> Array:
         """Return `information` of all trials at hand and of the prior."""
-        driven = self.design.driven
-        parts = [self.information(n, d, int(d.count), model, others) for n, d in enumerate(driven)]
+        parts = [self.information(n, int(d.count), model, others) for n, d in enumerate(self.design.driven)]
         total = np.asarray(np.sum(parts, axis=0))
         p = total.shape[0] - len(others)
-        problem = self.problem(0, driven[0])
+        problem = self.problem(0)
         std, _ = problem.prior(self.point(problem, model), self.scales)
         total[range(p), range(p)] += std[-p:] ** -2.0
         return total
 
-    def one_more(self, number: int, like: Driven, model: Setting, others: Sequence[Setting]) -> Array:
+    def one_more(self, number: int, model: Setting, others: Sequence[Setting]) -> Array:
         """Return what a further trial of a command adds."""
-        count = int(like.count) if number < len(self.design.driven) else 0
-        new = self.information(number, like, count + 1, model, others)
-        return new - self.information(number, like, count, model, others) if count else new
+        count = int(self.likes[number].count) if number < len(self.design.driven) else 0
+        new = self.information(number, count + 1, model, others)
+        return new - self.information(number, count, model, others) if count else new
 
     def possible(self, model: Setting) -> bool:
         """Whether all trials at hand can be simulated with some effects."""
-        problems = [self.problem(n, d) for n, d in enumerate(self.design.driven)]
+        problems = [self.problem(n) for n, _ in enumerate(self.design.driven)]
         runs = self.bench.run([p.centre(self.point(p, model), 0) for p in problems])
         return all(run is not None for run in runs)
-
-    def _differentiated(self, problem: Problem, number: int, model: Setting, point: Point) -> Slopes | None:
-        if (number, model) not in self._slopes:
-            found = problem.slopes(point, next((s for k, s in self._slopes.items() if k[0] == number), None))
-            if found is None:
-                return None
-            self._slopes[number, model] = found
-        return self._slopes[number, model]
 
 
 def fitted(information: Array, k: int) -> Posterior:

@@ -80,7 +80,7 @@ def stages() -> Iterator[Any]:
         effects = library() | STAGING | {"hum": Hum(), "swell": Swell()}
         conditions = tuple(Conditions() for _ in variants)
         benches.append(Bench(StagedWorld(ROBOT, SOIL, variants, effects, conditions=conditions)))
-        found = Stage(design, benches[-1])
+        found = Stage(design, benches[-1], [design.driven[0]] * len(more))
         found.scales = replace(found.scales, formula=formula)
         return found
 
@@ -105,7 +105,7 @@ def test_the_std_of_a_sine_in_white_noise_is_that_of_its_fisher_information(stag
 def test_a_repetition_lowers_the_std_by_the_root_of_the_trials(stages: Any) -> None:
     stage = stages(design_of(driven_once(count=3)))
     now = stage.at_hand(WEAK)
-    more = stage.one_more(0, stage.design.driven[0], WEAK, ())
+    more = stage.one_more(0, WEAK, ())
     assert std_of(now + more) / std_of(now) == pytest.approx(np.sqrt(3 / 4), rel=1e-3)
 
 
@@ -113,8 +113,8 @@ def test_repetitions_share_the_discrepancy_of_the_model_and_another_command_does
     stage = stages(design_of(driven_once(level=0.006, count=3), share=0.02), OTHER)
     model = (("swell", (1e-3,)),)
     now = stage.at_hand(model)
-    again = stage.one_more(0, stage.design.driven[0], model, ())
-    other = stage.one_more(1, stage.design.driven[0], model, ())
+    again = stage.one_more(0, model, ())
+    other = stage.one_more(1, model, ())
     assert std_of(now + again) / std_of(now) > 0.97
     assert std_of(now + other) / std_of(now) < 0.85
 
@@ -161,8 +161,8 @@ def test_the_expected_bayes_factor_is_what_a_full_fit_to_such_trials_loses() -> 
         models = explanations(stage, question(design, library()))
         expected = fitted(stage.at_hand(models[1], models[:1]), 1).misfit / 2
         trials = []
-        for k, like in enumerate(design.driven):
-            one = stage.problem(k, like)
+        for k, _ in enumerate(design.driven):
+            one = stage.problem(k)
             point = stage.point(one, models[0])
             response = bench.run([one.centre(point, 0)])[0]
             assert response is not None

@@ -138,7 +138,7 @@ def test_the_noise_of_a_trial_to_come_is_that_of_the_trials_driven_and_vibration
     assert noise.rest == pytest.approx(0.02, rel=0.15)
     for speed in (0.5, 0.25):
         faster = Variant(velocity=speed, acceleration=1.2, distance=2.5)
-        observation = trial_model(design, 0, faster, design.driven[0]).observation
+        observation = trial_model(0, faster, design.driven[0], design.robot, design.width).observation
         whiten = whitener_of(noise, observation, peak_velocity(command))
         share = commanded_share(observation.t, faster) * speed / 0.5
         n = observation.bins
@@ -321,6 +321,6 @@ def test_a_folder_without_a_search_is_refused(
 
 def test_a_channel_with_a_noise_of_nothing_has_the_floor_of_its_kind() -> None:
     design = design_of(driven_of())
-    observation = trial_model(design, 0, SLOW, design.driven[0]).observation
+    observation = trial_model(0, SLOW, design.driven[0], design.robot).observation
     white = whitener_of(Noise(channel="wheel", rest=0.0), observation, 0.2)
     assert white(np.ones(observation.bins)) == pytest.approx(1 / FLOOR["wheel"])
