@@ -40,7 +40,7 @@ from granite_lab.files import write_bytes, write_text
 from granite_lab.model.effect import activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
 from granite_lab.parameters import load_paper
-from granite_lab.reporting.canvas import to_png
+from granite_lab.reporting.canvas import saved
 
 GROWTH, STRENGTH = ("slip_sinkage", "growth"), ("bulldozing", "strength")
 CHOICES: tuple[tuple[tuple[str, str], ...], ...] = ((GROWTH,), (STRENGTH,), (GROWTH, STRENGTH))
@@ -336,9 +336,11 @@ def main() -> None:
     folder = options.out.parent / "figures" / "validation"
     for ids, _ in FIGURES:
         wheels = [s for s in results.series if s.id.startswith(ids)]
-        write_bytes(folder / f"{ids}.png", to_png(plots.against(wheels, results.linears, results.full), 110))
+        write_bytes(
+            folder / f"{ids}.png", saved(plots.against(wheels, results.linears, results.full), "png", 110)
+        )
     found = {s.id: (s, results.needs[s.id]) for s in results.series}
-    write_bytes(folder / "k92.png", to_png(plots.ratios(found), 110))
+    write_bytes(folder / "k92.png", saved(plots.ratios(found), "png", 110))
     bars = {
         "paper's law at 10 mm/s": [total(residuals(s, s.driven, Setup(paper_law))) for s in results.series],
         "best constant k_92": [total(results.constants[s.id].off) for s in results.series],
@@ -346,7 +348,8 @@ def main() -> None:
         "… with slip_sinkage and bulldozing": [total(results.full[s.id].off) for s in results.series],
     }
     write_bytes(
-        folder / "residuals.png", to_png(plots.residual_bars([s.title for s in results.series], bars), 110)
+        folder / "residuals.png",
+        saved(plots.residual_bars([s.title for s in results.series], bars), "png", 110),
     )
     write_text(options.out, page(results))
     print(f"{options.out}: {sum(len(s.rows) for s in results.series)} rows, {time.monotonic() - start:.0f} s")

@@ -52,10 +52,10 @@ def plot(record: Any) -> Figure:
 
 def motion_plot(motion: Motion) -> Figure:
     """Draw velocity, slip ratio and pitch over time with bands of ±2σ."""
-    figure, axes = canvas.stacked([1.25, 1.05, 0.85], [1, 1, 1])
     wheels = np.isfinite(motion.v_wheel).any(axis=1)
     t, wheel = motion.t[wheels], np.nanmean(motion.v_wheel[wheels], axis=1)
     with canvas.styled():
+        figure, axes = canvas.panels([1.25, 1.05, 0.85])
         _band(axes[0], motion.t, motion.v, motion.v_std, "body")
         axes[0].plot(t, wheel, color=canvas.MEASURED_LIGHT, label="wheels, mean")
         for k, (name, color) in enumerate((("front", canvas.MEASURED), ("rear", canvas.MEASURED_LIGHT))):
@@ -69,9 +69,8 @@ def motion_plot(motion: Motion) -> Figure:
         _band(axes[2], motion.t, degree * motion.pitch, degree * motion.pitch_std, "nose down")
         for axis, label in zip(axes, ("velocity [m/s]", "slip ratio [%]", "pitch [°]"), strict=True):
             axis.set_ylabel(label)
-            canvas.legend_above(axis)
+            canvas.legend(axis)
         axes[-1].set_xlabel("time of the log [s]")
-        canvas.align_labels(axes)
         canvas.mark_virtual(figure, motion.virtual)
     return figure
 
@@ -90,11 +89,11 @@ def fits_plot(fits: Sequence[tuple[float, Estimate]], virtual: bool, law: ATheta
         law: a_θ that was fitted to them.
     """
     paper = load_paper()
-    figure, (axis,) = canvas.stacked([2.6], [2])
     known = [(v, k92) for v, k92 in fits if math.isfinite(k92.value)]
     top = 1.1 * max([*(v for v, _ in known), *(point.velocity for point in paper.table3)])
     v = np.linspace(0, top, 200)
     with canvas.styled():
+        figure, (axis,) = canvas.panels([2.6], head=0.46)
         axis.plot(
             v, np.exp(-paper.a_theta * v), color=canvas.PAPER, linestyle=(0, (4, 1.5)),
             label=f"paper, exp(−{paper.a_theta:g} v)",
@@ -117,7 +116,6 @@ def fits_plot(fits: Sequence[tuple[float, Estimate]], virtual: bool, law: ATheta
             label="one trial, 95 %",
         )  # fmt: skip
         axis.set(xlim=(0, top), ylim=(-0.03, 1.03), xlabel="desired velocity [m/s]", ylabel="k_92 [-]")
-        canvas.legend_above(axis, 2)
-        canvas.align_labels([axis])
+        canvas.legend(axis, 2)
         canvas.mark_virtual(figure, virtual)
     return figure

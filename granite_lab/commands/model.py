@@ -158,7 +158,7 @@ def wheel(
         if path:
             write_table(path, frame(), ending)
     if plot:
-        from granite_lab.reporting.plot_wheel import arc_figure, sweep_figure
+        from granite_lab.reporting.plot_model import arc_figure, sweep_figure
 
         title = f"{run.points[0].load:.1f} N on {run.soil.name}, k_92 {run.points[0].k92:.3g}"
         figure = sweep_figure(run.points, title) if len(run.points) > 1 else arc_figure(run.points[0], title)
@@ -362,7 +362,7 @@ def _draw(effect: Effect, path: Path) -> str:
     from granite_lab.effects.contract import typical
     from granite_lab.parameters import load_robot, load_soil, load_variants
     from granite_lab.planning.imprint import imprint
-    from granite_lab.reporting.plot_effect import effect_drawing
+    from granite_lab.reporting.plot_model import effect_drawing
 
     found = imprint(
         typical(effect), load_robot(), load_soil(), load_variants(), jobs=min(4, os.cpu_count() or 1)

@@ -133,6 +133,6 @@ def progress(quiet: bool, text: str, total: int | None = None) -> Iterator[Progr
 def write_picture(path: Path, figure: Figure) -> None:
     """Write a figure as SVG or PNG, as its file is called."""
     from granite_lab.files import write_bytes
-    from granite_lab.reporting.canvas import to_png, to_svg
+    from granite_lab.reporting.canvas import saved
 
-    write_bytes(path, to_svg(figure).encode() if path.suffix.lower() == ".svg" else to_png(figure))
+    write_bytes(path, saved(figure, path.suffix.lower().removeprefix(".")))

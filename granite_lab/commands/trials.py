@@ -275,8 +275,7 @@ def compare_studies(
 ) -> None:
     """Compare two studies, such as sand A and B, or before and after a change."""
     from granite_lab.reporting import write_compared
-    from granite_lab.reporting.grid import say
-    from granite_lab.reporting.terminal import show_table
+    from granite_lab.reporting.grid import say, show_table
     from granite_lab.reporting.two_studies import compare_studies as run
     from granite_lab.reporting.two_studies import compared_as_json, compared_table
 

@@ -1,274 +1,207 @@
-"""Figures without global state: one size, one palette with fixed meaning, the same bytes each time."""
+"""Figures: one palette with a fixed meaning, panels laid out in inches, the same bytes each time."""
 
 from __future__ import annotations
 
 import io
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from markupsafe import Markup, escape
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullLocator
+from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.transforms import Transform, blended_transform_factory
 
 from granite_lab.logs.trial import Array
+from granite_lab.processes import forked, spread
 
 # Okabe and Ito's palette, safe for all common kinds of colour blindness. Blue tones are always
 # measured, orange tones simulated, the light tone of each the rear axle or the wheels.
-MEASURED = "#0072b2"
-MEASURED_LIGHT = "#56b4e9"
-SIMULATED = "#d55e00"
-SIMULATED_LIGHT = "#e69f00"
-FITTED = "#009e73"
-PAPER = "#cc79a7"
-DESIRED = "#555555"
-INK = "#000000"
-FAINT = "#b0b0b0"
-GREY = "#8a8a8a"
-SHADE = "#ededed"
-GROUND = "#ffffff"
-
-THEMED = {
-    MEASURED: "measured",
-    MEASURED_LIGHT: "measured-light",
-    SIMULATED: "simulated",
-    SIMULATED_LIGHT: "simulated-light",
-    FITTED: "fitted",
-    PAPER: "paper",
-    DESIRED: "desired",
-    INK: "ink",
-    FAINT: "faint",
-    GREY: "grey",
-    SHADE: "shade",
-    GROUND: "ground",
-}
-"""Colours that a page may replace by its own variable of that name, for dark mode."""
-
-RC = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 9.0,
-    "axes.labelsize": 9.0,
-    "axes.titlesize": 9.0,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "legend.fontsize": 8.0,
-    "axes.edgecolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.unicode_minus": True,
-    "grid.color": FAINT,
-    "grid.linewidth": 0.4,
-    "lines.linewidth": 1.2,
-    "path.simplify": True,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "granite-lab",
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-}
-
-
-def styled() -> AbstractContextManager[None]:
-    """Return a context in which figures are made with `RC`, whatever the user's matplotlibrc says."""
-    settings: Any = RC
-    return mpl.rc_context(settings)
-
-
-def embedded_fonts() -> AbstractContextManager[None]:
-    """Return a context in which a PDF holds whole TrueType fonts, so that its text can be searched."""
-    settings: Any = {"pdf.fonttype": 42}
-    return mpl.rc_context(settings)
-
-
-WIDTH = 4.8  # [in]; a figure then reads at the width of a phone and in half a page
-LEFT, RIGHT = 0.78, 0.14  # margins [in]
-XLABEL = 0.48  # room below the lowest panel [in]
-HEAD = 0.08  # room above the highest legend [in]
-LEGEND_ROW = 0.165  # height of one row of a legend [in]
-
-
-def stacked(
-    heights: list[float], legend_rows: list[int], width: float = WIDTH, gap: float = 0.12
-) -> tuple[Figure, list[Axes]]:
-    """Return a figure with panels above each other that share the x axis, legends between them.
-
-    Args:
-        heights: of the panels [in].
-        legend_rows: rows of the legend above each panel.
-        width: of the figure [in].
-        gap: between a panel and the legend of the next one [in].
-    """
-    total = (
-        HEAD
-        + XLABEL
-        + sum(heights)
-        + LEGEND_ROW * sum(legend_rows)
-        + gap * (len(heights) - 1)
-        + 0.04 * len(heights)
-    )
-    with styled():
-        figure = Figure(figsize=(width, total))
-        axes: list[Axes] = []
-        top = total - HEAD
-        for height, rows in zip(heights, legend_rows, strict=True):
-            top -= LEGEND_ROW * rows + 0.04
-            box = (LEFT / width, (top - height) / total, (width - LEFT - RIGHT) / width, height / total)
-            axes.append(figure.add_axes(box, sharex=axes[0] if axes else None))
-            top -= height + gap
-        for axis in axes[:-1]:
-            axis.tick_params(labelbottom=False)
-    return figure, axes
-
-
-def legend_above(axis: Axes, columns: int = 3) -> None:
-    """Put the legend of a panel above it, where it covers nothing."""
-    handles, labels = axis.get_legend_handles_labels()
-    if handles:
-        axis.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=columns, frameon=False,
-            borderaxespad=0.1, borderpad=0.1, handlelength=1.5, handletextpad=0.5, columnspacing=0.9,
-            labelspacing=0.2,
-        )  # fmt: skip
-
-
-def align_labels(axes: list[Axes]) -> None:
-    """Put the labels of the y axes on one vertical line."""
-    for axis in axes:
-        figure = axis.get_figure(root=True)
-        assert figure is not None
-        wide = axis.get_position().width * figure.get_size_inches()[0]
-        axis.yaxis.set_label_coords(-(LEFT - 0.16) / wide, 0.5)
-
-
-def mark_virtual(figure: Figure, virtual: bool) -> None:
-    """Write on the figure itself, in its lower left corner, that its data come from a simulator."""
-    if virtual:
-        width, height = figure.get_size_inches()
-        figure.text(0.06 / width, 0.06 / height, "virtual\ndata", ha="left", va="bottom", fontsize=7.5,
-                    style="italic", color=DESIRED, linespacing=1.0)  # fmt: skip
-
-
-NAMES, BETWEEN = 1.66, 0.16
-"""Room for the names of rows, and between panels beside each other [in]."""
-
-ROW = 0.185
-"""Height of a named row [in]."""
-
-FOOT = 0.46
-"""Room for the x axis below named rows [in]."""
-
+MEASURED, MEASURED_LIGHT = "#0072b2", "#56b4e9"
+SIMULATED, SIMULATED_LIGHT = "#d55e00", "#e69f00"
+FITTED, PAPER, DESIRED = "#009e73", "#cc79a7", "#555555"
+INK, FAINT, GREY, SHADE, GROUND = "#000000", "#b0b0b0", "#8a8a8a", "#ededed", "#ffffff"
 BEFORE, AFTER = SIMULATED, FITTED
 """The model without and with the effects found; measured stays blue."""
 
+THEMED = {
+    MEASURED: "measured", MEASURED_LIGHT: "measured-light", SIMULATED: "simulated",
+    SIMULATED_LIGHT: "simulated-light", FITTED: "fitted", PAPER: "paper", DESIRED: "desired", INK: "ink",
+    FAINT: "faint", GREY: "grey", SHADE: "shade", GROUND: "ground",
+}  # fmt: skip
+"""Colours that a page may replace by its own variable of that name, for dark mode."""
 
-def named_rows(
-    names: Sequence[str],
-    *,
+WIDTH = 4.8  # [in]; a figure then reads at the width of a phone and in half a page
+LEFT, RIGHT, HEAD, FOOT = 0.78, 0.14, 0.3, 0.48  # margins; the head holds a legend of one row [in]
+NAMES, ROW = 1.66, 0.185  # room for the names of rows, and height of a row [in]
+GAP, BETWEEN = 0.3, 0.16  # between panels above and beside each other [in]
+
+STYLE = Path(__file__).parent / "templates" / "figure.mplstyle"
+
+
+def styled() -> AbstractContextManager[None]:
+    """Return a context in which figures have the report's style, whatever the user's matplotlibrc says."""
+    return mpl.rc_context(_style())
+
+
+@cache
+def _style() -> Any:
+    return mpl.rc_params_from_file(STYLE, use_default_template=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A figure of a report.
+
+    Attributes:
+        name: stem of its files.
+        title: the answer that it gives, or the quantity that it shows, on one line.
+        caption: what is drawn and how to read it.
+        make: makes it; called once per use, so that only one figure need be in memory at a time.
+        virtual: its data were written by a simulator; `heading` and the drawing itself then say so.
+    """
+
+    name: str
+    title: str
+    caption: str
+    make: Callable[[], Canvas]
+    virtual: bool = False
+
+    @property
+    def heading(self) -> str:
+        """The title, with "(virtual data)" behind it where that is so."""
+        return f"{self.title} (virtual data)" if self.virtual else self.title
+
+    def draw(self) -> Canvas:
+        """Return the figure in the report's style, marked in its lower left corner if data are virtual."""
+        with styled():
+            figure = self.make()
+            mark_virtual(figure, self.virtual)
+        return figure
+
+
+def mark_virtual(figure: Canvas, virtual: bool) -> None:
+    """Write on the figure itself, in its lower left corner, that its data come from a simulator."""
+    if virtual:
+        figure.text(
+            0.06, 0.06, "virtual\ndata", transform=figure.dpi_scale_trans, ha="left", va="bottom",
+            fontsize=7.5, style="italic", color=DESIRED, linespacing=1.0,
+        )  # fmt: skip
+
+
+def panels(
+    heights: Sequence[float],
     columns: int = 1,
-    row: float = ROW,
-    left: float = NAMES,
-    head: float = 0.08,
+    *,
+    left: float = LEFT,
+    head: float = HEAD,
     foot: float = FOOT,
-) -> tuple[Figure, list[Axes]]:
-    """Return a figure with panels beside each other that share named rows, the first row on top.
+    gap: float = GAP,
+    width: float = WIDTH,
+    label: float = 0.16,
+) -> tuple[Canvas, list[Axes]]:
+    """Return a figure and its panels, row by row; a column shares the x axis, a row the y axis.
 
     Args:
-        names: of the rows.
-        columns: number of panels.
-        row: height of a row [in].
-        left: room for the names [in].
-        head: room above the panels, for a legend [in].
-        foot: room below them [in].
+        heights: of the rows [in].
+        columns: of panels.
+        left, head, foot: margins [in].
+        gap: between rows, with room for a legend [in].
+        width: of the figure [in].
+        label: place of the labels of the y axes, from the left edge of the figure [in].
     """
-    tall = row * len(names)
-    height = head + tall + foot
-    wide = (WIDTH - left - RIGHT - BETWEEN * (columns - 1)) / columns
-    with styled():
-        figure = Figure(figsize=(WIDTH, height))
-        axes: list[Axes] = []
-        for k in range(columns):
-            x = left + k * (wide + BETWEEN)
-            box = (x / WIDTH, foot / height, wide / WIDTH, tall / height)
-            axis = figure.add_axes(box, sharey=axes[0] if axes else None)
-            axis.set_ylim(len(names) - 0.5, -0.5)
-            axis.set_yticks(range(len(names)), names)
-            axis.tick_params(axis="y", length=0, labelleft=k == 0, labelsize=7.5)
-            for label in axis.get_yticklabels():
-                label.set_parse_math(False)  # a name may hold dollar signs
-            axis.grid(visible=False, axis="y")
-            axes.append(axis)
+    tall = head + sum(heights) + gap * (len(heights) - 1) + foot
+    wide = (width - left - RIGHT - BETWEEN * (columns - 1)) / columns
+    figure = Canvas(figsize=(width, tall))
+    margins = {
+        "left": left / width, "right": 1 - RIGHT / width, "top": 1 - head / tall, "bottom": foot / tall,
+        "hspace": gap * len(heights) / sum(heights), "wspace": BETWEEN / wide,
+    }  # fmt: skip
+    grid = figure.subplots(
+        len(heights), columns, sharex="col", sharey="row", squeeze=False, height_ratios=heights,
+        gridspec_kw=margins,
+    )  # fmt: skip
+    for axis in grid[:, 0]:
+        axis.yaxis.set_label_coords(label, 0.5, transform=_inches_along(axis))
+    return figure, list(grid.flat)
+
+
+def _inches_along(axis: Axes) -> Transform:
+    """Return coordinates: x in inches from the left edge of the figure, y from 0 to 1 in the panel."""
+    figure = axis.get_figure(root=True)
+    assert figure is not None
+    return blended_transform_factory(figure.dpi_scale_trans, axis.transAxes)
+
+
+def name_rows(axis: Axes, names: Sequence[str], size: float = 7.5) -> None:
+    """Give a panel one named row at each whole number, the first row on top."""
+    axis.set_ylim(len(names) - 0.5, -0.5)
+    axis.set_yticks(range(len(names)), names, fontsize=size, parse_math=False)
+    axis.tick_params(axis="y", length=0)
+    axis.grid(visible=False, axis="y")
+
+
+def named_rows(
+    names: Sequence[str], columns: int = 1, *, row: float = ROW, left: float = NAMES, foot: float = FOOT
+) -> tuple[Canvas, list[Axes]]:
+    """Return a figure with panels beside each other that share named rows; lengths as in `panels`."""
+    figure, axes = panels([row * len(names)], columns, left=left, foot=foot)
+    for axis in axes:
+        name_rows(axis, names)
     return figure, axes
 
 
-def legend_on_top(figure: Figure, axis: Axes, columns: int = 3, left: float = 0.06) -> None:
-    """Put the legend of a panel along the upper edge of the figure, from its left side on."""
+def legend(axis: Axes, columns: int = 3, *, left: float = LEFT - 0.08) -> None:
+    """Put the legend of a panel above it, from `left` [in] of the figure on, where it covers nothing."""
     handles, labels = axis.get_legend_handles_labels()
-    figure_height = figure.get_size_inches()[1]
-    legend = axis.legend(
-        handles, labels, loc="upper left", ncols=columns, frameon=False, borderaxespad=0, borderpad=0.1,
-        handlelength=1.4, handletextpad=0.5, columnspacing=0.9, labelspacing=0.25,
-        bbox_to_anchor=(left / WIDTH, 1 - 0.05 / figure_height), bbox_transform=figure.transFigure,
-    )  # fmt: skip
-    legend.set_in_layout(False)
+    if handles:
+        axis.legend(
+            handles, labels, loc="lower left", ncols=columns, bbox_to_anchor=(left, 1.0),
+            bbox_transform=_inches_along(axis),
+        )  # fmt: skip
+
+
+def key(axis: Axes, text: str) -> None:
+    """Write what lines are above the right end of a panel."""
+    axis.text(1, 1.02, text, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)
 
 
 def colour_bar(
-    figure: Figure, image: Any, label: str, ticks: Sequence[float] | None = None, names: Sequence[str] = ()
+    figure: Canvas, colours: Any, label: str, ticks: Sequence[float], names: Sequence[str]
 ) -> None:
-    """Put the scale of a picture's colours along the lower edge of the figure.
+    """Put a scale of colours along the lower edge of a figure of named rows.
 
     Args:
         figure: with room for it.
-        image: with colours and their norm.
+        colours: norm and colour map, as a `ScalarMappable`.
         label: of the scale, with its unit.
-        ticks: where numbers stand.
-        names: what they say.
+        ticks, names: where something stands, and what.
     """
     height = figure.get_size_inches()[1]
-    wide = WIDTH - NAMES - RIGHT
-    bar = figure.add_axes((NAMES / WIDTH, 0.4 / height, wide / WIDTH, 0.09 / height))
-    shown = mpl.cm.ScalarMappable(image.norm, image.cmap)
-    scale = figure.colorbar(shown, cax=bar, orientation="horizontal", ticks=ticks)
-    if names:
-        scale.ax.set_xticklabels(names)
+    place = figure.add_axes((NAMES / WIDTH, 0.4 / height, (WIDTH - NAMES - RIGHT) / WIDTH, 0.09 / height))
+    scale = figure.colorbar(colours, cax=place, orientation="horizontal", ticks=ticks)
+    scale.set_ticklabels(names)
     scale.ax.minorticks_off()
     assert scale.solids is not None
     scale.solids.set(rasterized=False, edgecolor="face", linewidth=0.3)  # no image inside the SVG
     scale.set_label(label, fontsize=8)
-    scale.outline.set_linewidth(0.4)
-
-
-def _tick(value: float) -> str:
-    """Return a tick of a logarithmic axis as a plain number where it is short."""
-    return f"{value:g}" if 0.01 <= value < 10_000 else f"10{_superscript(value)}"
-
-
-def _superscript(value: float) -> str:
-    exponent = len(f"{value:.0f}") - 1 if value >= 1 else -len(f"{1 / value:.0f}") + 1
-    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def log_axis(axis: Axes, low: float, high: float) -> None:
-    """Make the x axis logarithmic with plain numbers, about four of them."""
+    """Make the x axis logarithmic with about four plain numbers."""
     axis.set_xscale("log")
     axis.set_xlim(low, high)
-    steps = [m * 10.0**e for e in range(-12, 13) for m in (1, 2, 5)]
-    inside = [s for s in steps if low <= s * (1 + 1e-9) and s <= high * (1 + 1e-9)]
-    decades = [s for s in inside if f"{s:e}".startswith("1.0")]
-    shown = inside if len(inside) <= 4 else decades
-    shown = shown[:: max(1, -(-len(shown) // 5))]
-    axis.xaxis.set_major_locator(FixedLocator(shown))
+    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 30 * low else (1,), numticks=5))
+    axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_locator(NullLocator())
-    axis.set_xticks(shown, [_tick(s) for s in shown])
 
 
 def envelope(t: Array, *values: Array, points: int = 700) -> tuple[Array, ...]:
@@ -293,73 +226,95 @@ def envelope(t: Array, *values: Array, points: int = 700) -> tuple[Array, ...]:
     return (t[index], *(v[index] for v in values))
 
 
-_TAG = re.compile(r"<[^>]+>")
-_NUMBER = re.compile(r"-?\d+\.\d{3,}")
-_STYLE_COLOUR = re.compile(r"#[0-9a-f]{6}")
+FORMATS = {
+    "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+}
+"""Formats of figures, and what their files shall not hold: a date or a version would change their bytes."""
+
+_TAG, _NUMBER = re.compile(r"<[^>]+>"), re.compile(r"-?\d+\.\d{3,}")
 
 
-def _shorter(number: re.Match[str]) -> str:
-    return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
+def saved(figure: Canvas, kind: str, dpi: int = 150) -> bytes:
+    """Return a figure as "svg", "png" or "pdf": the same bytes for the same figure.
 
-
-def to_svg(figure: Figure) -> str:
-    """Return the figure as SVG text: the same bytes for the same figure, coordinates to 0.01 pt."""
-    buffer = io.StringIO()
-    with styled():
-        canvas: Any = FigureCanvasSVG(figure)
-        canvas.print_svg(buffer, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    text = buffer.getvalue()
-    text = _TAG.sub(lambda tag: _NUMBER.sub(_shorter, tag[0]), text)
-    return text.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif")
-
-
-def to_png(figure: Figure, dpi: int = 150) -> bytes:
-    """Return the figure as PNG, without a date in it."""
+    An SVG holds its text as text, and coordinates to 0.01 pt.
+    """
     buffer = io.BytesIO()
-    figure.set_dpi(dpi)
     with styled():
-        canvas: Any = FigureCanvasAgg(figure)
-        canvas.print_png(buffer, metadata={"Software": None}, pil_kwargs={"optimize": False})
+        figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
+    if kind != "svg":
         return buffer.getvalue()
 
+    def short(number: re.Match[str]) -> str:
+        return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
-def to_pdf(figure: Figure) -> bytes:
-    """Return the figure as PDF, without a date in it."""
-    buffer = io.BytesIO()
-    with styled():
-        canvas: Any = FigureCanvasPdf(figure)
-        canvas.print_pdf(buffer, metadata={"CreationDate": None, "Producer": None, "Creator": None})
-    return buffer.getvalue()
+    text = _TAG.sub(lambda tag: _NUMBER.sub(short, tag[0]), buffer.getvalue().decode())
+    return text.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif").encode()
 
 
-def inline_svg(svg: str, drawing_id: str, label: str) -> str:
-    """Turn an SVG file into an element of a page.
+FEW = 4
+"""Fewer figures a process are not worth another one."""
 
-    Its ids become unique, its colours follow the page's theme, its size the page's width, and
-    it carries a title for screen readers.
+DPI = 300
+"""Resolution of a PNG, as journals ask for it."""
+
+_shared: list[Figure] = []
+
+
+def rendered(figures: Sequence[Figure], jobs: int) -> Iterator[dict[str, bytes]]:
+    """Yield each figure by format, in their order; the bytes do not depend on the processes.
+
+    Processes are forked, for what draws a figure cannot always be sent to another process; where the
+    system cannot fork safely, this process draws.
 
     Args:
-        svg: text of `to_svg`.
-        drawing_id: unique in the page.
-        label: escaped text for screen readers.
+        figures: what to draw.
+        jobs: number of processes; 0 means one per core, 1 means this process.
+
+    Raises:
+        LabError: a process died.
     """
-    body = svg[svg.index("<svg") :].strip()
-    body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.S)
-    used = set(re.findall(r'(?:href="|url\()#([^")]*)', body))
-    body = re.sub(r' id="([^"]*)"', lambda m: f' id="{drawing_id}-{m[1]}"' if m[1] in used else "", body)
-    body = re.sub(r'(xlink:href|href)="#([^"]*)"', rf'href="#{drawing_id}-\2"', body)
-    body = re.sub(r"url\(#([^)]*)\)", rf"url(#{drawing_id}-\1)", body)
-    body = _STYLE_COLOUR.sub(lambda m: f"var(--{THEMED[m[0]]}, {m[0]})" if m[0] in THEMED else m[0], body)
-    head, rest = body.split(">", 1)
-    box = re.search(r'viewBox="[^"]*"', head)
-    assert box is not None
-    width, height = svg_size(head)
-    head = f'<svg {box[0]} width="{width}" height="{height}" role="img" aria-label="{label}"'
-    return f"{head}>{rest}"
+    pool = forked(min(jobs or os.cpu_count() or 1, len(figures) // FEW), _shared.extend, figures)
+    if pool is None:
+        yield from map(_render, figures)
+        return
+    try:
+        yield from spread(pool, _work, range(len(figures)), "drew figures")
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
-def svg_size(svg: str) -> tuple[str, str]:
-    """Return width and height of a figure [pt], as text, from its `to_svg`."""
-    size = re.search(r'width="([\d.]+)pt" height="([\d.]+)pt"', svg)
+def _work(index: int) -> dict[str, bytes]:
+    return _render(_shared[index])
+
+
+def _render(figure: Figure) -> dict[str, bytes]:
+    drawn = figure.draw()
+    return {kind: saved(drawn, kind, DPI) for kind in FORMATS}
+
+
+def on_page(figure: Figure, svg: str, *, inline: bool) -> Markup:
+    """Return the element that shows a figure: all of it, or a place that is filled when one looks at it.
+
+    Inside a page its ids become unique, and its colours follow the page's theme.
+    """
+    label, head = escape(f"{figure.title}. {figure.caption}"), svg[svg.index("<svg") :]
+    size = re.search(r'width="([\d.]+)pt" height="([\d.]+)pt"', head)
     assert size is not None
-    return size[1], size[2]
+    if not inline:  # its shape is said, so that nothing moves on the page when the figure comes
+        width, height = (round(4 * float(part)) for part in size.groups())
+        place = '<img src="figures/{}.svg" alt="{}" width="{}" height="{}" loading="lazy">'
+        return Markup(place).format(figure.name, label, width, height)
+    body = re.sub(r"<metadata>.*?</metadata>\s*", "", head.partition(">")[2].strip(), flags=re.S)
+    used = set(re.findall(r'(?:href="|url\()#([^")]*)', body))
+    body = re.sub(r' id="([^"]*)"', lambda m: f' id="{figure.name}-{m[1]}"' if m[1] in used else "", body)
+    body = re.sub(r'(href="|url\()#', rf"\1#{figure.name}-", body)
+    body = re.sub(
+        "#[0-9a-f]{6}", lambda m: f"var(--{THEMED[m[0]]}, {m[0]})" if m[0] in THEMED else m[0], body
+    )
+    box = 'viewBox="0 0 {0} {1}" width="{0}" height="{1}" role="img" aria-label="{2}"'.format(
+        *size.groups(), label
+    )
+    return Markup(f"<svg {box}>{body}")

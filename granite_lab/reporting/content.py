@@ -67,6 +67,11 @@ class Source:
     code: str = ""
 
 
+def shown_path(path: Path) -> str:
+    """Return a path as a report may show it: of an absolute one only the name."""
+    return path.name if path.is_absolute() else path.as_posix()
+
+
 def command_of(name: str, logs: Sequence[Path], options: Sequence[tuple[str, str]] = ()) -> str:
     """Return the command that makes a result again, as a shell takes it; all logs of a folder by its name."""
     folders = list(dict.fromkeys(path.parent for path in logs))

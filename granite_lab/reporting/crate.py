@@ -19,9 +19,8 @@ from urllib.parse import quote, unquote
 
 from granite_lab.errors import InputError
 from granite_lab.files import readable
-from granite_lab.reporting.content import Source
-from granite_lab.reporting.document import Report
-from granite_lab.reporting.tables import shown_path
+from granite_lab.reporting.content import Source, shown_path
+from granite_lab.reporting.report import Report
 
 NAME = "ro-crate-metadata.json"
 

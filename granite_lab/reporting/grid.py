@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from rich import box
 from rich.console import Console
-from rich.table import Table
+from rich.table import Table as Grid
 from rich.text import Text
 
+if TYPE_CHECKING:
+    from granite_lab.reporting.table import Table
+
 TONES = {"good": "green", "fair": "yellow", "bad": "red"}
+VIRTUAL = "virtual data: written by a simulator"
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]+")
 
 
-def grid(*titles: str, words: Sequence[int] = ()) -> Table:
+def grid(*titles: str, words: Sequence[int] = ()) -> Grid:
     """Return an empty table.
 
     Args:
@@ -22,7 +28,7 @@ def grid(*titles: str, words: Sequence[int] = ()) -> Table:
         words: places of columns that are flush left and may be wrapped; the others are flush right
             and stay on one line.
     """
-    table = Table(
+    table = Grid(
         box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False, header_style="bold"
     )
     for i, title in enumerate(titles):
@@ -44,3 +50,22 @@ def clean(text: str, style: str = "") -> Text:
 def say(console: Console, text: str, style: str = "") -> None:
     """Print a sentence."""
     console.print(clean(text, style))
+
+
+def show_table(table: Table, console: Console, *, only: Sequence[str] = ()) -> None:
+    """Print a table of the report.
+
+    Args:
+        table: the table.
+        console: where to print.
+        only: names of the columns to print, in the order of the table; all by default.
+    """
+    kept = [i for i, c in enumerate(table.columns) if not only or c.name in only]
+    titles = [table.columns[i].title for i in kept]
+    heads = [textwrap.fill(t, max(9, len(t) // 2), break_long_words=False) for t in titles]
+    shown = grid(*heads, words=[k for k, i in enumerate(kept) if not table.columns[i].number])
+    for row in table.rows:
+        shown.add_row(*(clean(row[i].text, TONES.get(row[i].tone, "")) for i in kept))
+    console.print(shown)
+    if table.virtual:
+        say(console, f"{VIRTUAL}.", "yellow")

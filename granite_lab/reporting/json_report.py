@@ -11,10 +11,9 @@ from typing import Any
 
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.reporting.answers import Answers
-from granite_lab.reporting.content import Source, StudyResult, TrialResult
-from granite_lab.reporting.document import Report
+from granite_lab.reporting.content import Source, StudyResult, TrialResult, shown_path
+from granite_lab.reporting.report import Report
 from granite_lab.reporting.summary import gaps
-from granite_lab.reporting.tables import shown_path
 
 SCHEMA = "granite-lab/report/2"
 

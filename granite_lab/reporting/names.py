@@ -14,7 +14,7 @@ from granite_lab.discovery.empirical import TARGETS
 from granite_lab.discovery.finding import Candidate, Finding, FoundEffect, FoundParameter
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import Effect
-from granite_lab.reporting.rounding import decided, places, plus_minus, significant, tidy_unit, with_unit
+from granite_lab.reporting.rounding import decided, plus_minus, tidy_unit, with_unit
 
 CHANNELS = {
     "accel_x": "forward acceleration",
@@ -28,26 +28,24 @@ CHANNELS = {
 """Channels of a finding, in the order of the report."""
 
 LAW = {
-    "force": "force along the robot",
-    "moment": "moment on the body, nose down",
-    "torque_f": "torque against each front wheel",
-    "torque_r": "torque against each rear wheel",
-}
+    "force": "force along the robot", "moment": "moment on the body, nose down",
+    "torque_f": "torque against each front wheel", "torque_r": "torque against each rear wheel",
+}  # fmt: skip
 """Quantities of an empirical law."""
 
-BY = {
-    "motion": "constant while moving",
-    "velocity": "with the speed of the robot",
-    "velocity_squared": "with the square of that speed",
-    "slip": "with slip",
-    "sinking": "with the rate of sinking",
-    "start": "over the first 0.2 m",
-    "distance": "with the distance",
-    "cos_angle": "with the cosine of the wheel's angle",
-    "sin_angle": "with the sine of the wheel's angle",
-    "time": "with time",
+TERMS = {
+    "motion": ("constant while moving", ""),
+    "velocity": ("with the speed of the robot", "v / (0.5 m/s)"),
+    "velocity_squared": ("with the square of that speed", "(v / (0.5 m/s))²"),
+    "slip": ("with slip", "s / 0.2"),
+    "sinking": ("with the rate of sinking", "(dz/dt) / (20 mm/s)"),
+    "start": ("over the first 0.2 m", "exp(−x / 0.2 m)"),
+    "distance": ("with the distance", "x / (1 m)"),
+    "cos_angle": ("with the cosine of the wheel's angle", "cos θ"),
+    "sin_angle": ("with the sine of the wheel's angle", "sin θ"),
+    "time": ("with time", "t / (5 s)"),
 }
-"""Terms of an empirical law."""
+"""Terms of an empirical law in words and as formulas."""
 
 STATUS = {
     "named": "named",
@@ -114,21 +112,6 @@ DIRECTIONS = {
 }
 """Effect to the number whose sign has a direction, and the effect in words for either sign."""
 
-FORMULAS = {
-    "motion": "",
-    "velocity": "v / (0.5 m/s)",
-    "velocity_squared": "(v / (0.5 m/s))²",
-    "slip": "s / 0.2",
-    "sinking": "(dz/dt) / (20 mm/s)",
-    "start": "exp(−x / 0.2 m)",
-    "distance": "x / (1 m)",
-    "cos_angle": "cos θ",
-    "sin_angle": "sin θ",
-    "time": "t / (5 s)",
-}
-"""Terms of an empirical law as formulas."""
-
-
 MUCH = 0.2
 """Share of the gap that is left from which on something else may be missing."""
 
@@ -158,7 +141,7 @@ def plain(effect_id: str) -> str:
     """Return an effect's id as words."""
     term = term_of(effect_id)
     if term is not None:
-        return f"{LAW[term[0]].split(',')[0]}, {BY.get(term[1], term[1])}"
+        return f"{LAW[term[0]].split(',')[0]}, {TERMS[term[1]][0]}"
     return NAMES.get(effect_id, effect_id.replace("_", " "))
 
 
@@ -189,18 +172,6 @@ def with_found(finding: Finding) -> str:
     if finding.verdict == "unknown":
         return "with the empirical law"
     return "with the effect found" if len(finding.effects) == 1 else "with the effects found"
-
-
-def effects_in_words(finding: Finding) -> str:
-    """Say the verdict in one line."""
-    if finding.verdict == "none":
-        return "search for a missing effect: these trials show none"
-    if finding.verdict == "unknown":
-        return "something is missing from the model that no candidate explains"
-    parts = [describe(e) for e in finding.effects]
-    twins = sorted({t for e in finding.effects for t in e.twins})
-    or_else = f"; these trials cannot tell it from {listed([plain(t) for t in twins], 'or')}" if twins else ""
-    return f"missing from the model: {listed(parts)}{or_else}"
 
 
 def latency_in_words(latency: Estimate) -> str:
@@ -336,28 +307,10 @@ def law_formulas(finding: Finding) -> tuple[str, ...]:
         (target, term), p = found, e.parameters[0]
         number = with_unit(decided(abs(p.estimate.value), p.estimate.std).text, p.unit)
         sign = "−" if p.estimate.value < 0 else "+"
-        part = f"{number} · {FORMULAS[term]}" if FORMULAS.get(term) else number
+        formula = TERMS[term][1]
+        part = f"{number} · {formula}" if formula else number
         sums[target] = f"{sums[target]} {sign} {part}" if target in sums else f"{sign.strip('+')}{part}"
     return tuple(f"{LAW[target]} = {sums[target]}" for target in LAW if target in sums)
-
-
-def times(gap: float) -> str:
-    """Return a gap with two decimals where it is small."""
-    return places(gap, 2) if abs(gap) < 10 else significant(gap)
-
-
-def percent(share: float) -> str:
-    """Return a share in percent; never 100 % where something is left."""
-    if not math.isfinite(share):
-        return "–"
-    if 0.99 < share < 1:
-        return with_unit("over 99", "%")
-    return with_unit(significant(100 * share, 3 if share > 0.1 else 2).removesuffix(".0"), "%")
-
-
-def percent_of(share: Estimate) -> str:
-    """Return a share ± its standard error in percent."""
-    return plus_minus(share, "%", 100)
 
 
 def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple[str, ...]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.errors import InputError, UsageError, printable
@@ -16,23 +16,16 @@ from granite_lab.logs import Inspection
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
+from granite_lab.reporting.canvas import FORMATS
 
 WIDTH, HEIGHT = 6.4, 1.3
 """Of the figure and of a panel [in]."""
 
-
-def _svg(figure: Figure) -> bytes:
-    return canvas.to_svg(figure).encode()
-
-
-_DRAWN: dict[str, Callable[[Figure], bytes]] = {".png": canvas.to_png, ".pdf": canvas.to_pdf, ".svg": _svg}
-_COLOURS = (canvas.MEASURED, canvas.MEASURED_LIGHT, canvas.GREY)
-_DATE = 1e6
+DATE = 1e6
 """Stamps above this [s] count from 1970; the axis then begins at the log's first whole second."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
+class Trace(NamedTuple):
     """One line: stamps (N,) [s] and values (N,), its name, colour and dashes."""
 
     t: Array
@@ -52,9 +45,10 @@ def write_plot(inspection: Inspection, path: Path) -> None:
     """
     from granite_lab.files import write_bytes  # noqa: PLC0415, only where something is written
 
-    draw = _DRAWN.get(path.suffix.lower())
-    if draw is None:
-        raise UsageError(f"--plot {path}: format not known", f"use one of the endings {', '.join(_DRAWN)}")
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in FORMATS:
+        endings = ", ".join(f".{known}" for known in FORMATS)
+        raise UsageError(f"--plot {path}: format not known", f"use one of the endings {endings}")
     if len(inspection.files) != 1:
         raise UsageError(f"--plot draws one log, but {len(inspection.files)} are given", "name one log")
     report = inspection.files[0]
@@ -63,10 +57,10 @@ def write_plot(inspection: Inspection, path: Path) -> None:
             report.problem or f"{report.path}: no channel is recognised, nothing to plot",
             "write a column map with --write-map, correct it and pass it with --map",
         )
-    write_bytes(path, draw(log_figure(report.trial, report.rests)))
+    write_bytes(path, canvas.saved(log_figure(report.trial, report.rests), kind))
 
 
-def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Figure:
+def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Canvas:
     """Draw every sensor of a trial over time, one panel a quantity, standstills shaded.
 
     Args:
@@ -80,9 +74,9 @@ def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Figur
     if not panels:
         raise InputError(f"{trial.name}: no samples, nothing to plot", "look at its columns with inspect")
     start = min(float(trace.t[0]) for _, traces in panels for trace in traces)
-    origin = float(np.floor(start)) if start > _DATE else 0.0
-    figure, axes = canvas.stacked([HEIGHT] * len(panels), [2, *[1] * (len(panels) - 1)], WIDTH)
+    origin = float(np.floor(start)) if start > DATE else 0.0
     with canvas.styled():
+        figure, axes = canvas.panels([HEIGHT] * len(panels), head=0.46, width=WIDTH)
         for axis, (label, traces) in zip(axes, panels, strict=True):
             for begin, end in rests:
                 axis.axvspan(begin - origin, end - origin, color=canvas.SHADE, lw=0, zorder=0)
@@ -90,16 +84,11 @@ def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Figur
                 _draw(axis, trace, origin)
             axis.set_ylabel(label)
             axis.yaxis.set_major_locator(MaxNLocator(4))
-            canvas.legend_above(axis, columns=4)
-        canvas.align_labels(axes)
-        axes[-1].set_xlabel(
-            (f"time − {origin:.0f} s [s]" if origin else "time [s]") + ("; grey: standstill" if rests else "")
-        )
-        width, height = figure.get_size_inches()
+            canvas.legend(axis, columns=4)
+        time = f"time − {origin:.0f} s [s]" if origin else "time [s]"
+        axes[-1].set_xlabel(f"{time}; grey: standstill" if rests else time)
         name = printable(trial.name) + (" (virtual)" if trial.info.virtual else "")
-        figure.text(
-            canvas.LEFT / width, 1 - 0.06 / height, name, ha="left", va="top", fontsize=9.5, parse_math=False
-        )
+        figure.text(canvas.LEFT / WIDTH, 0.99, name, va="top", fontsize=9.5, parse_math=False)
         canvas.mark_virtual(figure, trial.info.virtual)
     return figure
 
@@ -108,46 +97,36 @@ def _panels(trial: Trial) -> list[tuple[str, list[Trace]]]:
     """Return the label of each panel with its unit, and the lines in it; empty channels are left out."""
     panels: list[tuple[str, list[Trace]]] = []
     if trial.imu is not None:
-        imu = trial.imu
+        imu, colours = trial.imu, (canvas.MEASURED, canvas.MEASURED_LIGHT, canvas.GREY)
         what = "acceleration" if imu.gravity_removed else "specific force"
         for label, values in (
             (f"{what} [m/s²]", imu.specific_force),
             ("angular rate [rad/s]", imu.angular_rate),
         ):
-            panels.append(
-                (label, [Trace(imu.t, values[:, k], axis, _COLOURS[k]) for k, axis in enumerate("xyz")])
-            )
+            panels.append((label, [Trace(imu.t, values[:, k], "xyz"[k], colours[k]) for k in range(3)]))
     if trial.wheels is not None:
         wheels = trial.wheels
-        rated = wheels.rate is not None
-        values = wheels.angle if wheels.rate is None else wheels.rate
-        panels.append(("wheel rate [rad/s]" if rated else "wheel angle [rad]", _of_wheels(wheels.t, values)))
+        label, values = "wheel angle [rad]", wheels.angle
+        if wheels.rate is not None:
+            label, values = "wheel rate [rad/s]", wheels.rate
+        panels.append((label, _of_wheels(wheels.t, values)))
     if trial.currents is not None:
         panels.append(("motor current [A]", _of_wheels(trial.currents.t, trial.currents.current)))
-    speeds = [
-        Trace(series.t, series.value, name, colour)
-        for series, name, colour in (
-            (trial.command, "command", canvas.DESIRED),
-            (trial.reference_v, "reference", canvas.MEASURED),
-        )
-        if series is not None
-    ]
-    panels.append(("velocity [m/s]", speeds))
-    if trial.reference_x is not None:
-        panels.append(("distance [m]", [Trace(trial.reference_x.t, trial.reference_x.value, "reference")]))
+    for label, lines in (
+        ("velocity [m/s]", {"command": trial.command, "reference": trial.reference_v}),
+        ("distance [m]", {"reference": trial.reference_x}),
+    ):
+        series = {name: one for name, one in lines.items() if one is not None}
+        colour = {"command": canvas.DESIRED, "reference": canvas.MEASURED}
+        panels.append((label, [Trace(s.t, s.value, name, colour[name]) for name, s in series.items()]))
     filled = [(label, [x for x in traces if np.isfinite(x.values).any()]) for label, traces in panels]
     return [(label, traces) for label, traces in filled if traces]
 
 
 def _of_wheels(t: Array, values: Array) -> list[Trace]:
     """Return one line a wheel: front dark, rear light, right dashed."""
-    return [
-        Trace(
-            t, values[:, k], wheel, canvas.MEASURED if wheel[0] == "f" else canvas.MEASURED_LIGHT,
-            "-" if wheel[1] == "l" else "--",
-        )
-        for k, wheel in enumerate(WHEELS)
-    ]  # fmt: skip
+    colour, dashes = {"f": canvas.MEASURED, "r": canvas.MEASURED_LIGHT}, {"l": "-", "r": "--"}
+    return [Trace(t, values[:, k], w, colour[w[0]], dashes[w[1]]) for k, w in enumerate(WHEELS)]
 
 
 def _draw(axis: Axes, trace: Trace, origin: float) -> None:
@@ -156,7 +135,5 @@ def _draw(axis: Axes, trace: Trace, origin: float) -> None:
     t, values = canvas.envelope(trace.t[seen] - origin, trace.values[seen])
     steps = np.diff(t)
     gaps = np.flatnonzero(steps > 10 * np.median(steps)) + 1 if len(steps) else np.zeros(0, dtype=np.intp)
-    axis.plot(
-        np.insert(t, gaps, np.nan), np.insert(values, gaps, np.nan),
-        color=trace.colour, ls=trace.dashes, lw=0.9, label=trace.name,
-    )  # fmt: skip
+    t, values = np.insert(t, gaps, np.nan), np.insert(values, gaps, np.nan)
+    axis.plot(t, values, color=trace.colour, ls=trace.dashes, lw=0.9, label=trace.name)

@@ -1,67 +1,69 @@
-"""Time histories like Figs. 5-8 of the paper: measured and simulated on one axis, and their difference."""
+"""Measured and simulated motion over time (Figs. 5-8 of the paper), where they differ, and their quality."""
 
 from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
+import matplotlib as mpl
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.comparison.record import Comparison
+from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
-from granite_lab.reporting.answers import channels_of
-from granite_lab.reporting.figures import Figure
+from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.names import together
 from granite_lab.reporting.rounding import significant
-from granite_lab.reporting.summary import Speed, gaps
-
-Mask = npt.NDArray[np.bool_]
-
-HEIGHTS = [1.25, 1.05, 1.05, 0.85]
+from granite_lab.reporting.summary import CHANNELS, PHASES, ChannelAnswer, Gap, Speed, channels_of, gaps
 
 SLIP_STD_SHOWN = 0.04
 """Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
 
 WIDEST = 0.3
-"""Share of a panel's height up to which the band of ±2σ is drawn; a wider one becomes a bar at the side."""
+"""Share of a panel's height up to which the band of ±2σ is drawn; of a wider one the width is said."""
 
 PAPER = {0.3: "Figs. 5 and 6", 0.7: "Figs. 7 and 8"}
 """Figures of the paper by speed [m/s]."""
 
+SOURCES = {
+    "simulated": ((canvas.SIMULATED, canvas.SIMULATED_LIGHT), 1.9),
+    "measured": ((canvas.MEASURED, canvas.MEASURED_LIGHT), 0.9),
+}
+"""Colours, dark and light, and width of the lines: thin measured ones lie on wide simulated ones."""
 
-@dataclass(frozen=True)
-class Panel:
+
+class Panel(NamedTuple):
     """One quantity of a time history.
 
     Attributes:
-        id: "velocity", "slip", "torque" or "pitch".
-        label: axis label with unit.
+        label: of the axis, with its unit.
+        height: of the panel [in].
         scale: from the unit of the comparison to that of the axis.
         channels: of its lines, the dark one first; "wheels" is the mean of the four.
         key: what dark and light lines are.
     """
 
-    id: str
     label: str
+    height: float
     scale: float
     channels: tuple[str, ...]
-    key: str
+    key: str = ""
 
 
 PANELS = (
-    Panel("velocity", "velocity [m/s]", 1.0, ("velocity", "wheels"), "dark: body, light: wheels"),
-    Panel("slip", "slip ratio [%]", 100.0, ("slip_f", "slip_r"), "dark: front, light: rear"),
-    Panel("torque", "wheel torque [N m]", 1.0, ("torque_f", "torque_r"), "dark: front, light: rear"),
-    Panel("pitch", "pitch [°]", 180 / math.pi, ("pitch",), ""),
+    Panel("velocity [m/s]", 1.25, 1.0, ("velocity", "wheels"), "dark: body, light: wheels"),
+    Panel("slip ratio [%]", 1.05, 100.0, ("slip_f", "slip_r"), "dark: front, light: rear"),
+    Panel("wheel torque [N m]", 1.05, 1.0, ("torque_f", "torque_r"), "dark: front, light: rear"),
+    Panel("pitch [°]", 0.85, 180 / math.pi, ("pitch",)),
 )
 
 
@@ -72,39 +74,32 @@ def motion_figure(speed: Speed) -> Figure:
     like = f"; as {PAPER[speed.velocity]} of the paper" if speed.velocity in PAPER else ""
     return Figure(
         f"motion_{speed.velocity:.2f}".replace(".", "p"),
-        f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}",
-        f"{which}{like}.",
-        f"Velocity, slip ratio, wheel torques and pitch over time at {speed.velocity:g} m/s, measured and "
-        "simulated.",
+        f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}", f"{which}{like}.",
         partial(_history, c), any(r.comparison.motion.virtual for r in speed.results),
     )  # fmt: skip
 
 
 def comparison_figure(c: Comparison, index: int) -> Figure:
     """Draw one trial, measured and simulated on one axis."""
-    trial = c.motion.trial
-    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", trial)[:80]
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", c.motion.trial)[:80]
     return Figure(
-        f"compare_{index:02d}_{stem}", f"{trial}: {_verdict([c])}",
-        "Dark: body or front axle, light: wheels or rear axle; grey: steady part; bands: ±2σ.",
-        f"Velocity, slip ratio, wheel torques and pitch of trial {trial}, measured and simulated.",
+        f"compare_{index:02d}_{stem}", f"{c.motion.trial}: {_verdict([c])}",
+        "Blue: measured, orange: simulated; grey: steady part; bands: ±2σ.",
         partial(_history, c), c.motion.virtual,
     )  # fmt: skip
 
 
-def _verdict(comparisons: list[Comparison]) -> str:
+def _verdict(comparisons: Sequence[Comparison]) -> str:
     """Say which of the drawn quantities differ."""
     drawn = {name for panel in PANELS for name in panel.channels}
     judged = [c for c in channels_of(gaps(comparisons)) if c.channel in drawn]
-    differ = [c.name for c in judged if c.tone in ("fair", "bad")]
-    if not judged:
-        return "measured and simulated"
-    if not differ:
-        return "measurement and simulation agree"
-    return f"{together(differ)} {'differs' if len(differ) == 1 else 'differ'}"
+    differ = [c.name for c in judged if c.differs]
+    if differ:
+        return f"{together(differ)} {'differs' if len(differ) == 1 else 'differ'}"
+    return "measurement and simulation agree" if judged else "measured and simulated"
 
 
-def channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
+def _channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
     """Return a channel and its std in the comparison's unit, NaN where there is nothing to show.
 
     Slip is left out where it is not defined well: simulated below 0.02 m/s at the wheel, measured
@@ -112,73 +107,23 @@ def channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
     """
     nothing = np.full(len(c.t), np.nan)
     values = c.measured if source == "measured" else c.simulated
+    stack = np.array([values.get(f"wheel_{w}", nothing) for w in WHEELS])
+    there = np.isfinite(stack)
+    count = there.sum(axis=0)
+    wheels = np.where(count > 0, np.where(there, stack, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
     if name == "wheels":
-        return _mean_of_wheels(values, nothing), nothing
+        return wheels, nothing
     value = values.get(name, nothing)
     std = c.measured_std.get(name, nothing) if source == "measured" else nothing
     if name.startswith("slip"):
-        crawls = ~(np.abs(_mean_of_wheels(values, nothing)) > 0.02)
         outside = (c.t < 0) | (c.t > duration(c.run.variant))
-        hidden = (std > SLIP_STD_SHOWN) | outside if source == "measured" else crawls
+        hidden = (std > SLIP_STD_SHOWN) | outside if source == "measured" else ~(np.abs(wheels) > 0.02)
         value = np.where(hidden, np.nan, value)
     return value, std
 
 
-def _mean_of_wheels(values: dict[str, Array], nothing: Array) -> Array:
-    stack = np.array([values.get(f"wheel_{w}", nothing) for w in WHEELS])
-    there = np.isfinite(stack)
-    count = there.sum(axis=0)
-    return np.where(count > 0, np.where(there, stack, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
-
-
-def span(c: Comparison) -> tuple[float, float]:
-    """Return the part of the time axis that is drawn: the command and a little rest around it [s]."""
-    v = min(c.run.variant.velocity, math.sqrt(c.run.variant.acceleration * c.run.variant.distance))
-    end = c.run.variant.distance / v + v / c.run.variant.acceleration
-    return max(float(c.t[0]), -0.5), min(float(c.t[-1]), end + 1.2)
-
-
-def _history(c: Comparison) -> Canvas:
-    figure, axes = canvas.stacked(HEIGHTS, [1] * len(HEIGHTS))
-    start, end = span(c)
-    inside = (c.t >= start) & (c.t <= end)
-    with canvas.styled():
-        for axis, panel in zip(axes, PANELS, strict=True):
-            _steady_part(axis, c)
-            lines = [
-                Line(source, light, value[inside] * panel.scale, std[inside] * panel.scale)
-                for source in ("measured", "simulated")
-                for light, name in enumerate(panel.channels)
-                for value, std in (channel(c, source, name),)
-                if np.isfinite(value[inside]).any()
-            ]
-            wide = _panel(axis, c.t[inside], lines, anchored=panel.id != "pitch", slip=panel.id == "slip")
-            if panel.id == "velocity":
-                _desired(axis, c, inside)
-            measured = any(line.source == "measured" for line in lines)
-            key = panel.key if measured else "not measured"
-            if wide:
-                unit = panel.label.partition("[")[2].rstrip("]")
-                key = f"{key}; " if key else ""
-                key += f"±2σ of the measurement, not drawn: {significant(wide, 2)} {unit}"
-            axis.text(1, 1.02, key, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)
-            axis.set_ylabel(panel.label)
-            axis.yaxis.set_major_locator(MaxNLocator(5))
-        _legend(axes[0])
-        _finish(axes, start, end)
-        canvas.mark_virtual(figure, c.motion.virtual)
-    return figure
-
-
-COLOURS = {
-    "measured": (canvas.MEASURED, canvas.MEASURED_LIGHT),
-    "simulated": (canvas.SIMULATED, canvas.SIMULATED_LIGHT),
-}
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """A line of a panel: where it comes from, dark or light, (n,) values and std in the panel's unit."""
+class Line(NamedTuple):
+    """A line of a panel: source, 0 if dark and 1 if light, (n,) values and std in the panel's unit."""
 
     source: str
     light: int
@@ -188,15 +133,57 @@ class Line:
     @property
     def colour(self) -> str:
         """Blue tones are measured, orange tones simulated."""
-        return COLOURS[self.source][self.light]
+        return SOURCES[self.source][0][self.light]
 
 
-def _panel(axis: Axes, t: Array, lines: list[Line], *, anchored: bool, slip: bool) -> float:
+def _history(c: Comparison) -> Canvas:
+    figure, axes = canvas.panels([panel.height for panel in PANELS])
+    end = min(float(c.t[-1]), duration(c.run.variant) + 1.2)
+    inside = (c.t >= -0.5) & (c.t <= end)
+    t = c.t[inside]
+    for axis, panel in zip(axes, PANELS, strict=True):
+        if all(map(math.isfinite, c.run.steady)):
+            axis.axvspan(*c.run.steady, color=canvas.SHADE, linewidth=0, zorder=0)
+        lines = [
+            Line(source, light, value[inside] * panel.scale, std[inside] * panel.scale)
+            for source in SOURCES
+            for light, name in enumerate(panel.channels)
+            for value, std in (_channel(c, source, name),)
+            if np.isfinite(value[inside]).any()
+        ]
+        wide = _panel(axis, panel, t, lines)
+        parts = [panel.key if any(line.source == "measured" for line in lines) else "not measured"]
+        if wide:
+            unit = panel.label.partition("[")[2].rstrip("]")
+            parts.append(f"±2σ of the measurement, not drawn: {significant(wide, 2)} {unit}")
+        canvas.key(axis, "; ".join(filter(None, parts)))
+        axis.set_ylabel(panel.label)
+        axis.yaxis.set_major_locator(MaxNLocator(5))
+    desired = c.run.signals.get("v_desired_mps")
+    if desired is not None:
+        s, y = canvas.envelope(t, np.interp(t, c.run.t, desired), points=200)
+        axes[0].plot(s, y, color=canvas.DESIRED, linestyle=(0, (1, 1)), label="desired")
+    for source, ((colour, _), width) in SOURCES.items():
+        axes[0].plot([], [], color=colour, linewidth=width, label=source)
+    canvas.legend(axes[0])
+    axes[0].set_xlim(t[0], t[-1])
+    axes[-1].set_xlabel("time since the start of the command [s]")
+    return figure
+
+
+def _panel(axis: Axes, panel: Panel, t: Array, lines: Sequence[Line]) -> float:
     """Draw lines, bands and marks where a line leaves the panel; return ±2σ that is too wide to draw."""
-    bounds = limits([line.value for line in lines], anchored)
-    if bounds is None:
+    if not lines:
         return 0.0
-    low, high = (max(bounds[0], -60.0), min(bounds[1], 105.0)) if slip else bounds
+    # All samples but rare spikes are inside; these are marked.
+    low = min(float(np.nanpercentile(line.value, 0.5)) for line in lines)
+    high = max(float(np.nanpercentile(line.value, 99.5)) for line in lines)
+    if len(panel.channels) > 1:  # pitch has no natural zero
+        low, high = min(low, 0.0), max(high, 0.0)
+    room = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
+    low, high = low - room, high + room
+    if "slip_f" in panel.channels:
+        low, high = max(low, -60.0), min(high, 105.0)
     axis.set_ylim(low, high)
     wide = 0.0
     for line in lines:
@@ -208,73 +195,137 @@ def _panel(axis: Axes, t: Array, lines: list[Line], *, anchored: bool, slip: boo
             axis.fill_between(s, below, above, color=line.colour, alpha=0.25, linewidth=0)
         elif math.isfinite(half) and not line.light:
             wide = half
-        s, y = canvas.envelope(t, line.value)
-        dashed = line.light and line.source == "simulated"
-        axis.plot(s, y, color=line.colour, linestyle=(0, (4, 1.5)) if dashed else "-")
-    for up, edge in ((True, high), (False, low)):
-        _beyond(axis, t, lines, edge, up=up)
+        axis.plot(*canvas.envelope(t, line.value), color=line.colour, linewidth=SOURCES[line.source][1])
+    for sign, edge in ((1, high), (-1, low)):
+        _mark_beyond(axis, t, lines, edge, sign)
     return wide
 
 
-def _beyond(axis: Axes, t: Array, lines: list[Line], edge: float, *, up: bool) -> None:
-    """Mark each line that leaves a panel at its edge, and say how far the farthest goes."""
+def _mark_beyond(axis: Axes, t: Array, lines: Sequence[Line], edge: float, sign: int) -> None:
+    """Mark each line that leaves a panel above (sign 1) or below (-1), and say how far the farthest goes."""
     out = []
     for line in lines:
-        k = int(np.nanargmax(line.value if up else -line.value))
-        if (line.value[k] > edge) if up else (line.value[k] < edge):
-            out.append((float(line.value[k]), float(t[k])))
+        k = int(np.nanargmax(sign * line.value))
+        if sign * line.value[k] > sign * edge:
+            out.append((sign * float(line.value[k]), float(t[k])))
             axis.plot(
-                t[k], edge, marker="^" if up else "v", color=line.colour, markersize=4.5, clip_on=False,
-                linestyle="none", zorder=6,
+                t[k], edge, marker="^" if sign > 0 else "v", color=line.colour, markersize=4.5,
+                clip_on=False, linestyle="none", zorder=6,
             )  # fmt: skip
     if out:
-        peak, at = max(out) if up else min(out)
+        peak, at = max(out)
         right = at < float(np.mean((t[0], t[-1])))
         axis.annotate(
-            f"to {significant(peak, 2)}", (at, edge), xytext=(5 if right else -5, -1.5 if up else 1.5),
-            textcoords="offset points", ha="left" if right else "right", va="top" if up else "bottom",
+            f"to {significant(sign * peak, 2)}", (at, edge), xytext=(5 if right else -5, -1.5 * sign),
+            textcoords="offset points", ha="left" if right else "right", va="top" if sign > 0 else "bottom",
             fontsize=7, annotation_clip=False,
         )  # fmt: skip
 
 
-def limits(lines: list[Array], anchored: bool) -> tuple[float, float] | None:
-    """Return axis limits that hold all lines but rare spikes; None without a finite value.
+LOW, HIGH = 0.5, 20.0
+"""Differences over noise at the ends of the scale of colours."""
 
-    Args:
-        lines: (n,) each.
-        anchored: the axis shall contain zero.
-    """
-    finite = [y[np.isfinite(y)] for y in lines]
-    if not any(len(y) for y in finite):
+
+def misfit_figure(
+    found: dict[tuple[str, str], Gap], judged: Sequence[ChannelAnswer], virtual: bool
+) -> Figure | None:  # fmt: skip
+    """Draw the difference of each quantity and phase over its noise; None without any."""
+    if not any(phase in PHASES for _, phase in found):
         return None
-    low = min(float(np.percentile(y, 0.5)) for y in finite if len(y))
-    high = max(float(np.percentile(y, 99.5)) for y in finite if len(y))
-    if anchored:
-        low, high = min(low, 0.0), max(high, 0.0)
-    room = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
-    return low - room, high + room
+    differ = [c.name for c in judged if c.differs]
+    title = "No quantity differs from the simulation by more than its noise"
+    if differ:
+        title = f"Model and measurement differ in {together(differ)}"
+    return Figure(
+        "misfit", title,
+        "Root mean square of simulated minus measured in each phase (numbers), and the same over the noise "
+        "of the measurement (colour; 1 means as large as the noise).",
+        partial(_misfit, found), virtual,
+    )  # fmt: skip
 
 
-def _legend(axis: Axes) -> None:
-    for source, (colour, _) in COLOURS.items():
-        axis.plot([], [], color=colour, label=source)
-    canvas.legend_above(axis)
+def _misfit(found: dict[tuple[str, str], Gap]) -> Canvas:
+    channels = [c for c in CHANNELS if any((c, p) in found for p in PHASES)]
+    figure, (axis,) = canvas.named_rows([CHANNELS[c] for c in channels], row=0.27, foot=0.8)
+    cells = [[found[c, p].normalised if (c, p) in found else math.nan for p in PHASES] for c in channels]
+    values, norm = np.clip(np.array(cells), LOW, HIGH), mpl.colors.LogNorm(LOW, HIGH)
+    x, y = np.arange(len(PHASES) + 1), np.arange(len(channels) + 1) - 0.5
+    image = axis.pcolormesh(
+        x, y, np.ma.masked_invalid(values), cmap="cividis", norm=norm, edgecolors="white", linewidth=1.0
+    )
+    axis.set_facecolor("#f3f3f3")
+    for (i, j), value in np.ndenumerate(values):
+        gap = found.get((channels[i], [*PHASES][j]))
+        dark = math.isfinite(value) and norm(value) < 0.5
+        axis.text(
+            j + 0.5, i, gap.size_of(gap.rms) if gap else "–", ha="center", va="center", fontsize=7.5,
+            color="#fefefe" if dark else "#111111",
+        )  # fmt: skip
+    axis.set_xticks(np.arange(len(PHASES)) + 0.5, [*PHASES])
+    axis.xaxis.tick_top()
+    axis.tick_params(length=0)
+    axis.grid(visible=False)
+    axis.spines[:].set_visible(False)
+    ticks, names = [0.5, 1, 2, 5, 10, 20], ["≤0.5", "1", "2", "5", "10", "≥20"]
+    canvas.colour_bar(figure, image, "rms difference over noise [–]", ticks, names)
+    return figure
 
 
-def _desired(axis: Axes, c: Comparison, inside: Mask) -> None:
-    desired = c.run.signals.get("v_desired_mps")
-    if desired is not None:
-        t, y = canvas.envelope(c.t[inside], np.interp(c.t[inside], c.run.t, desired), points=200)
-        axis.plot(t, y, color=canvas.DESIRED, linestyle=(0, (1, 1)), label="desired")
+KINDS = (
+    (canvas.MEASURED, "o"), (canvas.SIMULATED, "s"), (canvas.FITTED, "^"), (canvas.PAPER, "D"),
+    (canvas.SIMULATED_LIGHT, "v"),
+)  # fmt: skip
+"""Colour and marker of the kinds of innovations."""
 
 
-def _steady_part(axis: Axes, c: Comparison) -> None:
-    start, end = c.run.steady
-    if math.isfinite(start) and math.isfinite(end):
-        axis.axvspan(start, end, color=canvas.SHADE, linewidth=0, zorder=0)
+def health_figure(motion: Motion, index: int) -> Figure:
+    """Draw the checks of one estimate: innovations with bounds, rests shaded."""
+    h = motion.health
+    ratio = np.abs(_innovations(motion))
+    text = "Grey: standstills."
+    if np.isfinite(ratio).any():
+        outside = 100 * float(np.mean(ratio[np.isfinite(ratio)] > 2))
+        nis = ", ".join(f"{kind.replace('_', ' ')} {significant(x, 2)}" for kind, x in h.nis.items())
+        squares = f"Mean normalised innovation squared (1 is ideal): {nis}. " if nis else ""
+        share = f"{significant(outside, 2)} % of the innovations lie outside ±2σ; 5 % are expected."
+        text = f"{share} {squares}{text}"
+    return Figure(
+        f"health_{index:02d}", f"{motion.trial}: the estimate is {'good' if h.good else 'doubtful'}",
+        text if h.good else f"{text} {h.verdict}", partial(_health, motion), motion.virtual,
+    )  # fmt: skip
 
 
-def _finish(axes: list[Axes], start: float, end: float) -> None:
-    axes[0].set_xlim(start, end)
-    axes[-1].set_xlabel("time since the start of the command [s]")
-    canvas.align_labels(axes)
+def _innovations(motion: Motion) -> Array:
+    h = motion.health
+    return np.asarray(h.innovation / np.where(h.innovation_std > 0, h.innovation_std, np.nan))
+
+
+def _health(motion: Motion) -> Canvas:
+    h, ratio = motion.health, _innovations(motion)
+    figure, axes = canvas.panels([1.0, 1.2], gap=0.3 if len(set(h.kind)) < 4 else 0.46)
+    for axis in axes:
+        for start, end in h.rests:
+            axis.axvspan(start, end, color=canvas.SHADE, linewidth=0, zorder=0)
+    t, v, std = canvas.envelope(motion.t, motion.v, motion.v_std, points=300)
+    if np.isfinite(v).any():
+        axes[0].fill_between(t, v - 2 * std, v + 2 * std, color=canvas.MEASURED, alpha=0.25, linewidth=0)
+        axes[0].plot(t, v, color=canvas.MEASURED, label="body velocity ±2σ")
+    axes[1].axhspan(-2, 2, color=canvas.FAINT, alpha=0.4, linewidth=0, zorder=0.5)
+    for i, kind in enumerate(dict.fromkeys(h.kind)):
+        where = np.flatnonzero(np.array(h.kind, dtype=object) == kind)
+        thin = where[np.unique(np.linspace(0, len(where) - 1, min(len(where), 200)).astype(int))]
+        colour, marker = KINDS[i % len(KINDS)]
+        axes[1].plot(
+            np.asarray(h.t)[thin], ratio[thin], marker=marker, markersize=1.8, linestyle="none",
+            color=colour, label=kind.replace("_", " "), markeredgewidth=0,
+        )  # fmt: skip
+    top = np.nanmax(np.abs(ratio)) if np.isfinite(ratio).any() else 3.0
+    axes[1].set_ylim(-min(max(3.2, 1.1 * top), 8), min(max(3.2, 1.1 * top), 8))
+    for axis, label in zip(axes, ("velocity [m/s]", "innovation [σ]"), strict=True):
+        axis.set_ylabel(label)
+        axis.yaxis.set_major_locator(MaxNLocator(4))
+        canvas.legend(axis)
+    axes[0].set_xlim(float(motion.t[0]), float(motion.t[-1]))
+    axes[-1].set_xlabel("time of the log [s]")
+    axes[-1].ticklabel_format(axis="x", useOffset=False)
+    return figure

@@ -12,12 +12,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
+from granite_lab.comparison.record import Comparison
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.parameters import Paper
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import Answers
-from granite_lab.reporting.figures import Figure
+from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import Speed
 
@@ -26,6 +27,7 @@ APART, WIDE = 0.008, 0.05
 """Abscissae of the trials of a speed [m/s]: from one to the next, and from first to last at most."""
 CROWD = 12
 """So many trials of a speed are drawn in full; more are drawn smaller and fainter."""
+DASHED = (0, (4, 1.5))
 
 
 def slip_figure(answers: Answers, paper: Paper) -> Figure:
@@ -44,13 +46,8 @@ def slip_figure(answers: Answers, paper: Paper) -> Figure:
         title += f"; the paper's experiment is {where}"
 
     def draw(axis: Axes) -> None:
-        trials = [
-            (x, 0.0, slip.value, slip.std, len(s.results))
-            for s in answers.speeds
-            for x, r in zip(spread(s), s.results, strict=True)
-            for slip in (r.comparison.motion.slip_ratio,)
-        ]
-        _trials(axis, trials, (1.0, 100.0), color=canvas.MEASURED_LIGHT)
+        points = _over_speed(answers.speeds, lambda c: c.motion.slip_ratio)
+        _trials(axis, points, (1.0, 100.0), color=canvas.MEASURED_LIGHT)
         for k, s in enumerate(known):
             bars = [[_bar(s.slip.value - s.slip.low)], [_bar(s.slip.high - s.slip.value)]]
             axis.errorbar(
@@ -65,8 +62,7 @@ def slip_figure(answers: Answers, paper: Paper) -> Figure:
         "slip_over_speed", title,
         "Robot slip ratio λ_R over the steady part of each trial, its mean with the 95 % interval, and the "
         "experiment of the paper.",
-        "Robot slip ratio over desired velocity: trials, means with 95 % intervals, the paper's experiment.",
-        partial(_panel, draw, VELOCITY, SLIP, bool(answers.virtual)), bool(answers.virtual),
+        partial(_panel, draw, VELOCITY, SLIP), bool(answers.virtual),
     )  # fmt: skip
 
 
@@ -90,13 +86,8 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
                 low, high = (np.exp(-a * v) for a in fit.ci95)
                 axis.fill_between(v, low, high, color=canvas.FITTED, alpha=0.25, linewidth=0)
             axis.plot(v, np.exp(-fit.a_theta.value * v), color=canvas.FITTED, label="law, 95 %")
-        axis.plot(v, np.exp(-paper.a_theta * v), color=canvas.PAPER, linestyle=(0, (4, 1.5)))
-        trials = [
-            (x, 0.0, r.comparison.fit.k92.value, r.comparison.fit.k92.std, len(s.results))
-            for s in answers.speeds
-            for x, r in zip(spread(s), s.results, strict=True)
-        ]
-        _trials(axis, trials, (1.0, 1.0))
+        axis.plot(v, np.exp(-paper.a_theta * v), color=canvas.PAPER, linestyle=DASHED)
+        _trials(axis, _over_speed(answers.speeds, lambda c: c.fit.k92), (1.0, 1.0))
         _published(axis, [(p.velocity, p.k92) for p in paper.table3])
         axis.set_xlim(0, top)
         axis.set_ylim(-0.03, 1.03)
@@ -105,9 +96,7 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
         "k92_over_velocity", title,
         "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law k_92 "
         "= exp(−a_θ v) and its 95 % interval (as Fig. 3 of the paper).",
-        "Contact-angle ratio k92 over desired velocity: trials, fitted law with its 95 % interval, the "
-        "paper's law and values.",
-        partial(_panel, draw, VELOCITY, RATIO, bool(answers.virtual)), bool(answers.virtual),
+        partial(_panel, draw, VELOCITY, RATIO), bool(answers.virtual),
     )  # fmt: skip
 
 
@@ -116,77 +105,77 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
     line = fitted_line(fit)
     root = significant(-100 * paper.fig4_intercept / paper.fig4_slope, 3)
     title = f"The paper's line reaches k_92 = 0, the limit of the model, at {root} % slip"
-    if line is not None and line[1].value < 0:
-        own = significant(-100 * line[0].value / line[1].value, 3)
+    if line is not None and line[1] < 0:
+        own = significant(-100 * line[0] / line[1], 3)
         title = f"k_92 = 0, the limit of the model, is reached at {own} % slip; {root} % in the paper"
-    fits = [(r.comparison.fit, len(s.results)) for s in answers.speeds for r in s.results]
     slips = [p.slip_measured for p in paper.table3] + [s.slip.value / 100 for s in answers.speeds]
     x = np.linspace(0, max(0.25, 1.1 * max(s for s in slips if math.isfinite(s))), 2)
 
     def draw(axis: Axes) -> None:
         if line is not None:
-            axis.plot(100 * x, line[0].value + line[1].value * x, color=canvas.FITTED, label="fitted line")
-        own = paper.fig4_intercept + paper.fig4_slope * x
-        axis.plot(100 * x, own, color=canvas.PAPER, linestyle=(0, (4, 1.5)))
-        slip = [(f.slip_measured.value, f.slip_measured.std, f.k92.value, f.k92.std, n) for f, n in fits]
-        _trials(axis, slip, (100.0, 1.0))
+            axis.plot(100 * x, line[0] + line[1] * x, color=canvas.FITTED, label="fitted line")
+        axis.plot(100 * x, paper.fig4_intercept + paper.fig4_slope * x, color=canvas.PAPER, linestyle=DASHED)
+        fits = [(r.comparison.fit, len(s.results)) for s in answers.speeds for r in s.results]
+        _trials(axis, [(f.slip_measured, f.k92, n) for f, n in fits], (100.0, 1.0))
         _published(axis, [(100 * p.slip_measured, p.k92) for p in paper.table3])
         axis.axhline(0, color=canvas.INK, linewidth=0.6)
         axis.set_xlim(0, 100 * x[-1])
 
     return Figure(
         "k92_over_slip", title, "k_92 of each trial over its slip ratio (as Fig. 4 of the paper).",
-        "Contact-angle ratio k92 over robot slip ratio: trials, fitted line, the paper's line and values.",
-        partial(_panel, draw, SLIP, RATIO, bool(answers.virtual)), bool(answers.virtual),
+        partial(_panel, draw, SLIP, RATIO), bool(answers.virtual),
     )  # fmt: skip
 
 
-def _panel(draw: Callable[[Axes], None], x: str, y: str, virtual: bool) -> Canvas:
-    figure, (axis,) = canvas.stacked([2.6], [1])
-    with canvas.styled():
-        draw(axis)
-        axis.set_xlabel(x)
-        axis.set_ylabel(y)
-        canvas.align_labels([axis])
-        canvas.legend_above(axis)
-        canvas.mark_virtual(figure, virtual)
+def _panel(draw: Callable[[Axes], None], x: str, y: str) -> Canvas:
+    figure, (axis,) = canvas.panels([2.6])
+    draw(axis)
+    axis.set(xlabel=x, ylabel=y)
+    canvas.legend(axis)
     return figure
 
 
-Point = tuple[float, float, float, float, int]
-"""x and y of a trial, each with its std behind it, and the number of trials at its speed."""
+Point = tuple[Estimate, Estimate, int]
+"""x and y of a trial, and the number of trials at its speed."""
+
+
+def _over_speed(speeds: Sequence[Speed], value: Callable[[Comparison], Estimate]) -> list[Point]:
+    return [
+        (Estimate(x, 0.0), value(r.comparison), len(s.results))
+        for s in speeds
+        for x, r in zip(spread(s), s.results, strict=True)
+    ]
 
 
 def _trials(
     axis: Axes, points: Sequence[Point], scale: tuple[float, float], color: str = canvas.MEASURED
 ) -> None:
     """Draw the trials that have both numbers, with their 95 % intervals."""
-    there = [p for p in points if math.isfinite(p[0] + p[2])]
-    for k, (x, x_std, y, y_std, n) in enumerate(there):
+    there = [p for p in points if math.isfinite(p[0].value + p[1].value)]
+    for k, (x, y, n) in enumerate(there):
         axis.errorbar(
-            scale[0] * x, scale[1] * y, xerr=1.96 * scale[0] * _bar(x_std) or None,
-            yerr=1.96 * scale[1] * _bar(y_std), color=color, marker="o", linestyle="none",
-            label="one trial, 95 %" if k == 0 else None, **dress(n),
+            scale[0] * x.value, scale[1] * y.value, xerr=1.96 * scale[0] * _bar(x.std) or None,
+            yerr=1.96 * scale[1] * _bar(y.std), color=color, marker="o", linestyle="none",
+            label="one trial, 95 %" if k == 0 else None, **_dress(n),
         )  # fmt: skip
 
 
 def _published(axis: Axes, points: Sequence[tuple[float, float]]) -> None:
     x, y = zip(*points, strict=True)
     axis.plot(
-        x, y, color=canvas.PAPER, marker="+", markersize=10, markeredgewidth=1.8, linestyle=(0, (4, 1.5)),
+        x, y, color=canvas.PAPER, marker="+", markersize=10, markeredgewidth=1.8, linestyle=DASHED,
         linewidth=0, label="paper", zorder=5,
     )  # fmt: skip
 
 
-def fitted_line(fit: AThetaFit | None) -> tuple[Estimate, Estimate] | None:
+def fitted_line(fit: AThetaFit | None) -> tuple[float, float] | None:
     """Return intercept and slope (per unit of slip ratio) of the fitted line of Fig. 4, if there is one."""
     law = next((law for law in fit.laws if law.id == "linear_slip"), None) if fit else None
     if law is None or len(law.parameters) < 2:
         return None
     intercept, slope = list(law.parameters)[:2]
     scale = 100.0 if "%" in law.units.get(slope, "") else 1.0
-    b1 = law.parameters[slope]
-    return law.parameters[intercept], Estimate(b1.value * scale, b1.std * scale)
+    return law.parameters[intercept].value, scale * law.parameters[slope].value
 
 
 def spread(speed: Speed) -> list[float]:
@@ -196,7 +185,7 @@ def spread(speed: Speed) -> list[float]:
     return [speed.velocity + step * (i - (n - 1) / 2) for i in range(n)]
 
 
-def dress(trials: int) -> dict[str, Any]:
+def _dress(trials: int) -> dict[str, Any]:
     """Return sizes of a point and its bar, so that those of many trials do not become one blot."""
     if trials <= CROWD:
         return {"markersize": 3.5, "linewidth": 0.9}

@@ -1,11 +1,12 @@
-"""From a study or a search to a report: which answers, figures and tables stand where."""
+"""A report as data, and from a study or a search to it: which answers, figures and tables stand where."""
 
 from __future__ import annotations
 
 import os
 import platform
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
@@ -14,14 +15,14 @@ from granite_lab.effects import library
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
-from granite_lab.reporting import plot_motion, plot_quality, plot_results, plot_search, tables
+from granite_lab.reporting import plot_motion, plot_results, plot_search, search_tables, tables
 from granite_lab.reporting.answers import Answers
-from granite_lab.reporting.budgets import budget_tables
+from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.content import Source, StudyResult
-from granite_lab.reporting.document import Block, Code, Fold, Gallery, Listing, Report, Section, Words
-from granite_lab.reporting.figures import Figure
-from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, percent, shared
-from granite_lab.reporting.summary import Gap, gaps
+from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, shared
+from granite_lab.reporting.rounding import percent
+from granite_lab.reporting.summary import gaps
+from granite_lab.reporting.table import Table
 
 OPEN_SPEEDS = 4
 """So many time histories stand open; of more speeds the slowest and fastest do."""
@@ -36,6 +37,97 @@ LAW_NOTE = (
     "v: speed of the robot; s: slip ratio of the wheel; x and t: distance and time since the start; θ: "
     "angle of the wheel; z: its sinkage."
 )
+
+
+@dataclass(frozen=True)
+class Code:
+    """A command that can be copied."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Figures that belong together; two beside each other where there is room."""
+
+    figures: tuple[Figure, ...]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Content that a reader opens when wanted; closed at first, and in print."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+Block = str | list[str] | Code | Gallery | Table | Fold
+"""A part of a page; a text is a paragraph, a list of texts a list of sentences."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the report below the first screen."""
+
+    id: str
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A whole report.
+
+    Attributes:
+        name: of the study.
+        kind: what the page is, such as "Report of a study".
+        answers: the first screen.
+        first: table beside the answers; None where there is none.
+        sections: the evidence.
+        numbers: name of the file with all numbers.
+    """
+
+    name: str
+    kind: str
+    answers: Answers
+    first: Table | None
+    sections: tuple[Section, ...]
+    numbers: str = "report.json"
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """All figures in the order of the report."""
+        every = [b for s in self.sections for b in _flat(s.blocks)]
+        return tuple(f for block in every if isinstance(block, Gallery) for f in block.figures)
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """All tables in the order of the report."""
+        every = [self.first, *(b for s in self.sections for b in _flat(s.blocks))]
+        return tuple(block for block in every if isinstance(block, Table))
+
+
+def _flat(blocks: Iterable[Block]) -> Iterator[Block]:
+    for block in blocks:
+        yield block
+        if isinstance(block, Fold):
+            yield from _flat(block.blocks)
+
+
+Maybe = Block | None
+
+
+def _kept(blocks: Iterable[Maybe]) -> tuple[Block, ...]:
+    return tuple(block for block in blocks if block)
+
+
+def _fold(title: str, *blocks: Maybe) -> Fold | None:
+    return Fold(title, _kept(blocks)) if any(blocks) else None
+
+
+def _gallery(*figures: Figure | None) -> Gallery | None:
+    there = tuple(f for f in figures if f is not None)
+    return Gallery(there) if there else None
 
 
 def study_report(
@@ -54,37 +146,21 @@ def study_report(
         folder: of the report, as its commands name it.
     """
     decided = decide.of_study(result, model, folder)
-    paper, found = load_paper(), gaps([r.comparison for r in result.trials])
-    sections: list[Section] = []
+    sections = []
     if result.trials:
-        virtual = bool(decided.virtual)
-        sections += [
-            Section("slip", "Slip and k_92", (
-                Gallery((
-                    plot_results.slip_figure(decided, paper),
-                    plot_results.k92_figure(decided, result.a_theta, paper),
-                )),
-                *_more("k_92 over slip, and laws compared", [
-                    Gallery((plot_results.k92_over_slip(decided, result.a_theta, paper),)),
-                    *([tables.law_table(result.a_theta, virtual)] if result.a_theta else []),
-                    *_listing(result.a_theta.notes if result.a_theta else ()),
-                ]),
-                *_more("Uncertainty budgets", budget_tables(result, decided.speeds)),
-            )),
-            Section("model", "Model and measurement", tuple(_model(decided, found))),
-        ]  # fmt: skip
+        sections = [
+            Section("slip", "Slip and k_92", _kept(_slip(result, decided))),
+            Section("model", "Model and measurement", _kept(_model(result, decided))),
+        ]
+    elif result.failures:
+        sections = [Section("trials", "Trials that could not be used", (_failures(result),))]
     if result.finding is not None:
-        sections.append(Section("missing", "What is missing", tuple(_missing(result.finding, effects))))
+        sections.append(Section("missing", "What is missing", _kept(_missing(result.finding, effects))))
     if result.trials:
-        sections.append(Section("trials", "Quality of the trials", tuple(_quality(result))))
+        sections.append(Section("trials", "Quality of the trials", _kept(_quality(result))))
     sections.append(_provenance(result.source, decided.steps[1:]))
-    failures = [f"{f.trial}: {f.message}" + (f" ({f.hint})" if f.hint else "") for f in result.failures]
-    if failures and not result.trials:
-        sections.insert(0, Section("trials", "Trials that could not be used", (Listing(tuple(failures)),)))
-    return Report(
-        result.name, "Report of a study", decided, tables.slip_table(decided) if decided.speeds else None,
-        tuple(sections),
-    )  # fmt: skip
+    first = tables.slip_table(decided) if decided.speeds else None
+    return Report(result.name, "Report of a study", decided, first, tuple(sections))
 
 
 def search_report(
@@ -106,126 +182,123 @@ def search_report(
     """
     decided = decide.of_search(finding, model, folder or name)
     sections = (
-        Section("missing", "What is missing", tuple(_missing(finding, effects))),
+        Section("missing", "What is missing", _kept(_missing(finding, effects))),
         _provenance(source, decided.steps[1:]),
     )
-    return Report(
-        name, "Report of a search for a missing effect", decided, None, sections, "finding.json",
-    )  # fmt: skip
+    kind = "Report of a search for a missing effect"
+    return Report(name, kind, decided, None, sections, "finding.json")
 
 
-def candidates_of(finding: Finding, effects: Mapping[str, Effect] | None) -> dict[str, Effect]:
-    """Return the candidates by id, those of the package where none are given."""
-    return dict(library() if effects is None else effects) | {a.effect.id: a.effect for a in finding.active}
+def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
+    fit, paper = result.a_theta, load_paper()
+    yield _gallery(plot_results.slip_figure(decided, paper), plot_results.k92_figure(decided, fit, paper))
+    yield _fold(
+        "k_92 over slip, and laws compared",
+        _gallery(plot_results.k92_over_slip(decided, fit, paper)),
+        tables.law_table(fit, bool(decided.virtual)) if fit else None,
+        list(fit.notes) if fit else None,
+    )
+    yield _fold("Uncertainty budgets", *tables.budget_tables(result, decided.speeds))
 
 
-def _more(title: str, blocks: Sequence[Block | None]) -> tuple[Fold, ...]:
-    """Return a fold with the blocks that are there; nothing without any."""
-    there = tuple(b for b in blocks if b is not None)
-    return (Fold(title, there),) if there else ()
-
-
-def _gallery(*figures: Figure | None) -> list[Block]:
-    there = tuple(f for f in figures if f is not None)
-    return [Gallery(there)] if there else []
-
-
-def _listing(lines: Sequence[str]) -> list[Block]:
-    return [Listing(tuple(lines))] if lines else []
-
-
-def _model(
-    decided: Answers, found: dict[tuple[str, str], Gap]
-) -> Iterator[Block]:  # fmt: skip
-    virtual = bool(decided.virtual)
+def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
+    virtual, found = bool(decided.virtual), gaps([r.comparison for r in result.trials])
     drawn = [plot_motion.motion_figure(s) for s in decided.speeds]
     half = OPEN_SPEEDS // 2
-    few = len(drawn) <= OPEN_SPEEDS
-    shown, rest = (drawn, []) if few else ([*drawn[:half], *drawn[-half:]], drawn[half:-half])
-    yield Words(
+    rest = drawn[half:-half] if len(drawn) > OPEN_SPEEDS else []
+    shown: list[Figure | None] = [f for f in drawn if f not in rest]
+    misfit = plot_motion.misfit_figure(found, decided.channels, virtual)
+    fills = len(shown) % 2 == 1  # the second place of the last row
+    yield (
         "Blue: measured; orange: simulated, with k_92 fitted to the slip of the trial and all else from "
         "the parameter files. Grey: the steady part of the motion, over which λ_R is taken. Bands: ±2σ of "
         "the measurement. Triangles: a spike leaves the panel."
     )
-    misfit = plot_quality.misfit_figure(found, decided.channels, virtual)
-    fills = len(shown) % 2 == 1  # the second place of the last row
-    yield from _gallery(*shown, misfit if fills else None)
+    yield _gallery(*shown, misfit if fills else None)
     yield tables.channel_table(decided.channels, virtual)
-    yield from _more("Differences by phase", [
-        *_gallery(*rest, None if fills else misfit),
+    yield _fold(
+        "Differences by phase",
+        _gallery(*rest, None if fills else misfit),
         tables.misfit_table(found, virtual) if found else None,
-    ])  # fmt: skip
+    )
 
 
-def _missing(finding: Finding, effects: Mapping[str, Effect] | None) -> Iterator[Block]:
-    known = candidates_of(finding, effects)
-    yield Words(
+def _missing(finding: Finding, effects: Mapping[str, Effect] | None) -> Iterator[Maybe]:
+    known = dict(library() if effects is None else effects) | {a.effect.id: a.effect for a in finding.active}
+    yield (
         "The model is fitted to the readings of the sensors, together with the sand of each trial, the "
         "time offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for "
         "a missing effect. What all repetitions of a command share and no parameter explains is held "
         f"against each candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms "
         "are tolerated."
     )
-    yield from _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
-    if finding.effects:
-        yield tables.effects_table(finding, known, finding.effects)
+    yield _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
+    yield search_tables.effects_table(finding, known, finding.effects) if finding.effects else None
     formulas = law_formulas(finding)
-    if formulas:
-        yield Words(LAW_NOTE)
-        yield Listing(formulas)
+    yield LAW_NOTE if formulas else None
+    yield list(formulas)
     latency = latency_in_words(finding.latency)
-    notes = [in_plain_words(note, finding) for note in (*finding.provisional, *finding.notes)]
-    dropped = [f"{trial} is in no fit: {reason}" for trial, reason in finding.dropped]
-    yield from _listing([*notes, *dropped, *([f"{latency}."] if latency else ()), *finding.failures])
-    yield from _more("When the model disagrees, sensor by sensor", [
-        *_gallery(plot_search.intervals_figure(finding), *plot_search.history_figures(finding)),
-        tables.gaps_table(finding),
-    ])  # fmt: skip
-    yield from _more(
-        "Prediction of trials and speeds left out of the fit",
-        _gallery(plot_search.held_out_figure(finding)),
+    yield [
+        *(in_plain_words(note, finding) for note in (*finding.provisional, *finding.notes)),
+        *(f"{trial} is in no fit: {reason}" for trial, reason in finding.dropped),
+        *([f"{latency}."] if latency else ()),
+        *finding.failures,
+    ]
+    yield _fold(
+        "When the model disagrees, sensor by sensor",
+        _gallery(plot_search.intervals_figure(finding), *plot_search.history_figures(finding)),
+        search_tables.gaps_table(finding),
     )
-    yield from _more("Candidates, and what these trials could have shown of them", [
-        tables.candidates_table(finding, known) if finding.candidates else None,
-        tables.effects_table(finding, known, finding.small, small=True) if finding.small else None,
-        tables.detectable_table(finding, known) if finding.detectable else None,
-        tables.confusion_table(finding),
-    ])  # fmt: skip
-    yield from _more("Sand and sensors, as fitted", [tables.fitted_table(finding)])
+    yield _fold(
+        "Prediction of trials and speeds left out of the fit", _gallery(plot_search.held_out_figure(finding))
+    )
+    yield _fold(
+        "Candidates, and what these trials could have shown of them",
+        search_tables.candidates_table(finding, known) if finding.candidates else None,
+        search_tables.effects_table(finding, known, finding.small, small=True) if finding.small else None,
+        search_tables.detectable_table(finding, known) if finding.detectable else None,
+        search_tables.confusion_table(finding),
+    )
+    yield _fold("Sand and sensors, as fitted", search_tables.fitted_table(finding))
 
 
-def _quality(result: StudyResult) -> Iterator[Block]:
+def _failures(result: StudyResult) -> list[str]:
+    return [f"{f.trial}: {f.message}" + (f" ({f.hint})" if f.hint else "") for f in result.failures]
+
+
+def _quality(result: StudyResult) -> Iterator[Maybe]:
     n = len(result.trials)
     doubtful = [r for r in result.trials if not r.comparison.motion.health.good]
     text = f"All {n} estimates of the motion are good." if n > 1 else "The estimate of the motion is good."
     if doubtful:
         text = f"{n - len(doubtful)} of {n} estimates of the motion are good. Exceptions:"
-    yield Words(f"{text} Good: velocity is fixed at both ends and the measurements agree with their noise.")
-    yield from _listing([f"{r.trial.name}: {r.comparison.motion.health.verdict}" for r in doubtful])
-    failed = [f"{f.trial}: {f.message}" + (f" ({f.hint})" if f.hint else "") for f in result.failures]
-    if failed:
-        yield Words("Trials that could not be used:")
-        yield Listing(tuple(failed))
+    yield f"{text} Good: velocity is fixed at both ends and the measurements agree with their noise."
+    yield [f"{r.trial.name}: {r.comparison.motion.health.verdict}" for r in doubtful]
+    yield "Trials that could not be used:" if result.failures else None
+    yield _failures(result)
     warnings = shared(
         [(r.trial.name, (*r.trial.warnings, *r.comparison.motion.warnings)) for r in result.trials]
     )
-    if warnings:
-        yield Words("Warnings:")
-        yield Listing(warnings)
-    yield from _more("Results of each trial", [tables.trial_table(result)])
-    drawn = tuple(plot_quality.health_figure(r.comparison.motion, i) for i, r in enumerate(result.trials, 1))
-    yield from _more("Checks of each estimate", [Gallery(drawn)])
+    yield "Warnings:" if warnings else None
+    yield list(warnings)
+    yield _fold("Results of each trial", tables.trial_table(result))
+    drawn = [plot_motion.health_figure(r.comparison.motion, i) for i, r in enumerate(result.trials, 1)]
+    yield _fold("Checks of each estimate", _gallery(*drawn))
 
 
 def _provenance(source: Source, steps: Sequence[str]) -> Section:
-    blocks = [
-        *([Words("Further steps:"), Listing(tuple(steps))] if steps else ()),
-        Words(f"Made by {made_by(source)}. This command repeats it:"),
-        Code(_shortened(source.command)),
-        *_more("Parameters in force", [tables.parameter_table(source)] if source.parameters else []),
-        *_more("Files that were read", [tables.input_table(source)] if source.inputs else []),
-    ]
-    return Section("provenance", "How to repeat this", tuple(blocks))
+    command = source.command
+    if len(command) > LONGEST:
+        command = f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
+    blocks = (
+        "Further steps:" if steps else None,
+        list(steps),
+        f"Made by {made_by(source)}. This command repeats it:",
+        Code(command),
+        _fold("Parameters in force", tables.parameter_table(source) if source.parameters else None),
+        _fold("Files that were read", tables.input_table(source) if source.inputs else None),
+    )
+    return Section("provenance", "How to repeat this", _kept(blocks))
 
 
 def today() -> str:
@@ -234,14 +307,7 @@ def today() -> str:
 
 
 def made_by(source: Source) -> str:
-    """Return version, code, libraries and the date of today, which SOURCE_DATE_EPOCH overrides."""
+    """Return version, code, libraries and the date of today."""
     code = f" (code {source.code[:8]})" if source.code else ""
     libraries = ", ".join(f"{name} {metadata.version(name)}" for name in LIBRARIES)
     return f"granite-lab {source.version}{code} on {today()}, Python {platform.python_version()}, {libraries}"
-
-
-def _shortened(command: str) -> str:
-    """Return a command of bearable length: its start, and its end with the options."""
-    if len(command) <= LONGEST:
-        return command
-    return f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"

@@ -94,6 +94,25 @@ def interval(low: float, high: float, unit: str = "", scale: float = 1.0) -> str
     return with_unit(f"{places(low, decimals)} to {places(high, decimals)}", unit)
 
 
+def times(gap: float) -> str:
+    """Return a gap with two decimals where it is small."""
+    return places(gap, 2) if abs(gap) < 10 else significant(gap)
+
+
+def percent(share: float) -> str:
+    """Return a share in percent; never 100 % where something is left."""
+    if not math.isfinite(share):
+        return "–"
+    if 0.99 < share < 1:
+        return with_unit("over 99", "%")
+    return with_unit(significant(100 * share, 3 if share > 0.1 else 2).removesuffix(".0"), "%")
+
+
+def percent_of(share: Estimate) -> str:
+    """Return a share ± its standard error in percent."""
+    return plus_minus(share, "%", 100)
+
+
 SHOWN_AS: dict[str, tuple[str, float]] = {
     "m/s": ("mm/s", 1e3),
     "rad": ("deg", 180 / math.pi),

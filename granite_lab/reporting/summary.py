@@ -1,4 +1,4 @@
-"""The numbers of the answer: slip and k_92 per speed, and how far the model is from each channel."""
+"""The numbers of the answers: slip and k_92 by speed, and how far the model is from each channel."""
 
 from __future__ import annotations
 
@@ -11,34 +11,29 @@ import numpy as np
 
 from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.estimate import Estimate
-from granite_lab.fitting.fit import K92Fit
 from granite_lab.fitting.likelihood import chosen, k92_interval
-from granite_lab.logs.trial import Array
 from granite_lab.parameters import Paper
 from granite_lab.reporting.content import StudyResult, TrialResult
-from granite_lab.reporting.rounding import Number, decided
+from granite_lab.reporting.rounding import Number, decided, shown_as, significant, tidy_unit, with_unit
 
-PHASES = ("rest", "accelerate", "steady", "brake")
-
-IN_PHASE = {
-    "rest": "at rest",
-    "accelerate": "while accelerating",
-    "steady": "in steady motion",
+PHASES = {
+    "rest": "at rest", "accelerate": "while accelerating", "steady": "in steady motion",
     "brake": "while braking",
-}
+}  # fmt: skip
 
 CHANNELS = {
-    "velocity": "body velocity",
-    "wheels": "wheel speeds",
-    "slip_f": "front slip ratio",
-    "slip_r": "rear slip ratio",
-    "torque_f": "front driving torque",
-    "torque_r": "rear driving torque",
-    "pitch": "pitch",
-    "accel": "forward acceleration",
-    "pitch_rate": "pitch rate",
-}
+    "velocity": "body velocity", "wheels": "wheel speeds", "slip_f": "front slip ratio",
+    "slip_r": "rear slip ratio", "torque_f": "front driving torque", "torque_r": "rear driving torque",
+    "pitch": "pitch", "accel": "forward acceleration", "pitch_rate": "pitch rate",
+}  # fmt: skip
 """Channels of a comparison, in the order of the report, as a reader calls them."""
+
+NOISE, CLEAR = 1.5, 3.0
+"""Difference over noise up to which a channel agrees, and above which it differs clearly."""
+
+SMALL, UNSEEN = 0.01, 0.2
+"""Shares of a channel's largest value: a difference below the first is small; noise above the second is
+too large for a judgement."""
 
 
 class Mean(NamedTuple):
@@ -65,15 +60,11 @@ def mean_over(estimates: Iterable[Estimate]) -> Mean:
     if n == 0:
         return Mean(math.nan, math.nan, math.nan, math.nan, 0)
     values = np.array([e.value for e in finite])
-    stated = np.array([e.std for e in finite])
-    by_statement = float(np.sqrt(np.sum(stated**2)) / n) if np.isfinite(stated).all() else math.nan
-    by_scatter = float(np.std(values, ddof=1) / np.sqrt(n)) if n > 1 else math.nan
-    halves = [1.959964 * by_statement, float(stdtrit(max(n - 1, 1), 0.975)) * by_scatter]
-    known = [h for h in halves if math.isfinite(h)]
-    half = max(known) if known else math.nan
-    errors = [s for s in (by_statement, by_scatter) if math.isfinite(s)]
+    stated = float(np.sqrt(np.sum(np.square([e.std for e in finite])))) / n
+    scatter = float(np.std(values, ddof=1) / np.sqrt(n)) if n > 1 else math.nan
+    half = float(np.fmax(1.959964 * stated, float(stdtrit(max(n - 1, 1), 0.975)) * scatter))
     mean = float(values.mean())
-    return Mean(mean, max(errors) if errors else math.nan, mean - half, mean + half, n)
+    return Mean(mean, float(np.fmax(stated, scatter)), mean - half, mean + half, n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +99,9 @@ class Speed:
     @property
     def typical(self) -> TrialResult:
         """The trial whose λ_R is in the middle; the one that is drawn."""
-        ranked = sorted(
-            self.results,
-            key=lambda r: (
-                math.isnan(r.comparison.motion.slip_ratio.value),
-                r.comparison.motion.slip_ratio.value,
-            ),
-        )
-        usable = [r for r in ranked if math.isfinite(r.comparison.motion.slip_ratio.value)]
-        return usable[(len(usable) - 1) // 2] if usable else ranked[0]
+        slips = np.array([r.comparison.motion.slip_ratio.value for r in self.results])
+        ranked = np.argsort(slips)  # NaN last
+        return self.results[int(ranked[max(int(np.isfinite(slips).sum()) - 1, 0) // 2])]
 
 
 def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
@@ -127,24 +112,22 @@ def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
     rows = []
     for velocity, trials in sorted(groups.items()):
         fits = [t.comparison.fit for t in trials]
+        inner = [f for f in fits if f.status == "ok"]
         *slip, count = mean_over(t.comparison.motion.slip_ratio for t in trials)
-        k92 = _k92([f for f in fits if f.status == "ok"])
+        k92 = mean_over(f.k92 for f in inner)
+        # The interval is by the likelihood where the covariance is not enough.
+        ends = chosen((k92.low, k92.high), k92_interval(inner, (k92.high - k92.low) / 2))
         own = next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None)
         rows.append(
             Speed(
-                velocity, tuple(trials), count, decided(*slip, unit="%", scale=100), decided(*k92),
+                velocity, tuple(trials), count, decided(*slip, unit="%", scale=100),
+                decided(k92.value, k92.std, *ends),
                 "at its limit" if all(f.status.endswith("bound") for f in fits) else "",
                 # The paper prints three digits; the tail of 100 times a fraction is none of them.
                 round(100 * own.slip_measured, 6) if own else math.nan, own.k92 if own else math.nan,
             )
         )  # fmt: skip
     return tuple(rows)
-
-
-def _k92(fits: Sequence[K92Fit]) -> tuple[float, float, float, float]:
-    """Return the mean k_92 with std and interval, which is by the likelihood where the covariance is off."""
-    value, std, low, high, _ = mean_over(f.k92 for f in fits)
-    return value, std, *chosen((low, high), k92_interval(fits, (high - low) / 2))
 
 
 @dataclass(frozen=True)
@@ -174,6 +157,11 @@ class Gap:
         """The channel as a reader calls it."""
         return CHANNELS.get(self.channel, self.channel)
 
+    def size_of(self, value: float) -> str:
+        """Return a value of the channel's unit as a difference is printed."""
+        unit, scale = shown_as(self.unit)
+        return with_unit(significant(value * scale, 2), unit)
+
 
 def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
     """Pool the misfits of several trials, weighted by samples; (channel, phase) to gap.
@@ -182,53 +170,96 @@ def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
     """
     pooled: dict[tuple[str, str], list[Misfit]] = {}
     sizes: dict[str, float] = {}
-    for comparison in comparisons:
-        simulated = comparison.simulated
-        own = {name: _size(simulated, name) for name in dict.fromkeys(m.channel for m in comparison.misfits)}
-        for m in comparison.misfits:
+    for c in comparisons:
+        largest = {}
+        for name in {m.channel for m in c.misfits} & c.simulated.keys():
+            values = np.abs(c.simulated[name])
+            values = values[np.isfinite(values)]
+            largest[name] = float(np.percentile(values, 99.5)) if values.size else 0.0
+        for m in c.misfits:
             channel = "wheels" if m.channel.startswith("wheel_") else m.channel
-            sizes[channel] = max(sizes.get(channel, 0.0), own[m.channel])
+            sizes[channel] = max(sizes.get(channel, 0.0), largest.get(m.channel, 0.0))
             if m.samples and math.isfinite(m.rms):
                 pooled.setdefault((channel, m.phase), []).append(m)
-    return {
-        key: _pool(*key, sizes[key[0]], misfits)
-        for key, misfits in sorted(pooled.items(), key=lambda item: _rank(item[0]))
-    }
-
-
-def _size(simulated: dict[str, Array], channel: str) -> float:
-    values = np.abs(simulated.get(channel, np.empty(0)))
-    values = values[np.isfinite(values)]
-    return float(np.percentile(values, 99.5)) if values.size else 0.0
-
-
-def _rank(key: tuple[str, str]) -> tuple[int, str, int]:
-    order, phases = list(CHANNELS), ("all", *PHASES)
-    place = order.index(key[0]) if key[0] in order else len(order)
-    return place, key[0], phases.index(key[1]) if key[1] in phases else len(phases)
+    order, phases = [*CHANNELS, *sorted(sizes.keys() - CHANNELS)], ["all", *PHASES]
+    keys = [(c, p) for c in order for p in phases if (c, p) in pooled]
+    return {key: _pool(*key, sizes[key[0]], pooled[key]) for key in keys}
 
 
 def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> Gap:
-    weights = np.array([m.samples for m in misfits], dtype=float)
+    def mean(values: list[float], of: list[Misfit]) -> float:
+        return float(np.average(values, weights=[m.samples for m in of]))
+
     known = [m for m in misfits if math.isfinite(m.normalised)]
-    normalised = math.nan
-    if known:
-        squares = np.average([m.normalised**2 for m in known], weights=[m.samples for m in known])
-        normalised = float(np.sqrt(squares))
     return Gap(
         channel=channel,
         unit=misfits[0].unit,
         phase=phase,
-        rms=float(np.sqrt(np.average([m.rms**2 for m in misfits], weights=weights))),
-        bias=float(np.average([m.bias for m in misfits], weights=weights)),
+        rms=math.sqrt(mean([m.rms**2 for m in misfits], misfits)),
+        bias=mean([m.bias for m in misfits], misfits),
         peak=max(m.peak for m in misfits),
-        normalised=normalised,
+        normalised=math.sqrt(mean([m.normalised**2 for m in known], known)) if known else math.nan,
         size=size,
         trials=len(misfits),
     )
 
 
-def worst_phase(found: Iterable[Gap]) -> str:
-    """Return the phase in which a difference is largest against its noise; empty where that is not known."""
-    known = [g for g in found if g.phase in PHASES and math.isfinite(g.normalised)]
-    return max(known, key=lambda g: g.normalised).phase if known else ""
+@dataclass(frozen=True)
+class ChannelAnswer:
+    """How well the model explains one quantity over whole trials.
+
+    Attributes:
+        channel: as in `Comparison.measured`; "wheels" are all four.
+        name: as a reader calls it.
+        unit: of the three numbers, as printed.
+        rms: of simulated minus measured.
+        noise: std of the measurement.
+        largest: largest simulated magnitude.
+        verdict, tone: in words.
+        worst: phase in which the difference is largest against the noise.
+    """
+
+    channel: str
+    name: str
+    unit: str
+    rms: float
+    noise: float
+    largest: float
+    verdict: str
+    tone: str
+    worst: str
+
+    @property
+    def differs(self) -> bool:
+        """Whether simulation and measurement differ by more than the noise."""
+        return self.tone in ("fair", "bad")
+
+
+def channels_of(found: dict[tuple[str, str], Gap]) -> tuple[ChannelAnswer, ...]:
+    """Judge each channel over whole trials."""
+    judged = []
+    for gap in (g for g in found.values() if g.phase == "all"):
+        unit, scale = shown_as(gap.unit)
+        noise = gap.rms / gap.normalised if gap.normalised > 0 else math.nan
+        phases = [g for g in found.values() if g.channel == gap.channel and g.phase in PHASES]
+        known = [g for g in phases if math.isfinite(g.normalised)]
+        worst = PHASES[max(known, key=lambda g: g.normalised).phase] if known else ""
+        judged.append(
+            ChannelAnswer(
+                gap.channel, gap.name, tidy_unit(unit), gap.rms * scale, noise * scale, gap.size * scale,
+                *_judge(gap, noise), worst,
+            )
+        )  # fmt: skip
+    return tuple(judged)
+
+
+def _judge(gap: Gap, noise: float) -> tuple[str, str]:
+    if not math.isfinite(gap.normalised):
+        return "not judged, noise not known", ""
+    if gap.normalised <= NOISE:
+        if gap.size > 0 and noise > UNSEEN * gap.size:
+            return "not judged, noise too large", ""
+        return "agrees", "good"
+    if gap.size > 0 and gap.rms < SMALL * gap.size:
+        return f"differs by less than {with_unit(significant(100 * SMALL, 1), '%')}", "good"
+    return ("differs", "fair") if gap.normalised <= CLEAR else ("differs clearly", "bad")

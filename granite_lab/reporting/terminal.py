@@ -1,8 +1,9 @@
-"""What commands print at their end: the answers and tables of the report, so that they fit 80 columns."""
+"""What commands print at their end: answers, tables and listings, so that they fit 80 columns."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,66 +15,19 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.estimation.judgement import Judgement
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit
+from granite_lab.logs.inspected import FileReport, Inspection
+from granite_lab.model.effect import Effect
+from granite_lab.parameters import Variant
+from granite_lab.parameters.catalogue import Provenance
 from granite_lab.reporting import answers as decide
-from granite_lab.reporting import tables
+from granite_lab.reporting import search_tables, tables
 from granite_lab.reporting.answers import Answer
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.grid import TONES, clean, grid, say
-from granite_lab.reporting.listings import show_effect, show_effects, show_inspection, show_parameters
+from granite_lab.reporting.grid import TONES, VIRTUAL, clean, grid, row_of, say, show_table
 from granite_lab.reporting.names import in_plain_words, latency_in_words, shared
-from granite_lab.reporting.rounding import significant
-from granite_lab.reporting.summary import gaps
-from granite_lab.reporting.table import Cell, Column, Table, estimate, tabulate
-
-__all__ = [
-    "show_a_theta",
-    "show_effect",
-    "show_effects",
-    "show_finding",
-    "show_inspection",
-    "show_k92_fits",
-    "show_misfits",
-    "show_motions",
-    "show_parameters",
-    "show_study",
-    "show_table",
-]
-
-VIRTUAL = "virtual data: written by a simulator"
-
-
-def show_table(table: Table, console: Console, *, only: Sequence[str] = ()) -> None:
-    """Print a table of the report.
-
-    Args:
-        table: the table.
-        console: where to print.
-        only: names of the columns to print, in the order of the table; all by default.
-    """
-    kept = [i for i, c in enumerate(table.columns) if not only or c.name in only]
-    flush = [k for k, i in enumerate(kept) if not table.columns[i].number]
-    shown = grid(*(_heading(table.columns[i]) for i in kept), words=flush)
-    for row in table.rows:
-        shown.add_row(*(clean(row[i].text, TONES.get(row[i].tone, "")) for i in kept))
-    console.print(shown)
-    if table.virtual:
-        say(console, f"{VIRTUAL}.", "yellow")
-
-
-def _heading(column: Column) -> str:
-    """Return a heading on two lines: the words, and the unit below them or the second half of the words."""
-    name = column.name
-    if column.unit:
-        return f"{name}\n[{column.unit}]" if len(name) < 12 else f"{_halves(name)} [{column.unit}]"
-    return _halves(name) if len(name) > 9 else name
-
-
-def _halves(text: str) -> str:
-    parts = text.split(" ")
-    if len(parts) < 2:
-        return text
-    cut = min(range(1, len(parts)), key=lambda k: max(len(" ".join(parts[:k])), len(" ".join(parts[k:]))))
-    return f"{' '.join(parts[:cut])}\n{' '.join(parts[cut:])}"
+from granite_lab.reporting.rounding import NONE, significant, tidy_unit
+from granite_lab.reporting.summary import channels_of, gaps
+from granite_lab.reporting.table import Cell, estimate, tabulate
 
 
 def show_study(
@@ -97,21 +51,14 @@ def show_study(
         say(console, f"left out: {failure.trial}: {failure.message}", "red")
     doubts = sum(bool(r.trial.warnings or r.comparison.motion.warnings) for r in result.trials)
     if doubts:
-        say(
-            console,
-            f"{doubts} of {len(result.trials)} trials have warnings; the report lists them.",
-            "yellow",
-        )
+        text = f"{doubts} of {len(result.trials)} trials have warnings; the report lists them."
+        say(console, text, "yellow")
 
 
 def _answers(questions: Sequence[Answer], console: Console) -> None:
     for answer in questions:
-        line = Text()
-        line.append(f"{answer.question} ", "bold")
-        if answer.verdict:
-            line.append_text(clean(f"{answer.verdict}. ", TONES.get(answer.tone, "")))
-        line.append_text(clean(answer.text))
-        console.print(line)
+        verdict = clean(f"{answer.verdict}. " if answer.verdict else "", TONES.get(answer.tone, ""))
+        console.print(Text.assemble(clean(f"{answer.question} ", "bold"), verdict, clean(answer.text)))
         if answer.command:
             console.print(clean(f"  {answer.command}"), soft_wrap=True)
 
@@ -125,7 +72,7 @@ def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]]
             ("speed [m/s]", "speed_mps", lambda m: Cell(f"{m.variant.velocity:.3g}", (m.variant.velocity,))),
             ("distance [m]", "distance_m distance_std_m", lambda m: estimate(m.distance)),
             ("slip λ_R [%]", "slip_ratio slip_ratio_std", lambda m: estimate(m.slip_ratio, 100)),
-            ("wheel stamps late [ms]", "late_s late_std_s", lambda m: tables.late(m.stamps_late)),
+            ("wheel stamps late [ms]", "late_s late_std_s", lambda m: estimate(m.stamps_late, 1e3)),
             ("estimate", "", lambda m: tables.good(m.health.good)),
         ],
         virtual=any(m.virtual for m, _, _ in rows),
@@ -142,18 +89,17 @@ def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]]
 def _against_reference(judged: Judgement) -> str:
     """Say in one sentence how an estimate, or the wheels where there is none, meets the reference."""
     unit = "m/s" if judged.quantity == "velocity" else "m"
-    wheels = f"wheels alone {significant(judged.rmse_wheels, 2)} {unit}"
-    slip = f"apparent slip {significant(100 * judged.slip, 3)} % by the reference's way"
+    wheels, slip = f"{significant(judged.rmse_wheels, 2)} {unit}", f"{significant(100 * judged.slip, 3)} %"
+    slip = f"apparent slip {slip} by the reference's way"
     known = math.isfinite(judged.rmse_wheels) and math.isfinite(judged.slip)
     if not math.isfinite(judged.rmse):
-        return f"{judged.quantity} of the wheels against the reference: " + (
-            f"{slip}, rms difference {significant(judged.rmse_wheels, 2)} {unit}" if known else "unknown"
-        )
+        text = f"{slip}, rms difference {wheels}" if known else "unknown"
+        return f"{judged.quantity} of the wheels against the reference: {text}"
+    alone = f", wheels alone {wheels}, {slip}" if known else ""
     return (
         f"{judged.quantity} against the reference: rms error {significant(judged.rmse, 2)} {unit}, mean "
-        f"{significant(judged.bias, 2)} {unit}"
-        + (f", {wheels}, {slip}" if known else "")
-        + f"; within ±2σ {significant(100 * judged.coverage, 2)} % of {judged.samples} samples"
+        f"{significant(judged.bias, 2)} {unit}{alone}; within ±2σ {significant(100 * judged.coverage, 2)} % "
+        f"of {judged.samples} samples"
     )
 
 
@@ -180,12 +126,10 @@ def show_a_theta(fit: AThetaFit, console: Console) -> None:
 
 def show_misfits(comparisons: Sequence[Comparison], console: Console) -> None:
     """Print the difference of simulation and measurement by quantity, over all trials."""
-    judged = decide.channels_of(gaps(comparisons))
-    virtual = any(c.motion.virtual for c in comparisons)
-    show_table(tables.channel_table(judged, virtual), console, only=SHORT)
-
-
-SHORT = ("quantity", "verdict", "difference, rms", "noise", "largest value")
+    judged = channels_of(gaps(comparisons))
+    table = tables.channel_table(judged, any(c.motion.virtual for c in comparisons))
+    columns = ("quantity", "verdict", "difference, rms", "noise", "largest value")
+    show_table(table, console, only=columns)
 
 
 def show_finding(
@@ -200,7 +144,7 @@ def show_finding(
         if effects:
             console.print()
             say(console, f"{title} effect{'s' if len(effects) > 1 else ''}", "bold")
-            table = tables.effects_table(finding, {}, effects, small=title == "small")
+            table = search_tables.effects_table(finding, {}, effects, small=title == "small")
             show_table(table, console, only=("effect", "number", "value ± std", "probability"))
     if latency := latency_in_words(finding.latency):
         say(console, f"{latency}.")
@@ -208,3 +152,117 @@ def show_finding(
         say(console, f"left out: {trial}: {reason}", "red")
     for note in finding.notes:
         say(console, f"note: {in_plain_words(note, finding)}", "yellow")
+
+
+def show_inspection(inspection: Inspection, console: Console) -> None:
+    """Print what was recognised in each file: layout, columns, clocks, standstills, motion, doubts."""
+    for i, report in enumerate(inspection.files):
+        if i:
+            console.print()
+        say(console, str(report.path), "bold")
+        if report.problem:
+            say(console, report.problem, TONES["bad"])
+        if report.columns or not report.problem:
+            _file(report, console)
+
+
+def _file(report: FileReport, console: Console) -> None:
+    known = (
+        f"layout “{report.layout}”"
+        if report.layout
+        else "no known layout; columns guessed from names and values"
+    )
+    say(console, f"{known}, {100 * report.confidence:.0f} % sure")
+    if report.dialect is not None:
+        d = report.dialect
+        text = (
+            f"text: {d.encoding}, {d.delimiter_name} between columns, decimal “{d.decimal}”, header in line "
+            f"{d.header_line}, first row in line {d.data_line}"
+        )
+        say(console, text, "dim")
+    table = grid("column", "becomes", "unit", "sure [%]", "from", "to", words=(0, 1, 2))
+    for c in report.columns:
+        tone = "good" if c.confidence >= 0.9 else "fair" if c.confidence >= 0.6 else "bad"
+        ends = ("" if math.isnan(end) else significant(end) for end in (c.low, c.high))
+        name, becomes = c.name or f"(column {c.place + 1})", clean(c.why or "not used", "dim")
+        if c.to:
+            sure = Text(f"{100 * c.confidence:.0f}", TONES[tone])
+            table.add_row(*row_of(name, ", ".join(c.to), tidy_unit(c.unit), sure, *ends))
+        else:
+            table.add_row(*row_of(name, becomes, "", "", *ends))
+    console.print(table)
+    if report.streams:
+        titles = ("clock", "samples", "from [s]", "to [s]", "rate [Hz]", "jitter [ms]", "gaps")
+        clocks = grid(*titles, words=(0,))
+        for s in report.streams:
+            missing = f"{s.gaps} (≤ {significant(s.longest_gap, 2)} s)" if s.gaps else "0"
+            jitter = significant(1e3 * s.jitter, 2)
+            clocks.add_row(
+                *row_of(
+                    s.what,
+                    str(s.samples),
+                    f"{s.start:.2f}",
+                    f"{s.end:.2f}",
+                    significant(s.rate),
+                    jitter,
+                    missing,
+                )
+            )
+        console.print()
+        console.print(clocks)
+    rests = ", ".join(f"{start:.2f}–{end:.2f} s" for start, end in report.rests)
+    say(console, f"standstills: {rests or 'none found'}")
+    if report.motion is not None:
+        m = report.motion
+        which = f"variant {m.variant.velocity:g} m/s of Table 2" if m.variant else "no variant of Table 2"
+        text = (
+            f"motion: {significant(m.velocity)} m/s, {significant(m.acceleration, 2)} m/s², "
+            f"{significant(m.distance)} m at the wheels, {which} ({100 * m.confidence:.0f} % sure)"
+        )
+        say(console, text)
+    for doubt in report.doubts:
+        say(console, f"doubt: {doubt}", "yellow")
+
+
+def show_parameters(rows: Sequence[Provenance], variants: Sequence[Variant], console: Console) -> None:
+    """Print every parameter in force with symbol, unit, allowed range and origin."""
+    for group in dict.fromkeys(row.group for row in rows):
+        members = [row for row in rows if row.group == group]
+        common = Counter(row.origin for row in members).most_common(1)[0][0]
+        console.print(Text.assemble((group, "bold"), (f"  from {common}", "dim")))
+        table = grid("key", "symbol", "value", "unit", "allowed", "", words=(0, 1, 3, 4, 5))
+        for row in members:
+            value = f"{row.value:g}" if isinstance(row.value, (int, float)) else str(row.value)
+            other = clean(row.origin if row.origin != common else "", "dim")
+            allowed = f"{row.low:g} … {row.high:g}"
+            table.add_row(*row_of(row.key, row.symbol, value, row.unit, allowed, other))
+        console.print(table)
+        console.print()
+    say(console, "variants (Table 2)", "bold")
+    table = grid("velocity [m/s]", "acceleration [m/s²]", "distance [m]")
+    for v in variants:
+        table.add_row(*row_of(f"{v.velocity:g}", f"{v.acceleration:g}", f"{v.distance:g}"))
+    console.print(table)
+
+
+def show_effects(effects: Sequence[Effect], console: Console) -> None:
+    """Print one line per effect."""
+    table = grid("effect", "what it is", "parameters", words=(0, 1, 2))
+    for effect in effects:
+        named = [f"{p.name} [{tidy_unit(p.unit)}]" if p.unit else p.name for p in effect.parameters]
+        table.add_row(*row_of(effect.id, effect.title, ", ".join(named)))
+    console.print(table)
+
+
+def show_effect(effect: Effect, console: Console) -> None:
+    """Print what an effect is: equation, source, what an observer sees, parameters."""
+    say(console, f"{effect.id}: {effect.title}", "bold")
+    texts = {"equation": effect.equation, "source": effect.source, "seen as": effect.signature}
+    for label, text in texts.items():
+        console.print(Text.assemble(clean(f"{label}: ", "dim"), clean(text)))
+    table = grid("parameter", "unit", "neutral", "allowed", "expected", "meaning", words=(0, 1, 3, 4, 5))
+    for p in effect.parameters:
+        allowed, expected = f"{p.low:g} … {p.high:g}", f"{p.prior_low:g} … {p.prior_high:g}"
+        unit = tidy_unit(p.unit) or NONE
+        table.add_row(*row_of(p.name, unit, f"{p.neutral:g}", allowed, expected, p.meaning))
+    console.print(table)

@@ -14,22 +14,22 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from matplotlib.figure import Figure as Canvas
 
 from granite_lab.errors import InputError
 from granite_lab.files import readable
 from granite_lab.reporting import canvas
-from granite_lab.reporting.figures import Figure
+from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.json_report import SCHEMA
 from granite_lab.reporting.names import plain
-from granite_lab.reporting.rounding import NONE, interval, significant, tidy_unit
-from granite_lab.reporting.table import Cell, Table, tabulate, words
+from granite_lab.reporting.rounding import interval, tidy_unit
+from granite_lab.reporting.table import Cell, Table, number, tabulate, words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,8 +40,7 @@ SEEN = (1.959964 + 0.841621) / 1.959964
 DIFFERS, ALIKE, UNKNOWN = "differs", "no difference seen", "not known"
 
 
-@dataclass(frozen=True)
-class Value:
+class Value(NamedTuple):
     """A number of one study with its 95 % interval; NaN where it is not known."""
 
     value: float = math.nan
@@ -57,7 +56,7 @@ class Row:
         quantity: as a reader calls it.
         unit: of all numbers.
         a, b: in the first and the second study.
-        only: why the two cannot be compared; empty where they can.
+        only: which study alone has it; empty where both do.
     """
 
     quantity: str
@@ -71,11 +70,8 @@ class Row:
         """Second minus first."""
         a, b = self.a, self.b
         d = b.value - a.value
-        low, high = (
-            math.hypot(b.value - b.low, a.high - a.value),
-            math.hypot(b.high - b.value, a.value - a.low),
-        )
-        return Value(d, d - low, d + high)
+        below = math.hypot(b.value - b.low, a.high - a.value)
+        return Value(d, d - below, d + math.hypot(b.high - b.value, a.value - a.low))
 
     @property
     def smallest(self) -> float:
@@ -129,9 +125,16 @@ def compare_studies(first: Path | str, second: Path | str) -> Compared:
     names = (str(a["name"]), str(b["name"]))
     if names[0] == names[1]:
         names = (f"{names[0]} (A)", f"{names[1]} (B)")
-    rows = (*_speeds(a, b, "slip", "slip"), *_speeds(a, b, "k92", "k_92"), *_law(a, b), *_effects(a, b))
-    virtual = bool(a["virtual"] or b["virtual"])
-    return Compared(names, rows, tuple(_notes(a, b, rows)), virtual)
+    searched = a["discovery"] is not None and b["discovery"] is not None
+    own = [dict(_quantities(d, effects=searched)) for d in (a, b)]
+    rows = []
+    for quantity in dict.fromkeys([*own[0], *own[1]]):
+        found = [study.get(quantity) for study in own]
+        only = "" if all(found) else f"only in {'A' if found[0] else 'B'}"
+        unit = next(one[0] for one in found if one)
+        values = [one[1] if one else Value() for one in found]
+        rows.append(Row(quantity, unit, values[0], values[1], only))
+    return Compared(names, tuple(rows), tuple(_notes(a, b, rows)), bool(a["virtual"] or b["virtual"]))
 
 
 def _load(given: Path) -> Mapping[str, Any]:
@@ -150,55 +153,32 @@ def _load(given: Path) -> Mapping[str, Any]:
     return document
 
 
-def _value(number: Mapping[str, Any] | None) -> Value:
+def _quantities(document: Mapping[str, Any], *, effects: bool) -> Iterator[tuple[str, tuple[str, Value]]]:
+    """Yield each quantity of a report with its unit and value; those of effects if asked to."""
+    for key, name, unit in (("slip", "slip", "%"), ("k92", "k_92", "–")):
+        for s in document["answers"]["speeds"]:
+            yield f"{name} at {s['speed_mps']:g} m/s", (unit, _value(s[key]))
+    if document["a_theta"] is not None:
+        yield "a_θ", ("s/m", _value(document["a_theta"]))
+    for effect in document["discovery"]["effects"] if effects else ():
+        for name, p in effect["parameters"].items():
+            unit = "–" if p["unit"] in ("", "-") else p["unit"]
+            yield f"{plain(effect['id'])}, {name.replace('_', ' ')}", (unit, _value(p))
+
+
+def _value(known: Mapping[str, Any]) -> Value:
     """Return a number of a report with its interval, by its std where it states none."""
-    if number is None or number.get("value") is None:
+    if known.get("value") is None:
         return Value()
-    value, std = float(number["value"]), number.get("std")
-    low, high = number.get("ci95") or (None, None)
+    value, std = float(known["value"]), known.get("std")
+    low, high = known.get("ci95") or (None, None)
     if low is not None and high is not None:
         return Value(value, float(low), float(high))
     half = 1.959964 * float(std) if std is not None else math.nan
     return Value(value, value - half, value + half)
 
 
-def _speeds(a: Mapping[str, Any], b: Mapping[str, Any], key: str, name: str) -> Iterator[Row]:
-    own = [{s["speed_mps"]: s[key] for s in d["answers"]["speeds"]} for d in (a, b)]
-    for speed in sorted(own[0].keys() | own[1].keys()):
-        only = "" if speed in own[0] and speed in own[1] else f"only in {'A' if speed in own[0] else 'B'}"
-        unit = "%" if key == "slip" else "–"
-        first, second = (_value(o.get(speed)) for o in own)
-        yield Row(f"{name} at {speed:g} m/s", unit, first, second, only)
-
-
-def _law(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[Row]:
-    if a["a_theta"] is not None or b["a_theta"] is not None:
-        yield Row("a_θ", "s/m", _value(a["a_theta"]), _value(b["a_theta"]))
-
-
-def _effects(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[Row]:
-    """Yield the sizes of the effects that either study names."""
-    if a["discovery"] is None or b["discovery"] is None:
-        return
-    own = [{e["id"]: e["parameters"] for e in d["discovery"]["effects"]} for d in (a, b)]
-    for effect in dict.fromkeys([*own[0], *own[1]]):
-        only = (
-            ""
-            if effect in own[0] and effect in own[1]
-            else f"named in {'A' if effect in own[0] else 'B'} only"
-        )
-        parameters = dict.fromkeys([*own[0].get(effect, ()), *own[1].get(effect, ())])
-        for name in parameters:
-            found = [o.get(effect, {}).get(name) for o in own]
-            unit = next(p["unit"] for p in found if p is not None)
-            title = f"{plain(effect)}, {name.replace('_', ' ')}"
-            first, second = map(_value, found)
-            yield Row(title, "–" if unit in ("", "-") else unit, first, second, only)
-        if not parameters:
-            yield Row(plain(effect), "–", Value(), Value(), only or "named in both")
-
-
-def _notes(a: Mapping[str, Any], b: Mapping[str, Any], rows: tuple[Row, ...]) -> Iterator[str]:
+def _notes(a: Mapping[str, Any], b: Mapping[str, Any], rows: Sequence[Row]) -> Iterator[str]:
     judged = [r for r in rows if r.verdict in (DIFFERS, ALIKE)]
     yield (
         f"Each interval holds the true difference in 95 of 100 cases: of {len(judged)} rows, about "
@@ -208,13 +188,10 @@ def _notes(a: Mapping[str, Any], b: Mapping[str, Any], rows: tuple[Row, ...]) ->
     if first & second:
         yield f"{len(first & second)} files are read by both studies; the intervals take them as independent."
     yield "Errors that both studies share, as of the wheel radius, cancel in a difference only in part."
-    parameters = [{p["key"]: p["value"] for p in d["provenance"]["parameters"]} for d in (a, b)]
-    other = [
-        k for k in parameters[0].keys() | parameters[1].keys() if parameters[0].get(k) != parameters[1].get(k)
-    ]
+    p, q = ({(p["key"], p["value"]) for p in d["provenance"]["parameters"]} for d in (a, b))
+    other = sorted({key for key, _ in p ^ q})
     if other:
-        more = " and more" if len(other) > 6 else ""
-        yield f"The parameter files differ in {', '.join(sorted(other)[:6])}{more}."
+        yield f"The parameter files differ in {', '.join(other[:6])}{' and more' if len(other) > 6 else ''}."
     for name, d in zip("AB", (a, b), strict=True):
         if d["discovery"] is None:
             yield f"{name} has no search for a missing effect: effects are not compared."
@@ -226,18 +203,7 @@ def compared_table(found: Compared) -> Table:
     """Return the rows as a table."""
 
     def value(v: Value) -> Cell:
-        digits = 4 if abs(v.value) >= 10 else 3
-        return Cell(
-            significant(v.value, digits) if math.isfinite(v.value) else NONE, (v.value, v.low, v.high)
-        )
-
-    def difference(r: Row) -> Cell:
-        d = r.difference
-        text = interval(d.low, d.high) if math.isfinite(d.low + d.high) else NONE
-        return Cell(text, (d.value, d.low, d.high))
-
-    def smallest(r: Row) -> Cell:
-        return Cell(significant(r.smallest, 2) if math.isfinite(r.smallest) else NONE, (r.smallest,))
+        return Cell(number(v.value, 4 if abs(v.value) >= 10 else 3).text, v)
 
     tones = {DIFFERS: "fair", ALIKE: "good"}
     return tabulate(
@@ -250,8 +216,9 @@ def compared_table(found: Compared) -> Table:
             ("unit", "", lambda r: tidy_unit(r.unit)),
             ("A", "a a_low95 a_high95", lambda r: value(r.a)),
             ("B", "b b_low95 b_high95", lambda r: value(r.b)),
-            ("B − A, 95 %", "difference difference_low95 difference_high95", difference),
-            ("seen from", "smallest_seen", smallest),
+            ("B − A, 95 %", "difference difference_low95 difference_high95",
+             lambda r: Cell(interval(r.difference.low, r.difference.high), r.difference)),
+            ("seen from", "smallest_seen", lambda r: number(r.smallest, 2)),
             ("verdict", "", lambda r: words(r.verdict, tones.get(r.verdict, ""))),
         ],
         virtual=found.virtual,
@@ -269,23 +236,20 @@ def compared_figure(found: Compared) -> Figure | None:
         "differences", title,
         f"{found.names[1]} minus {found.names[0]}, over half the width of its 95 % interval. Bars that miss "
         "the line at 0 differ.",
-        "Differences between two studies with their 95 % intervals, one row a quantity.",
-        partial(_draw, rows, found.virtual), found.virtual,
+        partial(_draw, rows), found.virtual,
     )  # fmt: skip
 
 
-def _draw(rows: list[Row], virtual: bool) -> Canvas:
+def _draw(rows: Sequence[Row]) -> Canvas:
     figure, (axis,) = canvas.named_rows([r.quantity for r in rows], left=2.1)
-    with canvas.styled():
-        for k, row in enumerate(rows):
-            d = row.difference
-            half = (d.high - d.low) / 2 or 1.0
-            color = canvas.SIMULATED if row.verdict == DIFFERS else canvas.MEASURED
-            bars = [[(d.value - d.low) / half], [(d.high - d.value) / half]]
-            axis.errorbar(d.value / half, k, xerr=bars, color=color, marker="o", markersize=3.5, capsize=2)
-        axis.axvline(0, color=canvas.INK, linewidth=0.8)
-        axis.set_xlabel("(B − A) over half its 95 % interval [–]")
-        canvas.mark_virtual(figure, virtual)
+    for k, row in enumerate(rows):
+        d = row.difference
+        half = (d.high - d.low) / 2 or 1.0
+        color = canvas.SIMULATED if row.verdict == DIFFERS else canvas.MEASURED
+        bars = [[(d.value - d.low) / half], [(d.high - d.value) / half]]
+        axis.errorbar(d.value / half, k, xerr=bars, color=color, marker="o", markersize=3.5, capsize=2)
+    axis.axvline(0, color=canvas.INK, linewidth=0.8)
+    axis.set_xlabel("(B − A) over half its 95 % interval [–]")
     return figure
 
 

@@ -1,15 +1,17 @@
-"""Write a report's files: complete, or not at all."""
+"""Write a report's files as HTML, Markdown, JSON, PDF and tables: complete, or not at all."""
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
+from functools import lru_cache
 from pathlib import Path
 
-from markupsafe import Markup
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.as_json import finding_as_json
@@ -17,19 +19,23 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.files import readable, write_text
 from granite_lab.model.effect import Effect
 from granite_lab.reporting import crate
-from granite_lab.reporting.answers import channels_of
+from granite_lab.reporting.canvas import Figure, on_page, rendered
 from granite_lab.reporting.content import Source, StudyResult
-from granite_lab.reporting.document import Gallery, Listing, Report
-from granite_lab.reporting.figures import Figure, rendered
 from granite_lab.reporting.json_report import dumps, to_json
-from granite_lab.reporting.latex import to_latex
-from granite_lab.reporting.paper.pages import report_pdf
-from granite_lab.reporting.plot_motion import comparison_figure
-from granite_lab.reporting.plot_quality import misfit_figure
-from granite_lab.reporting.render import blocks_to_markdown, picture, to_html, to_markdown
-from granite_lab.reporting.report import LIBRARIES, made_by, search_report, study_report, today
-from granite_lab.reporting.summary import gaps
-from granite_lab.reporting.table import Table
+from granite_lab.reporting.paper import report_pdf
+from granite_lab.reporting.plot_motion import comparison_figure, misfit_figure
+from granite_lab.reporting.report import (
+    LIBRARIES,
+    Block,
+    Gallery,
+    Report,
+    made_by,
+    search_report,
+    study_report,
+    today,
+)
+from granite_lab.reporting.summary import channels_of, gaps
+from granite_lab.reporting.table import Table, to_latex
 from granite_lab.reporting.tables import channel_table, misfit_table
 from granite_lab.reporting.two_studies import Compared, compared_figure, compared_table
 
@@ -65,19 +71,17 @@ def write_report(
         LabError: a file cannot be written.
     """
     report = study_report(result, model=model, effects=effects, folder=_named(folder))
-    documents = {"report.json": to_json(result, report, model)}
-    return _write_all(report, folder, documents, jobs, partial(_for_print, result, report, folder))
 
+    def finish(new: Path) -> None:
+        drawn = {f.name: (new / "figures" / f"{f.name}.pdf").read_bytes() for f in report.figures}
+        (new / "report.pdf").write_bytes(report_pdf(result, report, made_by(result.source), drawn))
+        for name in crate.BESIDE:
+            if (folder / name).is_file():
+                shutil.copyfile(folder / name, new / name)  # so that report and record belong together
+        files = [path for path in new.rglob("*") if path.is_file()]
+        _write(new / crate.NAME, crate.crate(report, result.source, today(), LIBRARIES, files, new))
 
-def _for_print(result: StudyResult, report: Report, folder: Path, new: Path) -> None:
-    """Add ``report.pdf`` and the provenance of all files to a new report."""
-    drawn = {f.name: (new / "figures" / f"{f.name}.pdf").read_bytes() for f in report.figures}
-    (new / "report.pdf").write_bytes(report_pdf(result, report, made_by(result.source), drawn))
-    for name in crate.BESIDE:
-        if (folder / name).is_file():
-            shutil.copyfile(folder / name, new / name)  # so that report and record belong together
-    files = [path for path in new.rglob("*") if path.is_file()]
-    _write(new / crate.NAME, crate.crate(report, result.source, today(), LIBRARIES, files, new))
+    return _write_all(report, folder, "report.json", to_json(result, report, model), jobs, finish)
 
 
 def write_discovery(
@@ -105,7 +109,7 @@ def write_discovery(
     """
     beside, name = Path(model).name if model is not None else None, folder.resolve().name
     report = search_report(finding, name, source, model=beside, effects=effects, folder=_named(folder))
-    return _write_all(report, folder, {"finding.json": dumps(finding_as_json(finding, model))}, jobs)
+    return _write_all(report, folder, "finding.json", dumps(finding_as_json(finding, model)), jobs)
 
 
 def _named(folder: Path) -> str:
@@ -116,16 +120,16 @@ def _named(folder: Path) -> str:
 def _write_all(
     report: Report,
     folder: Path,
-    documents: Mapping[str, str],
+    numbers: str,
+    document: str,
     jobs: int,
     finish: Callable[[Path], None] = lambda _: None,
 ) -> Path:
     with _replacing(folder) as new:
-        pictures = _write_figures(report.figures, new / "figures", jobs)
-        _write_tables(report.tables, new / "tables")
-        for name, text in documents.items():
-            _write(new / name, text)
-        _write(new / "report.md", to_markdown(report))
+        pictures = _write_figures(report.figures, new, jobs)
+        _write_tables(report.tables, new)
+        _write(new / numbers, document)
+        _write(new / "report.md", to_markdown("report.md", report=report))
         _write(new / "index.html", to_html(report, pictures))
         finish(new)
     return folder / "index.html"
@@ -153,8 +157,8 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     figures = [comparison_figure(c, i) for i, c in enumerate(comparisons, 1)]
     heat = misfit_figure(found, judged, virtual)
     with _replacing(folder) as new:
-        _write_figures([*figures, *([heat] if heat else [])], new / "figures")
-        _write_tables([channel_table(judged, virtual), misfit_table(found, virtual)], new / "tables")
+        _write_figures([*figures, *([heat] if heat else [])], new)
+        _write_tables([channel_table(judged, virtual), misfit_table(found, virtual)], new)
         names = sorted(p.relative_to(new) for p in new.rglob("*") if p.is_file())
     return [folder / name for name in names]
 
@@ -166,13 +170,12 @@ def write_compared(found: Compared, folder: Path) -> Path:
         LabError: a file cannot be written.
     """
     table, figure = compared_table(found), compared_figure(found)
-    blocks = (
-        table, *((Gallery((figure,)),) if figure is not None else ()), Listing(found.notes),
-    )  # fmt: skip
+    figures = (figure,) if figure is not None else ()
+    blocks: list[Block] = [table, Gallery(figures), list(found.notes)]
     with _replacing(folder) as new:
-        _write_figures([figure] if figure is not None else [], new / "figures")
-        _write_tables([table], new / "tables")
-        _write(new / "compared.md", blocks_to_markdown("Two studies compared", blocks))
+        _write_figures(figures, new)
+        _write_tables([table], new)
+        _write(new / "compared.md", to_markdown("compared.md", blocks=blocks))
     return folder / "compared.md"
 
 
@@ -181,22 +184,21 @@ def _write(path: Path, text: str) -> None:
 
 
 def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, Markup]:
-    """Write each figure as SVG, PNG and PDF; return the elements of a page that show them, by id."""
-    folder.mkdir()
+    """Write each figure in all formats; return the elements of a page that show them, by name."""
+    (folder / "figures").mkdir()
     pictures: dict[str, Markup] = {}
     for figure, files in zip(figures, rendered(figures, jobs), strict=True):
-        pictures[figure.name] = picture(figure, files.svg, inline=len(pictures) < INLINE)
-        _write(folder / f"{figure.name}.svg", files.svg)
-        (folder / f"{figure.name}.png").write_bytes(files.png)
-        (folder / f"{figure.name}.pdf").write_bytes(files.pdf)
+        pictures[figure.name] = on_page(figure, files["svg"].decode(), inline=len(pictures) < INLINE)
+        for kind, data in files.items():
+            (folder / "figures" / f"{figure.name}.{kind}").write_bytes(data)
     return pictures
 
 
 def _write_tables(tables: Sequence[Table], folder: Path) -> None:
-    folder.mkdir()
+    (folder / "tables").mkdir()
     for table in tables:
-        _write(folder / f"{table.name}.csv", table.to_csv())
-        _write(folder / f"{table.name}.tex", to_latex(table))
+        _write(folder / "tables" / f"{table.name}.csv", table.to_csv())
+        _write(folder / "tables" / f"{table.name}.tex", to_latex(table))
 
 
 @contextmanager
@@ -224,3 +226,48 @@ def _replacing(folder: Path) -> Iterator[Path]:
                 entry.replace(target)
     except OSError as error:
         raise readable(error, folder, "write") from error
+
+
+_SYMBOL = re.compile(r"\b(k_92|a_θ|λ_R|b_0|b_1)\b")
+_UNIT = re.compile(r"(?<=\d) (?=[%°]|(?:m/s|mm/s|s/m|N m|ms)\b)")
+_MARKDOWN = {c: f"\\{c}" for c in "\\`*_[]|~#$"} | {"&": "&amp;", "<": "&lt;", ">": "&gt;"}
+_BREAKS = re.compile(r"[\r\n\t\v\f\x00-\x1f]+")
+
+
+def to_html(report: Report, pictures: Mapping[str, Markup]) -> str:
+    """Return the report as one HTML page; `pictures` are its figures on the page, by name."""
+    return _environment(html=True).get_template("report.html").render(report=report, svg=pictures)
+
+
+def to_markdown(template: str, **content: object) -> str:
+    """Return a page as Markdown that shows the figures beside it."""
+    text = _environment(html=False).get_template(template).render(**content)
+    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
+
+
+def marked(text: object) -> Markup:
+    """Escape a text, keep numbers on the line of their units, and set λ_R with its index low."""
+    safe = _UNIT.sub("\u00a0", str(escape(text)))
+    return Markup(_SYMBOL.sub(lambda m: m[1].replace("_", "<sub>", 1) + "</sub>", safe))
+
+
+def plain_markdown(value: object) -> str:
+    """Escape a text so that Markdown shows it as it is, on one line, also inside a table."""
+    if isinstance(value, Markup):
+        return value
+    return "".join(_MARKDOWN.get(c, c) for c in _BREAKS.sub(" ", str(value)))
+
+
+@lru_cache
+def _environment(*, html: bool) -> Environment:
+    environment = Environment(
+        loader=PackageLoader("granite_lab.reporting"),
+        autoescape=html,
+        finalize=None if html else plain_markdown,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    environment.filters["marked"] = marked
+    environment.filters["fenced"] = lambda text: Markup(_BREAKS.sub(" ", str(text)).replace("`", " "))
+    environment.filters["kind"] = lambda block: type(block).__name__
+    return environment

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from granite_lab.reporting.plot_effect import ROWS, effect_drawing
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
@@ -18,6 +17,7 @@ from granite_lab.model.effect import Effect, EffectParameter, Own, activate
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, load_robot, load_soil, load_variants
 from granite_lab.planning.imprint import Imprint, imprint
+from granite_lab.reporting.plot_model import ROWS, effect_drawing
 
 TWO = (load_variants()[1], load_variants()[3])
 

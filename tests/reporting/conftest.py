@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from granite_lab.reporting import figures, write_discovery, write_report
+from granite_lab.reporting import canvas, write_discovery, write_report
 from granite_lab.reporting.content import Source, StudyResult
 from tests.reporting.made_up import made_up_study, rename
 from tests.reporting.made_up_finding import made_up_finding
@@ -55,6 +55,6 @@ def twelve_folder(twelve: StudyResult, tmp_path_factory: pytest.TempPathFactory)
     """Its report without the figures for print."""
     folder = tmp_path_factory.mktemp("reports") / "twelve"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "to_png", lambda *_: b"")
+        patch.setattr(canvas, "DPI", 10)
         write_report(twelve, folder, model="model.toml")
     return folder

@@ -13,11 +13,11 @@ import pytest
 from granite_lab.estimate import Part
 from granite_lab.fitting import fit_a_theta
 from granite_lab.parameters import load_paper
-from granite_lab.reporting.budgets import COMBINED, budget_tables
 from granite_lab.reporting.content import StudyResult, TrialResult
 from granite_lab.reporting.report import study_report
 from granite_lab.reporting.summary import by_speed
 from granite_lab.reporting.table import Table
+from granite_lab.reporting.tables import COMBINED, budget_tables
 from tests.reporting.made_up import made_up_study
 
 
@@ -81,4 +81,4 @@ def test_the_budgets_stand_in_one_closed_part_of_the_report(study: StudyResult) 
 
 def test_without_components_there_is_no_budget() -> None:
     made = made_up_study(speeds=(0.2, 0.3, 0.5), repetitions=2)
-    assert budget_tables(made, by_speed(made, load_paper())) == ()
+    assert budget_tables(made, by_speed(made, load_paper())) == []

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure as Canvas
 
 from granite_lab.errors import LabError
-from granite_lab.reporting.figures import FEW, Figure, rendered
+from granite_lab.reporting.canvas import FEW, Figure, rendered
 
 
 def drawing(k: int) -> Figure:
@@ -19,13 +19,13 @@ def drawing(k: int) -> Figure:
         figure.add_subplot().plot([0, k])
         return figure
 
-    return Figure(f"d{k}", "a line", "It rises.", "a line", drawn)
+    return Figure(f"d{k}", "a line", "It rises.", drawn)
 
 
 def test_two_processes_draw_the_same_bytes_in_the_same_order() -> None:
     drawings = [drawing(k) for k in range(2 * FEW)]
     alone = list(rendered(drawings, 1))
-    assert len({files.svg for files in alone}) == len(drawings)
+    assert len({files["svg"] for files in alone}) == len(drawings)
     assert list(rendered(drawings, 2)) == alone
 
 
@@ -35,7 +35,7 @@ def test_a_process_that_dies_is_an_error_with_a_hint() -> None:
         os.kill(os.getpid(), signal.SIGKILL)
         raise AssertionError
 
-    drawings = [drawing(k) for k in range(2 * FEW - 1)] + [Figure("x", "t", "s", "a", deadly)]
+    drawings = [drawing(k) for k in range(2 * FEW - 1)] + [Figure("x", "t", "s", deadly)]
     with pytest.raises(LabError, match="a process that drew figures has died") as caught:
         list(rendered(drawings, 2))
     assert "--jobs 1" in caught.value.hint

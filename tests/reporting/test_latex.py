@@ -6,9 +6,8 @@ import re
 
 import pytest
 
-from granite_lab.reporting.latex import LONG, escaped, to_latex
 from granite_lab.reporting.report import study_report
-from granite_lab.reporting.table import Cell, Column, Table, words
+from granite_lab.reporting.table import LONG, Cell, Column, Table, escaped, to_latex, words
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding

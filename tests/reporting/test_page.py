@@ -16,8 +16,7 @@ from rich.console import Console
 from granite_lab.estimate import Estimate
 from granite_lab.reporting.answers import Answers, of_study
 from granite_lab.reporting.content import StudyResult, command_of
-from granite_lab.reporting.document import Fold, Gallery
-from granite_lab.reporting.report import study_report
+from granite_lab.reporting.report import Fold, Gallery, study_report
 from granite_lab.reporting.rounding import decided
 from granite_lab.reporting.tables import slip_table
 from granite_lab.reporting.terminal import show_study

@@ -11,7 +11,7 @@ from pypdf import PdfReader
 
 from granite_lab.reporting import write_report
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.paper.layout import HEIGHT, MARGIN, WIDTH, Page, width_of, wrapped
+from granite_lab.reporting.paper import HEIGHT, MARGIN, WIDTH, Page, width_of, wrapped
 from granite_lab.reporting.report import study_report
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
@@ -74,8 +74,8 @@ def test_no_line_is_longer_than_it_may_be() -> None:
         assert "".join(lines).replace(" ", "") == text.replace(" ", "")
 
 
-def test_nothing_is_written_below_the_margin() -> None:
-    page = Page()
+def test_nothing_is_written_below_the_margin(result: StudyResult) -> None:
+    page = Page(study_report(result), {})
     for _ in range(40):
         page.text("many words " * 60)
     low = [t.get_position()[1] * HEIGHT for t in page.figure.texts[:-40]]

@@ -11,7 +11,8 @@ import rerun as rr
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
-from granite_lab.reporting.names import channel_name, effects_in_words, latency_in_words
+from granite_lab.reporting.answers import missing_answer
+from granite_lab.reporting.names import channel_name, latency_in_words
 from granite_lab.reporting.recording import lines
 from granite_lab.reporting.recording.lines import Rgb, command_start, residuals_of
 from granite_lab.reporting.recording.stream import Writer, drawable
@@ -139,7 +140,9 @@ def _found(comparison: Comparison, finding: Finding | None) -> Iterator[Event]:
         if trial == comparison.motion.trial:
             yield Event(t, f"left out of the search: {reason}", "WARN")
     if residuals_of(finding, comparison):
-        yield Event(t, effects_in_words(finding), "INFO" if finding.verdict == "none" else "WARN")
+        answer = missing_answer(finding)
+        text = f"{answer.question} {answer.verdict}. {answer.text}"
+        yield Event(t, text, "INFO" if finding.verdict == "none" else "WARN")
         if latency := latency_in_words(finding.latency):
             yield Event(t, latency)
 

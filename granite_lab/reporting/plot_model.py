@@ -1,0 +1,179 @@
+"""Pictures of the model alone: what the sensors read more or less with an effect, and a single wheel."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+
+from granite_lab.inference.noise import NOMINAL
+from granite_lab.model.command import steady_interval
+from granite_lab.model.single_wheel import WheelPoint
+from granite_lab.planning.imprint import Imprint, Seen
+from granite_lab.reporting import canvas
+from granite_lab.reporting.canvas import Figure
+from granite_lab.reporting.names import CHANNELS
+from granite_lab.reporting.rounding import significant, tidy_unit, with_unit
+
+
+class Row(NamedTuple):
+    """A row of panels: channel, its name, unit and factor, and the smallest half height in that unit."""
+
+    channel: str
+    name: str
+    unit: str
+    factor: float
+    half: float
+
+
+ROWS = (
+    Row("accel_x", "IMU, along", "m/s²", 1.0, 0.02),
+    Row("accel_z", "IMU, up", "m/s²", 1.0, 0.02),
+    Row("pitch_rate", "pitch rate", "°/s", 180 / np.pi, 0.2),
+    Row("wheel", "wheel speed", "°/s", 180 / np.pi, 0.5),
+    Row("current_f", "front current", "A", 1.0, 0.05),
+    Row("current_r", "rear current", "A", 1.0, 0.05),
+)
+
+WHEN = {
+    "rest": "at rest before the start", "accelerate": "while accelerating", "steady": "at constant speed",
+    "brake": "while braking", "coast": "while coming to rest",
+}  # fmt: skip
+
+WINDOW = 15
+"""Number of bins over which the strongest place of a signal is sought."""
+
+WIDE, PANEL = 9.2, 1.02
+"""Of the figure and height of a panel [in]."""
+
+
+def effect_drawing(imprint: Imprint) -> Figure:
+    """Draw one column a command and one row a channel, raw and after what else could explain it."""
+    effect, sentence = imprint.active.effect, what_to_see(imprint)
+    title = f"Signature of {effect.id}: {effect.title}"
+    return Figure(f"effect_{effect.id}", title, sentence, partial(_effect, imprint, sentence))
+
+
+def _effect(imprint: Imprint, sentence: str) -> Canvas:
+    heading = textwrap.wrap(f"{imprint.active.effect.title}: {sizes(imprint)}", 84)
+    lines = textwrap.wrap(sentence, 132)
+    below = 0.13 + 0.18 * len(heading)  # the heading
+    above = below + 0.49 + 0.16 * len(lines)
+    figure, axes = canvas.panels(
+        [PANEL] * len(ROWS), len(imprint.seen), left=0.85, head=above, gap=0.16, width=WIDE, label=0.34
+    )
+    inches = figure.dpi_scale_trans
+    tall = figure.get_size_inches()[1]
+    figure.text(
+        0.12, tall - 0.1, "\n".join(heading), transform=inches, va="top", fontsize=10.5, weight="bold"
+    )
+    figure.text(0.12, tall - below, "\n".join(lines), transform=inches, va="top", fontsize=9)
+    grid = np.array(axes).reshape(len(ROWS), -1)
+    for row, own in zip(ROWS, grid, strict=True):
+        half = max([row.half, *(_signals(a, s, row) for a, s in zip(own, imprint.seen, strict=True))])
+        own[0].set(ylim=(-1.12 * half, 1.12 * half), ylabel=f"{row.name}\n[{row.unit}]")
+    for top, bottom, seen in zip(grid[0], grid[-1], imprint.seen, strict=True):
+        v = seen.observation.variant
+        top.set_title(f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m", pad=4)
+        bottom.set(xlabel="time since start [s]", xlim=seen.observation.t[[0, -1]])
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="upper left", ncols=3, fontsize=8.5, bbox_transform=inches,
+        bbox_to_anchor=(0.06, tall - above + 0.52),
+    )  # fmt: skip
+    return figure
+
+
+def _signals(axis: Axes, seen: Seen, row: Row) -> float:
+    """Draw one panel and return the largest value in it."""
+    span = steady_interval(seen.observation.variant)
+    axis.axvspan(*span, color=canvas.SHADE, linewidth=0, zorder=0, label="constant speed")
+    axis.axhline(0, color=canvas.INK, linewidth=0.5, zorder=1)
+    largest = 0.0
+    for signals, colour, weight, label in (
+        (seen.raw, canvas.SIMULATED_LIGHT, 1.6, "changed by the effect, all else equal"),
+        (seen.left, canvas.MEASURED, 1.1, "left once sand and sensors are fitted anew"),
+    ):
+        values = signals[row.channel]
+        if row.channel == "wheel":  # an angle that is known at the later edge of each bin
+            values = np.diff(values, prepend=values[0]) / seen.observation.width
+        axis.plot(seen.observation.t, row.factor * values, color=colour, linewidth=weight, label=label)
+        largest = max(largest, row.factor * float(np.abs(values).max()))
+    return largest
+
+
+def sizes(imprint: Imprint) -> str:
+    """Return the parameters with units, those of one size together."""
+    active = imprint.active
+    named: dict[str, list[str]] = {}
+    for p, value in zip(active.effect.parameters, active.values, strict=True):
+        size = with_unit(significant(value, 2), tidy_unit(p.unit)).replace("\u00a0°", "°")
+        named.setdefault(size, []).append(p.name.replace("_", " "))
+    return ", ".join(f"{' = '.join(names)} = {size}" for size, names in named.items())
+
+
+def what_to_see(imprint: Imprint) -> str:
+    """Say in one sentence where the effect shows most, and how much of it nothing else imitates."""
+    best: tuple[float, Seen, str, int] | None = None
+    for seen in imprint.seen:
+        for channel, values in seen.left.items():
+            energy = np.convolve((values / NOMINAL[channel]) ** 2, np.ones(WINDOW), mode="same")
+            k = int(np.argmax(energy))
+            if best is None or energy[k] > best[0]:
+                best = float(energy[k]), seen, channel, k
+    if best is None or best[0] == 0:
+        return "At this size the effect changes nothing that these sensors read."
+    _, seen, channel, k = best
+    phase, t = seen.observation.phase[k], seen.observation.t[k]
+    when = WHEN["coast" if phase == "rest" and t > 0 else phase]
+    share = 100 * imprint.share
+    left = f"{share:.0f} %" if share >= 10 else f"{significant(share, 2)} %"
+    return (
+        f"It shows most in the {CHANNELS[channel]} {when}, in the run at "
+        f"{seen.observation.variant.velocity:g} m/s; {left} of the whole change, against the sensors' noise, "
+        "is left when sand, start and the sensors' offsets are fitted anew (blue)."
+    )
+
+
+def sweep_figure(points: Sequence[WheelPoint], title: str) -> Canvas:
+    """Draw drawbar pull, torque and sinkage over slip, three panels above each other."""
+    with canvas.styled():
+        figure, (pull, torque, sinkage) = canvas.panels([1.5] * 3, head=0.6, gap=0.14)
+        slip = [p.slip for p in points]
+        for name, colour, dashes, label in (
+            ("drawbar_pull", canvas.SIMULATED, "-", f"drawbar pull F + R, {title}"),
+            ("thrust", canvas.SIMULATED_LIGHT, "--", "thrust F (14)"),
+            ("resistance", canvas.GREY, ":", "resistance R (13)"),
+        ):
+            pull.plot(slip, [getattr(p, name) for p in points], color=colour, linestyle=dashes, label=label)
+        torque.plot(slip, [p.torque for p in points], color=canvas.SIMULATED)
+        sinkage.plot(slip, [1000 * p.sinkage for p in points], color=canvas.SIMULATED)
+        for axis in (pull, torque):
+            axis.axhline(0, color=canvas.INK, linewidth=0.6)
+        pull.set_ylabel("pull [N]")
+        torque.set_ylabel("torque [N m]")
+        top = 1.1 * max(1000 * p.sinkage for p in points)
+        sinkage.set(ylabel="sinkage [mm]", ylim=(0, top), xlabel="slip ratio λ [–]")
+        canvas.legend(pull, columns=1)
+    return figure
+
+
+def arc_figure(point: WheelPoint, title: str) -> Canvas:
+    """Draw normal and shear stress over the contact arc, the rear at the left."""
+    with canvas.styled():
+        figure, (axis,) = canvas.panels([2.3], head=0.46)
+        angle = np.degrees(point.angle)
+        axis.axhline(0, color=canvas.INK, linewidth=0.6)
+        axis.axvline(0, color=canvas.INK, linewidth=0.6)
+        label, light = f"normal stress σ, {title}", canvas.SIMULATED_LIGHT
+        axis.plot(angle, point.normal_stress / 1000, color=canvas.SIMULATED, label=label)
+        axis.plot(angle, point.shear_stress / 1000, color=light, linestyle="--", label="shear stress τ")
+        axis.set_xlabel("angle on the wheel ϑ [°], 0 at the lowest point, front at the right")
+        axis.set_ylabel("stress [kPa]")
+        canvas.legend(axis, columns=1)
+    return figure
