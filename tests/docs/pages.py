@@ -1,15 +1,19 @@
-"""The documentation as data: its code blocks, the files they ask to save, the commands they show."""
+"""The documentation as data: its code blocks, the files they ask to save, the lines they show to run."""
 
 from __future__ import annotations
 
 import re
-import shlex
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import typer
+
+from granite_lab.cli import app
 
 ROOT = Path(__file__).parent.parent.parent
 PAGES = [ROOT / "README.md", ROOT / "reports" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+COMMANDS: Any = typer.main.get_command(app)
 
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 _SAVED = re.compile(r"[Ss]aved?(?: this)? as\s+`([^`]+)`")
@@ -29,12 +33,12 @@ class Block:
     code: str
     file: str
 
-    def commands(self) -> Iterator[list[str]]:
-        """Yield the arguments of each `granite-lab` line."""
-        for line in self.code.replace("\\\n", " ").splitlines():
-            if line.startswith("granite-lab "):
-                words = shlex.split(line, comments=True)
-                yield words[1 : words.index(">")] if ">" in words else words[1:]
+    def lines(self) -> list[str]:
+        """Return the lines to run, without comments and with single blanks."""
+        if self.language != "sh":
+            return []
+        shown = (re.sub(r"\s#.*", "", line) for line in self.code.splitlines())
+        return [" ".join(line.split()) for line in shown if line.strip()]
 
 
 def text_of(page: str | Path) -> str:
@@ -52,9 +56,27 @@ def blocks(page: str | Path) -> list[Block]:
     return found
 
 
-def save_files(page: str, folder: Path) -> list[str]:
-    """Save every file that a page gives, and return their names."""
-    named = [block for block in blocks(page) if block.file]
-    for block in named:
-        (folder / block.file).write_text(block.code, encoding="utf-8")
-    return [block.file for block in named]
+def save_files(page: str, folder: Path) -> None:
+    """Save every file that a page gives."""
+    for block in blocks(page):
+        if block.file:
+            (folder / block.file).write_text(block.code, encoding="utf-8")
+
+
+def lines_to_run(page: str | Path) -> list[tuple[str, str]]:
+    """Return each line that a page shows to run, and the output shown behind it, or ""."""
+    found: list[tuple[str, str]] = []
+    for block in blocks(page):
+        if block.language == "text":
+            line, shown = found.pop()
+            found.append((line, shown + block.code))
+        found += [(line, "") for line in block.lines()]
+    return found
+
+
+def command_of(words: list[str]) -> tuple[Any, list[str]]:
+    """Return the command of granite-lab that words name, and its arguments."""
+    command, rest = COMMANDS, list(words)
+    while rest and rest[0] in getattr(command, "commands", {}):
+        command = command.commands[rest.pop(0)]
+    return command, rest

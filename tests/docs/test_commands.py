@@ -1,67 +1,43 @@
-"""Every command, file and link that the documentation shows exists."""
+"""Every option, command, make target, file and link that the documentation names exists."""
 
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
-from typing import Any
 
 import pytest
-import typer
 
-from granite_lab.cli import app
-from tests.docs.pages import PAGES, ROOT, blocks, text_of
+from tests.docs.pages import PAGES, ROOT, command_of, lines_to_run, text_of
 
-LINES = [
-    pytest.param(words, id=f"{page.name}: {' '.join(words)}"[:90])
-    for page in PAGES
-    for block in blocks(page)
-    for words in block.commands()
-]
+SHOWN = [line for page in PAGES for line, _ in lines_to_run(page) if line.startswith("granite-lab ")]
 INLINE = [
-    pytest.param(words, id=f"{page.name}: {words}"[:90])
+    words
     for page in PAGES
     for words in re.findall(r"(?<!`)`granite-lab ([^`]+)`", re.sub(r"(?s)```.*?```", "", text_of(page)))
 ]
-ROOT_COMMAND: Any = typer.main.get_command(app)
 LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)(?:#[^)]*)?\)")
 
 
-def _command(words: list[str]) -> tuple[Any, list[str]]:
-    """Return the command that words name, and its arguments."""
-    command: Any = ROOT_COMMAND
-    rest = list(words)
-    while rest and rest[0] in getattr(command, "commands", {}):
-        command = command.commands[rest.pop(0)]
-    return command, rest
+@pytest.mark.parametrize("line", sorted(set(SHOWN)))
+def test_a_shown_command_is_understood(line: str) -> None:
+    command, rest = command_of(shlex.split(line.split(" > ", maxsplit=1)[0])[1:])
+    assert command.name != "granite-lab", line
+    command.make_context("granite-lab", rest)  # raises where an option or argument does not fit
 
 
-def test_the_pages_show_commands_at_all() -> None:
-    assert len(LINES) > 50
-    assert len(INLINE) > 10
-
-
-@pytest.mark.parametrize("words", LINES)
-def test_a_line_of_the_documentation_is_understood(words: list[str]) -> None:
-    command, rest = _command(words)
-    assert command.name != "granite-lab", words
-    command.make_context("granite-lab", rest)  # raises where a command, option or argument does not fit
-
-
-@pytest.mark.parametrize("text", INLINE)
+@pytest.mark.parametrize("text", sorted(set(INLINE)))
 def test_a_command_that_a_sentence_names_exists(text: str) -> None:
-    command, rest = _command(text.split())
+    command, rest = command_of(text.split())
     if not text.startswith("-"):
         assert command.name != "granite-lab", text
     known = {name for p in command.params for name in (*p.opts, *p.secondary_opts)} | {"--help", "-h"}
     assert {word.split("=")[0] for word in rest if word.startswith("-")} <= known
 
 
-@pytest.mark.parametrize("wrong", [["studi", "a.csv"], ["study", "--no-such", "a.csv"], ["hide"], ["view"]])
-def test_a_line_that_does_not_fit_would_be_seen(wrong: list[str]) -> None:
-    command, rest = _command(wrong)
-    if command.name == "granite-lab":
-        return
+@pytest.mark.parametrize("wrong", [["study", "--no-such", "a.csv"], ["hide"], ["view"]])
+def test_a_command_that_does_not_fit_would_be_seen(wrong: list[str]) -> None:
+    command, rest = command_of(wrong)
     with pytest.raises(Exception, match=r"(?i)no such option|missing"):
         command.make_context("granite-lab", rest)
 

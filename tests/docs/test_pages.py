@@ -1,0 +1,296 @@
+"""Every line that README and pages show to run is run as it is printed, and its output is looked at."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from granite_lab.logs import read_trial
+from tests.corpus.cli import Done, lab
+from tests.docs.pages import PAGES, ROOT, blocks, command_of, lines_to_run, save_files
+from tests.effects.example import EXAMPLE
+from tests.logs.bags import Bag
+
+SAMPLES = ROOT / "data" / "samples"
+HOW_TO = ("robot", "soil", "effect", "logger")
+QUICK = ("README.md", "docs/model.md", "docs/logs.md", *(f"docs/how-to-{x}.md" for x in HOW_TO))
+STUDIED = ("docs/tutorial.md", "README.md", "docs/paper.md", "docs/strangers.md")
+"""Pages whose lines need a study; these run one after the other in one folder, on two logs."""
+
+ELSEWHERE = {
+    "make study": "installs, then runs the study of the tutorial",
+    ". .venv/bin/activate": "the tests run in an environment already",
+    "$EDITOR my_logger.toml": "the edited map of how-to-logger.md is used",
+    "granite-lab view reports/my-sand": "opens a window: tests/recording",
+    "granite-lab view reports/mylab --trial run07": "opens a window: tests/recording",
+    "granite-lab view reports/mylab --trial run07 --web": "serves until Ctrl+C: tests/recording",
+    "granite-lab discover data/samples --effects towed_sledge.py": "a search: tests/discovery",
+    "granite-lab hide --effect random --lab wild --seed 7 --out sets/7": "tests/hidden/test_wild_lab.py",
+    "granite-lab discover sets/7 --json > finding.json": "the search of the tutorial",
+    "granite-lab reveal sets/7 --finding finding.json": "as in the tutorial",
+    "granite-lab study trials/ --out reports/my-sand": "the study of the tutorial",
+    "granite-lab discover data/samples": "the search of the tutorial",
+    "granite-lab plan-next reports/discover": "as in the tutorial",
+    "granite-lab study --verify reports/sand-a": "a study again: tests/running/test_same_results.py",
+    "granite-lab study --verify reports/my-sand": "a study again: tests/running/test_same_results.py",
+    "granite-lab study moved/logs --verify reports/my-sand": "tests/running/test_same_results.py",
+    "GRANITE_SOAK=1 python -m pytest -rP tests/running/test_interruption.py tests/running/test_cluster.py": (
+        "takes hours"
+    ),
+}
+"""Lines that are not run here, with the reason."""
+
+SEARCHED = {
+    "granite-lab discover data/samples --json > finding.json": (
+        "granite-lab discover mylab --map my_logger.toml --json > finding.json"
+    ),
+    "granite-lab discover my-kit/trials --out my-kit/finding": (
+        "granite-lab discover mylab --map my_logger.toml --out my-kit/finding"
+    ),
+}
+"""Searches, and the same search of the two logs, which is done only once."""
+
+SAID = {
+    "inspect": "encoders", "check": "The run is good.", "ingest": "slip", "simulate": "λ_R",
+    "wheel": "drawbar pull", "fit-k92": "trajectory", "fit-atheta": "4.919", "compare": "pitch rate",
+    "effects": "tyre_windup", "effects show": "spring balance", "params": "wheel_base_m",
+    "effects check": "machine code gives the same run", "hide": "12 virtual trials", "reveal": "seed",
+    "reveal --finding": "judgement", "reveal my-kit": "judgement", "kit": "check.py",
+    "study": "How far can this be trusted?", "view": "run07.png", "discover": "model.toml",
+    "discover --json": '"schema"', "plan-next": "next trial", "compare-studies": "no difference seen",
+}  # fmt: skip
+"""Words of a line to a text of its output, where the page shows none; the longest that fits counts."""
+
+
+def clone(folder: Path, *samples: str) -> None:
+    """Make a folder like a fresh clone with some of the samples."""
+    (folder / "data" / "samples").mkdir(parents=True)
+    for name in ("sealed.bin", *(f"virtual_{name}.csv" for name in samples)):
+        (folder / "data" / "samples" / name).symlink_to(SAMPLES / name)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A clone with two samples, and the files of one's own that the pages name."""
+    clone(tmp_path, "v0.3_r1", "v0.7_r1")
+    monkeypatch.chdir(tmp_path)
+    log = SAMPLES / "virtual_v0.3_r1.csv"
+    shutil.copy(log, "trial.csv")
+    Path("my_effect.py").write_text(EXAMPLE, encoding="utf-8")
+    foreign(log, "run.csv")
+    foreign(log, "my_log.csv")
+    save_files("docs/how-to-logger.md", tmp_path)
+    save_files("docs/how-to-robot.md", tmp_path)
+    shutil.copy("rover.toml", "my_robot.toml")
+    table = pd.read_csv(log, comment="#")
+    stamp = table[["t_s"]]
+    for name, start in (("imu", "imu_"), ("wheels", "enc_"), ("motors", "cur_")):
+        stamp.join(table.filter(regex=f"^{start}")).dropna().to_csv(f"{name}.csv", index=False)
+    truth = pd.read_csv(SAMPLES / "truth" / "virtual_v0.3_r1.csv", comment="#")
+    truth[["t_s"]].assign(ref_v_mps=truth["v_mps"]).to_csv("gps.csv", index=False)
+    pd.concat(table.assign(run_id=n) for n in (3, 4)).to_csv("runs.csv", index=False)
+    bag = Bag("mcap file")
+    outside = ((t, bag.odometry(t, x, v)) for t, x, v in truth[["t_s", "x_m", "v_mps"]][::4].to_numpy())
+    messages = [
+        *((topic.replace("data", "raw"), t, m) for topic, t, m in bag.trial(read_trial(log))),
+        *(("/mocap/odom", t, m) for t, m in outside),
+    ]
+    shutil.move(bag.write(tmp_path, "bag", messages), "drive.mcap")
+    return tmp_path
+
+
+def foreign(log: Path, out: str) -> None:
+    """Write a sample as the logger of how-to-logger.md would: other names and units."""
+    table = pd.read_csv(log, comment="#")
+    deg = 57.29577951308232
+    scale = {"t_s": 1000.0} | {f"imu_a{a}_mps2": 1 / 9.81 for a in "xyz"}
+    scale |= {f"imu_g{a}_radps": deg for a in "xyz"}
+    scale |= {f"enc_{w}_rad": deg for w in ("fl", "fr", "rl", "rr")}
+    (header,) = (b.code.strip().split(";") for b in blocks("docs/how-to-logger.md") if b.language == "csv")
+    made = pd.DataFrame({new: table[old] * k for new, (old, k) in zip(header, scale.items(), strict=True)})
+    made.to_csv(out, sep=";", index=False)
+
+
+def run(line: str) -> Done:
+    """Run a line as it is printed, with one process; what it prints may go to a file."""
+    text, _, target = line.partition(" > ")
+    words = shlex.split(text)
+    if words[0] == "python":
+        done = subprocess.run([sys.executable, *words[1:]], capture_output=True, text=True, check=False)
+        return Done(done.returncode, done.stdout, done.stderr)
+    command, _ = command_of(words[1:])
+    done = lab(*words[1:], *(["-j", "1"] if any("--jobs" in p.opts for p in command.params) else []))
+    if target:
+        Path(target).write_text(done.out, encoding="utf-8")
+    return done
+
+
+def follow(
+    page: str, chosen: Callable[[str], bool], then: Callable[[str], None] = lambda _: None
+) -> list[Done]:
+    """Run the chosen lines of a page in order; each ends with exit code 0 and prints what the page shows.
+
+    Args:
+        page: its file.
+        chosen: whether a line is run.
+        then: what is done after a line.
+    """
+    found = []
+    for line, shown in lines_to_run(page):
+        if line in ELSEWHERE or not chosen(line):
+            continue
+        done = run(SEARCHED.get(line, line))
+        assert done.code == 0, (line, done.err or done.out)
+        printed = " ".join((done.out + done.err).split())
+        if line.startswith("granite-lab ") and (is_long(line) or not shown):
+            key = max((key for key in SAID if set(key.split()) <= set(line.split())), key=len)
+            assert SAID[key] in printed, (line, done.out)
+        if not is_long(line):
+            for expected in re.split(r"\n|…|\[…\]", shown):
+                assert printed_as(expected, printed), (line, expected, done.out)
+        found.append(done)
+        then(line)
+    return found
+
+
+def printed_as(expected: str, printed: str) -> bool:
+    """Tell whether a line was printed; the last digits of its numbers may differ."""
+    number = r"−?\d+\.?\d*"
+    literal = re.split(number, " ".join(expected.split()))
+    match = re.search(f"({number})".join(map(re.escape, literal)), printed)
+    if match is None:
+        return False
+    numbers = [float(x.replace("−", "-")) for x in re.findall(number, expected)]
+    return [float(x.replace("−", "-")) for x in match.groups()] == pytest.approx(numbers, rel=0.05, abs=0.02)
+
+
+def is_long(line: str) -> bool:
+    """Tell whether a line needs a study or a search."""
+    heads = ("study", "view", "discover", "plan-next", "compare-studies", "reveal my-kit", "kit my-kit")
+    return line.startswith(tuple(f"granite-lab {head}" for head in heads)) or "my-kit" in line
+
+
+def slip_of(done: Done) -> float:
+    """Return the slip ratio [%] that a simulation prints."""
+    match = re.search(r"λ_R[^\d]*([\d.]+) ?%", done.out)
+    assert match, done.out
+    return float(match[1])
+
+
+def measured(*words: str) -> float:
+    """Return the slip ratio [%] that an estimation finds."""
+    done = lab("ingest", *words, "-j", "1", "--json")
+    return 100 * float(json.loads(done.out)["trials"][0]["slip_ratio"]["value"])
+
+
+def quick(page: str, folder: Path) -> list[Done]:
+    """Follow the lines of a page that need no study."""
+    save_files(page, folder)
+    return follow(page, lambda line: not is_long(line), prepare)
+
+
+def test_the_lines_of_the_readme(folder: Path) -> None:
+    assert len(quick("README.md", folder)) == 16
+    for name in ("virtual.csv", "set/sealed.bin", "for-another-lab/answer.json", "reports/ingest/trial.csv"):
+        assert (folder / name).exists()
+
+
+def test_the_lines_of_the_page_on_the_model(folder: Path) -> None:
+    quick("docs/model.md", folder)
+    for name in ("wheel.png", "wheel.csv", "arc.png", "stresses.csv"):
+        assert (folder / name).stat().st_size > 500
+
+
+def test_the_lines_of_the_page_on_logs(folder: Path) -> None:
+    several, one_of_them, draft, mapped, seen, bag, params = quick("docs/logs.md", folder)
+    sample = measured("trial.csv")
+    for done, name in ((several, "imu"), (one_of_them, "runs"), (mapped, "my_log"), (bag, "drive")):
+        found = re.search(rf"{name} .* (\d+\.\d+) ± \d\.\d+ ", done.out)
+        assert found, done.out
+        assert float(found[1]) == pytest.approx(sample, abs=0.3), name
+    assert "my_logger.toml" in draft.out
+    assert "/imu/raw" in seen.out
+    assert "18 " in params.out
+
+
+def test_a_robot_by_the_page_simulates_and_its_log_is_read(folder: Path) -> None:
+    params, first, second, _ = quick("docs/how-to-robot.md", folder)
+    assert re.search(r"body_mass_kg .* 18 ", params.out)
+    assert 0 < slip_of(first) < 60
+    assert slip_of(first) == slip_of(second)
+    assert measured("rover_virtual.csv", "--robot", "rover.toml") == pytest.approx(slip_of(first), abs=4)
+
+
+def test_a_soil_by_the_page_changes_the_slip(folder: Path) -> None:
+    params, paper, fine, _ = quick("docs/how-to-soil.md", folder)
+    assert "fine_sand" in params.out
+    assert abs(slip_of(fine) - slip_of(paper)) > 0.2
+
+
+def test_a_logger_by_the_page_gives_the_same_slip(folder: Path) -> None:
+    _, seen, _ = quick("docs/how-to-logger.md", folder)
+    assert "not recognised" in (folder / "draft.toml").read_text(encoding="utf-8")
+    assert "variant 0.3 m/s" in " ".join(seen.out.split())
+    assert measured("run.csv", "--map", "my_logger.toml") == pytest.approx(measured("trial.csv"), abs=0.1)
+
+
+def test_an_effect_by_the_page_is_listed_and_slows_the_robot(folder: Path) -> None:
+    listed, _, checked, without, with_it = quick("docs/how-to-effect.md", folder)
+    assert "FAILED" not in checked.out
+    assert "towed_sledge" in listed.out
+    assert slip_of(with_it) > slip_of(without) + 0.5
+
+
+def test_the_tutorial_and_what_builds_on_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clone(tmp_path, *(path.stem.removeprefix("virtual_") for path in SAMPLES.glob("*.csv")))
+    monkeypatch.chdir(tmp_path)
+    save_files("docs/tutorial.md", tmp_path)
+    save_files("docs/how-to-logger.md", tmp_path)
+    follow("docs/tutorial.md", lambda _: True, prepare)
+    draft = Path("draft.toml").read_text(encoding="utf-8")
+    (guessed,) = (b.code for b in blocks("docs/tutorial.md") if "% sure" in b.code and b.language == "toml")
+    for column in guessed.strip().split("\n\n"):
+        assert column in draft
+    assert Path("run07.png").stat().st_size > 10_000
+    for name in ("a", "b", "sand-a", "sand-b"):
+        shutil.copytree("reports/mylab", f"reports/{name}")
+    for page in STUDIED[1:]:
+        follow(page, is_long, prepare)
+    assert Path("reports/a-and-b/compared.md").is_file()
+
+
+def prepare(line: str) -> None:
+    """Do between two lines what a page leaves to its reader."""
+    if line == "python make_logs.py":
+        for path in Path("mylab").iterdir():
+            if path.stem not in ("run04", "run07"):
+                path.unlink()
+    if line.endswith("--write-map my_logger.toml"):  # the draft is edited
+        save_files("docs/how-to-logger.md", Path())
+    if line == "granite-lab kit my-kit":
+        for path in Path("mylab").glob("run*"):
+            shutil.copy(path, "my-kit/trials")
+        shutil.copy("my_logger.toml", "my-kit/trials/map.toml")
+        shutil.copytree("reports/mylab-found", "my-kit/finding")
+        answer = json.loads(Path("my-kit/answer.json").read_text(encoding="utf-8"))
+        answer |= {"made_by": "a test", "virtual": True, "effects": []}
+        Path("my-kit/answer.json").write_text(json.dumps(answer), encoding="utf-8")
+
+
+def test_no_line_is_left_out_unseen() -> None:
+    """A page with lines is followed above, or each of its lines says where it is run."""
+    lines = {str(page.relative_to(ROOT)): [line for line, _ in lines_to_run(page)] for page in PAGES}
+    assert set(ELSEWHERE) | set(SEARCHED) <= {line for listed in lines.values() for line in listed}
+    for page, listed in lines.items():
+        for line in listed:
+            followed = page in (STUDIED if is_long(line) else QUICK) or page == "docs/tutorial.md"
+            assert followed or line in ELSEWHERE, (page, line)
