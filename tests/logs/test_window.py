@@ -1,4 +1,4 @@
-"""`--from` and `--to`: a window of every log."""
+"""Parts of a log: a window that was asked for, what is left beside a gap."""
 
 from __future__ import annotations
 
@@ -16,23 +16,18 @@ from granite_lab.running import Options
 from tests.corpus import cli
 from tests.logs import make
 
-SAMPLE = Path(__file__).parent.parent.parent / "data" / "samples" / "virtual_v0.3_r1.csv"
+SAMPLE = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.3_r1.csv"
+GOOD = pd.read_csv(SAMPLE, comment="#")
 
 
 @pytest.fixture
 def twice(tmp_path: Path) -> Path:
     """Write a log of two drives: the second begins 6 s after the first, and its clock goes on."""
-    lines = make.lines()
-    later = []
-    last = [float(x) for x in lines[-1].split(",")]
-    for line in lines[1:]:
-        row = [float(x) for x in line.split(",")]
-        row[0] += 6.0
-        row[7:] = [a + b for a, b in zip(row[7:], last[7:], strict=True)]
-        later.append(",".join(f"{x:.9g}" for x in row))
-    path = tmp_path / "twice.csv"
-    path.write_text("\n".join([*lines, *later]) + "\n")
-    return path
+    header, *rows = make.lines()
+    table = np.array([row.split(",") for row in rows], dtype=float)
+    later = table + np.concatenate(([6.0], np.zeros(6), table[-1, 7:]))
+    drives = [",".join(f"{x:.9g}" for x in row) for row in later]
+    return make.written(tmp_path, "\n".join([header, *rows, *drives]) + "\n", "twice.csv")
 
 
 def test_the_window_holds_its_samples_unchanged_and_only_these(twice: Path) -> None:
@@ -45,8 +40,7 @@ def test_the_window_holds_its_samples_unchanged_and_only_these(twice: Path) -> N
 
 
 def test_the_window_of_one_drive_gives_the_motion_of_that_drive(twice: Path, tmp_path: Path) -> None:
-    one = tmp_path / "one.csv"
-    one.write_text(make.text())
+    one = make.written(tmp_path, make.text(), "one.csv")
     alone = gl.ingest(one, jobs=1)[0].motion
     first = gl.ingest(twice, window=(-np.inf, 5.995), jobs=1)[0].motion
     assert first.distance.value == pytest.approx(alone.distance.value, rel=1e-9)
@@ -78,12 +72,10 @@ def test_a_window_without_motion_is_refused(
     start: float | None, end: float | None, said: str, twice: Path, tmp_path: Path
 ) -> None:
     limits = [
-        x for name, value in (("--from", start), ("--to", end)) if value is not None for x in (name, value)
+        x for key, value in (("--from", start), ("--to", end)) if value is not None for x in (key, value)
     ]
     done = cli.lab("ingest", twice, *limits, "--out", tmp_path / "out", "-q", "-j", 1)
-    assert done.code == 3
-    assert f"error: {twice}: {said}" in done.err
-    assert "\nhint: " in done.err
+    cli.refused(done, 3, f"{twice}: {said}")
     assert not (tmp_path / "out").exists()
 
 
@@ -106,3 +98,46 @@ def test_the_window_is_told_to_who_computes_a_result_again() -> None:
     for window in ((1772366400.123456, np.inf), (-np.inf, 3.0), (1.0, 2.0)):
         options = Options(window=window)
         assert Options.from_given([(key, str(value)) for key, value in options.given()]) == options
+
+
+def with_gap(folder: Path, prefix: str, begin: float, end: float) -> Path:
+    """Write the sample without the cells of some columns, or without the rows, between two instants."""
+    table = GOOD.copy()
+    inside = (table["t_s"] > begin) & (table["t_s"] < end)
+    table.loc[inside, [name for name in table if name.startswith(prefix) and name != "t_s"]] = np.nan
+    head = "".join(f"{x}\n" for x in SAMPLE.read_text(encoding="utf-8").splitlines() if x.startswith("#"))
+    table = table[~inside] if not prefix else table
+    return make.written(folder, head + table.to_csv(index=False), "gap.csv")
+
+
+@pytest.mark.parametrize("prefix", ["imu_", "imu_gy", "enc_", "cur_", ""], ids=lambda p: p or "whole rows")
+def test_a_short_gap_is_bridged_and_widens_the_distance(prefix: str, tmp_path: Path) -> None:
+    whole = gl.ingest(SAMPLE, jobs=1)[0].motion.distance
+    path = with_gap(tmp_path, prefix, 4.0, 4.4)
+    found = gl.ingest(path, jobs=1)[0]
+    assert found.trial.imu.t[-1] == read_trial(SAMPLE).imu.t[-1]
+    assert found.motion.distance.value == pytest.approx(whole.value, abs=2 * found.motion.distance.std)
+    assert found.motion.distance.std >= 0.99 * whole.std
+    assert (found.motion.distance.std > 2 * whole.std) == (prefix in ("imu_", "imu_gy", ""))
+    assert any("gap" in line and "t = 3.99" in line for line in found.trial.warnings)
+
+
+@pytest.mark.parametrize("prefix", ["imu_", "imu_gy", ""], ids=lambda p: p or "whole rows")
+@pytest.mark.parametrize(("begin", "end", "kept"), [(4.0, 5.5, "after"), (7.0, 7.8, "before")])
+def test_a_long_gap_cuts_the_log_to_its_longest_stretch_with_a_rest(
+    prefix: str, begin: float, end: float, kept: str, tmp_path: Path
+) -> None:
+    trial = read_trial(with_gap(tmp_path, prefix, begin, end))
+    t = read_trial(SAMPLE).imu.t
+    expected = t[t >= end] if kept == "after" else t[t <= begin]
+    np.testing.assert_array_equal(trial.imu.t, expected)
+    for stream in (trial.wheels, trial.currents):
+        assert expected[0] <= stream.t[0] < stream.t[-1] <= expected[-1]
+    said = [line for line in trial.warnings if "the log is cut there" in line]
+    assert len(said) == 1
+    assert f"{expected[0]:.3f} to {expected[-1]:.3f} s" in said[0]
+
+
+def test_a_long_gap_at_rest_cuts_nothing(tmp_path: Path) -> None:
+    path = with_gap(tmp_path, "imu_", 10.5, 11.5)
+    assert read_trial(path).imu.t[-1] == read_trial(SAMPLE).imu.t[-1]
