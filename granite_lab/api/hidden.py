@@ -300,7 +300,7 @@ def _searched_kit(folder: Path, jobs: int) -> Path:
     if (found / "finding.json").is_file():
         return found
     if not kit_check.logs_of(folder):
-        raise InputError(f"{trials}: holds no log", "the kit's README says what a log is")
+        raise InputError(f"{trials}: contains no log", "the kit's README describes the logs")
     files = {key: trials / f"{key}.toml" for key in ("robot", "soil", "map")}
     given = {key: path if path.is_file() else None for key, path in files.items()}
     discover(

@@ -51,7 +51,7 @@ def influence(name: str) -> type[Influence]:
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)
         raise UsageError(
-            f"no hidden effect is called '{name}'",
+            f"unknown hidden effect '{name}'",
             (f"did you mean '{close[0]}'? " if close else "") + f"known: {', '.join(known)}",
         )
     return known[name]

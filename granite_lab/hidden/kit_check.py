@@ -46,7 +46,7 @@ def problems(kit: Path) -> tuple[list[str], list[str]]:
     wrong, weak = _answer_problems(kit), []
     logs = logs_of(kit)
     if not logs:
-        wrong.append("trials/: holds no log (.csv, .bag, .mcap)")
+        wrong.append("trials/: contains no log (.csv, .bag, .mcap)")
     elif len(logs) < 6:
         weak.append(f"trials/: {len(logs)} logs; a small effect needs more: four speeds, three repetitions")
     commands = set()
@@ -57,7 +57,7 @@ def problems(kit: Path) -> tuple[list[str], list[str]]:
             wrong += found
             commands.add(command)
     if len(commands) == 1 and len(logs) > 1:
-        weak.append("trials/: all at one speed; most effects tell themselves apart by speed")
+        weak.append("trials/: all at one speed; most effects differ only in their dependence on speed")
     return wrong, weak
 
 
@@ -68,7 +68,7 @@ def _answer_problems(kit: Path) -> list[str]:
     except OSError as error:
         return [f"{Path(error.filename).name}: cannot be read"]
     except (ValueError, KeyError, TypeError) as error:
-        return [f"{ANSWER} or {ALLOWED}: not as it should be: {error}"]
+        return [f"{ANSWER} or {ALLOWED}: not valid: {error}"]
     if not isinstance(answer, dict) or answer.get("schema") != SCHEMA:
         return [f"{ANSWER}: schema is not {SCHEMA}"]
     wrong = []
@@ -89,13 +89,13 @@ def _effect_problems(effect: Mapping[str, Any], allowed: Mapping[str, Any]) -> l
     if name == OUTSIDE:
         return [] if str(effect.get("title") or "").strip() else [f"'{OUTSIDE}' needs a title: what it is"]
     if name not in allowed:
-        return [f"'{name}' is no id of {ALLOWED}; what the library does not hold is '{OUTSIDE}' with a title"]
+        return [f"'{name}' is not an id of {ALLOWED}; another cause is '{OUTSIDE}' with a title"]
     known, wrong = allowed[name]["parameters"], []
     if not isinstance(sizes, dict):
         return [f"{name}: parameters is not an object"]
     for key, value in sizes.items():
         if key not in known:
-            wrong.append(f"{name}: '{key}' is no parameter; known: {', '.join(known)}")
+            wrong.append(f"{name}: '{key}' is not a parameter; known: {', '.join(known)}")
         elif isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
             wrong.append(f"{name}: {key} = {value!r} is not a number")
         elif not known[key]["low"] <= value <= known[key]["high"]:
@@ -130,9 +130,9 @@ def _log_problems(log: Path) -> tuple[list[str], str]:
             numbers = [float(cell) for cell in row if cell.strip()]
             stamp = float(row[short["t"]])
         except (ValueError, IndexError):
-            return [*wrong, f"{where}: row {number} holds something that is not a number"], ""
+            return [*wrong, f"{where}: row {number} contains a cell that is not a number"], ""
         if len(row) != len(columns) or not all(map(math.isfinite, numbers)) or stamp < last:
-            return [*wrong, f"{where}: row {number}: cells missing, not finite, or time runs back"], ""
+            return [*wrong, f"{where}: row {number}: missing or infinite cells, or time runs backwards"], ""
         last = stamp
     if len(rows) < 100:
         wrong.append(f"{where}: only {len(rows)} rows")
@@ -191,7 +191,7 @@ def main(arguments: list[str]) -> int:
         (kit / SEALED).write_bytes(data)
         (kit / HASH).write_text(f"{digest}  {SEALED}\n", encoding="utf-8")
         print(f"sealed: SHA-256 {digest}")
-        print(f"now take {ANSWER} out of this folder; {SEALED} may stay at home until the search is done")
+        print(f"remove {ANSWER} before you send this folder; {SEALED} can follow after the search")
     return 0
 
 

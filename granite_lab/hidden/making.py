@@ -117,7 +117,7 @@ def make_set(
                 keep(trial.name, motion)
             return [trial for trial, _ in made], _answer(wish, lab, names, sizes, off, plans)
     raise EstimateError(
-        "the robot digs itself in under the hidden effect", "choose a smaller --strength or another --seed"
+        "the robot sinks to its axles with the hidden effect", "choose a smaller --strength or another --seed"
     )
 
 

@@ -14,17 +14,17 @@ from granite_lab.files import readable
 from granite_lab.hidden.catalogue import TWINS
 
 MEANING = {
-    "right": "just what is hidden",
-    "twin_set": "the hidden effect is in the set that was called indistinguishable",
-    "with_remainder": "what is hidden of the library named, and the rest stated as not explained",
-    "vague": "the hidden effect is in a set too large to be of use",
-    "partial": "some of the hidden effects named, nothing wrong",
-    "spurious": "all hidden effects named, and one that is not there",
-    "near_twin": "not the hidden effect's name but that of its near twin, stated as if alone",
-    "wrong_name": "a name that is not the hidden effect's",
-    "missed": "an effect is hidden, none was seen",
-    "false_alarm": "nothing is hidden, something was seen",
-    "abstained": "a gap was seen and left without a name",
+    "right": "exactly what is hidden",
+    "twin_set": "the hidden effect is in the named set of twins",
+    "with_remainder": "the hidden library effect is named, the rest is stated as unexplained",
+    "vague": "the hidden effect is in a set of more than three twins",
+    "partial": "some of the hidden effects are named, and none is wrong",
+    "spurious": "all hidden effects are named, and one too many",
+    "near_twin": "a near twin of the hidden effect is named as if alone",
+    "wrong_name": "another effect is named than the hidden one",
+    "missed": "an effect is hidden, none was found",
+    "false_alarm": "nothing is hidden, an effect was found",
+    "abstained": "a gap was found, no effect was named",
 }
 
 LARGEST_SET = 3

@@ -51,7 +51,7 @@ def open_answer(folder: Path) -> dict[str, Any]:
     path, promised = folder / NAME, folder / HASH
     if promised.is_file() and not path.exists():
         raise InputError(
-            f"{path}: is not here yet, only its hash is",
+            f"{path}: is missing, only its hash is present",
             "search with `granite-lab discover`, then ask the laboratory for it",
         )
     try:
@@ -60,10 +60,10 @@ def open_answer(folder: Path) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError, IndexError) as error:
         if isinstance(error, OSError):
             raise readable(error, path) from None
-        raise InputError(f"{promised}: holds no hash", "it is written by `python check.py --seal`") from None
+        raise InputError(f"{promised}: contains no hash", "write it by `python check.py --seal`") from None
     if digest is not None and digest != hashlib.sha256(data).hexdigest():
         raise InputError(
-            f"{path}: is not the answer whose hash stands in {HASH}",
+            f"{path}: does not match the hash in {HASH}",
             "ask the laboratory for the file it sealed",
         )
     return unseal(data, path)

@@ -71,7 +71,7 @@ def lab_of(name: str, seed: int, robot: Robot, soil: Soil) -> Lab:
         UsageError: there is none of that name, or the robot cannot be simulated.
     """
     if name not in LABS:
-        raise UsageError(f"no laboratory is called '{name}'", f"known: {', '.join(LABS)}")
+        raise UsageError(f"unknown laboratory '{name}'", f"known: {', '.join(LABS)}")
     if robot.chassis is None or robot.drive is None or robot.imu_grade is None:
         raise UsageError(f"robot '{robot.name}' cannot be simulated", "give one with chassis, drive and IMU")
     return bench(robot, soil) if name == "bench" else wild(seed, robot, soil)

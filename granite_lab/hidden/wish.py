@@ -67,7 +67,7 @@ def chosen(wish: Wish) -> tuple[str, ...]:
                 return tuple(two)
     names = [name.strip() for name in wish.effect.split("+")]
     if len(set(names)) < len(names):
-        raise UsageError(f"--effect {wish.effect}: an effect is named twice", "name each once")
+        raise UsageError(f"--effect {wish.effect}: an effect is named twice", "name each effect once")
     return tuple(sorted(influence(name).id for name in names))
 
 

@@ -117,7 +117,10 @@ def integrate(
     wanted = names or tuple(build_graph(chosen).outputs)
     table = engine_of(chosen).outputs(chosen, wanted, t, history, vector)
     if not np.isfinite(table).all():
-        raise EstimateError("the simulation gave values that are not finite", "check the parameters")
+        raise EstimateError(
+            "the simulation gives values that are not finite",
+            "check the parameters with 'granite-lab params'",
+        )
     signals = dict(zip(wanted, table, strict=True))
     return {"t_s": t} | _delayed(t, signals, chosen, vector)
 

@@ -286,7 +286,7 @@ class SingleWheel:
 
         found = optimize.root(unbalanced, start)
         if not found.success:
-            raise EstimateError("the effects have no steady state on a single wheel", "leave out an effect")
+            raise EstimateError("the effects have no steady state on a single wheel", "use fewer effects")
         settled: Array = found.x
         return settled
 

@@ -80,7 +80,7 @@ def test_an_empty_kit_holds_readme_template_checker_and_the_allowed_names(tmp_pa
     done = check(made.folder)
     assert done.returncode == 3
     assert "made_by is empty" in done.stdout
-    assert "holds no log" in done.stdout
+    assert "contains no log" in done.stdout
 
 
 def test_the_log_that_the_readme_shows_is_one_that_can_be_read(kit: Path) -> None:
@@ -109,12 +109,12 @@ def test_a_good_kit_is_sealed_and_its_hash_holds(kit: Path) -> None:
 
 
 BREACHES: list[tuple[Callable[[Path], Any], str]] = [
-    (lambda k: (k / "answer.json").write_text("{"), "not as it should be"),
+    (lambda k: (k / "answer.json").write_text("{"), "not valid"),
     (lambda k: (k / "answer.json").unlink(), "answer.json: cannot be read"),
     (lambda k: (k / "answer.json").write_text('{"schema": "x"}'), "schema is not"),
     (lambda k: answered(k, "none"), "effects is not a list"),
     (lambda k: answered(k, [], virtual="yes"), "neither true"),
-    (lambda k: answered(k, [{"id": "tire_windup"}]), "'tire_windup' is no id"),
+    (lambda k: answered(k, [{"id": "tire_windup"}]), "'tire_windup' is not an id"),
     (lambda k: answered(k, [{"id": "unknown"}]), "needs a title"),
     (lambda k: answered(k, [{"id": "drive_reaction", "parameters": {"size": 1}}]), "known: share"),
     (lambda k: answered(k, [{"id": "drive_reaction", "parameters": {"share": "1"}}]), "is not a number"),
@@ -122,7 +122,7 @@ BREACHES: list[tuple[Callable[[Path], Any], str]] = [
     (lambda k: (k / "trials" / "a.csv").write_text("# x = 1\nt_s,ax\n"), "no column for imu_ax"),
     (lambda k: (k / "trials" / "a.csv").write_text("t_s\n0\n"), "'# v_desired_mps = …' is missing"),
     (lambda k: edit(k, "0.2_1", lambda rows: [*rows[:-1], "x" + rows[-1]]), "not a number"),
-    (lambda k: edit(k, "0.2_1", lambda rows: [*rows, rows[-300]]), "time runs back"),
+    (lambda k: edit(k, "0.2_1", lambda rows: [*rows, rows[-300]]), "time runs backwards"),
     (lambda k: edit(k, "0.2_1", lambda rows: rows[:50]), "rows"),
 ]  # fmt: skip
 
@@ -210,13 +210,13 @@ def test_an_answer_that_was_not_promised_is_refused_and_changed_logs_are_told(ki
     assert any("trial_0.5_1.csv: is missing" in line for line in lines)
     sealed(kit)
     (kit / "seal.sha256").write_text(old)
-    with pytest.raises(InputError, match="is not the answer whose hash stands in seal"):
+    with pytest.raises(InputError, match="does not match the hash in seal"):
         gl.reveal(kit)
     (kit / "seal.sha256").write_text("")
-    with pytest.raises(InputError, match="holds no hash"):
+    with pytest.raises(InputError, match="contains no hash"):
         gl.reveal(kit)
     (kit / "sealed.bin").unlink()
-    with pytest.raises(InputError, match=r"sealed\.bin: is not here yet"):
+    with pytest.raises(InputError, match=r"sealed\.bin: is missing, only its hash"):
         gl.reveal(kit)
     (kit / "seal.sha256").unlink()
     with pytest.raises(InputError, match=r"sealed\.bin: .*does not exist"):

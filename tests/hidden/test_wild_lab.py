@@ -36,7 +36,7 @@ def labs() -> tuple[Lab, ...]:
 def test_a_seed_is_one_laboratory_and_another_seed_is_another() -> None:
     assert wild(3, load_robot(), load_soil()) == labs()[3]
     assert len({lab.late for lab in labs()}) == len(labs())
-    with pytest.raises(UsageError, match="no laboratory is called 'wlid'"):
+    with pytest.raises(UsageError, match="unknown laboratory 'wlid'"):
         lab_of("wlid", 0, load_robot(), load_soil())
 
 
