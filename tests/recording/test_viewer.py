@@ -198,7 +198,7 @@ def test_a_discovery_is_seen_as_bars(headless: Any, tmp_path: Path) -> None:
     time.sleep(3)
     views = headless.get_state().views
     names = {view.name for view in views}
-    assert {"IMU pitch rate [°/s]", "Motor current, rear [A]"} <= names
+    assert {"Pitch rate [°/s]", "Rear motor current [A]"} <= names
     for view in views:
         assert not view.reports, (view.name, view.reports)
     _picture(headless.take_screenshot(), "recording_discovery")

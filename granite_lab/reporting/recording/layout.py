@@ -9,6 +9,8 @@ import numpy as np
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TextLogColumnKind, TimelineColumn
 
+from granite_lab.reporting import names
+from granite_lab.reporting.names import capital
 from granite_lab.reporting.recording.events import DIFFERS
 from granite_lab.reporting.recording.lines import CHANNELS, Line
 from granite_lab.reporting.recording.scene import VIEWPOINT
@@ -26,16 +28,7 @@ TITLES = {
     "pitch_rate": "IMU pitch rate, equal before the start",
     "innovation": "Innovations of the filter over their predicted std",
 }
-FOUND = {
-    "accel_x": "IMU acceleration, forward",
-    "accel_z": "IMU acceleration, vertical",
-    "pitch_rate": "IMU pitch rate",
-    "wheel": "Wheel angle, mean of all",
-    "wheel_split": "Wheel angle, front − rear",
-    "current_f": "Motor current, front",
-    "current_r": "Motor current, rear",
-}
-"""Channels of a search for the missing effect."""
+FOUND = {k: capital(name) for k, name in names.CHANNELS.items()}
 TITLES |= {f"residual_{k}": f"{TITLES[k].split(',')[0]}: simulated − measured" for k in CHANNELS}
 TITLES |= {f"found_{k}": v + (": measured − simulated" if "wheel" in k else "") for k, v in FOUND.items()}
 TITLES |= {f"discrepancy_{k}": f"{v}: not explained by the model" for k, v in FOUND.items()}
@@ -70,7 +63,7 @@ def extent_of(lines: Sequence[Line]) -> tuple[float, float]:
         margin = 0.08 * np.ptp(known[np.isfinite(known)]) + 1e-9
         low, high = np.nanmin(known) - margin, np.nanmax(known) + margin
     step = 10.0 ** np.ceil(np.log10((high - low) / 9))  # the viewer writes numbers at powers of ten
-    for _ in range(2):
+    for _ in range(2):  # one end is moved to the next number, then perhaps the other
         if np.floor(high / step) - np.ceil(low / step) < 1:
             below, above = step * np.floor(low / step), step * np.ceil(high / step)
             low, high = (below, high) if 0 < low - below < above - high else (low, above)

@@ -26,7 +26,6 @@ SIZE, TITLE_BAR = (1920, 1080), 37
 """Size of a picture's window, and the height of its title bar, which is cut off [pixels]."""
 WEB_PORT, DATA_PORT = 9090, 9876
 """Where Rerun serves a page and its data unless the ports are taken."""
-MAGIC = b"RRF"
 
 
 def open_viewer(path: Path) -> None:
@@ -45,11 +44,12 @@ def open_viewer(path: Path) -> None:
     if sys.platform.startswith("linux") and not display:
         raise LabError("there is no display to open the Rerun viewer on", elsewhere)
     viewer = _start(["--new", str(path.resolve())], start_new_session=True)
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        if viewer.poll() not in (None, 0):
-            raise LabError(f"the Rerun viewer ended at once with code {viewer.returncode}", elsewhere)
-        time.sleep(0.05)
+    try:
+        code = viewer.wait(PATIENCE)
+    except subprocess.TimeoutExpired:
+        return
+    if code:
+        raise LabError(f"the Rerun viewer ended at once with code {code}", elsewhere)
 
 
 def serve(path: Path, tell: Callable[[str], None]) -> None:
@@ -140,10 +140,10 @@ def _refuse_others(path: Path) -> None:
     refuse_special(path)
     try:
         with path.open("rb") as file:
-            magic = file.read(len(MAGIC))
+            known = file.read(3) == b"RRF"
     except OSError as error:
         raise readable(error, path) from None
-    if magic != MAGIC:
+    if not known:
         hint = "make one with 'granite-lab study TRIALS --out DIR'"
         raise InputError(f"{path}: not a Rerun recording", hint)
 

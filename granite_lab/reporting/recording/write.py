@@ -1,4 +1,4 @@
-"""Recordings of one trial and of a whole study."""
+"""Recordings of one trial and of a whole study, with the pages of text in them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, count, cycle
 from pathlib import Path
+from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -16,40 +17,40 @@ from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.logs.trial import Trial
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.recording.about import KEY, STUDY_KEY, VIRTUAL, about, page, properties
 from granite_lab.reporting.recording.events import Interval, intervals_of, write_events
 from granite_lab.reporting.recording.layout import OVERLAY, blueprint, overlay, trial_layout
-from granite_lab.reporting.recording.lines import OF_TRIALS, Line, lines_of, overlaid, write_lines
+from granite_lab.reporting.recording.lines import OF_TRIALS, SHOWN, Line, lines_of, overlaid, write_lines
 from granite_lab.reporting.recording.scene import write_scene
 from granite_lab.reporting.recording.stream import Writer, drawable, recording, root_of
+from granite_lab.reporting.rounding import plus_minus, significant
 
+VIRTUAL = "**Virtual data**: a simulator wrote the log that is called measured here.\n\n"
 
-@dataclass(frozen=True)
-class _Content:
-    """What a recording holds of one trial."""
+PLOTS = """
+- **0 s**: start of the command
+- **slip** has no bounds while the robot starts and stops; its plots are cut there
+"""
 
-    trial: Trial
-    comparison: Comparison
-    finding: Finding | None
+KEY = f"""
+- **solid**, blue body: measured robot
+- **orange outline**: simulated robot
+- **white spoke**: angle of the wheel
+- **magenta arrow**: ground reaction; **green**: thrust F (14); **red**: resistance R (13); \
+all simulated, 22 mm for 10 N
+- **light blue arc**: drive torque, 20° for 1 N m; orange where it was not measured
+- **sand**: cut open; lines 10, 20, 30 mm deep; the sinkage of both robots is simulated
+- **thin lines**, blue tones: measured, with a band of ± 1 standard deviation
+- **wide lines**, orange tones: simulated, drawn below the measured ones
+{PLOTS.strip()}
+"""
 
-    @cached_property
-    def lines(self) -> list[Line]:
-        return lines_of(self.trial, self.comparison, self.finding)
+STUDY_KEY = f"""
+Each row is a speed. Each tab above holds the trials of one speed.
 
-    @cached_property
-    def bars(self) -> list[Interval]:
-        return intervals_of(self.comparison, self.finding)
-
-    def layout(self, root: str, name: str) -> rrb.Horizontal:
-        lanes = len({bar.channel for bar in self.bars})
-        return trial_layout(root, self.lines, lanes=lanes, name=drawable(name))
-
-    def write(self, writer: Writer) -> None:
-        write_lines(writer, self.lines)
-        write_scene(writer, self.comparison)
-        write_events(writer, self.comparison, self.bars, self.finding)
-        writer.static("about", about(self.trial, self.comparison))
-        writer.static("key", page((VIRTUAL if self.comparison.motion.virtual else "") + KEY.strip()))
+- **thin lines**, one colour a trial: measured
+- **wide orange lines**: simulated, one a trial, drawn below the measured ones
+{PLOTS.strip()}
+"""
 
 
 def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: Finding | None = None) -> Path:
@@ -70,7 +71,7 @@ def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: F
     """
     content = _Content(trial, comparison, finding)
     with recording(path, trial.name, blueprint(content.layout("", trial.name))) as stream:
-        stream.send_property("trial", properties(trial, comparison))
+        stream.send_property("trial", _properties(trial, comparison))
         content.write(Writer(stream))
     return path
 
@@ -103,11 +104,11 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
             failures=[f"{f.trial}: {f.message}" for f in result.failures] or ["none"],
         )  # fmt: skip
         stream.send_property("study", study)
-        Writer(stream).static("key", page((VIRTUAL if result.virtual else "") + STUDY_KEY.strip()))
+        Writer(stream).static("key", _page(STUDY_KEY, result.virtual))
         write_lines(Writer(stream), chain(*rows.values()))
         for name, own in contents.items():
             root = root_of(name)
-            stream.send_property(root.removeprefix("/"), properties(own.trial, own.comparison))
+            stream.send_property(root.removeprefix("/"), _properties(own.trial, own.comparison))
             own.write(Writer(stream, root))
     return path
 
@@ -119,3 +120,91 @@ def _distinct(names: Sequence[str]) -> list[str]:
         again = (f"{name} ({k})" for k in count(2))
         seen.append(next(unique for unique in chain([name], again) if unique not in seen))
     return seen
+
+
+@dataclass(frozen=True)
+class _Content:
+    """What a recording holds of one trial."""
+
+    trial: Trial
+    comparison: Comparison
+    finding: Finding | None
+
+    @cached_property
+    def lines(self) -> list[Line]:
+        return lines_of(self.trial, self.comparison, self.finding)
+
+    @cached_property
+    def bars(self) -> list[Interval]:
+        return intervals_of(self.comparison, self.finding)
+
+    def layout(self, root: str, name: str) -> rrb.Horizontal:
+        lanes = len({bar.channel for bar in self.bars})
+        return trial_layout(root, self.lines, lanes=lanes, name=drawable(name))
+
+    def write(self, writer: Writer) -> None:
+        write_lines(writer, self.lines)
+        write_scene(writer, self.comparison)
+        write_events(writer, self.comparison, self.bars, self.finding)
+        writer.static("about", _page(_about(self.trial, self.comparison)))
+        writer.static("key", _page(KEY, self.comparison.motion.virtual))
+
+
+def _page(text: str, virtual: bool = False) -> Any:
+    """Return a Markdown document, which says so where the data are virtual."""
+    text = (VIRTUAL if virtual else "") + text.strip()
+    return rr.TextDocument(drawable(text), media_type="text/markdown")
+
+
+def _plain(text: str) -> str:
+    """Return text that cannot break out of a Markdown table or heading."""
+    return "".join(f"\\{c}" if c in "\\`*_{}[]<>#|!~" else c for c in " ".join(text.split()))
+
+
+def _about(trial: Trial, comparison: Comparison) -> str:
+    """Say as Markdown what a trial is and what came out."""
+    motion, run, fit = comparison.motion, comparison.run, comparison.fit
+    v = motion.variant
+    model = f"{run.k92_law} k_92 law, {run.k92_value:.4g}; effects: {', '.join(run.effects) or 'none'}"
+    whole = f"{plus_minus(fit.k92_trajectory)} ({fit.status_trajectory.replace('_', ' ')})"
+    rows = {
+        "trial": "**virtual**: its log was written by a simulator" if motion.virtual else "real",
+        "robot, soil": f"{_plain(run.robot.title)}; {_plain(run.soil.title)}",
+        "desired motion": f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m "
+        f"({motion.variant_source})",
+        "slip λ_R (2), measured": plus_minus(motion.slip_ratio, "%", 100),
+        "slip λ_R (2), simulated": f"{100 * run.slip_ratio:.1f} %",
+        "distance, measured": plus_minus(motion.distance, "m"),
+        "k_92 by steady slip": f"{plus_minus(fit.k92)} ({fit.status.replace('_', ' ')})",
+        "k_92 by whole trajectory": whole,
+        "simulated with": _plain(model),
+        "filter": _plain(motion.health.verdict),
+        "written by": f"granite-lab {__version__}",
+    }
+    text = [f"# {_plain(trial.name)}", "", "| what | value |", "|---|---|"]
+    text += [f"| {what} | {value} |" for what, value in rows.items()]
+    text += ["", "### Simulated minus measured, whole trial", ""]
+    text += ["| channel | rms | mean | largest | unit |", "|---|---|---|---|---|"]
+    for m in (m for m in comparison.misfits if m.phase == "all"):
+        unit, factor = SHOWN.get(m.unit or "-", (m.unit, 1.0))
+        values = " | ".join(significant(factor * value) for value in (m.rms, m.bias, m.peak))
+        text.append(f"| {_plain(m.channel)} | {values} | {unit} |")
+    if motion.warnings:
+        text += ["", "### Warnings", "", *(f"- {_plain(w)}" for w in motion.warnings)]
+    return "\n".join(text)
+
+
+def _properties(trial: Trial, comparison: Comparison) -> Any:
+    """Return what a program should know of a trial without reading its samples; units in the names."""
+    motion, run, fit = comparison.motion, comparison.run, comparison.fit
+    slip = motion.slip_ratio
+    return rr.AnyValues(
+        name=trial.name, virtual=motion.virtual, version=__version__,
+        robot=run.robot.name, soil=run.soil.name, effects=list(run.effects) or ["none"],
+        variant_mps=motion.variant.velocity, acceleration_mps2=motion.variant.acceleration,
+        distance_m=motion.variant.distance, command_start_s=motion.t_start.value,
+        slip_ratio_measured=slip.value, slip_ratio_measured_std=slip.std, slip_ratio_simulated=run.slip_ratio,
+        k92=fit.k92.value, k92_std=fit.k92.std, k92_status=fit.status,
+        k92_trajectory=fit.k92_trajectory.value, k92_trajectory_std=fit.k92_trajectory.std,
+        inputs_sha256=[file.sha256 for file in trial.inputs] or ["none"],
+    )  # fmt: skip
