@@ -42,7 +42,7 @@ def plot(record: Any) -> Figure:
         case K92Fit():
             return fits_plot([(record.variant.velocity, record.k92)], record.virtual)
         case AThetaFit():
-            return fits_plot([(v, k92) for _, v, k92, _ in record.points], False, record)
+            return fits_plot([(v, k92) for _, v, k92, _ in record.points], record.virtual, record)
         case Comparison():
             return comparison_figure(record, 0).draw()
         case Finding():

@@ -106,22 +106,21 @@ def fit_atheta(
     if published and trials:
         raise UsageError("--published takes no trials", "leave out one of the two")
     origin: dict[str, Any] = {"provenance": None}
-    virtual = False
     if published:
         fit = fit_a_theta(published=True)
     else:
         with progress(work.quiet, "fitting") as shown:
             fits = run(trials or [], model=model, done=shown.done, **about.said(), **work.said())
         origin = warn_of(fits.origin) | {"provenance": _provenance(fits.origin, "fit-atheta")}
-        fit, virtual = fit_a_theta(list(fits)), any(one.virtual for one in fits)
+        fit = fit_a_theta(list(fits))
     if out is not None:
         table = fit.to_frame()
-        write_table(out, table.assign(data="virtual") if virtual else table)
+        write_table(out, table.assign(data="virtual") if fit.virtual else table)
     if work.as_json:
         print_json(_a_theta_as_json(fit) | {"agrees": a_theta_of(fit)[1]} | origin)
     else:
         show_a_theta(fit, console())
-        what = "Rows of Table 3" if published else "Virtual trials" if virtual else "Trials"
+        what = "Rows of Table 3" if published else "Virtual trials" if fit.virtual else "Trials"
         say(console(), f"{what}: {', '.join(point[0] for point in fit.points)}.")
 
 

@@ -118,6 +118,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         notes=(*notes, *remarks),
         parts=fit.parts,
         sensitivity=tuple(next(found) if usable(row) else 0.0 for row in rows) if fit.own.size else (),
+        virtual=any(isinstance(item, K92Fit) and item.virtual for item in items),
     )
 
 

@@ -114,7 +114,7 @@ class Law:
 
 
 @dataclass(frozen=True)
-class AThetaFit:
+class AThetaFit(Shown):
     """The exponent a_θ of (27) over trials.
 
     Attributes:
@@ -131,6 +131,7 @@ class AThetaFit:
         parts: what the std of `a_theta` is made of besides the std of the points.
         sensitivity: da_θ/dk_92 of each point [s/m]; 0 for those that were left out. The squares of
             sensitivity times std of the points and of `parts` add up to the variance of `a_theta`.
+        virtual: some of the logs were written by a simulator.
     """
 
     a_theta: Estimate
@@ -145,6 +146,7 @@ class AThetaFit:
     notes: tuple[str, ...] = ()
     parts: tuple[Part, ...] = ()
     sensitivity: tuple[float, ...] = ()
+    virtual: bool = False
 
     def __repr__(self) -> str:
         return (

@@ -157,7 +157,8 @@ def test_motions_and_fits_are_drawn_and_shown_in_a_notebook(tmp_path: Path) -> N
     motions = gl.ingest(SAMPLE)
     fits = gl.fit_k92([SAMPLE, OTHER])
     finding = made_up_finding()
-    records = {"motion": motions[0].motion, "fits": fits, "fit": fits[0], "finding": finding}
+    law = gl.fit_a_theta(fits)
+    records = {"motion": motions[0].motion, "fits": fits, "fit": fits[0], "law": law, "finding": finding}
     for name, record in records.items():
         assert len(repr(record)) < 600
         assert "<table" in record._repr_html_()
