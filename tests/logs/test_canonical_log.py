@@ -64,18 +64,14 @@ def test_what_is_written_is_read_back_to_the_last_bit(trial: Trial, tmp_path: Pa
     path = tmp_path / "any.csv"
     write_canonical(path, trial)
     back = read_trial(path)
-    np.testing.assert_array_equal(back.imu.t, trial.imu.t)
-    np.testing.assert_array_equal(back.imu.specific_force, trial.imu.specific_force)
-    np.testing.assert_array_equal(back.imu.angular_rate, trial.imu.angular_rate)
-    np.testing.assert_array_equal(back.wheels.t, trial.wheels.t)
-    np.testing.assert_array_equal(back.wheels.angle, trial.wheels.angle)
+    make.same(back, trial)
     assert back.info == trial.info
     assert back.info.extra == trial.info.extra
-    assert (back.currents is None) == (trial.currents is None)
-    if trial.currents is not None and back.currents is not None:
-        np.testing.assert_array_equal(back.currents.current, trial.currents.current)
-    if trial.reference_v is not None:
-        np.testing.assert_array_equal(back.reference_v.value, trial.reference_v.value)
+    for name, field in (("currents", "current"), ("reference_v", "value")):
+        one, other = getattr(trial, name), getattr(back, name)
+        assert (one is None) == (other is None)
+        if one is not None:
+            np.testing.assert_array_equal(getattr(other, field), getattr(one, field))
     if trial.wheels.step:
         assert back.wheels.step == trial.wheels.step
 
@@ -83,10 +79,9 @@ def test_what_is_written_is_read_back_to_the_last_bit(trial: Trial, tmp_path: Pa
 def test_logged_rates_are_written_as_rates_and_integrated_again(tmp_path: Path) -> None:
     t = np.arange(50) / 50
     rate = np.repeat(np.sin(t)[:, None], 4, axis=1)
-    path = tmp_path / "rates.csv"
     wheels = WheelStream(t, np.zeros_like(rate), rate, 0.01)
-    write_canonical(path, Trial("rates", TrialInfo(robot="granite"), wheels=wheels))
-    back = read_trial(path).wheels
+    write_canonical(tmp_path / "rates.csv", Trial("rates", TrialInfo(robot="granite"), wheels=wheels))
+    back = read_trial(tmp_path / "rates.csv").wheels
     np.testing.assert_array_equal(back.rate, rate)
     assert back.angle[-1, 0] == pytest.approx(1 - np.cos(t[-1]), abs=1e-4)
     assert back.step == 0.01
@@ -96,67 +91,49 @@ def test_gravity_stays_removed(tmp_path: Path) -> None:
     t = np.arange(300) / 100
     force = np.random.default_rng(1).normal(0, 0.05, (300, 3))
     imu = ImuStream(t, force, np.zeros((300, 3)) + 1e-3 * force, gravity_removed=True)
-    path = tmp_path / "free.csv"
-    write_canonical(path, Trial("free", TrialInfo(robot="granite"), imu=imu))
-    back = read_trial(path)
+    write_canonical(tmp_path / "free.csv", Trial("free", TrialInfo(robot="granite"), imu=imu))
+    back = read_trial(tmp_path / "free.csv")
     assert back.imu.gravity_removed
     np.testing.assert_array_equal(back.imu.specific_force, force)
 
 
 def test_nothing_is_left_behind_when_the_folder_cannot_be_written(tmp_path: Path) -> None:
-    blocker = tmp_path / "file"
-    blocker.write_text("x")
+    blocker = make.written(tmp_path, "x", "file")
     with pytest.raises(Exception, match="not a directory"):
         write_canonical(blocker / "trial.csv", Trial("x", TrialInfo()))
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
 
-SUFFIXES = [
-    ("imu_ax", "mps2", "g", 1 / 9.80665),
-    ("imu_ax", "mps2", "mg", 1000 / 9.80665),
-    ("imu_gy", "radps", "dps", 180 / np.pi),
-    ("imu_gy", "radps", "degps", 180 / np.pi),
-    ("enc_fl", "rad", "deg", 180 / np.pi),
-    ("enc_fl", "rad", "rev", 1 / (2 * np.pi)),
-    ("t", "s", "ms", 1e3),
-    ("t", "s", "us", 1e6),
-    ("t", "s", "ns", 1e9),
-]
-
-
-@pytest.mark.parametrize(("channel", "old", "new", "factor"), SUFFIXES)
-def test_the_suffix_gives_the_unit(channel: str, old: str, new: str, factor: float, tmp_path: Path) -> None:
-    lines = make.lines()
-    place = lines[0].split(",").index(f"{channel}_{old}")
-    # All axes and wheels change together: units are judged by their sum.
-    stem = (
-        channel[:-1] if channel.startswith("imu") else channel[:4] if channel.startswith("enc") else channel
-    )
-    names = lines[0].split(",")
-    hit = [i for i, name in enumerate(names) if name.startswith(stem)]
-    assert place in hit
-    changed = [",".join(n.rsplit("_", 1)[0] + f"_{new}" if i in hit else n for i, n in enumerate(names))]
-    for line in lines[1:]:
-        cells = line.split(",")
-        changed.append(",".join(repr(float(c) * factor) if i in hit else c for i, c in enumerate(cells)))
-    plain, other = tmp_path / "plain.csv", tmp_path / "other.csv"
-    plain.write_text("\n".join(lines))
-    other.write_text("\n".join(changed))
-    a, b = read_trial(plain), read_trial(other)
-    np.testing.assert_allclose(b.imu.t, a.imu.t, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(b.imu.specific_force, a.imu.specific_force, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(b.imu.angular_rate, a.imu.angular_rate, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(b.wheels.angle, a.wheels.angle, rtol=1e-12, atol=1e-12)
+@pytest.mark.parametrize(
+    ("stem", "new", "factor"),
+    [  # all axes and wheels change together: units are judged by their sum
+        ("imu_a", "g", 1 / 9.80665),
+        ("imu_a", "mg", 1000 / 9.80665),
+        ("imu_g", "dps", 180 / np.pi),
+        ("imu_g", "degps", 180 / np.pi),
+        ("enc_", "deg", 180 / np.pi),
+        ("enc_", "rev", 1 / (2 * np.pi)),
+        ("t_", "ms", 1e3),
+        ("t_", "us", 1e6),
+        ("t_", "ns", 1e9),
+    ],
+)
+def test_the_suffix_gives_the_unit(stem: str, new: str, factor: float, tmp_path: Path) -> None:
+    hit = [name.startswith(stem) for name in make.COLUMNS]
+    names = [f"{n.rpartition('_')[0]}_{new}" if h else n for h, n in zip(hit, make.COLUMNS, strict=True)]
+    changed = make.only(
+        *make.COLUMNS,
+        change=lambda row: [repr(float(c) * factor) if h else c for h, c in zip(hit, row, strict=True)],
+    ).replace(make.HEADER, ",".join(names))
+    a, b = make.read(tmp_path, make.text()), make.read(tmp_path, changed)
+    make.same(b, a, rtol=1e-12, atol=1e-12)
     assert b.warnings == a.warnings
 
 
 def test_currents_in_milliamperes_and_rates_in_turns_a_minute(tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
     rows = [f"{0.02 * k},{1000 + k},{60},{60},{60},{30 + k}" for k in range(50)]
-    path.write_text(
-        '# robot = "granite"\nt_s,cur_fl_mA,enc_fl_rpm,enc_fr_rpm,enc_rl_rpm,enc_rr_rpm\n' + "\n".join(rows)
-    )
-    trial = read_trial(path)
+    head = '# robot = "granite"\nt_s,cur_fl_mA,enc_fl_rpm,enc_fr_rpm,enc_rl_rpm,enc_rr_rpm\n'
+    trial = make.read(tmp_path, head + "\n".join(rows))
     assert trial.currents.current[3, 0] == pytest.approx(1.003)
     assert np.isnan(trial.currents.current[3, 1:]).all()
     assert trial.wheels.rate[0, 0] == pytest.approx(2 * np.pi)
@@ -166,76 +143,57 @@ def test_currents_in_milliamperes_and_rates_in_turns_a_minute(tmp_path: Path) ->
 def test_counts_take_their_size_from_the_log_before_the_robot(tmp_path: Path) -> None:
     rows = [f"{0.02 * k},{k},{k},{k},{k}" for k in range(50)]
     body = "t_s,enc_fl_counts,enc_fr_counts,enc_rl_counts,enc_rr_counts\n" + "\n".join(rows)
-    path = tmp_path / "c.csv"
-    path.write_text('# robot = "granite"\n' + body)
-    wheels = read_trial(path).wheels
+    wheels = make.read(tmp_path, '# robot = "granite"\n' + body).wheels
     assert wheels.angle[-1, 2] == pytest.approx(49 * 2 * np.pi / 106000, rel=1e-14)
-    path.write_text('# robot = "granite"\n# enc_counts_per_rev = 1000\n' + body)
-    wheels = read_trial(path).wheels
+    wheels = make.read(tmp_path, '# robot = "granite"\n# enc_counts_per_rev = 1000\n' + body).wheels
     assert wheels.angle[-1, 2] == pytest.approx(49 * 2 * np.pi / 1000, rel=1e-14)
     assert wheels.step == pytest.approx(2 * np.pi / 1000)
 
 
 def test_sparse_rows_give_each_sensor_its_own_stamps(tmp_path: Path) -> None:
-    lines = make.lines()
-    sparse = [lines[0]]
-    for k, line in enumerate(lines[1:]):
-        cells = line.split(",")
-        stamp = float(cells[0])
-        sparse.append(",".join([f"{stamp}", *cells[1:7], "", "", "", ""]))
+    header, *rows = make.lines()
+    sparse = [header]
+    for k, row in enumerate(rows):
+        cells = row.split(",")
+        sparse.append(",".join([*cells[:7], "", "", "", ""]))
         if k % 2 == 0:
-            sparse.append(",".join([f"{stamp + 0.003:.6f}", *[""] * 6, *cells[7:]]))
-    path = tmp_path / "sparse.csv"
-    path.write_text("\n".join(sparse))
-    trial = read_trial(path)
+            sparse.append(",".join([f"{float(cells[0]) + 0.003:.6f}", *[""] * 6, *cells[7:]]))
+    trial = make.read(tmp_path, "\n".join(sparse))
     assert (len(trial.imu.t), len(trial.wheels.t)) == (600, 300)
     assert trial.wheels.t[1] == 0.023
 
 
 def test_metadata_of_comments_sidecar_and_caller_in_this_order(tmp_path: Path) -> None:
-    path = tmp_path / "trial.csv"
-    path.write_text(
+    make.written(tmp_path, 'v_desired_mps = 0.3\nsoil = "dry_sand"\nweather = "wet"\n', "trial.toml")
+    head = (
         '# robot = "granite"\n# a remark, not TOML = really\n# v_desired_mps = 0.2\n# distance_m = 2.0\n'
-        "# operator = Jan\n#\n" + make.text()
+        "# operator = Jan\n#\n"
     )
-    path.with_suffix(".toml").write_text('v_desired_mps = 0.3\nsoil = "dry_sand"\nweather = "wet"\n')
-    info = read_trial(path, info=TrialInfo(soil="loam.toml")).info
-    assert (info.v_desired, info.distance, info.soil) == (0.3, 2.0, "loam.toml")
-    assert info.extra == {"operator": "Jan", "weather": "wet"}
-    assert [file.path.name for file in read_trial(path).inputs] == ["trial.csv", "trial.toml"]
+    trial = make.read(tmp_path, head + make.text(), info=TrialInfo(soil="loam.toml"))
+    assert (trial.info.v_desired, trial.info.distance, trial.info.soil) == (0.3, 2.0, "loam.toml")
+    assert trial.info.extra == {"operator": "Jan", "weather": "wet"}
+    assert [file.path.name for file in trial.inputs] == ["trial.csv", "trial.toml"]
 
 
 def test_a_misspelt_metadata_key_is_pointed_out(tmp_path: Path) -> None:
-    path = tmp_path / "trial.csv"
-    path.write_text('# robot = "granite"\n# v_desired_mp = 0.3\n' + make.text())
-    assert any("did you mean 'v_desired_mps'" in line for line in read_trial(path).warnings)
+    trial = make.read(tmp_path, '# robot = "granite"\n# v_desired_mp = 0.3\n' + make.text())
+    assert any("did you mean 'v_desired_mps'" in line for line in trial.warnings)
 
 
 def test_two_files_make_one_trial(tmp_path: Path) -> None:
-    names = make.HEADER.split(",")
-    whole, imu, wheels = (tmp_path / f"{n}.csv" for n in ("whole", "imu", "enc"))
-    lines = make.lines()
-    whole.write_text("\n".join(lines))
-    imu.write_text("\n".join(",".join(line.split(",")[:7]) for line in lines))
-    wheels.write_text("\n".join(",".join([line.split(",")[0], *line.split(",")[7:]]) for line in lines))
-    assert names[7] == "enc_fl_rad"
-    one, two = read_trial(whole), read_trial(imu, encoders=wheels)
-    np.testing.assert_array_equal(two.imu.specific_force, one.imu.specific_force)
-    np.testing.assert_array_equal(two.wheels.angle, one.wheels.angle)
+    wheels = make.written(tmp_path, make.only("t_s", *make.WHEELS), "enc.csv")
+    two = make.read(tmp_path, make.only("t_s", *make.IMU), "imu.csv", encoders=wheels)
+    make.same(two, make.read(tmp_path, make.text()))
     assert len(two.inputs) == 2
 
 
 def test_the_angle_counts_where_the_rate_is_logged_too(tmp_path: Path) -> None:
-    lines = make.lines()
-    both = [lines[0] + ",enc_fl_radps", *(line + ",7.5" for line in lines[1:])]
-    path = tmp_path / "both.csv"
-    path.write_text("\n".join(both))
-    trial = read_trial(path)
+    header, *rows = make.lines()
+    trial = make.read(tmp_path, "\n".join([header + ",enc_fl_radps", *(row + ",7.5" for row in rows)]))
     assert trial.wheels.rate is None
 
 
 def test_a_cell_that_is_empty_for_the_caller_is_no_sample(tmp_path: Path) -> None:
-    path = tmp_path / "empty.csv"
-    path.write_text("\n".join([make.HEADER, *(f"{k / 100}" + "," * 10 for k in range(200))]))
+    empty = "\n".join([make.HEADER, *(f"{k / 100}" + "," * 10 for k in range(200))])
     with pytest.raises(InputError, match="neither IMU nor encoder samples"):
-        read_trial(path)
+        make.read(tmp_path, empty)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from granite_lab.logs import read_trial
-from granite_lab.logs.trial import Trial
 from tests.logs import make
 
 LINES = make.lines()
@@ -43,6 +42,7 @@ WAYS: dict[str, Callable[[], str | bytes]] = {
         ",".join('"' + cell.replace(".", ",") + '"' for cell in line.split(",")) for line in LINES
     ),
     "delimiter at the end of every line": lambda: "\n".join(line + "," for line in LINES),
+    "semicolon at the end of every line": lambda: "\n".join(line + ";" for line in LINES),
     "delimiter at the end of rows only": lambda: "\n".join([LINES[0], *(x + "," for x in LINES[1:])]),
     "sep= line": lambda: "\n".join(["sep=;", *semicolons(LINES)]),
     "quoted sep= line": lambda: "\n".join(['"sep=,"', *LINES]),
@@ -64,42 +64,26 @@ WAYS: dict[str, Callable[[], str | bytes]] = {
 }
 
 
-def same(a: Trial, b: Trial) -> None:
-    np.testing.assert_array_equal(a.imu.t, b.imu.t)
-    np.testing.assert_array_equal(a.imu.specific_force, b.imu.specific_force)
-    np.testing.assert_array_equal(a.imu.angular_rate, b.imu.angular_rate)
-    np.testing.assert_array_equal(a.wheels.angle, b.wheels.angle)
-
-
 @pytest.mark.parametrize("way", WAYS)
 def test_the_same_trial_comes_out(way: str, tmp_path: Path) -> None:
-    plain, other = tmp_path / "plain.csv", tmp_path / "other.csv"
-    plain.write_text("\n".join(LINES) + "\n")
-    content = WAYS[way]()
-    other.write_bytes(content if isinstance(content, bytes) else content.encode())
-    same(read_trial(plain), read_trial(other))
+    make.same(make.read(tmp_path, make.text()), make.read(tmp_path, WAYS[way](), "other.csv"))
 
 
 def test_a_row_that_was_cut_off_at_the_end_is_left_out_and_said(tmp_path: Path) -> None:
-    path = tmp_path / "cut.csv"
-    path.write_text("\n".join(LINES)[:-40])
-    trial = read_trial(path)
+    trial = make.read(tmp_path, "\n".join(LINES)[:-40], "cut.csv")
     assert len(trial.imu.t) == len(LINES) - 2
     assert any(f"cut.csv:{len(LINES)}: the last row is cut off" in line for line in trial.warnings)
 
 
 def test_windows_1252_is_read_and_said(tmp_path: Path) -> None:
-    path = tmp_path / "ansi.csv"
-    path.write_bytes(("# Bediener = Müller\n" + "\n".join(LINES)).encode("cp1252"))
-    trial = read_trial(path)
+    trial = make.read(tmp_path, ("# Bediener = Müller\n" + "\n".join(LINES)).encode("cp1252"))
     assert trial.info.extra == {"Bediener": "Müller"}
     assert any("Windows-1252" in line for line in trial.warnings)
 
 
 def test_a_million_blank_lines(tmp_path: Path) -> None:
-    path = tmp_path / "blank.csv"
-    path.write_text("\n" * 1_000_000 + "\n".join(LINES[:300]) + "\n" * 1_000_000 + "\n".join(LINES[300:]))
-    trial = read_trial(path)
+    blank = "\n" * 1_000_000
+    trial = make.read(tmp_path, blank + "\n".join(LINES[:300]) + blank + "\n".join(LINES[300:]))
     assert len(trial.imu.t) == len(LINES) - 1
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from granite_lab.errors import InputError, UsageError
-from granite_lab.logs import read_trial
 from granite_lab.logs.layouts import all_layouts, load_layout
-from granite_lab.logs.matching import recognise
 from granite_lab.logs.trial import Trial
+from tests.logs import make
 
 N = 200
 T = np.arange(N) / 100  # [s]
@@ -107,10 +107,8 @@ IMUS = {
 }  # fmt: skip
 
 
-def read(folder: Path, name: str, content: str, **options: object) -> Trial:
-    path = folder / name
-    path.write_text(content)
-    return read_trial(path, **options)  # type: ignore[arg-type]
+def read(folder: Path, name: str, content: str, **options: Any) -> Trial:
+    return make.read(folder, content, name, **options)
 
 
 @pytest.mark.parametrize("case", IMUS)
@@ -140,8 +138,7 @@ def test_a_vesc_gives_wheels_and_a_share_of_the_current(tmp_path: Path) -> None:
 
 def test_phones_write_one_file_a_sensor(tmp_path: Path) -> None:
     header = "time,seconds_elapsed,z,y,x"
-    gyro = tmp_path / "Gyroscope.csv"
-    gyro.write_text(table(header, "{ns},{t},{gz},{gy},{gx}"))
+    gyro = make.written(tmp_path, table(header, "{ns},{t},{gz},{gy},{gx}"), "Gyroscope.csv")
     trial = read(tmp_path, "TotalAcceleration.csv", table(header, "{ns},{t},{az},{ay},{ax}"), imu=gyro)
     assert trial.layout == "sensor_logger_total + sensor_logger_gyroscope"
     np.testing.assert_allclose(trial.imu.specific_force.mean(axis=0), [0.1, 0.2, 9.8], atol=2e-3)
@@ -160,12 +157,11 @@ def test_phyphox_with_sensors_on_different_stamps(tmp_path: Path) -> None:
         '"Time (s)";"Acceleration x (m/s^2)";"Acceleration y (m/s^2)";"Acceleration z (m/s^2)"',
         "{t};{ax};{ay};{az}",
     )
-    gyro = tmp_path / "Gyroscope.csv"
     lines = table(
         '"Time (s)";"Gyroscope x (rad/s)";"Gyroscope y (rad/s)";"Gyroscope z (rad/s)"', "{t};{gx};{gy};{gz}"
     ).splitlines()
     shifted = [f"{float(line.split(';')[0]) + 0.004};" + line.split(";", 1)[1] for line in lines[1:]]
-    gyro.write_text("\n".join([lines[0], *shifted]))
+    gyro = make.written(tmp_path, "\n".join([lines[0], *shifted]), "Gyroscope.csv")
     trial = read(tmp_path, "Accelerometer.csv", acc, imu=gyro)
     assert len(trial.imu.t) == N - 1
     assert trial.imu.t[0] == 0.01
@@ -222,9 +218,7 @@ scale = -1
 
 
 def own(folder: Path, text: str = MAP) -> Path:
-    path = folder / "mine.toml"
-    path.write_text(text)
-    return path
+    return make.written(folder, text, "mine.toml")
 
 
 def test_a_new_logger_is_one_file(tmp_path: Path) -> None:
@@ -253,17 +247,18 @@ def test_rows_are_chosen_by_a_column(tmp_path: Path) -> None:
     fixed = own(tmp_path, text.replace('name = "mine"', 'name = "mine"\nrows = "run = 1"'))
     trial = read(tmp_path, "log.csv", content, map=fixed)
     assert trial.wheels.angle[0, 0] == pytest.approx(np.deg2rad(100))
-    with pytest.raises(InputError, match="no row has run = 7"):
-        read(tmp_path, "log.csv", content, map=fixed, rows="run = 7")
-    with pytest.raises(InputError, match="there is no column 'lap'"):
-        read(tmp_path, "log.csv", content, map=fixed, rows="lap = 7")
-    with pytest.raises(UsageError, match="cannot be understood"):
-        read(tmp_path, "log.csv", content, map=fixed, rows="run 7")
+    for rows, said, error in (
+        ("run = 7", "no row has run = 7", InputError),
+        ("lap = 7", "there is no column 'lap'", InputError),
+        ("run 7", "cannot be understood", UsageError),
+    ):
+        with pytest.raises(error, match=said):
+            read(tmp_path, "log.csv", content, map=fixed, rows=rows)
 
 
 def test_two_maps_that_fit_equally_are_not_chosen_between(tmp_path: Path) -> None:
-    one, two = own(tmp_path), tmp_path / "other.toml"
-    two.write_text(MAP.replace('"mine"', '"other"').replace("scale = -1", "scale = 1"))
+    other = MAP.replace('"mine"', '"other"').replace("scale = -1", "scale = 1")
+    one, two = own(tmp_path), make.written(tmp_path, other, "other.toml")
     content = table("tick;left_deg;right", "{ms};{k};{k}")
     with pytest.raises(InputError, match="could be of layout 'mine' or 'other'"):
         read(tmp_path, "log.csv", content, map=[one, two])
@@ -272,44 +267,6 @@ def test_two_maps_that_fit_equally_are_not_chosen_between(tmp_path: Path) -> Non
 def test_a_map_that_fits_no_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"column 'tick' is missing .*expected by layout 'mine'"):
         read(tmp_path, "imu.csv", IMUS["plain"][1], map=own(tmp_path))
-
-
-WRONG_MAPS = {
-    "unknown key": (("scale = -1", "scael = -1"), "unknown key 'scael'", "scale"),
-    "unknown channel": (('"enc_fr", ', '"enc_front", '), "unknown channel 'enc_front'", "enc_fl"),
-    "unknown unit": (('unit = "ms"', 'unit = "msecond"'), "unit 'msecond' is not known", "second"),
-    "unit of another kind": (
-        ('unit = "ms"', 'unit = "mm"'),
-        "unit 'mm' is one of length, but t is time",
-        "s, ms",
-    ),
-    "no unit": (('unit = "ms"\n', "\n"), "the unit is missing", ""),
-    "neither name nor pattern": (('name = "right"\n', "\n"), "needs either 'name' or 'pattern'", ""),
-    "broken pattern": (("(?P<unit>.*)", "(?P<unit>.*"), "is not a regular expression", "quotes"),
-    "scale of nothing": (("scale = -1", "scale = 0"), "scale = 0 would make every sample zero", ""),
-    "scale not a number": (("scale = -1", "scale = nan"), "scale = nan is out of range", ""),
-    "no clock": (('to = ["t"]\nunit = "ms"', "to = []"), "no column feeds 't'", "unit"),
-    "no column": ((MAP, 'name = "x"'), "'column' is missing", ""),
-    "not a list": (('to = ["t"]', 'to = "t"'), "to = 't' is not a list", ""),
-    "not TOML": (("[table]", "[table"), "not valid TOML", ""),
-    "a wrong delimiter": (
-        ('delimiter = ";"', 'delimiter = "dash"'),
-        "delimiter = 'dash' is not known",
-        "comma",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", WRONG_MAPS)
-def test_a_wrong_map_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
-    (old, new), said, hint = WRONG_MAPS[name]
-    assert old in MAP
-    path = own(tmp_path, MAP.replace(old, new))
-    with pytest.raises(InputError) as caught:
-        load_layout(path)
-    assert said in caught.value.message
-    assert str(path) in caught.value.message
-    assert hint in caught.value.hint
 
 
 def test_an_unknown_map_suggests_a_known_one() -> None:
@@ -324,11 +281,3 @@ def test_every_map_of_the_catalogue_is_valid_and_named_like_its_file() -> None:
         assert load_layout(layout.name) == layout
         assert layout.title
         assert layout.source
-
-
-@pytest.mark.parametrize("case", IMUS)
-def test_every_sample_fits_one_layout_only(case: str, tmp_path: Path) -> None:
-    name, content, layout = IMUS[case]
-    path = tmp_path / name
-    path.write_text(content)
-    assert recognise(path)[1].layout.name == layout

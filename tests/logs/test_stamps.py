@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -55,6 +56,8 @@ DATES = {
     "zone +02:00": lambda us: iso(us, datetime.timezone(datetime.timedelta(hours=2))),
     "no zone": lambda us: iso(us, None),
     "a blank": lambda us: iso(us, None).replace("T", " "),
+    "other signs": lambda us: re.sub(r"\D", "_", iso(us, None)),
+    "slashes": lambda us: iso(us, None).replace("-", "/").replace("T", " "),
 }
 
 
