@@ -11,7 +11,9 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+import jinja2
 import numpy as np
 
 from benchmarks import validation_plots as plots
@@ -39,11 +41,11 @@ from granite_lab.effects import get
 from granite_lab.files import write_bytes, write_text
 from granite_lab.model.effect import activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
-from granite_lab.parameters import load_paper
 from granite_lab.reporting.canvas import saved
 
 GROWTH, STRENGTH = ("slip_sinkage", "growth"), ("bulldozing", "strength")
 CHOICES: tuple[tuple[tuple[str, str], ...], ...] = ((GROWTH,), (STRENGTH,), (GROWTH, STRENGTH))
+TEXT = Path(__file__).with_name("validation.md.jinja")
 FIGURES = (("k10", "K10-mini"), ("ding", "Ding 2011"), ("kls1", "KLS-1"), ("rashid", "Rashid-1"))
 
 
@@ -133,9 +135,12 @@ def relative_pull(results: Results, way: str, ids: str) -> float:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
-    """Return a Markdown table; the first `left` columns are flush left."""
-    rule = ["---"] * left + ["---:"] * (len(head) - left)
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, rule, *rows))
+    """Return a Markdown table; the first `left` columns are flush left, a repeated first cell is empty."""
+    rule, lines, before = ["---"] * left + ["---:"] * (len(head) - left), [], ""
+    for first, *others in rows:
+        lines.append(["" if first == before else first, *others])
+        before = first
+    return "\n".join(f"|{'|'.join(cells)}|" for cells in (head, rule, *lines))
 
 
 def number(value: float, digits: int = 1) -> str:
@@ -158,23 +163,16 @@ def given_table(results: Results) -> str:
 
 
 def needs_table(results: Results) -> str:
-    """Return the k_92 that each quantity asks for at each slip."""
+    """Return the k_92 that each quantity needs at each slip."""
     rows = []
-    paper = load_paper()
     for s in results.series:
         for n in results.needs[s.id]:
-            slip = n.row.slip
-            line = paper.fig4_intercept + paper.fig4_slope * slip
             rows.append([
-                s.title, number(slip, 2),
-                *(_need(float(n.best[c]), n.reached[c]) for c in range(3)),
+                s.title, number(n.row.slip, 2), *(_need(float(n.best[c]), n.reached[c]) for c in range(3)),
                 "none" if n.common is None else f"{n.common[0]:.2f} to {n.common[1]:.2f}",
-                number(n.joint, 2), ", ".join(number(float(x)) for x in n.joint_residuals if np.isfinite(x)),
-                number(line, 2) if slip > -0.1 and line >= 0 else "",
+                number(n.joint, 2),
             ])  # fmt: skip
-    head = ["wheel", "slip λ", *QUANTITIES, "all within tolerance", "least squares", "its residuals",
-            "the paper's line at this slip"]  # fmt: skip
-    return table(head, rows)
+    return table(["wheel", "slip λ", *QUANTITIES, "all", "least squares"], rows)
 
 
 def _need(value: float, reached: bool) -> str:
@@ -209,7 +207,7 @@ def effects_table(results: Results) -> str:
         rows.append([s.title, "none", "", "", *map(number, map(float, rms(base.off))), with_left_out(base)])
         for choice, found in zip(CHOICES, results.effects[s.id], strict=True):
             rows.append([
-                "", " + ".join(i for i, _ in choice), size_of(found, GROWTH), size_of(found, STRENGTH),
+                s.title, " + ".join(i for i, _ in choice), size_of(found, GROWTH), size_of(found, STRENGTH),
                 *map(number, map(float, rms(found.off))), with_left_out(found),
             ])  # fmt: skip
     head = ["wheel", "effects", "n1", "strength", *QUANTITIES, "all (left out)"]
@@ -243,7 +241,7 @@ def braking_table(results: Results) -> str:
     for s in results.series:
         for choice, found in zip(((), *CHOICES), results.braking.get(s.id, ()), strict=False):
             rows.append([
-                s.title if not choice else "", " + ".join(i for i, _ in choice) or "none",
+                s.title, " + ".join(i for i, _ in choice) or "none",
                 number(found.values["k_92"], 2), size_of(found, GROWTH), size_of(found, STRENGTH),
                 *(number(float(x)) for x in rms(found.off)[[0, 2]]), number(total(found.off)),
             ])  # fmt: skip
@@ -302,30 +300,114 @@ def sensitivity_table(results: Results) -> str:
 
 
 def every_row(results: Results) -> str:
-    """Return every measured row beside the model with nothing fitted."""
+    """Return every measured point beside the model with nothing fitted."""
     rows = []
     for s in results.series:
-        ways = results.given[s.id]
+        ways = [results.given[s.id][way] for way in ("law", "zero")]
         for k, row in enumerate(s.rows):
-            what = measured(row)
             std = f" ± {row.pull_std:.1f}" if math.isfinite(row.pull_std) else ""
             cells = [s.title, number(row.slip, 2), number(row.load)]
             for c, digits in ((0, 1), (1, 2), (2, 1)):
-                shown = number(float(what[c]), digits) + (std if c == 0 else "")
-                given = [float(ways[way][k][c]) for way in ("law", "zero")]
-                cells += [shown, " / ".join(number(x, digits) for x in given)]
-                cells.append(" / ".join(number(x - float(what[c]), digits) for x in given))
+                cells.append(number(float(measured(row)[c]), digits) + (std if c == 0 else ""))
+                cells.append(" / ".join(number(float(way[k][c]), digits) for way in ways))
             rows.append(cells)
-    head = ["wheel", "λ", "load [N]"]
-    for name in ("pull [N]", "torque [N m]", "sinkage [mm]"):
-        head += [name, "model", "error"]
+    head = ["wheel", "λ", "load [N]", "pull [N]", "model", "torque [N m]", "model", "sinkage [mm]", "model"]
     return table(head, rows)
+
+
+def page(results: Results) -> str:
+    """Return the page as Markdown."""
+    template = jinja2.Environment(undefined=jinja2.StrictUndefined, autoescape=False).from_string(
+        TEXT.read_text(encoding="utf-8")
+    )
+    functions = (given_table, needs_table, laws_table, effects_table, braking_table, ripple_table,
+                 sensitivity_table, every_row)  # fmt: skip
+    tables = {f.__name__: f(results) for f in functions}
+    return template.render(**tables, **_needed(results), **_fitted(results)) + "\n"
+
+
+def _needed(results: Results) -> dict[str, Any]:
+    """Return what the text says of the points, of nothing fitted, and of k_92 by slip."""
+    needs = [n for s in results.series for n in results.needs[s.id]]
+    driven = {s.id: [n for n in results.needs[s.id] if n.row.slip > -0.1] for s in results.series}
+    without = [n for part in driven.values() for n in part]
+    torque = [n for n in without if np.isfinite(n.best[1])]
+    steep = [n for n in without if n.row.slip >= 0.3]
+    slipping = [[n for n in part if n.row.slip > 0.05 and n.reached[0]] for part in driven.values()]
+    reachable = [part for part in slipping if len(part) > 1]
+    grown = [part[-1].row.sinkage / part[0].row.sinkage for part in driven.values()]
+    spans = [
+        zero[2] / law[2]
+        for s in results.series
+        for zero, law in zip(results.given[s.id]["zero"], results.given[s.id]["law"], strict=True)
+    ]
+    return {
+        "rows": sum(len(s.rows) for s in results.series),
+        "wheels": len(results.series),
+        "figures": FIGURES,
+        "law_at_10": f"{paper_law(0.0):.2f}",
+        "ding": {
+            **{way: f"{relative_pull(results, way, 'ding'):.0f}" for way in ("law", "zero", "rival")},
+            "sinkage": f"{median_errors(results, 'zero', 'ding')[2]:.1f}",
+        },
+        "slips": len(needs),
+        "common": sum(n.common is not None for n in needs),
+        "torque_slips": len(torque),
+        "three": sum(n.common is not None for n in torque),
+        "driven": len(without),
+        "pulled": sum(n.reached[0] for n in without),
+        "sunk": sum(n.reached[2] for n in without),
+        "steep": len(steep),
+        "steep_sunk": sum(n.reached[2] for n in steep),
+        "growth": _range(grown, 1),
+        "span": f"{max(spans):.1f}",
+        "reachable": len(reachable),
+        "at_first": _range([float(part[0].best[0]) for part in reachable]),
+        "at_half": f"{max(float(n.best[0]) for part in reachable for n in part if n.row.slip >= 0.45):.2f}",
+        "at_tenth": _range(_at(reachable, 0.1)),
+        "at_fifth": _range(_at(reachable, 0.2)),
+    }
+
+
+def _at(parts: Sequence[Sequence[Needed]], slip: float) -> list[float]:
+    return [float(n.best[0]) for part in parts for n in part if abs(n.row.slip - slip) < 0.04]
+
+
+def _range(values: Sequence[float], digits: int = 2) -> str:
+    return f"{min(values):.{digits}f} to {max(values):.{digits}f}"
+
+
+def _fitted(results: Results) -> dict[str, Any]:
+    """Return what the text says of laws and effects."""
+    full = results.full
+    agree = [s for s in results.series if total(full[s.id].off) <= 1]
+    grown = [s for s in results.series if expected(full[s.id], GROWTH)]
+    pushed = [s for s in results.series if expected(full[s.id], STRENGTH)]
+    both = [s.title for s in agree if s in grown and s in pushed]
+    strengths = [full[s.id].values[".".join(STRENGTH)] for s in results.series if s not in pushed]
+    totals = np.median([_totals(results, s) for s in results.series], axis=0)
+    changes = [ripple(s, row)[0] for s in results.series if s.lug for row in s.driven]
+    return {
+        "totals": [f"{x:.1f}" for x in totals],
+        "alone": sum(total(results.effects[s.id][0].off) <= 1 for s in results.series),
+        "agree": len(agree),
+        "left_out": _range([full[s.id].left_out for s in agree], 1),
+        "grown": len(grown),
+        "pushed": len(pushed),
+        "strength": _range(strengths, 1),
+        "both": f"{len(both)} wheels ({'; '.join(both)})" if both else "no wheel",
+        "ripple": f"{max(map(abs, changes)):.1f}",
+    }
+
+
+def _totals(results: Results, s: Series) -> list[float]:
+    free = np.array([n.joint_residuals for n in results.needs[s.id] if n.row.slip > -0.1])
+    paper = residuals(s, s.driven, Setup(paper_law))
+    return [total(x) for x in (paper, results.constants[s.id].off, results.linears[s.id].off, free)]
 
 
 def main() -> None:
     """Write the page and its figures."""
-    from benchmarks.validation_page import page  # noqa: PLC0415, it needs the functions above
-
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -165,30 +165,22 @@ class Fit:
     """A law of k_92, with effects, fitted to a series.
 
     Attributes:
-        name: in words.
         setup: what was found.
         values: the fitted numbers.
         off: (slips, 3) residuals over the tolerance.
         left_out: root mean square of the residuals at slips that were left out of the fit.
     """
 
-    name: str
     setup: Setup
     values: Mapping[str, float]
     off: Array
     left_out: float
-
-    @property
-    def count(self) -> int:
-        """How many numbers were fitted."""
-        return len(self.values)
 
 
 @dataclass(frozen=True)
 class Form:
     """What is fitted: names of the numbers, their bounds and start, and what they make."""
 
-    name: str
     names: tuple[str, ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
@@ -208,9 +200,9 @@ def law_forms(effects: Sequence[tuple[str, str]] = ()) -> list[Form]:
         return {i: {name: float(value)} for (i, name), value in zip(effects, x[len(x) - n :], strict=True)}
 
     return [
-        Form("constant", ("k_92", *more), (0.0, *low), (1.0, *high), ((0.3, *start), (0.8, *start)),
+        Form(("k_92", *more), (0.0, *low), (1.0, *high), ((0.3, *start), (0.8, *start)),
              lambda x: Setup(constant(float(x[0])), on(x) if n else None)),
-        Form("linear in |λ|, (3)", ("b0", "b1", *more), (0.0, -5.0, *low), (1.0, 5.0, *high),
+        Form(("b0", "b1", *more), (0.0, -5.0, *low), (1.0, 5.0, *high),
              ((0.4, -0.5, *start), (0.4, 0.5, *start)),
              lambda x: Setup(linear(float(x[0]), float(x[1])), on(x) if n else None)),
     ]  # fmt: skip
@@ -237,9 +229,7 @@ def fit(series: Series, form: Form, rows: Sequence[Row] | None = None, *, leave_
             others = [other for other in rows if other is not row]
             held.append(residuals(series, [row], fit(series, near, others, leave_out=False).setup))
         left = total(np.vstack(held))
-    return Fit(
-        form.name, setup, dict(zip(form.names, found, strict=True)), residuals(series, rows, setup), left
-    )
+    return Fit(setup, dict(zip(form.names, found, strict=True)), residuals(series, rows, setup), left)
 
 
 def bekker_wong(series: Series, row: Row) -> Array:
