@@ -6,7 +6,6 @@ name with the unit behind it (`wheel_base_m`).
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass, field
 
 from granite_lab.parameters.quantity import quantity
@@ -190,10 +189,3 @@ class Paper:
     fig4_intercept: float = quantity("", -5, 5, "k_92 at zero slip in Fig. 4", "b_0")
     fig4_slope: float = quantity("", -100, 100, "slope of Fig. 4 per unit of slip ratio", "b_1")
     table3: tuple[Published, ...] = ()
-
-
-def replace_path(record: object, path: str, value: float) -> object:
-    """Return the record with one nested number replaced, as in ``drive.gear_ratio``."""
-    head, _, rest = path.partition(".")
-    new = replace_path(getattr(record, head), rest, value) if rest else value
-    return dataclasses.replace(record, **{head: new})  # type: ignore[type-var]

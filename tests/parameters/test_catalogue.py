@@ -16,7 +16,6 @@ from granite_lab.parameters import (
     names,
 )
 from granite_lab.parameters.catalogue import in_force
-from granite_lab.parameters.records import replace_path
 
 GRANITE = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")
 
@@ -71,9 +70,3 @@ def test_every_parameter_in_force_has_unit_range_and_origin() -> None:
     assert origins["robot.wheels", "radius_m"] == "catalogue/robots/granite.toml"
     assert origins["robot.imu_grade", "rate_hz"] == "catalogue/imu_grades.toml"
     assert origins["soil", "exponent"] == "catalogue/soils/dry_sand.toml"
-
-
-def test_one_nested_number_can_be_replaced() -> None:
-    robot = replace_path(load_robot(), "drive.gear_ratio", 60.0)
-    assert robot.drive.gear_ratio == 60.0  # type: ignore[attr-defined]
-    assert load_robot().drive.gear_ratio == 53  # type: ignore[union-attr]

@@ -39,6 +39,22 @@ def call(address: int, t: float, *arrays: np.ndarray) -> None:
     ctypes.CFUNCTYPE(None, *kinds)(address)(t, *(a.ctypes.data for a in arrays))
 
 
+def over_lanes(expression: Any, x: Any, states: np.ndarray) -> np.ndarray:
+    """Compile an expression of x, and evaluate it on columns of samples, a multiple of the lanes."""
+    f = ca.Function("f", [ca.SX.sym("t"), x, ca.SX.sym("p")], [expression])
+    graphs._routines()
+    code = lowering.declarations() + lowering.column("f", program.read(f), list(range(expression.numel())))
+    address = machine.Library(machine.compiled(code, effort=0), ["f"]).address["f"]
+    samples = states.shape[1]
+    found = np.empty((expression.numel(), samples))
+    arrays = [np.zeros(samples), states, np.zeros(1), found]
+    kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 4
+    ctypes.CFUNCTYPE(None, *kinds)(address)(
+        samples // program.LANES, samples, *(z.ctypes.data for z in arrays)
+    )
+    return found
+
+
 def near_rest(effects: tuple[Effect, ...], seed: int) -> tuple[ModelParameters, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     active = [
@@ -97,14 +113,9 @@ def test_all_operations_and_their_derivatives_are_casadi_s() -> None:
     graphs._routines()
     n = y.numel()
     code = lowering.declarations() + lowering.point("all", program.read(f), rows, n)
-    code += "\n" + lowering.column("lanes", program.read(f), rows)
-    library_ = machine.Library(machine.compiled(code, effort=0), ["all", "lanes"])
-    rng = np.random.default_rng(0)
-    points = rng.uniform(0.2, 3.0, (3, 16))
-    lanes, times = np.empty((n, 16)), np.zeros(16)
-    kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 4
-    arrays = [times, points, np.zeros(1), lanes]
-    ctypes.CFUNCTYPE(None, *kinds)(library_.address["lanes"])(2, 16, *(z.ctypes.data for z in arrays))
+    library_ = machine.Library(machine.compiled(code, effort=0), ["all"])
+    points = np.random.default_rng(0).uniform(0.2, 3.0, (3, 16))
+    lanes = over_lanes(y, x, points)
     for k in range(16):
         point, out = points[:, k].copy(), np.zeros(n * (n + 2))
         call(library_.address["all"], 0.0, point, np.zeros(1), out)
@@ -126,14 +137,7 @@ def test_elementary_functions_are_right_to_a_few_units_in_the_last_place(name: s
     }.get(name, np.r_[rng.uniform(-10, 10, 2000), rng.uniform(-1e5, 1e5, 2000), 0.0, np.nan])
     x = x[: x.size // 8 * 8].copy() if name in ("sin", "cos") else np.r_[x, np.ones(-x.size % 8)]
     symbol = ca.SX.sym("x")
-    f = ca.Function("f", [ca.SX.sym("t"), symbol, ca.SX.sym("p")], [getattr(ca, name)(symbol)])
-    graphs._routines()
-    code = lowering.declarations() + lowering.column("f", program.read(f), [0])
-    address = machine.Library(machine.compiled(code, effort=0), ["f"]).address["f"]
-    got = np.empty_like(x)
-    arrays = [x, x, np.zeros(1), got]
-    kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 4
-    ctypes.CFUNCTYPE(None, *kinds)(address)(x.size // 8, x.size, *(z.ctypes.data for z in arrays))
+    (got,) = over_lanes(getattr(ca, name)(symbol), symbol, x[None])
     with np.errstate(all="ignore"):
         want = getattr(np, name)(x)
     np.testing.assert_allclose(got, want, rtol=2e-15, atol=4e-16 if name in ("sin", "cos") else 0)
@@ -143,14 +147,7 @@ def test_powers_are_right_for_any_sign() -> None:
     base = np.array([2.0, 0.5, 0.0, 0.0, 1e-12, -2.0, -2.0, -2.0, 3.0, 0.0, 7.0, -1.5, 1e9, 1e-300, 1.0, 9.0])
     exponent = np.array([0.5, -3.0, 0.9, 0.0, 1.3, 3.0, 2.0, 0.5, 1e9, -1.0, 0.0, -1.0, 3.3, 1.0, 1e5, 0.5])
     x = ca.SX.sym("x", 2)
-    f = ca.Function("f", [ca.SX.sym("t"), x, ca.SX.sym("p")], [x[0] ** x[1]])
-    graphs._routines()
-    code = lowering.declarations() + lowering.column("f", program.read(f), [0])
-    address = machine.Library(machine.compiled(code, effort=0), ["f"]).address["f"]
-    states, got = np.vstack([base, exponent]), np.empty(16)
-    arrays = [base, states, np.zeros(1), got]
-    kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 4
-    ctypes.CFUNCTYPE(None, *kinds)(address)(2, 16, *(z.ctypes.data for z in arrays))
+    (got,) = over_lanes(x[0] ** x[1], x, np.vstack([base, exponent]))
     with np.errstate(all="ignore"):
         np.testing.assert_allclose(got, base**exponent, rtol=2e-13)
 
