@@ -1,8 +1,8 @@
-"""Time stamps: their unit, wraps, order, duplicates, gaps; and resets, which are refused."""
+"""Time stamps: their unit, order, duplicates, gaps; and resets, which are refused."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -17,36 +17,8 @@ GAP_PERIODS = 3.0
 """A gap is a step of more than this many median periods."""
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_WRAPS = (2.0**16, 2.0**24, 2.0**32)
 _EPOCH = (9.4e8, 2.6e9)  # 2000 to 2052 in seconds since 1970
 _FASTEST = 20000.0
-
-
-class ClockResetError(InputError):
-    """The clock starts over in mid-file.
-
-    Attributes:
-        row: the first row of the new start, counted from 0 over the rows that were given.
-    """
-
-    def __init__(self, message: str, hint: str, row: int) -> None:
-        super().__init__(message, hint)
-        self.row = row
-
-
-@dataclass(frozen=True)
-class Stamps:
-    """Stamps put in order.
-
-    Attributes:
-        t: (M,) [s], strictly increasing.
-        rows: (M,) the row each came from.
-        doubts: what had to be done.
-    """
-
-    t: Array
-    rows: Rows
-    doubts: tuple[str, ...]
 
 
 def runs(flags: Mask) -> list[tuple[int, int]]:
@@ -91,28 +63,6 @@ def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
     return fits[0], f"stamps are in {unit}, not in the unit declared: {rate / fits[0]:.4g} Hz"
 
 
-def unwrap_stamps(raw: Array, wrap: float = 0.0) -> tuple[Array, str]:
-    """Undo the wraps of a counter of fixed width (a 16-bit millisecond clock, for one).
-
-    Args:
-        raw: (N,) stamps as logged.
-        wrap: range of the counter; 0: one of 2^16, 2^24, 2^32 where that explains every backward step.
-    """
-    steps = np.diff(raw)
-    back = steps < 0
-    if not back.any():
-        return raw, ""
-    period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    for width in (wrap,) if wrap else _WRAPS:
-        inside = raw.min() >= 0 and raw.max() < width
-        carried = steps[back] + width
-        # After a true wrap time goes on as if nothing had happened.
-        if inside and (wrap or ((carried > 0).all() and (carried <= 3 * period).all())):
-            turns = np.concatenate(([0.0], np.cumsum(steps < -width / 2)))
-            return raw + turns * width, f"the clock wrapped {int(turns[-1])} times at {width:.0f}; unwrapped"
-    return raw, ""
-
-
 def stray(raw: Array) -> list[slice]:
     """Find rows whose stamps leave the time line and come back to it as if the rows had been in time.
 
@@ -145,25 +95,30 @@ def stray(raw: Array) -> list[slice]:
     return found
 
 
-def tidy(t: Array, what: str, values: Array | None = None) -> Stamps:
+def tidy(
+    t: Array, values: Array, what: str, where: Callable[[int | None], str], doubts: list[str]
+) -> tuple[Array, Rows]:
     """Put stamps in order: drop missing ones, sort late ones, keep the first of equal ones.
 
     Args:
         t: (N,) [s].
-        what: the sensor, for messages.
         values: (N, K) samples, to tell a block that was written twice from a new start.
+        what: the sensor, for messages.
+        where: from a row to its place in the file; None: the file.
+        doubts: what had to be done is added here.
+
+    Returns:
+        (M,) stamps, strictly increasing, and the row each came from.
 
     Raises:
-        ClockResetError: the clock starts over in mid-file.
-        InputError: no two different stamps.
+        InputError: the clock starts over in mid-file, or no two different stamps.
     """
-    doubts: list[str] = []
     rows = np.flatnonzero(np.isfinite(t))
     if len(rows) < len(t):
         doubts.append(f"{what}: {len(t) - len(rows)} samples without a time stamp were left out")
     stamps = t[rows]
     if (np.diff(stamps) < 0).any():
-        _refuse_reset(stamps, rows, what, np.zeros((len(t), 1)) if values is None else values)
+        _refuse_reset(stamps, values[rows], lambda row: f"{where(int(rows[row]))}: {what}")
         late = int(np.count_nonzero(stamps < np.maximum.accumulate(stamps)))
         order = np.argsort(stamps, kind="stable")
         rows, stamps = rows[order], stamps[order]
@@ -171,16 +126,16 @@ def tidy(t: Array, what: str, values: Array | None = None) -> Stamps:
     new = np.concatenate(([True], np.diff(stamps) > 0))[: len(stamps)]
     if not new.all():
         doubts.append(f"{what}: {int(np.count_nonzero(~new))} duplicate stamps; the first of each was kept")
-        rows, stamps = rows[new], stamps[new]
-    if len(stamps) < 2:
-        count = "no sample" if len(stamps) == 0 else "a single stamp"
+    if np.count_nonzero(new) < 2:
+        count = "a single stamp" if new.any() else "no sample"
         raise InputError(
-            f"{what}: {count}, expected at least two", "the log is too short, or its clock stands still"
+            f"{where(None)}: {what}: {count}, expected at least two",
+            "the log is too short, or its clock stands still",
         )
-    return Stamps(stamps, rows, tuple(doubts))
+    return stamps[new], rows[new]
 
 
-def _refuse_reset(stamps: Array, rows: Rows, what: str, values: Array) -> None:
+def _refuse_reset(stamps: Array, values: Array, where: Callable[[int], str]) -> None:
     """Tell a clock that starts over from samples that merely arrived late.
 
     Late samples are few, or come as blocks that fit into holes of the time line. After a reset two
@@ -188,14 +143,13 @@ def _refuse_reset(stamps: Array, rows: Rows, what: str, values: Array) -> None:
     """
     cuts = np.flatnonzero(np.diff(stamps) < 0) + 1
     if len(cuts) > 0.5 * len(stamps):
-        raise ClockResetError(
-            f"{what}: time runs backwards, from {stamps[0]:.3f} s to {stamps[-1]:.3f} s",
+        raise InputError(
+            f"{where(int(cuts[0]))}: time runs backwards, from {stamps[0]:.3f} s to {stamps[-1]:.3f} s",
             "stamps increase from row to row: sort the log, or correct its time column",
-            int(rows[cuts[0]]),
         )
     latest = np.maximum.accumulate(stamps)
     period = float(np.median(np.abs(np.diff(stamps)))) or 1.0
-    for cut, end in zip(cuts, [*cuts[1:], len(stamps)], strict=True):
+    for cut, end in zip(cuts.tolist(), [*cuts[1:], len(stamps)], strict=True):
         jump = latest[cut - 1] - stamps[cut]
         later = stamps[cut:end]
         if jump < 20 * period or len(later) < 10:
@@ -203,16 +157,15 @@ def _refuse_reset(stamps: Array, rows: Rows, what: str, values: Array) -> None:
         order = np.argsort(stamps[:cut], kind="stable")
         earlier = stamps[:cut][order]
         place = np.minimum(np.searchsorted(earlier, later), cut - 1)
-        old, new = values[rows[order[place]]], values[rows[cut:end]]
+        old, new = values[order[place]], values[cut:end]
         same = ((old == new) | (np.isnan(old) & np.isnan(new))).all(axis=1)
         repeated = (earlier[place] == later) & same
         # Consecutive new samples that fall between different old ones, or on them with other values.
         claimed = (later > earlier[0]) & (later <= earlier[-1]) & ~repeated
         if len(np.unique(place[claimed])) >= 10:
-            raise ClockResetError(
-                f"{what}: time runs backwards by {jump:.3f} s and starts over at {stamps[cut]:.3f} s",
+            raise InputError(
+                f"{where(cut)}: time runs backwards by {jump:.3f} s and starts over at {stamps[cut]:.3f} s",
                 "the clock was reset: cut the file there and read the parts as separate trials",
-                int(rows[cut]),
             )
 
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from granite_lab.logs.trial import Array
 from granite_lab.logs.units import Unit
@@ -34,38 +33,33 @@ class Wheel:
     doubts: tuple[str, ...]
 
 
-def unwrap(raw: Array, ranges: Sequence[float]) -> tuple[Array, int, float]:
+def unwrap(raw: Array, ranges: Sequence[float], slack: float = 0.02) -> tuple[Array, int, float]:
     """Undo the wraps of a counter, exactly for whole numbers.
 
     A step of more than half the range is a wrap, forwards or backwards (so the counter may be
-    logged as signed or unsigned). The first range that holds all values and is wrapped in the data
-    is taken.
+    logged as signed or unsigned), if the motion goes on across it as it was before; after a reset it
+    does not. The first range that holds all values and is wrapped in the data is taken.
 
     Args:
         raw: (N,) finite values as logged, in the order of time.
         ranges: candidates for the range after which the counter starts again.
+        slack: share of the range that a step across a wrap may measure, however small the others are.
 
     Returns:
         (N,) values without wraps, number of wraps, range.
     """
     steps = np.diff(raw)
-    if len(steps) == 0:
-        return raw, 0, 0.0
-    span = float(raw.max() - raw.min())
+    span = float(np.ptp(raw)) if len(raw) else 0.0
     for width in ranges:
         wraps = np.abs(steps) > width / 2
-        if span <= width * (1 + 1e-9) and wraps.any() and _smooth(steps, wraps, width):
+        if span > width * (1 + 1e-9) or not wraps.any():
+            continue
+        across = np.abs(steps[wraps] - np.sign(steps[wraps]) * width)
+        usual = float(np.abs(steps[~wraps]).max(initial=0.0))
+        if (across <= max(5 * usual or width / 4, slack * width)).all():
             turns = np.concatenate(([0.0], np.cumsum(np.where(wraps, -np.sign(steps), 0.0))))
             return raw + turns * width, int(np.count_nonzero(wraps)), width
     return raw, 0, 0.0
-
-
-def _smooth(steps: Array, wraps: npt.NDArray[np.bool_], width: float) -> bool:
-    """Say whether the motion goes on across the wraps as it was before; after a reset it does not."""
-    carried = np.abs(steps[wraps] - np.sign(steps[wraps]) * width)
-    usual = np.abs(steps[~wraps])
-    limit = 5 * float(usual.max()) if len(usual) and usual.max() > 0 else width / 4
-    return bool((carried <= max(limit, 0.02 * width)).all())
 
 
 def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[float]:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clocks import ClockResetError, Mask, Rows, runs, stray, tidy, unit_factor, unwrap_stamps
-from granite_lab.logs.encoders import convert
+from granite_lab.logs.clocks import Mask, Rows, runs, stray, tidy, unit_factor
+from granite_lab.logs.encoders import convert, unwrap
 from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.matching import Binding
 from granite_lab.logs.source import Source
@@ -24,6 +24,9 @@ WINDOW = 5
 
 _SLOWEST = {(*ACCELERATION, *RATE): 4.0, ENCODERS: 0.5}
 """The lowest plausible sampling rate [Hz] of a sensor."""
+
+_WRAPS = (2.0**16, 2.0**24, 2.0**32)
+"""Ranges of counters that loggers use as clocks."""
 
 _A, _E2 = 6378137.0, 6.69437999014e-3
 """Semi-major axis [m] and squared eccentricity of WGS 84."""
@@ -129,9 +132,11 @@ def _clock(source: Source, doubts: list[str]) -> Array:
         )
         logged = logged.copy()
         logged[block] = np.nan
-    raw, doubt = unwrap_stamps(logged, binding.spec.wrap)
-    if doubt:
-        doubts.append(f"{source.path.name}: {doubt}")
+    raw, seen = logged.copy(), np.isfinite(logged)
+    ranges = (binding.spec.wrap,) if binding.spec.wrap else _WRAPS
+    raw[seen], wraps, width = unwrap(logged[seen], ranges, slack=0.0)
+    if wraps:
+        doubts.append(f"{source.path.name}: the clock wrapped {wraps} times at {width:.0f}; unwrapped")
     for channels, slowest in _SLOWEST.items():
         rows = _sampled(source, channels) & np.isfinite(raw)
         if np.count_nonzero(rows) < 3:
@@ -179,14 +184,14 @@ def _samples(
             column = column * (binding.unit.factor * binding.spec.scale)
             column = np.nancumsum(column) if binding.spec.increment else column
         values[:, channels.index(binding.channel)] = column
-    try:
-        stamps = tidy(t[places], what, values)
-    except ClockResetError as error:
-        raise InputError(f"{source.place(int(places[error.row]))}: {error.message}", error.hint) from None
-    except InputError as error:
-        raise InputError(f"{source.path}: {error.message}", error.hint) from None
-    doubts += [f"{source.path.name}: {doubt}" for doubt in stamps.doubts]
-    return Samples(stamps.t, values[stamps.rows], places[stamps.rows])
+    said: list[str] = []
+
+    def where(row: int | None) -> str:
+        return str(source.path) if row is None else source.place(int(places[row]))
+
+    stamps, rows = tidy(t[places], values, what, where, said)
+    doubts += [f"{source.path.name}: {doubt}" for doubt in said]
+    return Samples(stamps, values[rows], places[rows])
 
 
 def _whole(

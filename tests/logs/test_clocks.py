@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clocks import ClockResetError, describe_gaps, tidy, unit_factor, unwrap_stamps
+from granite_lab.logs.clocks import describe_gaps, tidy, unit_factor
+from tests.logs import make
 
 T = np.arange(1000) / 100
+
+
+def tidied(t: np.ndarray, values: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    doubts: list[str] = []
+    values = np.zeros((len(t), 1)) if values is None else values
+    return (*tidy(t, values, "x", lambda row: f"row {row}", doubts), doubts)
 
 
 @given(st.data())
@@ -21,53 +30,49 @@ def test_late_and_double_samples_are_sorted_and_the_first_is_kept(data: st.DataO
     rng = np.random.default_rng(seed)
     order = np.argsort(np.arange(len(T)) + rng.uniform(0, reach, len(T)), kind="stable")
     order = np.insert(order, 500, order[480:486])  # too few for a new start
-    values = rng.normal(size=(len(order), 2))
-    stamps = tidy(T[order], "x", values)
-    np.testing.assert_array_equal(stamps.t, T)
+    t, rows, _ = tidied(T[order], rng.normal(size=(len(order), 2)))
+    np.testing.assert_array_equal(t, T)
     # The first row of the file that has the stamp.
-    np.testing.assert_array_equal(stamps.rows, [int(np.flatnonzero(order == k)[0]) for k in range(len(T))])
+    np.testing.assert_array_equal(rows, [int(np.flatnonzero(order == k)[0]) for k in range(len(T))])
 
 
 def test_blocks_in_the_wrong_order_are_sorted() -> None:
     order = np.concatenate((np.arange(500, 1000), np.arange(500)))
-    np.testing.assert_array_equal(tidy(T[order], "x").t, T)
+    np.testing.assert_array_equal(tidied(T[order])[0], T)
 
 
 def test_a_block_written_twice_is_read_once_but_a_new_start_is_refused() -> None:
     twice = np.concatenate((T[:600], T[400:]))
     values = np.sin(twice * 7)[:, None]
-    np.testing.assert_array_equal(tidy(twice, "x", values).t, T)
+    np.testing.assert_array_equal(tidied(twice, values)[0], T)
     other = values.copy()
     other[600:] += 1
-    with pytest.raises(ClockResetError) as caught:
-        tidy(twice, "x", other)
-    assert caught.value.row == 600
-
-
-def test_a_new_start_between_the_old_stamps_is_refused() -> None:
-    with pytest.raises(ClockResetError):
-        tidy(np.concatenate((T[:600], T[:300] + 0.003)), "x")
+    with pytest.raises(InputError, match=r"row 600: x: time runs backwards by .* and starts over"):
+        tidied(twice, other)
+    with pytest.raises(InputError, match=r"row 600: .*starts over"):
+        tidied(np.concatenate((T[:600], T[:300] + 0.003)))
 
 
 def test_rows_without_a_stamp_are_left_out() -> None:
     t = T.copy()
     t[[3, 500]] = np.nan
-    stamps = tidy(t, "x")
-    assert len(stamps.t) == 998
-    assert "2 samples without a time stamp" in stamps.doubts[0]
+    stamps, _, doubts = tidied(t)
+    assert len(stamps) == 998
+    assert "2 samples without a time stamp" in doubts[0]
 
 
 @pytest.mark.parametrize("bits", [16, 32])
-def test_a_clock_of_fixed_width_is_unwrapped(bits: int) -> None:
-    true = 2**bits - 5000 + 20 * np.arange(2000)
-    raw, doubt = unwrap_stamps(np.mod(true, 2**bits).astype(float))
-    np.testing.assert_array_equal(raw - raw[0], (true - true[0]).astype(float))
-    assert "wrapped 1 times" in doubt
-
-
-def test_a_reset_is_not_taken_for_a_wrap() -> None:
-    raw = np.concatenate((np.arange(0, 40_000, 20.0), np.arange(0, 8_000, 20.0)))
-    assert unwrap_stamps(raw)[0] is raw
+def test_a_clock_of_fixed_width_is_unwrapped_but_not_one_that_was_reset(bits: int, tmp_path: Path) -> None:
+    """[ms], 100 Hz; the other clock starts over a second before its wrap."""
+    header, *rows = make.lines()
+    wrapped = np.mod(2**bits - 3000 + 10 * np.arange(len(rows)), 2**bits)
+    for offset in (0, 1000):
+        stamps = np.where(wrapped > 2**15, wrapped - offset, wrapped)
+        cells = [f"{k},{row.partition(',')[2]}" for k, row in zip(stamps, rows, strict=True)]
+        trial = make.read(tmp_path, "\n".join([header.replace("t_s", "t_ms"), *cells]))
+        even = np.allclose(np.diff(trial.imu.t), 0.01, atol=1e-9)
+        said = any(f"the clock wrapped 1 times at {2**bits}" in line for line in trial.warnings)
+        assert even == said == (offset == 0)
 
 
 @given(
