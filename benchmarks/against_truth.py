@@ -10,8 +10,6 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from granite_lab.estimation.motion import Motion
-
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
@@ -46,13 +44,6 @@ class Velocities:
     others: Mapping[str, Array] = field(default_factory=dict)
     truth_std: float = 0.0
     window: tuple[float, float] = (-np.inf, np.inf)
-
-
-def mean_wheel(motion: Motion) -> Array:
-    """(N,) mean of the wheels' velocities [m/s]; NaN where none is known."""
-    known = np.isfinite(motion.v_wheel)
-    total = np.where(known, motion.v_wheel, 0.0).sum(axis=1)
-    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)
 
 
 def errors(runs: Sequence[Velocities], what: str = "v") -> Array:
@@ -98,14 +89,16 @@ def draw(path: Path, runs: Sequence[Velocities], columns: int = 2) -> None:
         axes.set_axis_off()
     for axes, run in zip(grid.flat, runs, strict=False):
         keep = (run.t >= run.window[0]) & (run.t <= run.window[1])
-        t, v, std = run.t[keep], run.v[keep], run.std[keep]
+        t, v, std = run.t[keep], run.v[keep].copy(), run.std[keep]
+        v[1:][np.diff(t) > 5 * np.median(np.diff(t))] = np.nan  # no line over what is left out
         axes.fill_between(t, v - 2 * std, v + 2 * std, color=BLUE, alpha=0.2, lw=0, label="± 2 std")
-        axes.plot(t, run.wheels[keep], color=ORANGE, lw=0.9, label="wheels")
-        if np.isfinite(run.truth).any():
-            axes.plot(t, run.truth[keep], color="k", lw=0.9, ls="--", label="truth")
+        wheels, truth = (np.where(np.isnan(v), np.nan, x[keep]) for x in (run.wheels, run.truth))
+        axes.plot(t, wheels, color=ORANGE, lw=0.9, label="wheels")
+        if np.isfinite(truth).any():
+            axes.plot(t, truth, color="k", lw=0.9, ls="--", label="truth")
         axes.plot(t, v, color=BLUE, lw=1.2, label="estimate")
         axes.set_title(run.name, loc="left", fontsize=9)
-        seen = np.concatenate([v, run.wheels[keep], run.truth[keep]])
+        seen = np.concatenate([v, wheels, truth])
         low, high = np.nanmin(seen), np.nanmax(seen)
         axes.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
         axes.grid(alpha=0.3, lw=0.5)
@@ -115,5 +108,5 @@ def draw(path: Path, runs: Sequence[Velocities], columns: int = 2) -> None:
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=80, pil_kwargs={"optimize": True})
+    figure.savefig(path, dpi=72, pil_kwargs={"optimize": True})
     plt.close(figure)

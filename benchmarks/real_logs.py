@@ -1,6 +1,6 @@
-"""Estimates on logs of other robots, against the references that came with them.
+"""Estimates on public logs of other robots, against the references that came with them.
 
-The logs are those of `tests/logs/test_real_logs.py`; they are not part of the project.
+The logs are not part of the project; `docs/estimation-real.md`, which this writes, says where they are.
 
 ``python -m benchmarks.real_logs --data FOLDER [--out docs/estimation-real.md]``
 """
@@ -8,25 +8,225 @@ The logs are those of `tests/logs/test_real_logs.py`; they are not part of the p
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from benchmarks.real_logs_data import CAR_RUNS, boreal, car, husky, kobuki, sliding, yaw_lag
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.against_truth import Array, Velocities, draw, rms
 from benchmarks.real_logs_page import page
-from benchmarks.real_logs_plots import draw
+from granite_lab.errors import LabError
+from granite_lab.estimation import Motion, estimate
+from granite_lab.estimation.rest import Interval
+from granite_lab.files import write_text
+from granite_lab.logs import read_trial
+from granite_lab.logs.streams import WINDOW, slope
+from granite_lab.logs.trial import Trial
+from granite_lab.parameters import load_robot
+
+BY_HAND = Path(__file__).parent / "robots"
+"""Robots and column maps that were written for logs of unknown layout."""
+
+SCENES = ("0757", "1100", "0061", "0103", "0655", "0796", "0916", "1077", "1094")
+CAR_RUNS = (4, 21, 22)
+BOREAL = ("SNOW_{}_01", "SANDY_LOAM_{}_01", "SANDY_LOAM_{}_06")
+
+SNOW_STANDS, SNOW_SHORTEST, SNOW_STD = 0.1, 0.45, 0.03
+"""Rover on snow: speed below which its reference is noise [m/s]; shortest standstill that is named [s]; std
+of the reference at rest [m/s]."""
+
+MOVES, GPS_MOVES = 0.01, 0.2
+"""Speed from which car and Pathfinder move, by their references [m/s]."""
+
+OTHERS = ("pathfinder", "husky", "small car", "boreal")
+
+STEADY_FROM = 1.5
+"""The three-wheeled robot has sped up after this [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class LogSet:
+    """The runs of one data set.
+
+    Attributes:
+        runs: velocities, at the stamps of the reference, or of the IMU if there is none.
+        motions: what was estimated, by name of the run.
+        refused: why a run was refused, by name.
+    """
+
+    runs: list[Velocities] = field(default_factory=list)
+    motions: dict[str, Motion] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+
+    def add(self, name: str, trial: Trial, robot: str, rests: Sequence[Interval] = ()) -> None:
+        """Estimate a log and put its velocity beside the reference, or note why it was refused."""
+        try:
+            motion = estimate(trial, load_robot(robot), rests=rests)
+        except LabError as refusal:
+            self.refused[name] = refusal.message
+            return
+        reference, (logged, wheels) = trial.reference_v, wheel_speed(trial, robot)
+        t = motion.t if reference is None else reference.t
+        t = t[(t >= max(motion.t[0], logged[0])) & (t <= min(motion.t[-1], logged[-1]))]
+        truth = np.full(t.size, np.nan) if reference is None else np.interp(t, reference.t, reference.value)
+        v, std = (np.interp(t, motion.t, values) for values in (motion.v, motion.v_std))
+        alone = np.interp(t, logged, wheels)
+        self.runs.append(Velocities(name, t, truth, v, std, alone, motion.health.grade))
+        self.motions[name] = motion
+
+
+def wheel_speed(trial: Trial, robot: str) -> tuple[Array, Array]:
+    """Stamps (K) [s] and mean velocity of the wheels (K) [m/s], as logged."""
+    wheels, radius = trial.wheels, load_robot(robot).wheels.radius
+    assert wheels is not None
+    rate = np.gradient(wheels.angle, wheels.t, axis=0) if wheels.rate is None else wheels.rate
+    known = np.isfinite(rate).any(axis=1)
+    return wheels.t[known], radius * np.nanmean(rate[known], axis=1)
+
+
+def by_hand(name: str) -> tuple[str, str]:
+    """Files of a robot and of its column map that were written by hand."""
+    return str(BY_HAND / f"{name}.toml"), str(BY_HAND / f"{name}_map.toml")
+
+
+def snow(data: Path, *, named: bool) -> LogSet:
+    """Rover on snow, with both standstills named or with none."""
+    found, (robot, columns) = LogSet(), by_hand("snow_rover")
+    for path in sorted((data / "snow").glob("event_*.mat")):
+        name = path.stem.removeprefix("event_")
+        try:
+            trial = read_trial(path, robot=robot, map=columns)
+        except LabError as refusal:
+            found.refused[name] = refusal.message.removeprefix(f"{path}: ")
+            continue
+        rests = standstills(trial) if named else []
+        if len(rests) == 2 or not named:
+            found.add(name, trial, robot, rests)
+    found.runs[:] = [replace(run, truth_std=SNOW_STD) for run in found.runs]
+    return found
+
+
+def standstills(trial: Trial) -> list[Interval]:
+    """Standstills of the rover's body at both ends of a run, by its reference [s]."""
+    reference = trial.reference_v
+    assert reference is not None
+    t = reference.t
+    moving = np.flatnonzero(np.abs(reference.value) >= SNOW_STANDS)
+    first, last = max(moving[0] - 1, 0), min(moving[-1] + 1, t.size - 1)
+    ends = [(float(t[0]), float(t[first])), (float(t[last]), float(t[-1]))]
+    return [(begin, end) for begin, end in ends if end - begin > SNOW_SHORTEST]
+
+
+def car(data: Path) -> LogSet:
+    """Car on roads, against its fused position and velocity; samples at rest are left out."""
+    found, (robot, columns) = LogSet(), by_hand("zoe")
+    for scene in SCENES:
+        folder = data / "car" / f"scene-{scene}" / "CAN"
+        imu, wheels, pose = (folder / f"{n}.csv" for n in ("imu_signal", "zoe_veh_signal", "gt_pose"))
+        trial = read_trial(imu, imu=imu, encoders=wheels, reference=pose, robot=robot, map=columns)
+        found.add(scene, trial, robot)
+    found.runs[:] = [only(run, run.truth > MOVES) for run in found.runs]
+    return found
+
+
+def only(run: Velocities, keep: NDArray[np.bool_]) -> Velocities:
+    """Return a part of a run."""
+    t, truth, v, std, wheels = (values[keep] for values in (run.t, run.truth, run.v, run.std, run.wheels))
+    return replace(run, t=t, truth=truth, v=v, std=std, wheels=wheels)
+
+
+def reference_lag(run: Velocities) -> float:
+    """How far a reference lies behind the wheels [s]: the shift with which they agree best."""
+    shifts = np.linspace(-0.3, 0.3, 61)
+    inner = slice(20, -20)  # 0.4 s at 50 Hz: nothing is shifted in from outside
+    off = [rms((np.interp(run.t - s, run.t, run.wheels) - run.truth)[inner]) for s in shifts]
+    return float(shifts[int(np.argmin(off))])
+
+
+def pathfinder(data: Path) -> LogSet:
+    """Planetary test rover on rough ground, 50 s between two standstills, against differential GPS."""
+    found, (robot, columns), folder = LogSet(), by_hand("pathfinder"), data / "pathfinder"
+    imu, wheels, gps = (folder / f"{name}.csv" for name in ("imu", "wheels", "gps"))
+    trial = read_trial(imu, encoders=wheels, reference=gps, robot=robot, map=columns)
+    found.add("Pathfinder", trial, robot)
+    (run,) = found.runs
+    found.runs[:] = [only(replace(run, t=run.t - run.t[0]), run.truth > GPS_MOVES)]
+    return found
+
+
+def husky(data: Path) -> LogSet:
+    """Husky against GPS; everything as the slope of a line through five fixes, as the speed by GPS is."""
+    found, folder = LogSet(), data / "husky_gps"
+    trial = read_trial(folder / "imu.csv", encoders=folder / "odom.csv", reference=folder / "fix.csv")
+    found.add("Husky", trial, "husky_gps")
+    (run,), (motion,) = found.runs, found.motions.values()
+    beside = run.truth - run.wheels
+    # a steady slip leaves nothing in the changes; windows that share no fix are WINDOW samples apart
+    noise = float(1.4826 * np.median(np.abs(np.diff(beside[::WINDOW]))) / np.sqrt(2.0))
+
+    def smoothed(t: Array, velocity: Array) -> Array:
+        way = np.cumsum(velocity * np.diff(t, prepend=t[0]))
+        return slope(run.t, np.interp(run.t, t, way))
+
+    v, wheels = smoothed(motion.t, motion.v), smoothed(*wheel_speed(trial, "husky_gps"))
+    found.runs[:] = [replace(run, v=v, wheels=wheels, truth_std=noise, window=(200.0, 300.0))]
+    return found
+
+
+def small_car(data: Path) -> LogSet:
+    """Car at scale 1:10 that skids, against motion capture."""
+    found, path = LogSet(), data / "f1tenth_optitrack" / "hoons_all_test.csv"
+    for number in CAR_RUNS:
+        found.add(f"run {number}", read_trial(path, rows=f"run_id = {number}"), "f1tenth")
+    found.runs[:] = [replace(run, window=(run.t[0], run.t[0] + 15.0)) for run in found.runs]
+    return found
+
+
+def boreal(data: Path) -> LogSet:
+    """Husky on sandy loam and snow: no reference and no standstill."""
+    found, folder = LogSet(), data / "borealtc_husky"
+    for name in BOREAL:
+        imu, wheels = (folder / f"{name.format(part)}.csv" for part in ("imu", "pro"))
+        found.add(name.replace("_{}", ""), read_trial(imu, encoders=wheels), "husky")
+    return found
+
+
+def sliding(data: Path) -> dict[str, tuple[float, float]]:
+    """Three-wheeled robot without an IMU: way by wheels and by camera once it has sped up [m], by run."""
+    found = {}
+    for path in sorted((data / "robotino_slip").glob("*.csv")):
+        trial = read_trial(path)
+        (t, v), reference = wheel_speed(trial, "robotino"), trial.reference_x
+        assert reference is not None
+        rolled = float(np.trapezoid(v[t > STEADY_FROM], t[t > STEADY_FROM]))
+        found[path.stem] = rolled, float(np.ptp(reference.value[reference.t > STEADY_FROM]))
+    return found
 
 
 def main() -> None:
-    """Run every log, write the page and its figures."""
+    """Estimate every log, write the page and its figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--data", type=Path, required=True, help="folder with the logs")
     parser.add_argument("--out", type=Path, default=Path("docs/estimation-real.md"))
-    args = parser.parse_args()
-    cars = [car(args.data, run) for run in CAR_RUNS]
-    gps, snow = husky(args.data), boreal(args.data)
-    draw(args.out.parent / "figures", gps, cars, snow)
-    text = page(gps, yaw_lag(args.data), cars, snow, kobuki(args.data), sliding(args.data))
-    args.out.write_text(text, encoding="utf-8")
-    print(args.out)
+    given = parser.parse_args()
+    data, figures = given.data, given.out.parent / "figures"
+    sets = {
+        "snow, named": snow(data, named=True),
+        "snow": snow(data, named=False),
+        "car": car(data),
+        "pathfinder": pathfinder(data),
+        "husky": husky(data),
+        "small car": small_car(data),
+        "boreal": boreal(data),
+    }
+    lags = {run.name: reference_lag(run) for run in sets["car"].runs}
+    draw(figures / "real_snow.png", [run for run in sets["snow, named"].runs if run.name[0] == "1"])
+    draw(figures / "real_car.png", sets["car"].runs, columns=3)
+    draw(figures / "real_others.png", [run for name in OTHERS for run in sets[name].runs])
+    write_text(given.out, page(sets, lags, sliding(data)))
+    print(given.out)
 
 
 if __name__ == "__main__":
