@@ -5,12 +5,13 @@ of vibration does not, so neither may be taken for the other. Where the wheels t
 force without gravity and lever holds
 
 * motion of the body, up to 1.5 Hz, on some ground to 3 Hz;
-* vibration, the derivative of a bounded velocity: below its resonance the density falls as f^2;
+* vibration, the derivative of a bounded velocity: towards low frequencies the density falls as f^2;
 * white noise, as dense there as anywhere.
 
-Between the body's motion and the resonance the spectrum is taken for white noise and the resonance's
-tail; anywhere above it may hold more than white noise, but not less, so that what shakes the body for good
-at some Hz is not taken for noise. How likely that makes the periodogram is Whittle's formula [1]; of the
+Between the body's motion and the resonance the spectrum is taken for white noise and such a tail. Its height
+may be anything: a frame has many resonances, and its rms does not tell how they overlap. Anywhere above it
+may hold more than white noise, but not less, so that what shakes the body for good at some Hz is not taken
+for noise. How likely that makes the periodogram is Whittle's formula [1]; of the
 white noise the posterior's mean is taken, because the std of the estimate goes by its variance.
 
 [1] P. Whittle, Estimation and information in stationary time series, Ark. Mat. 2 (1953).
@@ -59,9 +60,8 @@ SHORTEST = 2.0
 ADDED = np.geomspace(0.3, 3e4, 61)
 """Densities that motion may add, in shares of the one at rest."""
 
-TAIL = (0.3, 1.4)
-"""Median, and std of the logarithm, of the tail in shares of what one resonance of the same rms and width
-would have: several narrow ones look like a broad one."""
+HEIGHTS = np.geomspace(1e-2, 1e6, 81)
+"""Densities of the tail at the highest frequency, in shares of the white one at rest; all equally likely."""
 
 NONE = 0.8
 """Probability, before the trial is seen, that motion adds nothing."""
@@ -81,14 +81,13 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
         return dataclasses.replace(noise, accel_motion=force, gyro_motion=rate)
     frequency, density = spectrum(problem, offset)
     density = density / (2.0 * noise.accel**2)
-    peak = predicted_peak(noise, period, np.concatenate([[0.0], ADDED]))
     low = frequency < min(HIGH, BELOW * noise.vibration_frequency)
     ratio = (frequency[low] / noise.vibration_frequency) ** 2
     shape, floor = ratio / (1.0 - ratio) ** 2, band_means(frequency[~low], density[~low])
     quick = frequency[low] > RESTLESS  # what is white is as loud with the slower ordinates as without
     added = min(
-        added_share(density[low], peak, shape, floor),
-        added_share(density[low][quick], peak, shape[quick], floor),
+        added_share(density[low], shape, floor),
+        added_share(density[low][quick], shape[quick], floor),
     )
     if added < ADDED[0]:
         return noise
@@ -152,26 +151,6 @@ def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
     return np.concatenate(frequencies), np.concatenate(densities)
 
 
-def predicted_peak(noise: Noise, period: float, added: Array) -> Array:
-    """Density of the vibration, in shares of the white one at rest, if it is one resonance.
-
-    An oscillation of rms sigma about f0 with damping ratio zeta, whose velocity follows a white force,
-    has the density 4 zeta sigma^2 / (pi f0) (f/f0)^2 / (1 - (f/f0)^2)^2 well below f0.
-
-    Args:
-        noise: with the rms of all that is faster than 5 Hz.
-        period: between samples [s].
-        added: (W,) white density that motion may add, whose share in the rms is taken out.
-
-    Returns:
-        (W,) the factor before the two fractions in f.
-    """
-    whole = noise.vibration**2
-    power = np.maximum(whole - added * noise.accel**2 / period, 0.1 * whole)
-    peak = 4.0 * noise.vibration_damping * power / (np.pi * noise.vibration_frequency)
-    return np.asarray(peak / (2.0 * noise.accel**2))
-
-
 def band_means(frequency: Array, density: Array) -> Array:
     """(B, 2) mean of the density in each band of width `BAND`, and its number of ordinates."""
     place = (frequency / BAND).astype(int)
@@ -180,29 +159,27 @@ def band_means(frequency: Array, density: Array) -> Array:
     return np.stack([total[count > 0] / count[count > 0], count[count > 0]], axis=1)
 
 
-def added_share(density: Array, peak: Array, shape: Array, floor: Array) -> float:
+def added_share(density: Array, shape: Array, floor: Array) -> float:
     """Return the mean of the white density that motion adds, in shares of that at rest.
 
     Args:
         density: (F,) periodogram in shares of the density at rest.
-        peak: (W + 1,) expected height of the vibration, for none and each of `ADDED`.
         shape: (F,) the vibration's density over its height.
         floor: (B, 2) mean and number of the ordinates in bands that may hold anything besides white noise.
     """
     if density.size < 8:
         return 0.0
     white = np.concatenate([[0.0], ADDED])
-    doubt = np.linspace(-3.0, 3.0, 25)
+    tail = HEIGHTS[:, None] * shape / np.max(shape)
     log_posterior = np.empty(white.size)
-    for i, (added, expected) in enumerate(zip(white, peak, strict=True)):
-        height = expected * TAIL[0] * np.exp(TAIL[1] * doubt)
-        level = 1.0 + added + height[:, None] * shape
+    for i, added in enumerate(white):
+        level = 1.0 + added + tail
         log_likelihood = -TOLD * np.sum(np.log(level) + density / level, axis=1)
         # a band as loud as its mean, but not quieter than the white noise
         mean, count = floor.T
         least = np.maximum(mean, 1.0 + added)
         above = -TOLD * float(np.sum(count * (np.log(least) + mean / least)))
-        log_posterior[i] = np.logaddexp.reduce(log_likelihood - 0.5 * doubt**2) + above
+        log_posterior[i] = np.logaddexp.reduce(log_likelihood) + above
     log_posterior += np.log(np.concatenate([[NONE], np.full(ADDED.size, (1.0 - NONE) / ADDED.size)]))
     weight = np.exp(log_posterior - np.max(log_posterior))
     return float(weight @ white / weight.sum())

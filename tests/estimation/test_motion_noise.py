@@ -65,24 +65,23 @@ def test_a_flat_spectrum_beside_a_tail_gives_back_its_level(level: float) -> Non
     for seed in range(5):
         true = 1.0 + level + 20.0 * shape
         density = true * np.random.default_rng(seed).exponential(size=FREQUENCY.size)
-        added = motion_noise.added_share(density, np.full(motion_noise.ADDED.size + 1, 60.0), shape, ANY)
+        added = motion_noise.added_share(density, shape, ANY)
         assert 0.5 * level < added < 1.6 * level
 
 
 def test_a_tail_alone_and_too_few_ordinates_give_nothing() -> None:
     shape = (FREQUENCY / 25.0) ** 2
-    peak = np.full(motion_noise.ADDED.size + 1, 300.0)
     for seed in range(5):
         density = (1.0 + 100.0 * shape) * np.random.default_rng(seed).exponential(size=FREQUENCY.size)
-        assert motion_noise.added_share(density, peak, shape, ANY) < 0.3
-    assert motion_noise.added_share(np.full(5, 1e4), peak, shape[:5], ANY) == 0.0
+        assert motion_noise.added_share(density, shape, ANY) < 0.3
+    assert motion_noise.added_share(np.full(5, 1e4), shape[:5], ANY) == 0.0
 
 
 def test_a_band_that_is_quieter_than_the_low_frequencies_shows_that_those_are_motion() -> None:
-    shape, peak = (FREQUENCY / 25.0) ** 2, np.full(motion_noise.ADDED.size + 1, 60.0)
+    shape = (FREQUENCY / 25.0) ** 2
     density = 20.0 * np.random.default_rng(1).exponential(size=FREQUENCY.size)
-    assert motion_noise.added_share(density, peak, shape, np.array([[25.0, 100.0]])) > 8.0
-    assert motion_noise.added_share(density, peak, shape, np.array([[25.0, 100.0], [1.0, 100.0]])) < 0.5
+    assert motion_noise.added_share(density, shape, np.array([[25.0, 100.0]])) > 8.0
+    assert motion_noise.added_share(density, shape, np.array([[25.0, 100.0], [1.0, 100.0]])) < 0.5
 
 
 def test_the_mean_of_each_band_is_of_its_ordinates() -> None:
