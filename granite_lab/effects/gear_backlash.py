@@ -11,10 +11,10 @@ from granite_lab.model.effect import Axle, Effect, EffectParameter, Own, Shaft
 from granite_lab.model.symbols import ModelParameters
 
 SEATING = 10.0
-"""Torque at the wheel [N m] under which the teeth give by `GIVE`."""
+"""Torque at the wheel [N m] that deflects the teeth by `GIVE`."""
 
 GIVE = 0.05
-"""Share of half the play by which loaded teeth give: stiff, and the stiffer the smaller the play."""
+"""Deflection of loaded teeth as a share of half the play; the stiffness grows as the play shrinks."""
 
 ROUND = 0.02
 """Share of half the play over which the corner of the dead zone is rounded."""
@@ -23,18 +23,18 @@ DAMPING = 0.2
 """Damping ratio of teeth that touch; steel on steel rebounds."""
 
 RIGID = 2e-6
-"""Half a play [rad] at which the teeth count as half rigid, so that without any the model is the paper's."""
+"""Half a play [rad] at which the teeth are half rigid; without play the model is the paper's."""
 
 
 class GearBacklash(Effect):
-    r"""Motor and wheel are two inertias, between them teeth that push only once the play is taken up.
+    r"""Motor and wheel are two inertias; the teeth between them act only when the play is taken up.
 
     The lead u of the motor over the wheel is counted in half plays h:
 
     .. math:: J_w \dot\omega = T_t + M_\omega, \qquad
         J_m (\dot\omega + h \ddot u) = T - T_t, \qquad J_m + J_w = I_\omega
 
-    with the torque of the teeth T_t, which is zero for \|u\| < 1. Rotor and encoder sit before the play.
+    with the torque of the teeth T_t, which is zero for \|u\| < 1. Rotor and encoder are on the motor's side.
     """
 
     id = "gear_backlash"
@@ -91,12 +91,12 @@ def _half(own: Own) -> Any:
 
 
 def _loose(own: Own) -> Any:
-    """Return 1, or less where there is hardly any play: 0 without any."""
+    """Return 1 with play, and 0 without; between them for very small play."""
     return _half(own) ** 2 / (_half(own) ** 2 + RIGID**2)
 
 
 def _reach(own: Own) -> Any:
-    """Return half the play [rad]; where the teeth are rigid a length with which their rates stay finite."""
+    """Return half the play [rad], but never so little that the rates become infinite."""
     return _half(own) + 50 * RIGID * (1 - _loose(own))
 
 

@@ -15,7 +15,7 @@ from granite_lab.parameters import GRAVITY
 
 
 class GroundSlope(Effect):
-    """The frame O is laid into the slope; gravity turns instead. At rest the robot does not roll."""
+    """The frame O is parallel to the slope and gravity is turned. The robot does not roll at rest."""
 
     id = "ground_slope"
     title = "sloping ground"
@@ -33,7 +33,7 @@ class GroundSlope(Effect):
     def body_load(
         self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own
     ) -> BodyLoad:
-        """Turn gravity; as the wheels come to rest, sand and gears take over what pulls downhill."""
+        """Turn gravity; at rest sand and gears hold its component downhill."""
         slope = own.p["slope"] * np.pi / 180
         moving = sum(smoothstep(axle.state.speed / V_FLOOR) for axle in axles) / 2
         held = (1 - moving) * p.chassis.total_mass * GRAVITY * ca.sin(slope)

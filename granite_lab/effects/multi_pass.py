@@ -46,7 +46,7 @@ class MultiPass(Effect):
         if state.front:
             return soil
         inside = smoothstep((state.travel - own.model.chassis.wheel_base) / ENTRY + 0.5)
-        # the slip at which the front wheels passed here is about that of the rear wheels now
+        # the front wheels passed here with about the present slip of the rear wheels
         inside *= 1 + own.p["slip_growth"] * ca.fabs(state.slip)
         factor = 1 + own.p["pressure"] * inside
         return replace(

@@ -1,4 +1,4 @@
-"""A tyre that gives way under its load."""
+"""A tyre that deflects under its load."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ SETTLING = 5e-3
 
 
 class RadialTyreCompliance(Effect):
-    """A tyre in series with the soil: its underside is pressed level by δ = κ W, and its flanks stay round.
+    """A tyre in series with the soil: its underside is flattened by δ = κ W, the rest stays round.
 
-    The level part presses as deep as the soil sinks and, being level, neither resists the motion nor
-    lifts by shear. The tyre rolls as a wheel of radius r − δ/3.
+    The flat part has the depth of the sinkage. It neither resists the motion nor lifts by shear. The tyre rolls as a wheel of radius r − δ/3.
     """
 
     id = "radial_tyre_compliance"
@@ -38,7 +37,7 @@ class RadialTyreCompliance(Effect):
     states = ("load_f", "load_r")
 
     def wheel(self, state: WheelState, own: Own) -> WheelState:
-        """Share the way of the axle between tyre and soil."""
+        """Divide the descent of the axle between tyre and soil."""
         δ = own.p["compliance"] * own.x["load_f" if state.front else "load_r"]
         return replace(
             state,

@@ -38,7 +38,7 @@ class RateDependentSoil(Effect):
     )  # fmt: skip
 
     def pressure(self, pressure: Any, angle: Any, state: WheelState, own: Own) -> Any:
-        """Harden where the arc moves into the soil: ahead of the lowest point."""
+        """Raise the pressure where the arc moves into the soil, ahead of the lowest point."""
         v_p = ca.fmax(state.velocity * ca.sin(angle), 0)
         m = own.p["exponent"]
         rise = ((v_p / REFERENCE) ** 2 + ROUND**2) ** (m / 2) - ROUND**m

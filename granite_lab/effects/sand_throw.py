@@ -16,7 +16,7 @@ HALF = 0.15
 
 
 class SandThrow(Effect):
-    """Sand in motion carries less shear to the ground below; the torque that moves it is not saved."""
+    """Sand in motion transfers less shear to the ground below; the torque is not reduced."""
 
     id = "sand_throw"
     title = "thrust lost to sand thrown behind the wheels"

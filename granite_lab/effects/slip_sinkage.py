@@ -34,6 +34,6 @@ class SlipSinkage(Effect):
     )  # fmt: skip
 
     def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
-        """Raise the exponent; depths below 1 m bear less with it."""
+        """Raise the exponent, which lowers the pressure at depths below 1 m."""
         magnitude = ca.sqrt(state.slip**2 + ROUND**2) - ROUND
         return replace(soil, exponent=soil.exponent + own.p["growth"] * magnitude)

@@ -10,9 +10,9 @@ from granite_lab.parameters import Drive
 
 
 class SupplySag(Effect):
-    """The controller sets a duty cycle; the motor gets that part of what the supply still has.
+    """The controller sets a duty cycle; the motor gets this share of the supply's voltage.
 
-    The capacitors of the bus give the current first, so that the voltage follows it a little later.
+    The capacitors of the bus delay the drop of the voltage.
     """
 
     id = "supply_sag"
@@ -37,7 +37,7 @@ class SupplySag(Effect):
     def voltages(
         self, voltages: tuple[Any, Any], currents: tuple[Any, Any], drive: Drive, own: Own
     ) -> tuple[Any, Any]:
-        """Scale the voltages by what the bus still has."""
+        """Scale the voltages with that of the bus."""
         left = 1 - own.p["resistance"] * own.x["drawn"] / drive.voltage_max
         return voltages[0] * left, voltages[1] * left
 

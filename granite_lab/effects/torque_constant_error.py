@@ -9,7 +9,7 @@ from granite_lab.model.symbols import ModelParameters
 
 
 class TorqueConstantError(Effect):
-    """k_m, or the efficiency η_d, which cannot be told from it: T holds only their product."""
+    """k_m or the efficiency η_d; T depends only on their product."""
 
     id = "torque_constant_error"
     title = "wrong torque constant or gear efficiency"

@@ -24,8 +24,8 @@ class TyreWindup(Effect):
        J \dot\omega &= T + M_\omega + J_t \kappa \ddot u
 
     with stiffness 1/κ, damping T_r/κ, and J_t the share of the wheel's inertia J that sits in the tread.
-    The soil meets the tread, which turns at ω − κ u̇; the motor and the encoder turn the rim. Beside a play in
-    the gear J is taken for the whole wheel's still.
+    The soil meets the tread, which turns at ω − κ u̇; the motor and the encoder turn the rim. With gear
+    play, too, J is the inertia of the whole wheel.
     """
 
     id = "tyre_windup"

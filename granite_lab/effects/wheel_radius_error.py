@@ -9,7 +9,7 @@ from granite_lab.model.symbols import ModelParameters
 
 
 class WheelRadiusError(Effect):
-    """A log whose angles were computed from the way with a wrong radius, or from a wrong count."""
+    """Angles that were computed from a distance with a wrong radius, or with a wrong number of counts."""
 
     id = "wheel_radius_error"
     title = "scale error of the wheel angles"
