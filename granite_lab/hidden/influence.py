@@ -88,11 +88,6 @@ class Influence(Truth):
         return Push(float(np.cos(y[PITCH]) * f), float(-np.sin(y[PITCH]) * f), float(self.arm_z * f))
 
 
-def added(a: Push, b: Push) -> Push:
-    """Return both together."""
-    return Push(a.x + b.x, a.z + b.z, a.moment + b.moment)
-
-
 def pairs(sizes: Mapping[str, float]) -> tuple[Array, Array]:
     """Return cosine and sine amplitudes of front and rear, (2,) each."""
     return (

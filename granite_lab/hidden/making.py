@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 from multiprocessing import get_context
 from typing import Any
 
@@ -100,12 +101,21 @@ def make_set(
     lab = lab_of(wish.lab, wish.seed, robot, soil)
     names = chosen(wish)
     sizes = drawn(wish, names)
-    asked = variants or load_variants()
+    # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
+    ordered = sorted(variants or load_variants(), key=lambda v: -v.velocity)
+    count = repetitions or lab.repetitions or 3
     # Sand drawn off its file may be too weak for the slope, drag or speed at hand; it is drawn again then.
     for attempt in range(8 if wish.sand_off else 1):
         ground, off = sand(wish, lab.soil, attempt)
-        count = repetitions or lab.repetitions or 3
-        plans = _plans(wish, names, sizes, lab, ground, asked, count, label)
+        plans = []
+        for (k, variant), repetition in product(enumerate(ordered), range(1, count + 1)):
+            seed = (wish.seed, 4, k, repetition)
+            rng = np.random.default_rng([*seed, 0])
+            there, a_theta, factors = raked(ground, lab.a_theta, lab.scatter, rng)
+            own = {name: influence(name).of_trial(sizes[name], rng) for name in names}
+            plans.append(
+                Plan(names, own, lab, there, a_theta, factors, variant, repetition, seed, wish.noise, label)
+            )
         made = []
         for one in _run(plans, jobs):
             if one is None:
@@ -119,30 +129,6 @@ def make_set(
     raise EstimateError(
         "the robot sinks to its axles with the hidden effect", "choose a smaller --strength or another --seed"
     )
-
-
-def _plans(
-    wish: Wish,
-    names: tuple[str, ...],
-    sizes: Mapping[str, Mapping[str, float]],
-    lab: Lab,
-    soil: Soil,
-    variants: tuple[Variant, ...],
-    repetitions: int,
-    label: str,
-) -> list[Plan]:
-    plans = []
-    # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
-    for k, variant in enumerate(sorted(variants, key=lambda v: -v.velocity)):
-        for repetition in range(1, repetitions + 1):
-            seed = (wish.seed, 4, k, repetition)
-            rng = np.random.default_rng([*seed, 0])
-            there, a_theta, factors = raked(soil, lab.a_theta, lab.scatter, rng)
-            own = {name: influence(name).of_trial(sizes[name], rng) for name in names}
-            plans.append(
-                Plan(names, own, lab, there, a_theta, factors, variant, repetition, seed, wish.noise, label)
-            )
-    return plans
 
 
 def _run(plans: list[Plan], jobs: int) -> Iterator[tuple[Trial, pd.DataFrame] | None]:

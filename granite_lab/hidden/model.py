@@ -268,8 +268,10 @@ class Truth:
         height = self.r - z0[0] + np.sin(pitch) * fore - np.cos(pitch) * self.arm_z
 
         def standing(u: Array) -> Array:
+            state = y.copy()
             x = -0.5 * (fore + aft) * np.cos(u[1]) - self.arm_z * np.sin(u[1])
-            return self._with(y, {X: x, Z: u[0], PITCH: u[1]})
+            state[[X, Z, PITCH]] = x, *u
+            return state
 
         def unbalanced(u: Array) -> Array:
             return self.derivative(-1.0, standing(u))[[VZ, Q]]
@@ -286,19 +288,13 @@ class Truth:
         """
         v_d = self.command.v
         t = self.command.ramp + 0.5 * self.command.hold
-        y = self._with(self.rest(), dict.fromkeys((8, 9), v_d / self.r))
+        y = self.rest()
+        y[OMEGA] = v_d / self.r
 
         def unbalanced(u: Array) -> Array:
-            state = self._with(y, {Z: u[0], PITCH: u[1], VX: u[2]})
+            state = y.copy()
+            state[[Z, PITCH, VX]] = u
             return self.derivative(t, state)[[VZ, Q, VX]]
 
         y[[Z, PITCH, VX]] = fsolve(unbalanced, [y[Z] - 0.004, y[PITCH], 0.85 * v_d], xtol=1e-13)
         return y, 1.0 - float(y[VX]) / v_d
-
-    @staticmethod
-    def _with(y: Array, values: dict[int, float]) -> Array:
-        """Return a copy of the state with some of its places replaced."""
-        new = y.copy()
-        for place, value in values.items():
-            new[place] = value
-        return new

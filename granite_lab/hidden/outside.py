@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.hidden.contact import Array, Contact, Ground
-from granite_lab.hidden.influence import Influence, Size, added
+from granite_lab.hidden.influence import Influence, Size
 from granite_lab.hidden.model import CURRENT, VX
 from granite_lab.hidden.parts import Push, Stance
 
@@ -88,7 +88,7 @@ class CableDrag(Influence):
     def push(self, t: float, y: Array, wheel: Contact) -> Push:
         """Pull back."""
         length = max(float(self.places(y).mean()), 0.0)
-        return added(super().push(t, y, wheel), self.drag(y, self.sizes[CableDrag.id]["weight"] * length))
+        return super().push(t, y, wheel) + self.drag(y, self.sizes[CableDrag.id]["weight"] * length)
 
 
 class WindGust(Influence):
@@ -112,7 +112,7 @@ class WindGust(Influence):
         sizes = self.sizes[WindGust.id]
         u = (t - sizes["instant"] * self.command.end) / (0.5 * sizes["duration"])
         force = sizes["force"] * float(np.exp(-(u**2))) * self.fade(y)
-        return added(super().push(t, y, wheel), Push(-force, 0.0))
+        return super().push(t, y, wheel) + Push(-force, 0.0)
 
 
 class StrapDrag(Influence):
@@ -131,7 +131,7 @@ class StrapDrag(Influence):
         """Catch and let go."""
         sizes = self.sizes[StrapDrag.id]
         wave = max(0.0, float(np.sin(2 * np.pi * t / sizes["period"] + sizes["phase"])))
-        return added(super().push(t, y, wheel), self.drag(y, sizes["force"] * wave**2))
+        return super().push(t, y, wheel) + self.drag(y, sizes["force"] * wave**2)
 
 
 class WarmMotor(Influence):

@@ -107,6 +107,9 @@ class Push:
     z: float
     moment: float = 0.0
 
+    def __add__(self, other: Push) -> Push:
+        return Push(self.x + other.x, self.z + other.z, self.moment + other.moment)
+
 
 @dataclass(frozen=True, eq=False)
 class Misreading:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.hidden.contact import Array, Contact
-from granite_lab.hidden.influence import Influence, Size, added
+from granite_lab.hidden.influence import Influence, Size
 from granite_lab.hidden.model import OMEGA, Q
 from granite_lab.hidden.parts import Misreading, Push
 from granite_lab.hidden.sensors import rotation
@@ -92,7 +92,7 @@ class GroundSlope(Influence):
         weight = self.mass * GRAVITY
         back, held = weight * float(np.sin(self.rise)), 1 - self.fade(y)
         turned = Push((held - 1) * back, weight * (1 - float(np.cos(self.rise))), held * back * self.arm_z)
-        return added(super().push(t, y, wheel), turned)
+        return super().push(t, y, wheel) + turned
 
 
 class RollingDrag(Influence):
@@ -111,7 +111,7 @@ class RollingDrag(Influence):
         sizes, u = self.sizes[RollingDrag.id], abs(self.velocity(y)) / 0.5
         linear = 2 - sizes["exponent"]
         against = self.drag(y, sizes["force"] * (linear * u + (1 - linear) * u**2))
-        return added(super().push(t, y, wheel), against)
+        return super().push(t, y, wheel) + against
 
 
 class ImuTilt(Influence):

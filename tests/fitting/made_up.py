@@ -7,12 +7,14 @@ of the robot's virtual sensors. Sand and k_92 may differ per trial.
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Health, Motion
+from granite_lab.fitting import K92Fit
 from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import RAKING
 from granite_lab.logs.trial import Array, Trial
@@ -21,6 +23,7 @@ from granite_lab.model.command import phase_of
 from granite_lab.model.virtual import virtual_trial
 from granite_lab.parameters import Robot, Soil, Variant, load_robot, load_soil
 
+SLIP = Estimate(0.2, 0.004)
 NOTHING = np.zeros(0)
 HEALTHY = Health(NOTHING, (), NOTHING, NOTHING, {}, NOTHING, NOTHING, NOTHING, NOTHING, (), "made up", True)
 
@@ -107,6 +110,16 @@ def made_up_trial(
     assert trial.imu is not None
     corrected = dataclasses.replace(trial, imu=dataclasses.replace(trial.imu, robot_axes=True))
     return motion, corrected, run, start
+
+
+def made_up_fit(trial: str, velocity: float, k92: Estimate, slip: Estimate = SLIP, **told: Any) -> K92Fit:
+    """Return the fit of a trial by its steady slip alone."""
+    fields = {"slip_simulated": slip.value, "status": "ok", "status_trajectory": "not_evaluated"} | told
+    variant, nothing = Variant(velocity=velocity, acceleration=1.0, distance=2.0), Estimate(np.nan)
+    return K92Fit(
+        trial=trial, virtual=True, variant=variant, k92=k92, k92_trajectory=nothing, t_start=nothing,
+        slip_measured=slip, **fields,
+    )  # fmt: skip
 
 
 def without_currents(trial: Trial) -> Trial:

@@ -11,10 +11,9 @@ from scipy.optimize import curve_fit
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.fitting import fit_a_theta, published_fit, simulate_k92
-from granite_lab.fitting.fit import K92Fit
 from granite_lab.inference.constants import RAKING
-from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, variant_of
-from tests.fitting.made_up import draw_soil
+from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants
+from tests.fitting.made_up import draw_soil, made_up_fit
 
 SPEEDS = (0.2, 0.3, 0.5, 0.7)
 TABLE3 = load_paper().table3
@@ -104,14 +103,6 @@ def test_speeds_that_leave_the_law_rule_the_interval():
     assert law(fit, "exponential").weight < 0.01
 
 
-def k92_fit(trial, velocity, k92, std, slip, status="ok"):
-    return K92Fit(
-        trial=trial, virtual=True, variant=variant_of(velocity), k92=Estimate(k92, std),
-        k92_trajectory=Estimate(math.nan), t_start=Estimate(0.0), slip_measured=Estimate(slip, 0.004),
-        slip_simulated=slip, status=status, status_trajectory="not_evaluated",
-    )  # fmt: skip
-
-
 def test_a_k92_at_the_lower_bound_counts_as_below_it():
     """Some trials at 0.7 m/s end at 0; taking the 0 for a value or leaving it out biases a_θ."""
     rng = np.random.default_rng(5)
@@ -121,9 +112,8 @@ def test_a_k92_at_the_lower_bound_counts_as_below_it():
         for v in (0.5, 0.7):
             for i in range(6):
                 k = math.exp(-truth * v) + 0.06 * rng.standard_normal()
-                fits.append(
-                    k92_fit(f"{v}/{i}", v, max(k, 0.0), 0.06, 0.2, "ok" if k > 0 else "at_lower_bound")
-                )
+                status = "ok" if k > 0 else "at_lower_bound"
+                fits.append(made_up_fit(f"{v}/{i}", v, Estimate(max(k, 0.0), 0.06), status=status))
         at_value = [(f.trial, f.variant.velocity, f.k92, f.slip_measured) for f in fits]
         naive.append(fit_a_theta(at_value).a_theta.value)
         dropped.append(fit_a_theta([f for f in fits if f.status == "ok"]).a_theta.value)
@@ -156,7 +146,7 @@ def test_one_trial_gives_a_normal_interval_and_says_what_it_lacks():
     [
         [],
         [("x", 0.3, Estimate(math.nan), Estimate(0.1))],
-        [k92_fit("x", 0.7, 0.0, 0.01, 0.3, "at_lower_bound")],
+        [made_up_fit("x", 0.7, Estimate(0.0, 0.01), status="at_lower_bound")],
     ],
 )
 def test_nothing_usable_is_refused(items):

@@ -11,17 +11,14 @@ from granite_lab.estimate import Estimate, Part
 from granite_lab.fitting import fit_a_theta
 from granite_lab.fitting.budget import SCATTER, of_a_theta, of_mean
 from granite_lab.fitting.fit import K92Fit
-from granite_lab.parameters import Variant
+from tests.fitting.made_up import made_up_fit
 
 SPEEDS = (0.2, 0.3, 0.5, 0.7)
 
 
 def fit(name: str, v: float, k: float, parts: tuple[Part, ...]) -> K92Fit:
     std = math.hypot(*(p.contribution for p in parts))
-    nothing = Estimate(math.nan)
-    variant = Variant(velocity=v, acceleration=1.0, distance=2.0)
-    slip = Estimate(0.2, 0.7 * std)
-    return K92Fit(name, True, variant, Estimate(k, std), nothing, nothing, slip, 0.2, "ok", "ok", parts=parts)
+    return made_up_fit(name, v, Estimate(k, std), Estimate(0.2, 0.7 * std), parts=parts)
 
 
 def fits(shift: dict[float, float], scatter: float) -> list[K92Fit]:

@@ -11,7 +11,7 @@ import pytest
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import K92Fit
 from granite_lab.fitting.likelihood import a_theta_interval, chosen, k92_interval
-from granite_lab.parameters import Variant
+from tests.fitting.made_up import made_up_fit
 
 STD = 0.01  # of λ_R
 
@@ -28,13 +28,9 @@ def fit(curve, root: float) -> K92Fit:
     grid = sorted({*np.linspace(0, 1, 41), *np.linspace(0, 0.2, 41)})
     slope = (curve(root + 1e-6) - curve(root - 1e-6)) / 2e-6
     std = STD / abs(slope)
-    nothing = Estimate(math.nan)
-    return K92Fit(
-        "virtual", True, Variant(velocity=0.7, acceleration=1.0, distance=2.0), Estimate(root, std),
-        nothing, nothing,
-        Estimate(curve(root), STD), curve(root), "ok", "ok", std_measurement=std,
-        curve=tuple((float(k), curve(k)) for k in grid),
-    )  # fmt: skip
+    points = tuple((float(k), curve(k)) for k in grid)
+    slip = Estimate(curve(root), STD)
+    return made_up_fit("virtual", 0.7, Estimate(root, std), slip, std_measurement=std, curve=points)
 
 
 def test_a_straight_curve_gives_the_interval_of_the_covariance():

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from granite_lab.errors import UsageError
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, influence, model_of
 from granite_lab.hidden.contact import (
     NearRest,
     clenshaw_curtis,
-    contact,
     forces_by_loops,
     forces_of_arrays,
 )
@@ -334,35 +332,6 @@ def test_the_substitute_circle_is_as_long_in_the_soil_as_the_flattened_tyre() ->
     assert np.sqrt(2 * at.radius * at.z0) == pytest.approx(length)
     y[12:14] = 1e-9
     assert truth.stance(-1.0, y).radius == pytest.approx(r, rel=1e-3)
-
-
-@pytest.mark.parametrize("harden", [0.0, 0.4])
-def test_the_forces_are_those_of_adaptive_quadrature_by_either_code(harden: float) -> None:
-    g = replace(model().ground, harden=harden, harden_speed=0.02)
-    z0, k92, v, slip, radius = 0.012, 0.4, 0.4, 0.2, 0.13
-    one = np.ones(1)
-    found = contact(
-        g, v_o=v / (1 - slip) * one, v=v * one, z0=z0 * one, dz0=0 * one, k92=k92, intervals=64,
-        radius=radius * one,
-    )  # fmt: skip
-    front = np.arccos(1 - z0 / radius)
-
-    def stresses(a: float) -> np.ndarray:
-        sigma = (g.k_c / g.b + g.k_phi) * max(z0 - radius * (1 - np.cos(a)), 0.0) ** g.n
-        sigma *= 1 + harden * np.log1p(v * max(np.sin(a), 0.0) / 0.02)
-        j = radius * ((front - a) - (1 - slip) * (np.sin(front) - np.sin(a)))
-        limit = min(g.mu_s * sigma, g.c + sigma * g.tan_phi)
-        return np.array([sigma, limit * (1 - np.exp(-j / g.K))])
-
-    def over(f: Callable[[float], float]) -> float:
-        return quad(f, -k92 * front, front, limit=300, points=[0.0])[0]
-
-    area = g.b * radius
-    carried = over(lambda a: stresses(a) @ [np.cos(a), np.sin(a)])
-    assert found.W[0] == pytest.approx(area * carried, rel=1e-3)
-    assert found.R[0] == pytest.approx(-area * over(lambda a: stresses(a)[0] * np.sin(a)), rel=1e-3)
-    assert found.F[0] == pytest.approx(area * over(lambda a: stresses(a)[1] * np.cos(a)), rel=1e-3)
-    assert found.M[0] == pytest.approx(-area * g.r * over(lambda a: stresses(a)[1]), rel=1e-3)
 
 
 @pytest.mark.parametrize("law", ["floor", "parabola"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from benchmarks import rk4
-from granite_lab.hidden.contact import Ground, clenshaw_curtis, contact, slip_ratio
+from granite_lab.hidden.contact import clenshaw_curtis, contact, slip_ratio
 from granite_lab.hidden.model import PITCH, Truth
 from granite_lab.parameters import GRAVITY, Variant, load_paper, load_robot, load_soil, load_variants
 from tests.truth.simulator import Result, build, simulate
@@ -126,37 +127,44 @@ def test_energy_put_in_is_energy_kept_or_lost() -> None:
     assert np.abs(balance).max() < 1e-3 * put_in
 
 
-@pytest.mark.parametrize(("v_o", "v"), [(0.3, 0.25), (0.1, 0.2), (0.5, -0.1), (0.01, 0.004), (0.2, 0.0)])
-def test_forces_on_the_arc_match_adaptive_quadrature(v_o: float, v: float) -> None:
-    soil, r, b, k92, z0 = load_soil(), 0.0965, 0.128, 0.4, 0.017
-    k, tan = soil.cohesive_modulus / b + soil.frictional_modulus, np.tan(np.radians(soil.friction_angle))
+@pytest.mark.parametrize(
+    ("v_o", "v", "harden", "radius"),
+    [(0.3, 0.25, 0, None), (0.1, 0.2, 0, None), (0.5, -0.1, 0, None), (0.01, 0.004, 0, None),
+     (0.2, 0.0, 0, None), (0.5, 0.4, 0.4, 0.13)],
+)  # fmt: skip
+def test_forces_on_the_arc_match_adaptive_quadrature(
+    v_o: float, v: float, harden: float, radius: float | None
+) -> None:
+    ground, k92, z0 = replace(build(**motion(0.5)).ground, harden=harden, harden_speed=0.02), 0.4, 0.017
+    arc = radius or ground.r
     slip = (v_o - v) / max(abs(v_o), abs(v), 0.02)
     s = min(1.0, max(abs(v_o), abs(v)) / 0.02)
     fade = s * s * (3 - 2 * s)
-    front = np.arccos(1 - z0 / r)
+    front = np.arccos(1 - z0 / arc)
 
     def stresses(a: float) -> tuple[float, float]:
-        sigma = k * max(z0 - r * (1 - np.cos(a)), 0.0) ** soil.exponent
+        sigma = (ground.k_c / ground.b + ground.k_phi) * max(z0 - arc * (1 - np.cos(a)), 0.0) ** ground.n
+        sigma *= 1 + harden * np.log1p(abs(v) * max(np.sin(a), 0.0) / 0.02)
         rolled = (front - a) - (np.sin(front) - np.sin(a))
-        j = r * (fade * rolled + slip * (np.sin(front) - np.sin(a)))
-        limit = min(soil.tyre_friction * sigma, soil.cohesion + sigma * tan)
-        return sigma, np.sign(j) * limit * (1 - np.exp(-abs(j) / soil.shear_modulus))
+        j = arc * (fade * rolled + slip * (np.sin(front) - np.sin(a)))
+        limit = min(ground.mu_s * sigma, ground.c + sigma * ground.tan_phi)
+        return sigma, np.sign(j) * limit * (1 - np.exp(-abs(j) / ground.K))
 
     def integral(weight: Callable[[float, float, float], float]) -> float:
-        return b * r * quad(lambda a: weight(a, *stresses(a)), -k92 * front, front, epsabs=1e-9, limit=400)[0]
+        whole = quad(lambda a: weight(a, *stresses(a)), -k92 * front, front, epsabs=1e-9, limit=400)
+        return ground.b * arc * whole[0]
 
-    ground = Ground(
-        r, b, soil.exponent, soil.cohesive_modulus, soil.frictional_modulus, soil.cohesion, float(tan),
-        soil.shear_modulus, soil.tyre_friction, 1000.0,
-    )  # fmt: skip
     one = np.ones(1)
-    c = contact(ground, v_o=v_o * one, v=v * one, z0=z0 * one, dz0=0.01 * one, k92=k92, intervals=256)
+    c = contact(
+        ground, v_o=v_o * one, v=v * one, z0=z0 * one, dz0=0.01 * one, k92=k92, intervals=256,
+        radius=None if radius is None else radius * one,
+    )  # fmt: skip
     W = integral(lambda a, sigma, tau: sigma * np.cos(a) + tau * np.sin(a))
     assert c.W[0] == pytest.approx(W, rel=1e-5)
-    assert c.normal[0] == pytest.approx(W + 10.0, rel=1e-5)
+    assert c.normal[0] == pytest.approx(W + 0.01 * ground.c_t, rel=1e-5)
     assert c.R[0] == pytest.approx(integral(lambda a, sigma, _: -sigma * np.sin(a)), rel=1e-5)
     assert c.F[0] == pytest.approx(integral(lambda a, _, tau: tau * np.cos(a)), rel=1e-4, abs=1e-4)
-    assert c.M[0] == pytest.approx(r * integral(lambda *at: -at[2]), rel=1e-4, abs=1e-5)
+    assert c.M[0] == pytest.approx(ground.r * integral(lambda *at: -at[2]), rel=1e-4, abs=1e-5)
 
 
 def test_quadrature_is_exact_for_polynomials_and_converged_on_the_arc() -> None:
