@@ -1,17 +1,140 @@
-"""Write a trial as the canonical CSV."""
+"""The canonical log: what it says about itself, and how a trial is written as one."""
 
 from __future__ import annotations
 
+import dataclasses
+import difflib
 import json
+import math
 import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from granite_lab.errors import InputError, at
 from granite_lab.files import write_text, writing
 from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
-from granite_lab.logs.trial import Array, Trial
+from granite_lab.logs.trial import Array, Trial, TrialInfo
+from granite_lab.parameters.quantity import build, key_of, parse_toml, quantity, read_toml
+
+_LINE = re.compile(r'\s*(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*")\s*=')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metadata:
+    """Keys that mean something to the reader; NaN and empty texts stand for "not said"."""
+
+    robot: str = ""
+    soil: str = ""
+    v_desired: float = quantity("m/s", 0, 50, "desired velocity of the steady part", "v_Ru", math.nan)
+    a_max: float = quantity("m/s^2", 0, 500, "largest acceleration", "a_Rmax", math.nan)
+    distance: float = quantity("m", 0, 1e6, "total desired distance", "L_p", math.nan)
+    repetition: float = quantity("", 0, 1e6, "number of the repetition", "", math.nan)
+    clock_offset: float = quantity("s", -1e4, 1e4, "encoder clock behind the IMU's", "", math.nan)
+    virtual: bool = False
+    imu_gravity_removed: bool = False
+    enc_counts: float = quantity("1/rev", 1e-3, 1e9, "counts per wheel revolution", "", math.nan)
+    enc_step_rad: float = quantity("", 0, 10, "smallest step of the wheel angle [rad]", "", math.nan)
+    enc_step_radps: float = quantity("", 0, 100, "smallest step of the wheel rate [rad/s]", "", math.nan)
+    extra: dict[str, str] = field(default_factory=dict)
+
+
+_KEYS = {key_of(f): f for f in dataclasses.fields(Metadata) if f.name != "extra"}
+
+
+def collect(
+    comments: Iterable[tuple[int, str]], path: Path, warnings: list[str], sidecar: Path | None = None
+) -> Metadata:
+    """Read the metadata of a log.
+
+    Args:
+        comments: numbered lines that begin with ``#``.
+        path: the log.
+        warnings: doubts are added here.
+        sidecar: a TOML file whose keys go before those of the comments.
+
+    Raises:
+        InputError: a known key with a value that is not allowed; a sidecar that cannot be read.
+    """
+    known: dict[str, Any] = {}
+    extra: dict[str, str] = {}
+    for line, text in comments:
+        bare = text.lstrip("#").strip()
+        if _LINE.match(bare):
+            _take(_parse(bare, at(path, line)), at(path, line), known, extra, warnings)
+    if sidecar is not None:
+        _take(read_toml(sidecar), str(sidecar), known, extra, warnings)
+    return dataclasses.replace(build(Metadata, known, str(path)), extra=extra)
+
+
+def _parse(text: str, where: str) -> dict[str, Any]:
+    """Parse one line; what is not TOML is text, unless its key means a number to the reader."""
+    key, _, value = (part.strip() for part in text.partition("="))
+    try:
+        return parse_toml(text, where)
+    except InputError:
+        if key in _KEYS and _KEYS[key].name not in ("robot", "soil"):
+            raise InputError(
+                f"{where}: {key} = {value} is not valid", "write it as TOML, e.g. # v_desired_mps = 0.3"
+            ) from None
+        return {key: value.strip("\"'")}
+
+
+def _take(
+    table: dict[str, Any], where: str, known: dict[str, Any], extra: dict[str, str], warnings: list[str]
+) -> None:
+    """Sort the keys of one source into known and other ones."""
+    for key, value in table.items():
+        if key in _KEYS:
+            build(Metadata, {key: value}, where)
+            known[key] = value
+            continue
+        extra[key] = str(value)
+        close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
+        if close:
+            warnings.append(f"{where}: metadata key '{key}' is not known; did you mean '{close[0]}'?")
+
+
+def fill(sources: Sequence[Metadata]) -> Metadata:
+    """Merge the metadata of several files; the first that says something counts."""
+    said: dict[str, Any] = {"extra": {}}
+    for metadata in reversed(sources):
+        said["extra"] |= metadata.extra
+        said |= {f.name: value for f in _KEYS.values() if (value := _said(metadata, f.name)) is not None}
+    return Metadata(**said)
+
+
+def _said(metadata: Metadata, name: str) -> Any:
+    """Return a value, None where nobody said it."""
+    value = getattr(metadata, name)
+    unsaid = math.isnan(value) if isinstance(value, float) else not value
+    return None if unsaid else value
+
+
+def trial_info(metadata: Metadata, given: TrialInfo | None, robot: str | None) -> TrialInfo:
+    """Merge what the log says with what the caller says; the caller's word counts.
+
+    Args:
+        metadata: of the log.
+        given: overrides; None in a field means "as in the log".
+        robot: name of the robot, already decided.
+    """
+    given = given or TrialInfo()
+    names = ("soil", "v_desired", "a_max", "distance", "repetition", "clock_offset")
+    merged = {name: _said(metadata, name) for name in names}
+    merged |= {name: value for name in names if (value := getattr(given, name)) is not None}
+    if merged["repetition"] is not None:
+        merged["repetition"] = int(merged["repetition"])
+    return TrialInfo(
+        robot=robot,
+        virtual=metadata.virtual or given.virtual,
+        extra=metadata.extra | given.extra,
+        **merged,
+    )
 
 
 def write_canonical(path: Path, trial: Trial) -> None:
@@ -35,7 +158,7 @@ def write_canonical(path: Path, trial: Trial) -> None:
 
 def _comments(trial: Trial) -> list[str]:
     """Return the metadata as lines of TOML."""
-    info = trial.info
+    info, wheels = trial.info, trial.wheels
     known: dict[str, object] = {
         "robot": info.robot,
         "soil": info.soil,
@@ -45,14 +168,12 @@ def _comments(trial: Trial) -> list[str]:
         "repetition": info.repetition,
         "virtual": info.virtual or None,
         "clock_offset_s": info.clock_offset,
+        "imu_gravity_removed": (trial.imu is not None and trial.imu.gravity_removed) or None,
     }
-    if trial.imu is not None and trial.imu.gravity_removed:
-        known["imu_gravity_removed"] = True
-    if trial.wheels is not None and trial.wheels.step > 0:
-        known["enc_step_rad" if trial.wheels.rate is None else "enc_step_radps"] = trial.wheels.step
+    if wheels is not None and wheels.step > 0:
+        known["enc_step_rad" if wheels.rate is None else "enc_step_radps"] = wheels.step
     lines = [f"{key} = {_toml(value)}" for key, value in known.items() if value is not None]
-    lines += [f"{_key(key)} = {_toml(value)}" for key, value in info.extra.items()]
-    return lines
+    return lines + [f"{_key(key)} = {_toml(value)}" for key, value in info.extra.items()]
 
 
 def _toml(value: object) -> str:
@@ -72,41 +193,28 @@ def _key(key: str) -> str:
 
 def _table(trial: Trial) -> pd.DataFrame:
     """Merge all streams into one table, a row per stamp of any of them."""
-    columns: list[tuple[str, Array, Array]] = []
-
-    def add(t: Array, values: Array, names: list[str]) -> None:
-        columns.extend(
-            (name, t, column)
-            for name, column in zip(names, np.reshape(values, (len(t), -1)).T, strict=True)
-            if np.isfinite(column).any()
-        )
-
+    streams: list[tuple[Array, Array, Sequence[str], str]] = []
     if trial.imu is not None:
-        add(trial.imu.t, trial.imu.specific_force, [f"{name}_mps2" for name in ACCELERATION])
-        add(trial.imu.t, trial.imu.angular_rate, [f"{name}_radps" for name in RATE])
+        streams.append((trial.imu.t, trial.imu.specific_force, ACCELERATION, "_mps2"))
+        streams.append((trial.imu.t, trial.imu.angular_rate, RATE, "_radps"))
     if trial.wheels is not None:
-        wheels = trial.wheels
-        if wheels.rate is None:
-            add(wheels.t, wheels.angle, [f"{name}_rad" for name in ENCODERS])
-        else:
-            add(wheels.t, wheels.rate, [f"{name}_radps" for name in ENCODERS])
+        angle, rate = trial.wheels.angle, trial.wheels.rate
+        logged = (angle, ENCODERS, "_rad") if rate is None else (rate, ENCODERS, "_radps")
+        streams.append((trial.wheels.t, *logged))
     if trial.currents is not None:
-        add(trial.currents.t, trial.currents.current, [f"{name}_A" for name in CURRENTS])
+        streams.append((trial.currents.t, trial.currents.current, CURRENTS, "_A"))
     for name, series in (
         ("v_cmd_mps", trial.command),
         ("ref_x_m", trial.reference_x),
         ("ref_v_mps", trial.reference_v),
     ):
         if series is not None:
-            add(series.t, series.value, [name])
-    stamps = np.unique(np.concatenate([t[np.isfinite(v)] for _, t, v in columns])) if columns else np.zeros(0)
-    table = {}
-    for name, t, values in columns:
-        whole = np.full(len(stamps), np.nan)
-        seen = np.isfinite(values)
-        whole[np.searchsorted(stamps, t[seen])] = values[seen]
-        table[name] = whole
-    return pd.DataFrame(table, index=stamps)
+            streams.append((series.t, series.value[:, None], (name,), ""))
+    frames = [
+        pd.DataFrame(values, index=t, columns=[f"{name}{unit}" for name in names]).dropna(how="all")
+        for t, values, names, unit in streams
+    ]
+    return pd.concat(frames or [pd.DataFrame()], axis=1, sort=True).dropna(axis=1, how="all")
 
 
 def write_truth(path: Path, motion: pd.DataFrame) -> None:

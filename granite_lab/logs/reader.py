@@ -11,10 +11,10 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.files import sha256
+from granite_lab.logs.canonical import collect, fill, trial_info
 from granite_lab.logs.clocks import describe_gaps
 from granite_lab.logs.layouts import Maps, given_maps
 from granite_lab.logs.lies import check_sensors
-from granite_lab.logs.metadata import collect, fill, trial_info
 from granite_lab.logs.named import name_of, parts_of, sidecar
 from granite_lab.logs.plausibility import check_imu
 from granite_lab.logs.source import Source, open_source, refuse_unused
