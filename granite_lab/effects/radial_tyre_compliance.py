@@ -16,7 +16,8 @@ SETTLING = 5e-3
 class RadialTyreCompliance(Effect):
     """A tyre in series with the soil: its underside is flattened by δ = κ W, the rest stays round.
 
-    The flat part has the depth of the sinkage. It neither resists the motion nor lifts by shear. The tyre rolls as a wheel of radius r − δ/3.
+    The flat part has the depth of the sinkage. It neither resists the motion nor lifts
+    by shear. The tyre rolls as a wheel of radius r − δ/3.
     """
 
     id = "radial_tyre_compliance"
