@@ -38,20 +38,14 @@ class Budget:
     """What the standard uncertainty of a result is made of.
 
     Attributes:
-        quantity: "slip", "k92" or "a_theta".
         speed: of the trials [m/s]; NaN for a_θ.
-        unit: of the result.
         result: with the std that is stated everywhere else.
         parts: components, largest first.
-        trials: how many went in.
     """
 
-    quantity: str
     speed: float
-    unit: str
     result: Estimate
     parts: tuple[Part, ...]
-    trials: int
 
     @property
     def combined(self) -> float:
@@ -62,17 +56,11 @@ class Budget:
         """Return the share of a component in the combined variance."""
         return (part.contribution / self.combined) ** 2 if self.combined > 0 else math.nan
 
-    @property
-    def note(self) -> str:
-        """What the stated std does not hold."""
-        return LEFT_OUT[self.quantity]
 
-
-def of_mean(quantity: str, speed: float, mean: Estimate, trials: Sequence[Sequence[Part]]) -> Budget | None:
+def of_mean(speed: float, mean: Estimate, trials: Sequence[Sequence[Part]]) -> Budget | None:
     """Return the budget of a mean over trials; None where a trial has no components.
 
     Args:
-        quantity: "slip" or "k92".
         speed: of the trials [m/s].
         mean: over the trials, with the std that is stated: by the trials' own or by their scatter.
         trials: components of each trial.
@@ -85,7 +73,7 @@ def of_mean(quantity: str, speed: float, mean: Estimate, trials: Sequence[Sequen
     if beyond > 1e-6 * mean.std**2:
         one = math.sqrt(beyond * n)
         parts.append(Part(SCATTER, "A", f"Student, {n - 1} d.o.f.", "1", one, math.sqrt(beyond)))
-    return Budget(quantity, speed, "1", mean, _ranked(parts), n)
+    return Budget(speed, mean, _ranked(parts))
 
 
 def of_a_theta(fit: AThetaFit, fits: Sequence[K92Fit]) -> Budget | None:
@@ -99,7 +87,7 @@ def of_a_theta(fit: AThetaFit, fits: Sequence[K92Fit]) -> Budget | None:
     if len(fit.sensitivity) != len(fits) or not all(own.parts for _, own in weighed):
         return None
     parts = [*_pooled([(c, own.parts) for c, own in weighed]), *fit.parts]
-    return Budget("a_theta", math.nan, "s/m", fit.a_theta, _ranked(parts), len(weighed))
+    return Budget(math.nan, fit.a_theta, _ranked(parts))
 
 
 def _pooled(trials: Sequence[tuple[float, Sequence[Part]]]) -> list[Part]:

@@ -231,7 +231,7 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[Table]:
         parts = {"slip": [m.slip_parts for m in known], "k92": [f.parts for f in inner]}
         for quantity, mean in (("slip", slip), ("k92", k92)):
             stated = Estimate(mean.value, mean.std)
-            budgets[quantity].append(of_mean(quantity, speed.velocity, stated, parts[quantity]))
+            budgets[quantity].append(of_mean(speed.velocity, stated, parts[quantity]))
     if result.a_theta is not None:
         budgets["a_theta"].append(of_a_theta(result.a_theta, [r.comparison.fit for r in result.trials]))
     there = {quantity: [b for b in own if b is not None] for quantity, own in budgets.items()}
