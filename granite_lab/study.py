@@ -18,7 +18,7 @@ from granite_lab.fitting.fit import AThetaFit
 from granite_lab.logs.named import name_of
 from granite_lab.logs.trial import InputFile, Trial
 from granite_lab.model.effect import Active
-from granite_lab.parameters import Soil, load_soil
+from granite_lab.parameters import load_soil
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, Options, each_trial
@@ -39,16 +39,17 @@ def analyse(path: Path, options: Options) -> TrialResult:
 
     logged, robot = read(path, options)
     trial, motion = estimate(logged, robot, options)
-    soil, effects = ground(trial, options)
+    name, effects = ground(trial, options)
+    soil = load_soil(name)
     fit = fit_k92(motion, trial, robot, soil, effects=effects)
     return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
 
 
-def ground(trial: Trial, options: Options) -> tuple[Soil, tuple[Active, ...]]:
-    """Return the soil of a trial and the effects that are switched on."""
+def ground(trial: Trial, options: Options) -> tuple[str, tuple[Active, ...]]:
+    """Return the soil of a trial, by name or path, and the effects that are switched on."""
     model = load_model(options.model, options.effects) if options.model else None
     soil = options.soil or (model.soil if model else None) or trial.info.soil or "dry_sand"
-    return load_soil(soil), model.effects if model else ()
+    return soil, model.effects if model else ()
 
 
 def study(
@@ -124,7 +125,7 @@ def source_of(
         options: that were in force.
         discover: whether a search for a missing effect was asked for; None where that is no question.
     """
-    rows = in_force(options.robot or trials[0].info.robot or "granite", ground(trials[0], options)[0].name)
+    rows = in_force(options.robot or trials[0].info.robot or "granite", ground(trials[0], options)[0])
     given = options.given() + ((("discover", "no"),) if discover is False else ())
     used = [file for trial in trials for file in trial.inputs]
     known = {file.path for file in used}
