@@ -1,6 +1,5 @@
 from .canonical import write_canonical, write_truth
-from .inspected import Inspection
-from .inspection import inspect_logs
+from .inspection import Inspection, inspect_logs
 from .reader import read_trial
 
 __all__ = ["Inspection", "inspect_logs", "read_trial", "write_canonical", "write_truth"]

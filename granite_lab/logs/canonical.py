@@ -172,23 +172,25 @@ def _comments(trial: Trial) -> list[str]:
     }
     if wheels is not None and wheels.step > 0:
         known["enc_step_rad" if wheels.rate is None else "enc_step_radps"] = wheels.step
-    lines = [f"{key} = {_toml(value)}" for key, value in known.items() if value is not None]
-    return lines + [f"{_key(key)} = {_toml(value)}" for key, value in info.extra.items()]
+    lines = [f"{key} = {toml(value)}" for key, value in known.items() if value is not None]
+    return lines + [f"{_key(key)} = {toml(value)}" for key, value in info.extra.items()]
 
 
-def _toml(value: object) -> str:
-    """Write a number, flag or text as TOML."""
+def toml(value: object) -> str:
+    """Write a number, flag, text or list of texts as TOML."""
     if isinstance(value, str):
         # JSON escapes what TOML wants escaped, except DEL.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, bool):
         return "true" if value else "false"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(toml(item) for item in value)}]"
     return repr(int(value)) if isinstance(value, (int, np.integer)) else repr(float(str(value)))
 
 
 def _key(key: str) -> str:
     """Write a key, in quotes where it needs them."""
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml(key)
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else toml(key)
 
 
 def _table(trial: Trial) -> pd.DataFrame:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from granite_lab.errors import InputError
 from granite_lab.logs.trial import Array
+from granite_lab.logs.units import DATE, factors
 
 Rows = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
@@ -16,7 +17,7 @@ Mask = npt.NDArray[np.bool_]
 GAP_PERIODS = 3.0
 """A gap is a step of more than this many median periods."""
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SECONDS = {unit: factor for unit, factor in factors("time").items() if unit != DATE}
 _EPOCH = (9.4e8, 2.6e9)  # 2000 to 2052 in seconds since 1970
 _FASTEST = 20000.0
 

@@ -1,28 +1,216 @@
-"""`inspect_logs`: what a log seems to be, and how sure that is."""
+"""`inspect_logs`: what a log seems to be, how sure that is, and the column map of it."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from granite_lab.errors import InputError
+from granite_lab.logs.canonical import toml
 from granite_lab.logs.clocks import GAP_PERIODS
 from granite_lab.logs.dialect import Table, is_number
 from granite_lab.logs.guess import by_name, guess
-from granite_lab.logs.inspected import ColumnReport, FileReport, Inspection, StreamReport
 from granite_lab.logs.layouts import Column, Layout, Maps, given_maps
 from granite_lab.logs.matching import Match, choose
-from granite_lab.logs.named import is_bag, parts_of
+from granite_lab.logs.named import is_bag, name_of, parts_of
 from granite_lab.logs.reader import assemble
 from granite_lab.logs.source import Source, open_source
-from granite_lab.logs.stretches import look, rests
+from granite_lab.logs.stretches import MotionGuess, look, rests
 from granite_lab.logs.table import is_dated, load, open_table
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import load_robot
+
+
+@dataclass(frozen=True)
+class ColumnReport:
+    """One column.
+
+    Attributes:
+        name: what the file calls it.
+        place: where it stands, counted from 0.
+        to: the channels it feeds.
+        unit: its unit.
+        confidence: how sure that is, 0 to 1.
+        why: in a few words.
+        low, high: range of the values; NaN for texts.
+        filled: share of the cells that hold a number.
+        settings: further keys of its entry in a column map.
+    """
+
+    name: str
+    place: int
+    to: tuple[str, ...]
+    unit: str
+    confidence: float
+    why: str
+    low: float = math.nan
+    high: float = math.nan
+    filled: float = math.nan
+    settings: tuple[tuple[str, object], ...] = ()
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """The clock of one sensor: [s] and [Hz]; jitter is the std of the steps."""
+
+    what: str
+    samples: int
+    start: float
+    end: float
+    rate: float
+    jitter: float
+    gaps: int
+    longest_gap: float
+
+
+@dataclass(frozen=True)
+class FileReport:
+    """One file.
+
+    Attributes:
+        path: where it is.
+        dialect: how its text is laid out; None if it is no text.
+        layout: the column map that fits; "" if none does and columns were guessed.
+        confidence: in the layout as a whole, 0 to 1.
+        columns: what the columns are.
+        entries: the same in the order of a column map, where of several clocks the first counts.
+        head: what a column map says about the file as a whole.
+        streams: clocks of the sensors.
+        rests: standstills [s].
+        motion: a first look at the motion; None without wheels.
+        doubts: everything the reader was not sure of, wraps and saturation included.
+        problem: why the file cannot be read as it is; "".
+        trial: the samples, in SI; None if they cannot be read.
+    """
+
+    path: Path
+    dialect: Table | None = None
+    layout: str = ""
+    confidence: float = 0.0
+    columns: tuple[ColumnReport, ...] = ()
+    entries: tuple[ColumnReport, ...] = ()
+    head: tuple[tuple[str, object], ...] = ()
+    streams: tuple[StreamReport, ...] = ()
+    rests: tuple[tuple[float, float], ...] = ()
+    motion: MotionGuess | None = None
+    doubts: tuple[str, ...] = ()
+    problem: str = ""
+    trial: Trial | None = field(default=None, compare=False, repr=False)
+
+    def to_map_toml(self) -> str:
+        """Return a column map of what was recognised, which reads the file when given as ``--map``.
+
+        Raises:
+            InputError: the file is no table.
+        """
+        if not self.entries:
+            raise InputError(self.problem, "only a table of numbers can be mapped")
+        lines = [
+            "# A column map: edit it, then read the log with --map THIS_FILE.",
+            "# Channels: t, t_add, imu_ax … imu_az, imu_gx … imu_gz, enc_fl … enc_rr, cur_fl … cur_rr,",
+            "# v_cmd, ref_x, ref_y, ref_v, ref_lat, ref_lon. A wrong sign is scale = -1.",
+            f"name = {toml(re.sub(r'[^A-Za-z0-9_]+', '_', name_of(self.path)) or 'log')}",
+            f"title = {toml(f'written from {self.path.name}')}",
+            *_pairs(self.head),
+        ]
+        if self.dialect is not None:
+            said: list[tuple[str, object]] = [
+                ("delimiter", self.dialect.delimiter_name), ("decimal", self.dialect.decimal),
+            ]  # fmt: skip
+            if self.dialect.header_line == 0:
+                said.append(("names", [column.name for column in self.columns]))
+            lines += ["", "[table]", *_pairs(said)]
+        for column in self.entries:
+            lines += ["", *_entry(column)]
+        return "\n".join(lines) + "\n"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as plain data."""
+        table, motion = self.dialect, self.motion
+        columns = [dataclasses.asdict(column) for column in self.columns]
+        for column in columns:
+            del column["settings"]
+        return {
+            "path": str(self.path),
+            "layout": self.layout or None,
+            "confidence": self.confidence,
+            "text": table
+            and {
+                "encoding": table.encoding,
+                "delimiter": table.delimiter_name,
+                "decimal": table.decimal,
+                "header_line": table.header_line,
+                "first_row": table.data_line,
+            },
+            "columns": columns,
+            "streams": [dataclasses.asdict(stream) for stream in self.streams],
+            "standstills_s": [list(interval) for interval in self.rests],
+            "motion": motion
+            and {
+                "velocity_mps": motion.velocity,
+                "acceleration_mps2": motion.acceleration,
+                "distance_m": motion.distance,
+                "variant_mps": motion.variant.velocity if motion.variant else None,
+                "confidence": motion.confidence,
+            },
+            "doubts": list(self.doubts),
+            "problem": self.problem or None,
+        }
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What was recognised in some logs, file by file."""
+
+    files: tuple[FileReport, ...]
+
+    def to_map_toml(self, index: int = 0) -> str:
+        """Return the column map of one of the files.
+
+        Raises:
+            InputError: the file is no table.
+        """
+        return self.files[index].to_map_toml()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        return {"schema": "granite-lab/inspect/1", "files": [report.as_json() for report in self.files]}
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row a column of each file: what it feeds, in which unit, and how sure that is."""
+        rows = [
+            (str(f.path), c.name, " ".join(c.to), c.unit, c.confidence, c.low, c.high, c.filled)
+            for f in self.files
+            for c in f.columns
+        ]
+        names = ["path", "column", "channels", "unit", "confidence", "low", "high", "filled"]
+        return pd.DataFrame(rows, columns=names)
+
+
+def _entry(column: ColumnReport) -> list[str]:
+    """Return the lines of one column in a map; without channels they are comments."""
+    lines = []
+    if column.why:
+        span = f"; values from {column.low:.6g} to {column.high:.6g}" if column.filled > 0 else ""
+        sure = f"{column.confidence:.0%} sure, " if column.to else ""
+        lines = [re.sub(r"[\x00-\x1f\x7f]+", " ", f"# {sure}{column.why}{span}")]
+    # One without a name is matched by an empty pattern.
+    named = f"name = {toml(column.name)}" if column.name else "pattern = '()'"
+    body = ["[[column]]", named, f"to = {toml(column.to)}"]
+    body += _pairs((("unit", column.unit), *column.settings) if column.unit or column.to else ())
+    return lines + [line if column.to else f"# {line}" for line in body]
+
+
+def _pairs(pairs: Sequence[tuple[str, object]]) -> list[str]:
+    return [f"{key} = {toml(value)}" for key, value in pairs]
 
 
 def inspect_logs(
@@ -68,12 +256,12 @@ def _inspect(
             return _sampled(report, source, robot)
         table = open_table(path, maps[0].table if len(maps) == 1 else None)
     except InputError as error:
-        return dataclasses.replace(report, problem=error.message)
+        return replace(report, problem=error.message)
     try:
         found = choose(table, maps)
         report = _described(report, table, found)
     except InputError as error:
-        report = _described(dataclasses.replace(report, problem=error.message), table, None)
+        report = _described(replace(report, problem=error.message), table, None)
     if not report.layout and not any("t" in column.to for column in report.entries):
         return report
     layout = found.layout if report.layout else _guessed_layout(report)
@@ -85,9 +273,7 @@ def _inspect(
 
 def _doubtful(report: FileReport, error: InputError) -> FileReport:
     """Note why the samples cannot be read."""
-    return dataclasses.replace(
-        report, problem=report.problem or error.message, doubts=(*report.doubts, error.message)
-    )
+    return replace(report, problem=report.problem or error.message, doubts=(*report.doubts, error.message))
 
 
 def _described(report: FileReport, table: Table, found: Match | None) -> FileReport:
@@ -102,7 +288,7 @@ def _described(report: FileReport, table: Table, found: Match | None) -> FileRep
         confidence = min((column.confidence for column in used if column.to), default=0.0)
     places = {column.place for column in used}
     entries = used + [_unused(table, columns, p) for p in range(table.width) if p not in places]
-    return dataclasses.replace(
+    return replace(
         report,
         dialect=table if table.data_line else None,
         layout=found.layout.name if found else "",
@@ -210,7 +396,7 @@ def _sampled(report: FileReport, source: Source, robot: str | Path | None) -> Fi
     except InputError as error:
         return _doubtful(report, error)
     the_robot = load_robot(trial.info.robot or "granite")
-    return dataclasses.replace(
+    return replace(
         report,
         streams=tuple(_streams(trial)),
         rests=tuple(rests(trial, the_robot)),

@@ -11,6 +11,7 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import Mask, runs
 from granite_lab.logs.trial import Array, ImuStream, Trial, WheelStream
+from granite_lab.logs.units import factors
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
 SHORTEST_REST = 0.5
@@ -18,11 +19,6 @@ SHORTEST_REST = 0.5
 
 TOO_FAST = 30.0
 """No ground robot drives faster [m/s]."""
-
-_UNITS = {
-    "angle": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi},
-    "rate": {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30, "rev/s": 2 * math.pi},
-}
 
 
 @dataclass(frozen=True)
@@ -137,9 +133,10 @@ def check_wheels(
     doubts += _dead(wheels, imu)
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
     if not 0.3 < ratio < 8:
-        units = next((kind for kind in _UNITS.values() if declared in kind), {})
-        factors = {unit: size / units[declared] for unit, size in units.items() if unit != declared}
-        fits = [(unit, f) for unit, f in factors.items() if 0.7 < ratio * f < 3]
+        kinds = [factors("angle"), factors("angular rate")]
+        sizes = next((kind for kind in kinds if declared in kind), {})
+        changes = {unit: size / sizes[declared] for unit, size in sizes.items() if unit != declared}
+        fits = [(unit, change) for unit, change in changes.items() if 0.7 < ratio * change < 3]
         if len(fits) == 1:
             unit, factor = fits[0]
             doubts.append(

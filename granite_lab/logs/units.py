@@ -88,6 +88,11 @@ def find_unit(text: str) -> Unit | None:
     return _UNITS.get(bare) or _FOLDED.get(bare.casefold())
 
 
+def factors(quantity: str) -> dict[str, float]:
+    """Return the units of a quantity with the number of SI units that one is."""
+    return {name: factor for name, (factor, _) in _TABLE[quantity].items()}
+
+
 def spellings(*quantities: str) -> str:
     """List how the units of some quantities are written, for messages."""
     names = [name for quantity in quantities for name in _TABLE[quantity]]

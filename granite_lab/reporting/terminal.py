@@ -15,14 +15,14 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.estimation.judgement import Judgement
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit
-from granite_lab.logs.inspected import FileReport, Inspection
+from granite_lab.logs.inspection import FileReport, Inspection
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Variant
 from granite_lab.parameters.catalogue import Provenance
 from granite_lab.reporting import answers as decide
 from granite_lab.reporting import search_tables, tables
 from granite_lab.reporting.answers import Answer
-from granite_lab.reporting.content import StudyResult
+from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.grid import TONES, VIRTUAL, clean, grid, row_of, say, show_table
 from granite_lab.reporting.names import in_plain_words, latency_in_words, shared
 from granite_lab.reporting.rounding import NONE, significant, tidy_unit
@@ -136,7 +136,8 @@ def show_finding(
     finding: Finding, console: Console, folder: str = "", model: Path | str | None = None
 ) -> None:
     """Print the answers of a search and its tables; arguments as in `show_study`."""
-    decided = decide.of_search(finding, model, folder)
+    alone = StudyResult("FOLDER", (), (), None, Source("", "", (), ()), finding)
+    decided = decide.of_study(alone, model, folder)
     if finding.virtual and not finding.effects:
         say(console, f"{VIRTUAL}.", "yellow")
     _answers(decided.questions, console)

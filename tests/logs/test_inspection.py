@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from granite_lab.logs import inspect_logs, read_trial
 from granite_lab.logs.guess import by_name
-from granite_lab.logs.inspected import FileReport
+from granite_lab.logs.inspection import FileReport
 from granite_lab.logs.trial import Trial
 from tests.logs import make
 from tests.truth import csv_text, trials
