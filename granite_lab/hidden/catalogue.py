@@ -64,7 +64,6 @@ def model_of(
     command: Trapezoid,
     law: Law,
     sizes: Mapping[str, Sizes],
-    intervals: int = 32,
     near_rest: NearRest = FLOOR,
     radii: tuple[float, float] = (1.0, 1.0),
 ) -> Truth:
@@ -72,12 +71,12 @@ def model_of(
 
     Args:
         names: ids, in any order.
-        robot, soil_, command, law, intervals, near_rest, radii: as for `Truth`.
+        robot, soil_, command, law, near_rest, radii: as for `Truth`.
         sizes: parameters of each influence by id, phases included.
     """
     kinds = [influence(name) for name in sorted(names)]
     for kind in kinds:
         robot = kind.altered(robot, sizes[kind.id])
     combined = type("Combined", (*kinds, Truth), {})
-    model: Truth = combined(robot, soil_, command, law, intervals, sizes, near_rest, radii)
+    model: Truth = combined(robot, soil_, command, law, sizes=sizes, near_rest=near_rest, radii=radii)
     return model

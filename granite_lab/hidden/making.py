@@ -28,9 +28,6 @@ from granite_lab.parameters import Robot, Soil, Variant, load_variants
 RELATIVE, ABSOLUTE = 3e-6, 1e-7
 """Tolerances of the integration: the velocity is then within 0.002 mm/s of that at 1e-8."""
 
-INTERVALS = 24
-"""Of the quadrature along the arc."""
-
 
 @dataclass(frozen=True)
 class Plan:

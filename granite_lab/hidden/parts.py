@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
+from granite_lab.hidden.contact import Array
 
 Law = Callable[[float], float]
 Method = Literal["LSODA", "Radau"]
@@ -69,11 +69,6 @@ class Trapezoid:
         low = v_floor / self.a
         marks = {0.0, low, self.ramp, self.ramp + self.hold, self.end - low, self.end}
         return tuple(sorted(marks))
-
-
-def constant_k92(value: float) -> Law:
-    """Return k_92(v_d) of Table 3: constant while driving, 1 at rest, blended below v_floor."""
-    return lambda v_d: 1.0 + (value - 1.0) * float(smoothstep(v_d / V_FLOOR))
 
 
 def exponential_k92(a_theta: float) -> Law:

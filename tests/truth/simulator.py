@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from granite_lab.hidden.contact import Array
+from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, PITCH, VX, VZ, Q, Truth, X
-from granite_lab.hidden.parts import Method, Trapezoid, constant_k92, exponential_k92
+from granite_lab.hidden.parts import Law, Method, Trapezoid, exponential_k92
 from granite_lab.hidden.simulator import DT, Body, solve
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
 
@@ -90,6 +90,11 @@ def signals(truth: Truth, t: Array, state: Array) -> Result:
         rise=truth.rise,
         **forces,
     )
+
+
+def constant_k92(value: float) -> Law:
+    """Return k_92(v_d) of Table 3: constant while driving, 1 at rest, blended below v_floor."""
+    return lambda v_d: 1.0 + (value - 1.0) * float(smoothstep(v_d / V_FLOOR))
 
 
 def build(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -28,11 +29,7 @@ class TruthTrial:
 
     Attributes:
         trial: what was logged.
-        t: (K,) instants of the truth [s], 1 ms apart.
-        x, v, pitch: (K,) distance [m], velocity [m/s] and pitch [rad] of R.
-        v_wheel: (K, 4) circumferential velocity [m/s].
-        steady: settled half of the part with constant command [s].
-        start, stop: of the command [s].
+        body: true motion, whose attributes are the trial's too.
         clock_offset: the encoders' stamps lie this far *behind* the IMU's [s]: an instant that
             the IMU calls t carries the encoder stamp t - clock_offset.
         accel_bias, gyro_bias: (3,) turn-on biases in sensor axes.
@@ -40,18 +37,16 @@ class TruthTrial:
     """
 
     trial: Trial
-    t: Array
-    x: Array
-    v: Array
-    pitch: Array
-    v_wheel: Array
-    steady: tuple[float, float]
-    start: float
-    stop: float
+    body: Body
     clock_offset: float
     accel_bias: Array
     gyro_bias: Array
     mounting: Array
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "body":  # while it is being copied
+            raise AttributeError(name)
+        return getattr(self.body, name)
 
     def at(self, t: Array | float, name: str) -> Array:
         """Return `x`, `v`, `pitch` or `v_wheel` at instants of the IMU's clock."""
@@ -104,10 +99,7 @@ def observe(
         reference_x=Series(body.t[::10], body.x[::10]) if reference else None,
         reference_v=Series(body.t[::10], body.v[::10]) if reference else None,
     )
-    return TruthTrial(
-        trial, body.t, body.x, body.v, body.pitch, body.v_wheel, body.steady, body.start, body.stop,
-        clock_offset, accel_bias, gyro_bias, mounting,
-    )  # fmt: skip
+    return TruthTrial(trial, body, clock_offset, accel_bias, gyro_bias, mounting)
 
 
 def generate(
