@@ -12,7 +12,6 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import TextIO
 
@@ -45,15 +44,11 @@ class TableFormat:
     Attributes:
         delimiter: one character, "tab" or "space" (any run of blanks).
         decimal: decimal sign, "." or ",".
-        skip_rows: lines before the header that are not part of the table.
         names: names of the columns, for a file without a header line.
     """
 
     delimiter: str = field(default="", metadata={"choices": ("", *_DELIMITERS, *_DELIMITERS.values())})
     decimal: str = field(default="", metadata={"choices": ("", ".", ",")})
-    skip_rows: float = field(
-        default=0.0, metadata={"unit": "", "low": 0, "high": 1e6, "meaning": "lines to skip"}
-    )
     names: tuple[str, ...] = ()
 
 
@@ -138,7 +133,7 @@ def sniff(path: Path, said: TableFormat | None = None) -> Table:
     """
     said = said or TableFormat()
     text, encoding, doubts = _read(path)
-    comments, lines, separator = _head(lines_of(text), int(said.skip_rows))
+    comments, lines, separator = _head(lines_of(text))
     if not lines and not comments:
         raise InputError(
             f"{path}: the file is empty", "a log is a CSV file with a header line and rows of numbers"
@@ -263,12 +258,12 @@ def _encoding(path: Path, head: bytes) -> str:
     return "utf-8-sig"
 
 
-def _head(file: TextIO, skip: int) -> tuple[list[tuple[int, str]], list[tuple[int, str]], str]:
+def _head(file: TextIO) -> tuple[list[tuple[int, str]], list[tuple[int, str]], str]:
     """Return comment lines, the first other lines that are not blank, and a delimiter said by ``sep=``."""
     comments: list[tuple[int, str]] = []
     lines: list[tuple[int, str]] = []
     said = ""
-    for number, raw in enumerate(islice(file, skip, None), skip + 1):
+    for number, raw in enumerate(file, 1):
         text = raw.rstrip("\n").lstrip("\ufeff")
         if not text.strip():
             continue

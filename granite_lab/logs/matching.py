@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granite_lab.errors import InputError, at
-from granite_lab.logs.dialect import Table, TableFormat
+from granite_lab.logs.dialect import Table
 from granite_lab.logs.layouts import Column, Layout, all_layouts, check_unit
 from granite_lab.logs.table import is_dated, open_table
 from granite_lab.logs.units import DATE, Unit, find_unit
@@ -72,11 +72,7 @@ def recognise(path: Path, maps: Sequence[Layout] = ()) -> tuple[Table, Match]:
         chosen = best(path, [found for _, found in fits])
         return next(fit for fit in fits if fit[1] is chosen)
     table = open_table(path)
-    found = choose(table, maps)
-    if found.layout.table != TableFormat():
-        table = open_table(path, found.layout.table)
-        found = choose(table, [found.layout])
-    return table, found
+    return table, choose(table, maps)
 
 
 def choose(table: Table, maps: Sequence[Layout] = ()) -> Match:
