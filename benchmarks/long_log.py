@@ -1,14 +1,13 @@
 """What an hour of log costs: processor time and memory of `granite-lab ingest`, by a process of its own.
 
-``python -m benchmarks.long_log [--minutes 60] [--courses trials straight winding] [--out FILE]``
+``python -m benchmarks.long_log [--minutes 60] [--out FILE]``
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import os
 import platform
-import resource
 import subprocess
 import sys
 import tempfile
@@ -18,23 +17,20 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from benchmarks.against_truth import table
+from benchmarks.blind_code import commit
+from granite_lab.files import write_text
 from tests.truth.long_drives import Drive
-from tests.truth.long_logs import COURSES, long_drive, write_log
+from tests.truth.long_logs import long_drive, write_log
 
 TIME_LIMIT, MEMORY_LIMIT = 60.0, 1.5
 """For an hour: processor time [s], and the most memory held at a time [GB]."""
 
-SAID = {
+COURSES = {
     "trials": "drives of 30 s on soft ground, a standstill after each, consumer IMU and vibration",
     "straight": "one drive straight ahead on firm, rough ground, standstill only at both ends",
     "winding": "the same, winding at a yaw rate of 0.2 rad/s (std)",
 }
-
-
-HEAD = (
-    "| log | rows | size [MB] | processor time [s] | memory [GB] | RMSE of v [mm/s] | 2σ coverage of v [%] "
-    "| error of the distance [%] |"
-)
 
 
 @dataclass(frozen=True)
@@ -43,16 +39,15 @@ class Cost:
 
     Attributes:
         course: which log.
-        rows, size: of the file [-], [MB].
-        time: processor time, with children's and the start of Python [s].
+        size: of the file [MB].
+        time: processor time, with the start of Python [s].
         memory: the most that was held [GB].
         rmse: of the velocity [m/s], at the IMU's stamps.
         coverage: share of velocities within two std.
-        way: error of the distance [-].
+        way: relative error of the distance.
     """
 
     course: str
-    rows: int
     size: float
     time: float
     memory: float
@@ -62,22 +57,27 @@ class Cost:
 
 
 def measure(course: str, minutes: float, folder: Path) -> Cost:
-    """Write a log, ingest it in a fresh process as a user would, and compare with the truth."""
+    """Write a log, ingest it as a user would, and compare with the truth."""
     log = long_drive(course, 60.0 * minutes)
-    path = folder / f"{course}.csv"
+    path, out = folder / f"{course}.csv", folder / "out"
     write_log(path, log)
-    command = [sys.executable, "-m", "benchmarks.long_log", "--ingest", str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    used = json.loads(done.stdout.splitlines()[-1])
-    rmse, coverage, way = quality(folder / "out" / f"{course}.csv", log)
-    with path.open(encoding="utf-8") as file:
-        rows = sum(1 for _ in file) - 2
-    return Cost(course, rows, path.stat().st_size / 1e6, used["time"], used["memory"], rmse, coverage, way)
+    start = "from granite_lab.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", start, "ingest", str(path), "--out", str(out), "--quiet", "--json"],
+        stdout=subprocess.DEVNULL,
+    )
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise SystemExit(process.returncode)
+    memory = used.ru_maxrss * 1024 / 1e9  # counted in KiB by Linux
+    time = used.ru_utime + used.ru_stime
+    return Cost(course, path.stat().st_size / 1e6, time, memory, *quality(out / f"{course}.csv", log))
 
 
-def quality(table: Path, log: Drive) -> tuple[float, float, float]:
-    """RMSE of v [m/s], share within two std, relative error of the distance."""
-    motion = pd.read_csv(table, usecols=["t_s", "x_m", "v_mps", "v_std_mps"])
+def quality(motion_table: Path, log: Drive) -> tuple[float, float, float]:
+    """RMSE of v [m/s], share within two std in motion, relative error of the distance."""
+    motion = pd.read_csv(motion_table, usecols=["t_s", "x_m", "v_mps", "v_std_mps"])
     t = motion.t_s.to_numpy()
     error = motion.v_mps.to_numpy() - log.at(t, "v")
     within = np.abs(error) <= 2 * motion.v_std_mps.to_numpy()
@@ -87,52 +87,37 @@ def quality(table: Path, log: Drive) -> tuple[float, float, float]:
     return float(np.sqrt(np.mean(error**2))), float(np.mean(within[moving])), way
 
 
-def ingest(path: Path) -> None:
-    """Ingest a log as the command does, and print what this process took."""
-    from granite_lab.cli import main as command_line  # noqa: PLC0415, the process that is measured
-
-    sys.argv = [
-        "granite-lab", "ingest", str(path), "--out", str(path.parent / "out"), "--quiet", "--json",
-    ]  # fmt: skip
-    code = 0
-    try:
-        command_line()
-    except SystemExit as end:
-        code = int(end.code or 0)
-    if code:
-        raise SystemExit(code)
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    time = sum(u.ru_utime + u.ru_stime for u in used)
-    print(json.dumps({"time": time, "memory": max(u.ru_maxrss for u in used) / 2**20 * 1.073741824}))
-
-
 def page(costs: list[Cost], minutes: float) -> str:
     """Return the page."""
     share = minutes / 60.0
     rows = [
-        f"| {SAID[c.course]} | {c.rows} | {c.size:.0f} | {_flag(c.time, TIME_LIMIT * share, '.1f')} "
-        f"| {_flag(c.memory, MEMORY_LIMIT, '.2f')} | {1e3 * c.rmse:.1f} | {100 * c.coverage:.0f} "
-        f"| {100 * c.way:+.2f} |"
+        [
+            COURSES[c.course], f"{c.size:.0f}", _flag(c.time, TIME_LIMIT * share, ".1f"),
+            _flag(c.memory, MEMORY_LIMIT, ".2f"), f"{1e3 * c.rmse:.1f}", f"{100 * c.coverage:.0f}",
+            f"{100 * c.way:+.2f}",
+        ]
         for c in costs
-    ]
+    ]  # fmt: skip
+    head = (
+        "log", "size [MB]", "processor time [s]", "memory [GB]", "RMSE of v [mm/s]", "in 2σ [%]",
+        "error of the distance [%]",
+    )  # fmt: skip
     return f"""# Long logs
 
-Written by `python -m benchmarks.long_log --minutes {minutes:g}`. {minutes:g} minutes of virtual log,
-IMU 200 Hz and encoders 100 Hz in one CSV file (`tests/truth/long_logs.py`, by formula, with the truth), read,
-estimated and written as a table by `granite-lab ingest` in a process of its own. Processor time, the
-start of Python included; {platform.machine()}, Python {platform.python_version()}. Aim for an hour: at
-most {TIME_LIMIT:g} s and {MEMORY_LIMIT:g} GB; bold: missed.
+What {minutes:g} minutes of log cost. Aim for an hour: at most {TIME_LIMIT:g} s and {MEMORY_LIMIT:g} GB; bold:
+missed.
 
-{HEAD}
-|---|---|---|---|---|---|---|---|
-{chr(10).join(rows)}
+{table(head, rows)}
+The logs are virtual (`tests/truth/long_logs.py`, by formula, with the truth): IMU 200 Hz and encoders 100 Hz
+in one CSV file. `granite-lab ingest` reads, estimates and writes them in a process of its own; its processor
+time includes the start of Python ({platform.machine()}, Python {platform.python_version()}). Far from
+standstills (second and third log) the velocity follows the wheels less an assumed slip; coverage there is of
+one slip ratio.
 
-* All samples of the IMU are integrated, and the motion is told at each of its stamps. What is thinned, in
-  motion of more than five minutes, are the nodes of the filter that estimates the *drift* of this
-  integration: 60 000 at most, so every 12th sample (60 ms) of an hour's motion. Drift changes over seconds.
-* Far from standstills (the second and the third log) velocity follows the wheels, less an assumed slip:
-  see `docs/estimation.md`; its std says so. Coverage there is of one slip ratio, not of many.
-* The table is formatted in blocks (`granite_lab/csv_rows.py`), to the letter as pandas does it.
+Motion is stated at each stamp of the IMU. In motion of more than five minutes the filter of the integration's
+*drift* has 60 000 nodes, for an hour one every 60 ms: drift changes over seconds.
+
+Written by `python -m benchmarks.long_log --minutes {minutes:g} --out FILE`, code {commit()}.
 """
 
 
@@ -146,11 +131,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--courses", nargs="+", default=list(COURSES), choices=COURSES)
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--ingest", type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.ingest:
-        ingest(args.ingest)
-        return
     costs = []
     for course in args.courses:
         with tempfile.TemporaryDirectory() as folder:
@@ -158,7 +139,7 @@ def main() -> None:
         print(costs[-1], file=sys.stderr, flush=True)
     text = page(costs, args.minutes)
     if args.out:
-        args.out.write_text(text, encoding="utf-8")
+        write_text(args.out, text)
     else:
         print(text)
 

@@ -149,38 +149,30 @@ def _aim(what: str, value: float, low: float, high: float) -> list[str]:
 
 def _by_run(runs: Sequence[Velocities], more: Mapping[str, Sequence[str]]) -> str:
     rows = [
-        [run.name, f"{np.ptp(run.t):.0f}", f"{rms(errors([run])):.3f}", f"{rms(errors([run], 'wheels')):.3f}",
-         percent(inside([run])), f"{np.median(run.std):.3f}", run.grade, *cells]
+        [run.name, f"{rms(errors([run])):.3f}", f"{rms(errors([run], 'wheels')):.3f}", percent(inside([run])),
+         f"{np.median(run.std):.3f}", run.grade, *cells]
         for run, *cells in zip(runs, *more.values(), strict=True)
     ]  # fmt: skip
-    head = (
-        "run",
-        "length [s]",
-        "estimate [m/s]",
-        "wheels [m/s]",
-        "in 2σ [%]",
-        "std, median [m/s]",
-        "grade",
-        *more,
-    )
+    head = ("run", "estimate [m/s]", "wheels [m/s]", "in 2σ [%]", "std, median [m/s]", "grade", *more)
     return table(head, rows)
 
 
 def _snow(named: LogSet, unnamed: LogSet) -> str:
-    rows = []
     by_name = {run.name: run for run in named.runs}
+    rows = []
     for run in unnamed.runs:
-        cells = [run.name, str(run.t.size), f"{rms(errors([run], 'wheels')):.3f}"]
-        for one in (by_name.get(run.name), run):
-            cells += (
-                ["–"] * 3
-                if one is None
-                else [f"{rms(errors([one])):.3f}", percent(inside([one])), percent(inside([one], HIGH))]
-            )
-        rows.append(cells)
+        cells = [
+            run.name,
+            *(f"{rms(errors([run], what)):.3f}" for what in ("wheels", "v")),
+            percent(inside([run])),
+        ]
+        one = by_name.get(run.name)
+        if one is not None:
+            cells += [f"{rms(errors([one])):.3f}", percent(inside([one])), percent(inside([one], HIGH))]
+        rows.append(cells + ["–"] * (7 - len(cells)))
     head = (
-        "run", "samples", "wheels [m/s]", "both named [m/s]", "in 2σ [%]", "above 40 %", "none named [m/s]",
-        "in 2σ [%]", "above 40 %",
+        "run", "wheels [m/s]", "none named [m/s]", "in 2σ [%]", "both named [m/s]", "in 2σ [%]",
+        "above 40 % slip",
     )  # fmt: skip
     refused = {**named.refused, **unnamed.refused}
     said = "".join(f"\n* {name} was refused: {why}" for name, why in sorted(refused.items()))
