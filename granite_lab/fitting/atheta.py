@@ -30,9 +30,8 @@ from scipy.stats import norm, t
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.fitting.fit import AThetaFit, K92Fit, PointRow
-from granite_lab.fitting.laws import fit_laws
+from granite_lab.fitting.laws import Points, fit_laws, gather, row_of, usable
 from granite_lab.fitting.likelihood import a_theta_interval, chosen
-from granite_lab.fitting.points import Points, gather, row_of, usable
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import load_paper
 

@@ -37,8 +37,7 @@ from granite_lab.planning.design import (
     load_design,
     save_design,
 )
-from granite_lab.planning.options import options
-from granite_lab.planning.plan import plan_next
+from granite_lab.planning.plan import options, plan_next
 from granite_lab.planning.question import question
 from granite_lab.planning.stage import trial_model, whitener_of
 from tests.reporting.made_up_finding import made_up_finding
