@@ -51,6 +51,7 @@ class Screen:
         own: candidates with numbers of their own in each trial, to their probes; these have a column a trial.
         posterior: of the model without them; its `rest` holds the columns, first `probes`, then per trial
             those of `own`, then the residual.
+        marginal: the normal equations it is of, and the log determinant of the discrepancy.
         trials: number of trials.
         raw: of the first trial of each command, its (C n, k) columns before whitening: the trial's own
             parameters, the shared ones, `probes`, then the trial's columns of `own`.
@@ -59,6 +60,7 @@ class Screen:
     probes: tuple[Probe, ...]
     own: Mapping[str, tuple[Probe, ...]]
     posterior: Posterior
+    marginal: tuple[Array, float]
     trials: int
     raw: Mapping[int, Array]
 
@@ -102,6 +104,8 @@ def sizes(p: EffectParameter) -> tuple[float, ...]:
     if p.moving:
         return tuple(np.geomspace(low / 2, high, 8).tolist())
     least = max(low, high / 30)
+    if p.linear:
+        return (float(np.sqrt(least * high)),)
     every = (least / 2, float(np.sqrt(least * high)), high, 4 * high)
     return tuple(size for size in every if p.neutral + size <= p.high)
 
@@ -159,11 +163,12 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
         candidates=changes, own_candidates=[tuple(g) for g in own.values()],
     )  # fmt: skip
     std, mean = problem.prior(fit.point, fit.scales)
-    post = posterior(*normal.marginal(fit.scales), std**-2.0, mean - fit.point.vector)
+    marginal = normal.marginal(fit.scales)
     return Screen(
         tuple(p for p in probes if not p.is_own),
         {id_: tuple(probes[k] for k in group) for id_, group in own.items()},
-        post,
+        posterior(*marginal, std**-2.0, mean - fit.point.vector),
+        marginal,
         len(problem.trials),
         raw,
     )

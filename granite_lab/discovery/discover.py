@@ -127,7 +127,7 @@ def _power(
 ) -> tuple[tuple[Detectable, ...], Confusion]:
     """Return what the trials could show beside what was named; the search's screen serves where it can."""
     model = judgement.model
-    looks = found.looks.get((), ()) if not model.effects else ()
+    looks = found.looks.get(model.effects, ())
     rest = [c for c in library if c not in model.effects]
     screened = looks[0].screened if looks else screen(problem, model.fit, rest, most=2)
     return detectable(problem, model.fit, screened, tolerance)

@@ -44,7 +44,7 @@ class EmpiricalLaw(Effect):
     parameters = tuple(
         EffectParameter(
             f"{target}_{term}", unit, f"{target.replace('_', ' ')} by {term.replace('_', ' ')}",
-            -10 * size, 10 * size, 0.0, 0.2 * size, size,
+            -10 * size, 10 * size, 0.0, 0.2 * size, size, linear=True,
         )
         for target, (unit, size) in TARGETS.items() for term in TERMS
     )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from granite_lab.discovery.candidates import Probe, Screen
 from granite_lab.discovery.finding import Confusion, Detectable
 from granite_lab.discovery.search import is_empirical
 from granite_lab.inference.constants import CREDIBLE, EFFECT_ODDS
-from granite_lab.inference.fit import Fit
+from granite_lab.inference.fit import Fit, learnt_priors
+from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
@@ -20,6 +22,9 @@ POWER = 0.8416
 
 SAME = 0.95
 """Cosine above which two signatures count as one."""
+
+GROWTH, GROWN = 1.2, 16
+"""Step between the amplitudes that are tried, as a factor, and how many: up to fifteen times the first."""
 
 FACTOR, DRAWS = 2.0, 200
 """Size of the candidates in the confusion table, over the smallest detectable, and sets a row."""
@@ -31,7 +36,8 @@ def detectable(
     """Return the smallest sizes that would be named, and what these trials can tell apart.
 
     A candidate is named where its posterior odds are beyond doubt and what the nuisances cannot take up of
-    its trace exceeds the tolerance in some channel.
+    its trace exceeds the tolerance in some channel. Without it the scales of the nuisances grow with what
+    they take up.
 
     Args:
         problem: the trials.
@@ -52,6 +58,10 @@ def detectable(
         if not is_empirical(p.candidate)
     }
     probes = _nearest(screened.probes, limits)
+    for k, probe in probes:
+        variance = (width_of(probe.parameter) / probe.size) ** 2
+        noise, matter = limits[k]
+        limits[k] = _by_growing(problem, fit, screened, k, variance, needed, noise), matter
     cosines = _cosines(gram, [k for k, _ in probes])
     found = []
     sizes: dict[int, float] = {}
@@ -103,6 +113,42 @@ def _by_noise(power: float, variance: float, needed: float) -> float:
         return float("inf")
     occam = 0.5 * np.log1p(power * variance)
     return float((np.sqrt(2 * (needed + occam)) + POWER) / np.sqrt(power))
+
+
+def _by_growing(
+    problem: Problem, fit: Fit, screened: Screen, column: int, variance: float, needed: float, least: float
+) -> float:
+    """Return the amplitude that is seen though the scales of the nuisances grow with it.
+
+    What each trial's own numbers follow of a candidate widens their learnt priors, which then hold them less.
+
+    Args:
+        problem: the trials.
+        fit: about which it is linear.
+        screened: candidates about that fit.
+        column: of the candidate.
+        variance: of the prior of its amplitude.
+        needed: log Bayes factor.
+        least: the amplitude that is seen under the present scales.
+    """
+    M, logdet = screened.marginal
+    places = [*range(screened.posterior.step.size), screened.posterior.step.size + column, M.shape[0] - 1]
+    M = M[np.ix_(places, places)]
+    at = fit.point.vector
+    now, scales = screened.posterior, fit.scales
+    occam = 0.5 * np.log1p(now.rest[column, column] * variance)
+    grown, follow = now, now.follow[:, column]
+    for amplitude in least * GROWTH ** np.arange(GROWN):
+        mean = at + grown.step + amplitude * follow
+        priors = learnt_priors(problem, fit.point, mean, np.diag(grown.covariance))
+        scales = replace(scales, priors=priors)
+        std, centre = problem.prior(fit.point, scales)
+        grown = posterior(M, logdet, std**-2.0, centre - at)
+        power, follow = float(grown.rest[0, 0]), grown.follow[:, 0]
+        gain = now.evidence - grown.evidence + 0.5 * amplitude**2 * power - occam
+        if gain - POWER * amplitude * np.sqrt(max(power, 0.0)) >= needed:
+            return float(amplitude)
+    return float("inf")
 
 
 def _by_noise_own(power: Array, at: Sequence[int], needed: float) -> float:

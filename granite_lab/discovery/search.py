@@ -12,7 +12,7 @@ from granite_lab.discovery.candidates import Score, Screen, scores, screen
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.constants import EFFECT_ODDS, TOLERANCE
+from granite_lab.inference.constants import EFFECT_ODDS, SPREAD, TOLERANCE
 from granite_lab.inference.fit import FORMULAS, Fit, fit, under
 from granite_lab.inference.gap import moved, shares
 from granite_lab.inference.problem import Point, Problem
@@ -144,8 +144,9 @@ def search(
         """Fit the promising ones of the wanted candidates beside those of a model, and return them."""
         if model.effects not in looks:
             tell(f"screening candidates beside {_words(model.effects)}")
-            others = [c for c in candidates if c not in model.effects and wanted(c)]
-            sizes = FEW if model.effects and good(problem, model.fit, tolerance) else ALL
+            closed = bool(model.effects) and settled(model)
+            others = [c for c in candidates if c not in model.effects and not (closed and is_empirical(c))]
+            sizes = FEW if closed else ALL
             origins = _origins(problem, model.fit)
             looks[model.effects] = tuple(_look(problem, f, others, sizes) for f in origins)
         promising = _promising({c: p for c, p in _promises(looks[model.effects]).items() if wanted(c)}, most)
@@ -153,6 +154,9 @@ def search(
             start = problem.with_effect(origin.point, score.candidate, score.values, score.own)
             fitted((*model.effects, score.candidate), start, model.fit)
         return [score for _, score in promising]
+
+    def settled(model: Model) -> bool:
+        return good(problem, model.fit, tolerance) and not strained(problem, model.fit)
 
     def left_open(model: Model) -> Callable[[str], bool]:
         """Return which candidates are of interest beside a model that leaves no discrepancy.
@@ -180,7 +184,7 @@ def search(
     small: set[tuple[str, ...]] = set()
     path: list[tuple[str, list[Score]]] = []
     for _ in range(MOST):
-        fine = good(problem, current.fit, tolerance)
+        fine = settled(current)
         wanted = left_open(current) if fine else lambda _: True
         tried = extended(current, wanted, 1 if fine else TRIED)
         best = best_of(current, tried)
@@ -208,6 +212,15 @@ def search(
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:
     """Tell whether a fit leaves no discrepancy beyond the tolerance and no louder noise."""
     return max(shares(problem, result).values(), default=0.0) <= tolerance and not _loud(result)
+
+
+def strained(problem: Problem, result: Fit) -> bool:
+    """Tell whether numbers of the trials stand in for something that is missing.
+
+    Their scale is then two standard deviations beyond what it was taken for.
+    """
+    first = {s.name: s.std for t in problem.trials for s in t.slacks if s.learnt}
+    return any(result.scales.priors.get(n, std) > np.exp(2 * SPREAD) * std for n, std in first.items())
 
 
 def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:

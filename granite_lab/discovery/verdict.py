@@ -12,7 +12,7 @@ from granite_lab.discovery.heldout import Predicted, closed, predict
 from granite_lab.discovery.search import Model, Search, good, is_empirical, matters
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE
-from granite_lab.inference.fit import under
+from granite_lab.inference.fit import FORMULAS, under
 from granite_lab.inference.gap import moved
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
@@ -20,8 +20,8 @@ from granite_lab.logs.trial import Array
 LARGEST_SET = 3
 """Most effects that cannot be told apart in an answer that still is one."""
 
-CLOSED = 0.5
-"""Share of the gap on trials left out that named effects must close together: more than half."""
+LEFT = 0.5
+"""Share of the gap on trials left out, as an rms, that named effects may leave: less than half."""
 
 
 @dataclass(frozen=True)
@@ -46,18 +46,19 @@ class Named:
         """Tell whether it closes enough to be named.
 
         Trials left out must show it. Without it the gap must be larger by `LEAST_SHARE`, as an rms of all
-        channels, or a channel's change smaller by that share; there an effect cannot be told from the error
-        of the formulas beside it.
+        channels, or a channel's change smaller by that share. In one channel an effect cannot be told from
+        the error of the formulas beside it, whose size is not known where it is at its limit.
 
         Args:
             remainder: share of the gap that the whole set leaves.
             formula: error of the formulas, as a share.
         """
-        if self.closes.value < 2 * self.closes.std:
+        if not np.isfinite(self.closes.value) or self.closes.value < 2 * self.closes.std:
             return False  # trials left out do not show it
         left = max(remainder, 0.0)
         closes = np.sqrt(max(left + self.closes.value, 0.0)) - np.sqrt(left)
-        return bool(closes >= LEAST_SHARE or self.channel[1] >= max(LEAST_SHARE, formula))
+        seen = formula < FORMULAS[1] and self.channel[1] >= max(LEAST_SHARE, formula)
+        return bool(closes >= LEAST_SHARE or seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,14 +115,13 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     gap = base - (floor if floor.sum() < _left(after).sum() else _left(after))
     remainder = 1 - closed(base, _left(after), gap).value
     parts = [_named(problem, search, e, _Whole(base, gap, after, remainder), tolerance) for e in best.effects]
-    several = len(parts) > 1
-    relevant = [n for n in parts if not several or n.matters(remainder, best.fit.scales.formula)]
+    relevant = [n for n in parts if n.matters(remainder, best.fit.scales.formula)]
     small = (*beside, *(n for n in parts if n not in relevant))
     library = [n for n in relevant if not is_empirical(n.id)]
     law = [n for n in relevant if is_empirical(n.id)]
     sure = [n for n in library if n.probability >= CREDIBLE and len(n.twins) < LARGEST_SET]
     by_law = sum(n.closes.value for n in law)
-    enough = remainder + by_law < CLOSED
+    enough = remainder + by_law < LEFT**2
     enough |= not law and good(problem, alone.fit, tolerance)  # a gap too small to be divided
     if sure and len(sure) == len(library) and enough:
         probability = float(min(n.probability for n in sure))

@@ -219,7 +219,7 @@ def learn(problem: Problem, state: _State, scales: Scales) -> Scales:
         std, mean = problem.prior(state.point, scales)
         post = posterior(M, logdet, std**-2.0, mean - state.point.vector)
         at, variance = state.point.vector + post.step, np.diag(post.covariance)
-        scales = replace(scales, priors=_priors(problem, state.point, at, variance))
+        scales = replace(scales, priors=learnt_priors(problem, state.point, at, variance))
     return scales
 
 
@@ -251,7 +251,14 @@ def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales)
     return scales
 
 
-def _priors(problem: Problem, point: Point, mean: Array, variance: Array) -> Mapping[str, float]:
+def learnt_priors(problem: Problem, point: Point, mean: Array, variance: Array) -> Mapping[str, float]:
+    """Return the scales of the numbers that differ from trial to trial.
+
+    Args:
+        problem: the trials.
+        point: which numbers there are.
+        mean, variance: (p,) of the posterior of all numbers.
+    """
     squares: dict[str, list[float]] = {}
     first: dict[str, float] = {}
     k = 0

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from granite_lab.inference.discrepancy import FORMULA, MOTION
-from granite_lab.inference.fit import FORMULAS, SHARES, Fit
+from granite_lab.inference.fit import FORMULAS, SHARES, Fit, under
 from granite_lab.inference.normal import ChannelPart, Scales, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
@@ -79,13 +79,16 @@ def moved(problem: Problem, before: Fit, after: Fit) -> dict[str, float]:
     """Return channel to how far two fits' predictions are apart, at most over the commands.
 
     It is the rms in motion of their difference, over the repetitions, too, over the channel's rms in motion.
+    In the fit before the trials may differ from each other by no more than the fit after says: numbers of the
+    trials cannot stand in for what is missing.
     """
+    alone = remaining(problem, under(problem, before, after.scales))
     found: dict[str, float] = {}
     for command, own in enumerate(problem.commands):
         for c in dict.fromkeys(c for i in own for c in problem.trials[i].channels):
             size, moving = problem.size_of(command, c)
             rows = [
-                before.residuals[i][k] - after.residuals[i][k]
+                alone[i][k] - after.residuals[i][k]
                 for i in own if c in problem.trials[i].channels
                 for k in [problem.trials[i].channels.index(c)]
             ]  # fmt: skip
@@ -93,6 +96,19 @@ def moved(problem: Problem, before: Fit, after: Fit) -> dict[str, float]:
             apart = apart[np.isfinite(apart)]
             if apart.size and size > 0:
                 found[c] = max(found.get(c, 0.0), float(np.sqrt(np.mean(apart**2))) / size)
+    return found
+
+
+def remaining(problem: Problem, fit: Fit) -> list[Array]:
+    """Return per trial the (C, n) residuals at the posterior mean, linear about the fit's point."""
+    step, found = fit.posterior.step, []
+    shared = sum(x.size for x in fit.point.trials)
+    begin = 0
+    for i, (x, residual) in enumerate(zip(fit.point.trials, fit.residuals, strict=True)):
+        own = np.concatenate([step[begin : begin + x.size], step[shared:]])
+        change = problem.columns(i, fit.point, fit.slopes) @ own
+        found.append(residual - change.reshape(residual.shape))
+        begin += x.size
     return found
 
 

@@ -32,6 +32,7 @@ class EffectParameter:
             neutral the model does not depend on it, and `neutral` is only where a search starts.
         per_trial: True where the value changes from trial to trial, as a phase of the wheels does.
         moving: True where the trace of another size comes at another time, so that sizes are probed closely.
+        linear: True where the effect is proportional to it, so that one size tells what others do.
     """
 
     name: str
@@ -45,6 +46,7 @@ class EffectParameter:
     shape: bool = False
     per_trial: bool = False
     moving: bool = False
+    linear: bool = False
 
 
 @dataclass(frozen=True)

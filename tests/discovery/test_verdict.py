@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granite_lab.discovery.power import _by_noise_own
-from granite_lab.discovery.search import Search, search
+from granite_lab.discovery.search import Search, search, strained
 from granite_lab.discovery.verdict import Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
@@ -179,8 +179,8 @@ def test_trials_that_cannot_be_left_out_say_nothing_of_such() -> None:
         (0.011, 0.0, 0.1, 0.0, False),  # beside what the set leaves in any case
         (0.0, 0.15, 0.0, 0.02, True),
         (0.0, 0.15, 0.0, 0.2, False),  # within the error of the formulas beside it
-        (np.nan, 0.0, 0.0, 0.0, False),
-        (np.nan, 0.5, 0.0, 0.0, True),
+        (0.0, 0.5, 0.0, 0.2, False),  # whose size is not known at its limit
+        (np.nan, 0.5, 0.0, 0.0, False),  # trials left out show no gap
     ],
 )
 def test_an_effect_matters_by_the_gap_that_it_closes_or_by_a_channel(
@@ -194,6 +194,22 @@ def test_a_second_effect_is_found_where_the_first_leaves_less_than_the_tolerance
     """Numbers that change from trial to trial leave no discrepancy that repetitions share."""
     answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
     assert answer.named == {"push", "shake"}
+
+
+@pytest.mark.parametrize("others", [{}, {"push": 0.3}])
+def test_what_all_trials_have_alike_is_an_effect_though_numbers_of_each_trial_could_stand_in(
+    others: dict[str, float],
+) -> None:
+    answer = ask(motor=0.3, discrepancy=0.0, candidates=("motor", *CANDIDATES), **others)
+    assert answer.named == {"motor", *others}
+
+
+@pytest.mark.parametrize(("gain", "expected"), [(0.02, False), (0.2, True)])
+def test_numbers_of_the_trials_far_beyond_their_scale_are_strained(gain: float, expected: bool) -> None:
+    answer = ask()
+    result = answer.search.best.fit
+    scales = replace(result.scales, priors={**result.scales.priors, "current_f gain": gain})
+    assert strained(answer.problem, replace(result, scales=scales)) is expected
 
 
 def test_the_posterior_alone_names_where_nothing_can_be_predicted() -> None:

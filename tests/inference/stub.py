@@ -67,6 +67,12 @@ class Shove(Push):
     id = "shove"
 
 
+class Motor(Push):
+    """Currents larger by a share in every trial, as gains of the sensors might make them."""
+
+    id = "motor"
+
+
 class Hidden(Push):
     """No candidate; a term of the empirical law has the same trace."""
 
@@ -80,7 +86,7 @@ class Law(Effect):
     parameters = (_parameter("force_motion"), _parameter("moment_time"))
 
 
-EFFECTS: dict[str, Effect] = {e.id: e for e in (Push(), Pull(), Shake(), Shove(), Hidden(), Law())}
+EFFECTS: dict[str, Effect] = {e.id: e for e in (Push(), Pull(), Shake(), Shove(), Motor(), Hidden(), Law())}
 TRACES = {"push": 100, "pull": 110, "shake": 120, "shove": 100, "hidden": 140, "empirical": 140}
 """Number of the trace of an effect's first parameter."""
 
@@ -131,6 +137,9 @@ class Respond:
         for k, value in enumerate(task.sand):
             out += value * trace(k, variant)
         for id_, values in task.setting:
+            if id_ == "motor":
+                out[5:7] *= 1 + values[0]
+                continue
             for k, value in enumerate(values):
                 out += value * trace(TRACES[id_] + k, variant)
         return out
