@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation import mounting, wheel_signs
+from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
-from granite_lab.estimation.clock import slow_offset
-from granite_lab.estimation.differentiation import MOVING
-from granite_lab.estimation.faults import Faults, despike, find_faults
+from granite_lab.estimation.clock import ClockOffset, find_offset, slow_offset
+from granite_lab.estimation.error_model import SlipModel
+from granite_lab.estimation.faults import Faults, despike, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
+from granite_lab.estimation.identification import identify_scatter, with_motion_noise
 from granite_lab.estimation.motion import Motion
-from granite_lab.estimation.motion_noise import with_motion_noise
+from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
-from granite_lab.estimation.passes import ClockOffset, Problem, find_offset, solve
-from granite_lab.estimation.process import SlipModel
 from granite_lab.estimation.referenced import refer
 from granite_lab.estimation.rest import Interval, find_rests, inside, refuse_moved
-from granite_lab.estimation.restarts import find_restarts, without_steps
-from granite_lab.estimation.rolling import Rolling, roll
-from granite_lab.estimation.slip_scatter import identify_scatter
+from granite_lab.estimation.smoother import solve
+from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
 from granite_lab.parameters import Robot, Variant, load_variants
 
@@ -96,22 +94,23 @@ def correct(
             )
         motion = motion_without_imu(trial, robot, rolling, known, rests)
         return clean_trial(trial, robot, motion, wheels=wheels, rolling=rolling), motion
-    assert robot.imu_grade is not None
+    grade = robot.imu_grade
+    assert grade is not None
     stream, spikes = despike(_complete(trial.imu))
     imu = mounting.to_body(stream, mounting.given(robot))
     wheels, rolling, signs = _roll(trial, imu, robot)
-    warnings = [*signs]
-    faults = find_faults(imu, stream, robot.imu_grade, spikes)
+    faults = find_faults(imu, stream, grade, spikes)
     refuse_moved(imu, rests)
-    still = find_rests(imu, rolling, robot.imu_grade, by_hand=rests)
+    still = find_rests(imu, rolling, grade, by_hand=rests)
     if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and still:
         imu = _orient(stream, imu, rolling, still)
-    far = _far_from_rest(still, imu)
     if rolling is None and not still:
-        _refuse_unanchored(trial)
-    speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
-    noise = identify(imu, robot, still, ~inside(imu.t, still), speed)
-    problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel())
+        raise EstimateError(
+            f"{trial.name}: neither wheels nor a standstill: nothing anchors the velocity",
+            "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
+        )
+    far = rolling is not None and _far_from_rest(still, imu)
+    problem = Problem(imu, rolling, robot, still, faults, identify(imu, rolling, robot, still), SlipModel())
     if trial.info.clock_offset is not None:
         offset = Estimate(trial.info.clock_offset, 1e-3)
         clock = ClockOffset(offset, offset)
@@ -122,32 +121,29 @@ def correct(
         clock = find_offset(problem)
         offset = clock.applied
     if rolling is not None and offset.value != 0.0:
-        still = find_rests(imu, rolling, robot.imu_grade, offset=offset.value, by_hand=rests)
-        noise = identify(imu, robot, still, ~inside(imu.t, still), speed)
-        problem = dataclasses.replace(problem, rests=still, noise=noise)
+        still = find_rests(imu, rolling, grade, offset=offset.value, by_hand=rests)
+        problem = replace(problem, rests=still, noise=identify(imu, rolling, robot, still))
     _refuse_gaps(trial, faults, still)
-    restarts = find_restarts(stream, still, faults.doubt, faults.gaps, robot.imu_grade)
-    faults = dataclasses.replace(faults, restarts=restarts)
+    restarts = find_restarts(stream, still, faults.doubt, faults.gaps, grade)
+    faults = replace(faults, restarts=restarts)
     if restarts:
-        stream = without_steps(stream, restarts)
-        imu = mounting.to_body(stream, imu.rotation, levelled=imu.levelled)
-    problem = dataclasses.replace(problem, imu=imu, faults=faults)
-    warnings += _complain(problem, offset)
-    if far and rolling is not None:
+        imu = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
+    problem = replace(problem, imu=imu, faults=faults)
+    warnings = [*signs, *_complain(problem, offset)]
+    if far:
         problem = refer(problem, offset, slip_std)
         warnings.append(_reliance(problem))
     else:
         if rolling is not None and imu.has_pitch_rate and imu.gravity:
-            problem = dataclasses.replace(problem, noise=with_motion_noise(problem, offset.value))
+            problem = replace(problem, noise=with_motion_noise(problem, offset.value))
         slip = identify_scatter(problem, offset.value)
         if _spun(problem, offset.value):
-            slip = dataclasses.replace(slip, walk=max(slip.walk, SPIN))
-        problem = dataclasses.replace(problem, slip=slip)
-    solution = solve(problem, offset, distance=distance_measured)
-    solution = dataclasses.replace(solution, offset=clock.found)
+            slip = replace(slip, walk=max(slip.walk, SPIN))
+        problem = replace(problem, slip=slip)
+    solution = replace(solve(problem, offset, distance=distance_measured), offset=clock.found)
     health = assess(solution, imu.t, still, faults)
     motion = motion_of(trial, problem, solution, health, known, tuple(warnings))
-    motion = dataclasses.replace(motion, clock_applied=0.0 if far else clock.applied.value)
+    motion = replace(motion, clock_applied=0.0 if far else clock.applied.value)
     clean = clean_trial(
         trial, robot, motion, wheels=wheels, rolling=rolling, imu=imu, faults=faults, solution=solution
     )
@@ -162,12 +158,12 @@ def _roll(
         return trial.wheels, None, ()
     known = imu is not None and (robot.imu.forward != "find" or bool(trial.imu and trial.imu.robot_axes))
     try:
-        wheels, said = wheel_signs.check(trial.wheels, imu, robot, forward_known=known)
+        wheels, said = check_signs(trial.wheels, imu, robot, forward_known=known)
     except EstimateError as refusal:
         raise EstimateError(f"{trial.name}: {refusal.message}", refusal.hint) from None
     rolling = roll(wheels, robot)
     if imu is None:
-        rolling = dataclasses.replace(rolling, warnings=(*said, *rolling.warnings))
+        rolling = replace(rolling, warnings=(*said, *rolling.warnings))
     return wheels, rolling, said
 
 
@@ -187,7 +183,7 @@ def _complete(imu: ImuStream) -> ImuStream:
     whole = np.isfinite(columns[:, logged]).all(axis=1)
     if whole.all():
         return imu
-    return dataclasses.replace(
+    return replace(
         imu, t=imu.t[whole], specific_force=imu.specific_force[whole], angular_rate=imu.angular_rate[whole]
     )
 
@@ -200,13 +196,6 @@ def _orient(
     acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
     found, _ = mounting.find_forward(stream, levelled, rolling.t, acceleration)
     return mounting.to_body(stream, found, levelled=True)
-
-
-def _refuse_unanchored(trial: Trial) -> None:
-    raise EstimateError(
-        f"{trial.name}: neither wheels nor a standstill: nothing anchors the velocity",
-        "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
-    )
 
 
 def _far_from_rest(still: Sequence[Interval], imu: mounting.BodyImu) -> bool:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from itertools import pairwise
+from dataclasses import replace
+from itertools import pairwise, product
 
 import numpy as np
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.differentiation import MOVING
-from granite_lab.estimation.faults import Faults
+from granite_lab.estimation.error_model import BA
+from granite_lab.estimation.faults import Faults, Restart
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.passes import Solution
-from granite_lab.estimation.process import BA
 from granite_lab.estimation.rest import Interval, inside
-from granite_lab.estimation.restarts import Restart
-from granite_lab.estimation.rolling import Rolling
-from granite_lab.logs.trial import Array, Correction, CurrentStream, ImuStream, Series, Trial, WheelStream
+from granite_lab.estimation.smoother import Solution
+from granite_lab.estimation.wheels import MOVING, Rolling
+from granite_lab.logs.trial import Correction, CurrentStream, ImuStream, Series, Trial, WheelStream
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
 
 NAN = float("nan")
@@ -59,31 +57,26 @@ def clean_trial(
     """
     moved, made = motion.clock_applied, _signs(trial.wheels, wheels)
     if moved != 0.0:
-        given = trial.info.clock_offset is not None
-        std = motion.clock_offset.std
-        what = "offset of their clock, given" if given else "offset of their clock, found"
-        made.append(Correction(what, "stamps of encoders and currents", moved, std, "s"))
+        how = "given" if trial.info.clock_offset is not None else "found"
+        where, std = "stamps of encoders and currents", motion.clock_offset.std
+        made.append(Correction(f"offset of their clock, {how}", where, moved, std, "s"))
     stream = None
     if imu is not None and faults is not None and solution is not None:
-        stream, more = _imu(
-            imu, faults, solution, motion, put_back=bool(trial.imu and trial.imu.gravity_removed)
-        )
-        made += more
+        removed = bool(trial.imu and trial.imu.gravity_removed)
+        stream = _imu(made, imu, faults, solution, motion, put_back=removed)
     currents, command = trial.currents, trial.command
     if wheels is not None and rolling is not None:
-        wheels, more = _level(wheels, rolling, robot)
-        made += more
+        wheels = _level(made, wheels, rolling, robot)
         if currents is not None:
-            currents, more = _turn_currents(currents, rolling, motion.health.rests, motion.clock_offset)
-            made += more
-        wheels = dataclasses.replace(wheels, t=wheels.t + moved)
+            currents = _turn_currents(made, currents, rolling, motion.health.rests, motion.clock_offset)
+        wheels = replace(wheels, t=wheels.t + moved)
     if currents is not None:
-        currents = dataclasses.replace(currents, t=currents.t + moved)
+        currents = replace(currents, t=currents.t + moved)
     if command is not None:
         command = Series(command.t + moved, command.value)
-    return dataclasses.replace(
+    return replace(
         trial, imu=stream, wheels=wheels, currents=currents, command=command,
-        info=dataclasses.replace(trial.info, clock_offset=None), corrections=(*trial.corrections, *made),
+        info=replace(trial.info, clock_offset=None), corrections=(*trial.corrections, *made),
     )  # fmt: skip
 
 
@@ -92,29 +85,27 @@ def _signs(logged: WheelStream | None, wheels: WheelStream | None) -> list[Corre
     made: list[Correction] = []
     if logged is None or wheels is None or wheels is logged:
         return made
-    for i, name in enumerate(WHEELS):
-        for j, other in enumerate(WHEELS):
-            for sign in (1.0, -1.0):
-                same = np.array_equal(wheels.angle[:, i], sign * logged.angle[:, j], equal_nan=True)
-                if not same or not np.any(np.nan_to_num(wheels.angle[:, i])):
-                    continue
-                if i != j and np.array_equal(wheels.angle[:, i], logged.angle[:, i], equal_nan=True):
-                    continue
-                if i != j:
-                    made.append(
-                        Correction(f"taken from the column of {other}", f"encoder {name}", 1, NAN, "")
-                    )
-                if sign < 0:
-                    made.append(Correction("sign turned", f"encoder {name}", -1.0, NAN, ""))
+    for (i, name), (j, other), sign in product(enumerate(WHEELS), enumerate(WHEELS), (1.0, -1.0)):
+        angle = wheels.angle[:, i]
+        same = np.array_equal(angle, sign * logged.angle[:, j], equal_nan=True)
+        if not same or not np.any(np.nan_to_num(angle)):
+            continue
+        if i != j and np.array_equal(angle, logged.angle[:, i], equal_nan=True):
+            continue
+        if i != j:
+            made.append(Correction(f"taken from the column of {other}", f"encoder {name}", 1, NAN, ""))
+        if sign < 0:
+            made.append(Correction("sign turned", f"encoder {name}", -1.0, NAN, ""))
     return made
 
 
 def _imu(
-    imu: BodyImu, faults: Faults, solution: Solution, motion: Motion, *, put_back: bool
-) -> tuple[ImuStream, list[Correction]]:
+    made: list[Correction], imu: BodyImu, faults: Faults, solution: Solution, motion: Motion, *,
+    put_back: bool,
+) -> ImuStream:  # fmt: skip
+    """Return the IMU's samples put right, and add to `made` what was done."""
     force = np.stack([imu.forward, imu.left, imu.up], axis=1)
     rate = np.stack([imu.roll_rate, imu.pitch_rate, imu.yaw_rate], axis=1)
-    made: list[Correction] = []
     angle = float(np.degrees(imu.rotation.magnitude()))
     if angle > 0.0:
         how = "levelled, x found by the wheels" if imu.levelled else "by the robot's file"
@@ -126,14 +117,12 @@ def _imu(
         made.append(Correction("gravity put back", "imu", GRAVITY, std, "m/s^2"))
     for restart in faults.restarts:
         step = _bias_step(restart, solution)
-        passed = _passed(imu.t, restart)[:, None]
-        force -= passed * np.array([step.value, 0.0, 0.0])
+        force[:, 0] -= restart.passed(imu.t) * step.value
         where = f"imu, {restart.begin:.3f} to {restart.end:.3f} s"
-        made.append(
-            Correction("step of the accelerometer's bias along x taken out", where, *_pair(step), "m/s^2")
-        )
-        turn = Estimate(restart.step[1], restart.gyro)
-        made.append(Correction("step of the pitch gyro's bias taken out", where, *_pair(turn), "rad/s"))
+        what = "step of the accelerometer's bias along x taken out"
+        made.append(Correction(what, where, step.value, step.std, "m/s^2"))
+        what = "step of the pitch gyro's bias taken out"
+        made.append(Correction(what, where, restart.step[1], restart.gyro, "rad/s"))
     force[faults.doubt], rate[faults.rate_doubt] = NAN, NAN
     for what, count in (
         ("readings thrown off left out", np.count_nonzero(faults.spikes)),
@@ -141,28 +130,17 @@ def _imu(
     ):
         if count:
             made.append(Correction(what, "imu", float(count), NAN, "samples"))
-    t, period = imu.t, float(np.median(np.diff(imu.t)))
-    ends = np.array([(a + period, b - period) for a, b in faults.gaps]).ravel()
-    ends = np.setdiff1d(ends, t)
+    ends = np.array([(a + imu.period, b - imu.period) for a, b in faults.gaps]).ravel()
+    ends = np.setdiff1d(ends, imu.t)
     for begin, end in faults.gaps:
         made.append(Correction("samples missing", f"imu, {begin:.3f} to {end:.3f} s", end - begin, NAN, "s"))
-    places = np.searchsorted(t, ends)
-    stream = ImuStream(
-        t=np.insert(t, places, ends),
+    places = np.searchsorted(imu.t, ends)
+    return ImuStream(
+        t=np.insert(imu.t, places, ends),
         specific_force=np.insert(force, places, NAN, axis=0),
         angular_rate=np.insert(rate, places, NAN, axis=0),
         robot_axes=True,
     )
-    return stream, made
-
-
-def _pair(estimate: Estimate) -> tuple[float, float]:
-    return estimate.value, estimate.std
-
-
-def _passed(t: Array, restart: Restart) -> Array:
-    """(N,) share of a restart's step that has passed."""
-    return np.asarray(np.clip((t - restart.begin) / max(restart.end - restart.begin, 1e-9), 0.0, 1.0))
 
 
 def _bias_step(restart: Restart, solution: Solution) -> Estimate:
@@ -170,21 +148,22 @@ def _bias_step(restart: Restart, solution: Solution) -> Estimate:
     nodes, found = solution.nodes, solution.smoothed
     i = max(int(np.searchsorted(nodes.t, restart.begin, side="right")) - 1, 0)
     j = min(int(np.searchsorted(nodes.t, restart.end)), nodes.t.size - 1)
-    cross = found.cross(i, j)[BA, BA]
-    variance = found.P[i][BA, BA] + found.P[j][BA, BA] - 2.0 * cross
+    variance = found.P[i][BA, BA] + found.P[j][BA, BA] - 2.0 * found.cross(i, j)[BA, BA]
     return Estimate(float(found.x[j, BA] - found.x[i, BA]), float(np.sqrt(max(variance, 0.0))))
 
 
-def _level(wheels: WheelStream, rolling: Rolling, robot: Robot) -> tuple[WheelStream, list[Correction]]:
+def _level(made: list[Correction], wheels: WheelStream, rolling: Rolling, robot: Robot) -> WheelStream:
     """Blank encoders while they are dead, and let them go on from where the others have turned to.
 
     Args:
+        made: what was done is added here.
         wheels: with the right signs.
         rolling: the same as distances, NaN where a wheel is not to be used.
+        robot: wheel radius.
     """
-    made: list[Correction] = []
+    if wheels.rate is not None:
+        return wheels
     angle = wheels.angle.copy()
-    rate = None if wheels.rate is None else wheels.rate.copy()
     period = float(np.median(np.diff(wheels.t)))
     turned = rolling.distance / robot.wheels.radius
     for i, name in enumerate(WHEELS):
@@ -192,10 +171,9 @@ def _level(wheels: WheelStream, rolling: Rolling, robot: Robot) -> tuple[WheelSt
         if not known.any():
             continue
         fine = known & np.isfinite(turned[:, i])
-        first = int(np.flatnonzero(known)[0])
-        fine[first] = True
+        fine[np.flatnonzero(known)[0]] = True
         dead = known & ~fine
-        if dead.any() and rate is None:
+        if dead.any():
             angle[dead, i] = NAN
             what = "left out while it was dead"
             made.append(Correction(what, f"encoder {name}", float(dead.sum()), NAN, "samples"))
@@ -204,8 +182,7 @@ def _level(wheels: WheelStream, rolling: Rolling, robot: Robot) -> tuple[WheelSt
             angle[:, i] = NAN
             continue
         for a, b in pairwise(kept):
-            silent = wheels.t[b] - wheels.t[a] > 3.5 * period
-            if rate is not None or not (silent or dead[a:b].any()):
+            if wheels.t[b] - wheels.t[a] <= 3.5 * period and not dead[a:b].any():
                 continue
             # the others' rotation meanwhile
             way = np.delete(turned[b] - turned[a], i)
@@ -220,28 +197,29 @@ def _level(wheels: WheelStream, rolling: Rolling, robot: Robot) -> tuple[WheelSt
                 made.append(
                     Correction("angle set level with the others'", where, expected - shown, std, "rad")
                 )
-    return dataclasses.replace(wheels, angle=angle, rate=rate), made
+    return replace(wheels, angle=angle)
 
 
 def _turn_currents(
-    currents: CurrentStream, rolling: Rolling, rests: Sequence[Interval], offset: Estimate
-) -> tuple[CurrentStream, list[Correction]]:
+    made: list[Correction], currents: CurrentStream, rolling: Rolling, rests: Sequence[Interval],
+    offset: Estimate,
+) -> CurrentStream:  # fmt: skip
     """Turn the currents that flow against the wheels' rotation: motors deliver power in sand.
 
     One motor's current is turned where it runs against the others' as well; all of them, where they run
-    against the wheels' acceleration.
+    against the wheels' acceleration. What was done is added to `made`.
     """
     t = currents.t
     known = np.isfinite(rolling.speed)
     live = np.flatnonzero(np.isfinite(currents.current).sum(axis=0) > 20)
     if known.sum() < 20 or live.size == 0:
-        return currents, []
+        return currents
     speed = np.interp(t, rolling.t[known], rolling.speed[known])
     shift = offset.value if np.isfinite(offset.value) else 0.0
     still = inside(t + shift, rests) & (np.abs(speed) < MOVING)
     going = np.abs(speed) > max(0.3 * float(np.abs(speed).max()), MOVING)
     if going.sum() < 20:
-        return currents, []
+        return currents
     values = np.full((t.size, 4), NAN)
     for i in live:
         fine = np.isfinite(currents.current[:, i])
@@ -258,9 +236,10 @@ def _turn_currents(
     if np.all(power[live] < 0):
         gained = np.gradient(speed, t)
         gained -= np.mean(gained)
-        total = np.where(np.isfinite(values[:, live]), values[:, live], 0.0).sum(axis=1)
+        total = values[:, live].sum(axis=1)
         busy = np.abs(gained) > 0.3 * float(np.abs(gained).max())
         if float((total * np.sign(speed) * gained)[busy].sum()) < 0:
             sign[live] = -1.0
-    made = [Correction("sign turned", f"current {WHEELS[i]}", -1.0, NAN, "") for i in live if sign[i] < 0]
-    return CurrentStream(t, currents.current * sign if made else currents.current), made
+    turned = [Correction("sign turned", f"current {WHEELS[i]}", -1.0, NAN, "") for i in live if sign[i] < 0]
+    made += turned
+    return CurrentStream(t, currents.current * sign) if turned else currents

@@ -1,19 +1,22 @@
-"""The offset between the encoders' and the IMU's clock: a first value to start the filter from."""
+"""The offset between the clocks of encoders and IMU: by correlation, then by how a trial begins and ends."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.rolling import Rolling
+from granite_lab.estimation.nodes import Problem, build
+from granite_lab.estimation.rest import Interval, wheels_still
+from granite_lab.estimation.smoother import log_likelihood, nominal_of, solve
+from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.trial import Array
 
-LARGEST = 0.4
-"""Offsets up to this are searched for [s]."""
+LARGEST, FARTHEST = 0.4, 1.0
+"""Offsets up to this are searched for [s]; the latter where odometry was smoothed."""
 
 STEP = 0.005
 """Spacing of the correlation [s]."""
@@ -28,12 +31,48 @@ robot that rings at 10 Hz follows its wheels so much later."""
 LONGEST_LAG = 0.25
 """The body follows the wheels on sand by up to a quarter of a second, and never leads them [s]."""
 
+SEEN = 0.5
+"""Correlation at which the offset of smoothed odometry counts as found."""
 
-FARTHEST = 1.0
-"""Offsets up to this are searched for where odometry was smoothed [s]."""
+STILL, MOVED = 0.25, 0.5
+"""How much of the log judges a clock offset on the standing and the moving side of a change [s]."""
 
-CLEAR = 0.5
-"""Correlation at which such an offset counts as found."""
+HIDDEN = 0.015
+"""Std of an offset that rests on changes during which samples are missing or at the rail [s]."""
+
+BLUR = 0.25
+"""Std of an offset by the moments' being spread over an IMU's sample [share of its period]."""
+
+LATENCY = 0.01
+"""Filters, buses and logging delay one sensor against the other by up to this [s]. A smaller offset is not
+applied but left to the filter, with this std."""
+
+CLEAR = 5.0
+"""An offset of more than twice that is applied where it is clear by this many std."""
+
+UNUSUAL = 8.0
+"""And where it makes the trial more likely by this factor's logarithm than an ordinary latency does: one
+logger in a hundred is that far off, by an amount anywhere in 0.4 s, against 0.01 s for the others."""
+
+
+def correlate(force: Array, wheel: Array, reach: int) -> tuple[Array, int, float]:
+    """Correlate specific force with the wheels' acceleration, both on one grid.
+
+    Args:
+        force, wheel: (M,) on the grid.
+        reach: the largest lag [steps].
+
+    Returns:
+        (2 reach + 1,) the correlation at each lag of the force; the place of its largest value, and that
+        value in shares of what it can be, 0 at the end of the reach.
+    """
+    size = 2 ** int(np.ceil(np.log2(2 * force.size)))
+    values = np.fft.irfft(np.fft.rfft(force, size) * np.conj(np.fft.rfft(wheel, size)), size)
+    values = values[np.arange(-reach, reach + 1)]
+    best = int(np.argmax(values))
+    inner = best not in (0, values.size - 1)
+    whole = float(np.sqrt(np.sum(force**2) * np.sum(wheel**2)))
+    return values, best, float(values[best]) / max(whole, 1e-300) if inner else 0.0
 
 
 def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
@@ -49,28 +88,21 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
         return Estimate(0.0)
     grid = np.arange(begin, end, STEP)
     smooth = max(round(0.08 / STEP), 1)
-    known = np.isfinite(rolling.speed)
+    known, good = np.isfinite(rolling.speed), np.isfinite(imu.forward)
     speed = np.interp(grid, rolling.t[known], rolling.speed[known])
     wheel = uniform_filter1d(np.gradient(speed, STEP), smooth)
-    good = np.isfinite(imu.forward)
     force = uniform_filter1d(np.interp(grid, imu.t[good], imu.forward[good]), smooth)
     # a slow drift of pitch must not outweigh the ramps
     force -= uniform_filter1d(force, round(3.0 / STEP), mode="nearest")
     wheel -= uniform_filter1d(wheel, round(3.0 / STEP), mode="nearest")
     if float(np.max(np.abs(wheel))) < 0.1:
         return Estimate(0.0)
-    size = 2 ** int(np.ceil(np.log2(2 * grid.size)))
-    spectrum = np.fft.rfft(force, size) * np.conj(np.fft.rfft(wheel, size))
-    correlation = np.fft.irfft(spectrum, size)
     reach = round(LARGEST / STEP)
-    lags = np.arange(-reach, reach + 1)
-    values = correlation[lags]
-    norm = float(np.sqrt(np.sum(force**2) * np.sum(wheel**2)))
-    best = int(np.argmax(values))
-    if values[best] < 0.2 * norm or best in (0, values.size - 1):
+    values, best, clearness = correlate(force, wheel, reach)
+    if clearness < 0.2:
         return Estimate(0.0)
     a, b, c = values[best - 1 : best + 2]
-    lag = (lags[best] + 0.5 * (a - c) / (a - 2 * b + c)) * STEP
+    lag = (best - reach + 0.5 * (a - c) / (a - 2 * b + c)) * STEP
     return Estimate(float(lag - 0.5 * LONGEST_LAG), float(np.hypot(0.02, 0.3 * LONGEST_LAG)))
 
 
@@ -97,17 +129,9 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     reach = round(FARTHEST / step)
     lags = np.arange(-reach, reach + 1)
     for width in (0.1, 0.25, 0.6):
-        signals = []
-        for signal in (force, speed):
-            slow = gaussian_filter1d(signal, width / step) - gaussian_filter1d(signal, 3.0 / step)
-            signals.append(slow)
-        wheel = np.gradient(signals[1], step)
-        size = 2 ** int(np.ceil(np.log2(2 * grid.size)))
-        spectrum = np.fft.rfft(signals[0], size) * np.conj(np.fft.rfft(wheel, size))
-        values = np.fft.irfft(spectrum, size)[lags]
-        norm = float(np.sqrt(np.sum(signals[0] ** 2) * np.sum(wheel**2)))
-        best = int(np.argmax(values))
-        if values[best] < CLEAR * norm or best in (0, values.size - 1):
+        slow = [gaussian_filter1d(s, width / step) - gaussian_filter1d(s, 3.0 / step) for s in (force, speed)]
+        values, best, clearness = correlate(slow[0], np.gradient(slow[1], step), reach)
+        if clearness < SEEN:
             continue
         lag = float(lags[best] * step)
         usual = (lags * step >= 0.0) & (lags * step <= LONGEST_LAG)
@@ -117,8 +141,68 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     return Estimate(0.0)
 
 
-def refine_offset(coarse: Estimate, log_likelihood: Callable[[float], float]) -> Estimate:
-    """Refine an offset by the likelihood of the moments when the robot sets off and stops.
+@dataclass(frozen=True)
+class ClockOffset:
+    """The offset of the encoders' clock.
+
+    Attributes:
+        found: as the trial shows it [s]; std NaN: nothing shows it.
+        applied: what the wheels' stamps are moved by: 0 for an ordinary latency [s]. Its std is that of what
+            is left to the filter.
+    """
+
+    found: Estimate
+    applied: Estimate
+
+
+def find_offset(problem: Problem) -> ClockOffset:
+    """Find the clock offset by correlation, then by the likelihood of onsets and stops.
+
+    A body that follows its wheels by tyres, play or a soft mount looks like an offset when it sets off. So
+    the whole trial must prefer a large offset to an ordinary latency, and where it shows such compliance the
+    moments of onset and stop are judged again with the displacement that it allows.
+    """
+    coarse = coarse_offset(problem.imu, problem.rolling) if problem.rolling is not None else Estimate(0.0)
+    first = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
+    if first is None:
+        return ClockOffset(coarse, coarse)
+    candidates = [Estimate(0.0, LATENCY)]
+    if abs(first.value) > max(2.0 * LATENCY, CLEAR * first.std):
+        candidates.append(Estimate(first.value, LATENCY))
+    solved = [solve(problem, candidate, robust=False) for candidate in candidates]
+    likely = [one.smoothed.innovations.log_likelihood for one in solved]
+    place = int(likely[-1] - likely[0] > UNUSUAL)
+    applied, compliance = candidates[place], solved[place].compliance
+    found = first
+    if compliance > problem.compliance:
+        about = Estimate(applied.value, coarse.std)
+        found = by_changes(replace(problem, compliance=compliance), about) or first
+    if applied.value == 0.0:  # an ordinary latency, then
+        weight = LATENCY**2 / (LATENCY**2 + found.std**2)
+        found = Estimate(weight * found.value, float(np.sqrt(weight)) * found.std)
+    return ClockOffset(found, applied)
+
+
+def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
+    """Windows around the first onsets of motion and the first stops, given a rough clock offset [s]."""
+    assert problem.rolling is not None
+    begin, end = problem.imu.t[0], problem.imu.t[-1]
+    turning = problem.rolling.t[~wheels_still(problem.rolling)] + offset
+    starts, stops = [], []
+    for a, b in problem.rests:
+        if b - a < STILL:
+            continue
+        # the IMU may go on shaking for a while after the wheels have stopped, and never before
+        ahead, behind = turning[turning > b - 2 * STILL], turning[turning < a + STILL]
+        if b < end - MOVED and ahead.size:
+            starts.append((b - STILL, max(b, float(ahead[0])) + MOVED))
+        if a > begin + MOVED and behind.size:
+            stops.append((min(a, float(behind[-1])) - MOVED, a + STILL))
+    return starts[:most] + stops[:most]
+
+
+def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
+    """Refine an offset by the likelihood of the moments when the robot sets off and stops; None without any.
 
     The body lags the wheels while both move, so correlation is biased. But the body neither sets off
     before the wheels do, nor goes on when they have stopped: the first bounds the offset from above,
@@ -126,24 +210,38 @@ def refine_offset(coarse: Estimate, log_likelihood: Callable[[float], float]) ->
     the wheels stand) holds both.
 
     Args:
+        problem: the trial.
         coarse: where to search, with its std [s].
-        log_likelihood: of the measurements around onsets and stops, given an offset [s].
 
     Returns:
         mean and std of the posterior, its likelihood tempered for what the slip model leaves out [s].
     """
+    windows = changes(problem, coarse.value)
+    if not windows:
+        return None
+    hidden = (*problem.faults.gaps, *problem.faults.plateaus)  # there the moment itself is not seen
+    clear = [(a, b) for a, b in windows if not any(begin < b and end > a for begin, end in hidden)]
+    windows, doubt = (clear, 0.0) if clear else (windows, HIDDEN)
+    # these moments alone would take a part of any offset for compliance
+    problem = replace(problem, soft=problem.compliance)
+    parts = [problem.cut(begin, end, coarse.value) for begin, end in windows]
+    nominal = [nominal_of(part, coarse.value) for part in parts]
 
     def posterior(candidates: Array) -> tuple[float, float]:
-        score = np.array([log_likelihood(float(c)) for c in candidates]) * TEMPER
+        score = TEMPER * np.array([
+            sum(log_likelihood(build(p, n, float(c), 1e-6)) for p, n in zip(parts, nominal, strict=True))
+            for c in candidates
+        ])  # fmt: skip
         score -= 0.5 * ((candidates - coarse.value) / coarse.std) ** 2
         weight = np.exp(score - score.max())
         mean = float(weight @ candidates / weight.sum())
         return mean, float(np.sqrt(weight @ (candidates - mean) ** 2 / weight.sum()))
 
-    centre, spacing = coarse.value, 0.02
-    candidates = np.asarray(centre + np.arange(-2.0 * coarse.std, 2.0 * coarse.std + spacing, spacing))
-    centre, std = posterior(candidates)
+    spacing = 0.02
+    wide = np.arange(-2.0 * coarse.std, 2.0 * coarse.std + spacing, spacing)
+    centre, std = posterior(np.asarray(coarse.value + wide))
     reach = max(0.016, 2.5 * std)
     spacing = max(0.003, reach / 7.0)
     centre, std = posterior(np.asarray(centre + np.arange(-reach, reach + spacing, spacing)))
-    return Estimate(centre, float(np.sqrt(std**2 + spacing**2 / 12.0 + LEFT_OVER**2)))
+    blurred = BLUR * problem.imu.period
+    return Estimate(centre, float(np.sqrt(std**2 + spacing**2 / 12.0 + LEFT_OVER**2 + doubt**2 + blurred**2)))

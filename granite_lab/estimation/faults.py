@@ -1,26 +1,21 @@
-"""What is wrong with the IMU's samples: gaps, plateaus, spikes; and how much that leaves open."""
+"""What is wrong with the IMU's samples: gaps, plateaus, spikes, restarts; and how much that leaves open."""
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.process import BA, BG, TH, V, X
-from granite_lab.estimation.rest import Interval
-from granite_lab.estimation.restarts import Restart
-from granite_lab.estimation.rolling import runs
+from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.wheels import bridged, runs
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import ImuGrade
 
 UNSEEN = 1.5
 """Acceleration that may go unseen while samples are missing and no wheel tells [m/s^2]."""
-
-UNEXPLAINED = 0.3
-"""Acceleration of the body that the wheels' own, steady or not, does not suggest [m/s^2]."""
 
 SPIKE = (1.0, 0.3)
 """A single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]."""
@@ -50,7 +45,7 @@ class Faults:
 
     def part(self, keep: np.ndarray) -> Faults:
         """Return the faults of some of the samples."""
-        return dataclasses.replace(
+        return replace(
             self, doubt=self.doubt[keep], rate_doubt=self.rate_doubt[keep], spikes=self.spikes[keep]
         )
 
@@ -77,7 +72,7 @@ def despike(stream: ImuStream) -> tuple[ImuStream, np.ndarray]:
             hit |= spike
     if not hit.any() or hit.mean() > 0.01:
         return stream, np.zeros(stream.t.size, dtype=bool)
-    return dataclasses.replace(stream, specific_force=clean[0], angular_rate=clean[1]), hit
+    return replace(stream, specific_force=clean[0], angular_rate=clean[1]), hit
 
 
 def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.ndarray) -> Faults:
@@ -90,9 +85,8 @@ def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.nda
         spikes: (N,) by `despike`.
     """
     t = imu.t
-    period = float(np.median(np.diff(t)))
     bad = ~np.isfinite(imu.forward)
-    gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > 3.0 * period)]
+    gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > 3.0 * imu.period)]
     for a, b in zip(*runs(bad), strict=True):
         if b - a > 2:
             gaps.append((float(t[max(a - 1, 0)]), float(t[min(b, t.size - 1)])))
@@ -112,11 +106,7 @@ def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.nda
                     reach = np.abs(axis - float(np.nanmedian(axis)))
                     beyond = np.where(at_limit, np.maximum(beyond, np.maximum(reach, UNSEEN)), beyond)
     # clipped vibration touches the rail again and again: one plateau
-    joined = clipped.copy()
-    for a, b in zip(*runs(~clipped), strict=True):
-        if a > 0 and b < t.size and b - a <= 5:
-            joined[a:b] = True
-    spans = list(zip(*runs(joined), strict=True))
+    spans = list(zip(*runs(bridged(np.arange(t.size), clipped, 6.5)), strict=True))
     return Faults(
         doubt=bad | clipped | spikes,
         rate_doubt=turning | spikes,
@@ -155,54 +145,88 @@ def rail(axis: Array) -> np.ndarray:
     return mark
 
 
-def inflate(
-    Q: Array, t: Array, dt: Array, moving: np.ndarray, faults: Faults, imu: BodyImu, rest: np.ndarray,
-    growth: Array | None,
-) -> None:  # fmt: skip
-    """Let velocity, pitch and biases drift over the faults, in place, by as much as may go unseen.
+@dataclass(frozen=True)
+class Restart:
+    """Biases that changed between two standstills.
+
+    Attributes:
+        begin, end: when it happened: a gap, or all the time between the standstills [s].
+        accel, gyro: std of the change, as far as `step` does not tell it [m/s^2], [rad/s].
+        step: change of the gyro's readings, sensor axes [rad/s].
+        gap: it happened in a gap of the samples.
+    """
+
+    begin: float
+    end: float
+    accel: float
+    gyro: float
+    step: tuple[float, float, float]
+    gap: bool
+
+    def passed(self, t: Array) -> Array:
+        """(N,) share of the change that has passed: at once in a gap, else gradually."""
+        return np.asarray(np.clip((t - self.begin) / max(self.end - self.begin, 1e-9), 0.0, 1.0))
+
+
+def find_restarts(
+    stream: ImuStream, rests: Sequence[Interval], doubt: np.ndarray, gaps: Sequence[Interval], grade: ImuGrade
+) -> tuple[Restart, ...]:
+    """Compare the gyro and the size of specific force of each standstill with the next one's.
+
+    Pitch may differ between two standstills, so only what it cannot explain counts.
 
     Args:
-        Q: (K, 14, 14) process noise.
-        t, dt: (K,) nodes and steps [s].
-        moving: (K,) False where the step lies within a standstill.
-        imu, rest: (N,) samples, and which of them are at rest.
-        growth: (K,) acceleration of the wheels [m/s^2], or None without wheels.
+        stream: samples in the sensor's axes.
+        rests: standstills [s].
+        doubt: (N,) samples that cannot be trusted.
+        gaps: (start, end) of missing samples [s], in which a restart is looked for first.
+        grade: how much biases usually wander.
     """
-    active = ~rest & ~faults.doubt
-    period = float(np.median(np.diff(imu.t)))
-    enough = active.sum() > 2
-    shake = 1.4826 * float(np.median(np.abs(np.diff(imu.forward[active])))) if enough else 1.0
-    turning = float(np.std(imu.pitch_rate[active])) if enough and imu.has_pitch_rate else 0.0
+    found = []
+    level: list[tuple[Array, Array, float]] = []
+    doubts: list[tuple[float, float]] = []
+    for rest in rests:
+        at = inside(stream.t, [rest]) & ~doubt
+        if not at.any():
+            return ()
+        (force, force_std), (rate, rate_std) = (
+            _level(v[at]) for v in (stream.specific_force, stream.angular_rate)
+        )
+        level.append((force, rate, float(rest[1] - rest[0])))
+        doubts.append((force_std, rate_std))
+    for i in range(len(rests) - 1):
+        (force, rate, time), (force_2, rate_2, time_2) = level[i], level[i + 1]
+        shaken = np.hypot(doubts[i], doubts[i + 1])
+        begin, end = rests[i][1], rests[i + 1][0]
+        share = np.sqrt(1.0 / max(time, 0.1) + 1.0 / max(time_2, 0.1))
+        apart = np.sqrt(2.0 * (end - begin + 0.5 * (time + time_2)) / grade.instability_time)
+        turn, size = rate_2 - rate, float(np.linalg.norm(force_2) - np.linalg.norm(force))
+        usual_turn = np.hypot(grade.gyro_noise * share, grade.gyro_instability * min(apart, 1.5))
+        usual_size = np.hypot(grade.accel_noise * share, 2.0 * grade.accel_instability * min(apart, 1.5))
+        usual_turn, usual_size = np.hypot(usual_turn, shaken[1]), np.hypot(usual_size, shaken[0])
+        if np.abs(turn).max() < 6.0 * usual_turn and abs(size) < 6.0 * usual_size + 0.01:
+            continue
+        accel = max(grade.accel_bias, float(np.linalg.norm(force_2 - force)))
+        gyro = max(float(np.abs(turn).max()), 3.0 * float(usual_turn))
+        places = sorted((g for g in gaps if begin <= g[0] and g[1] <= end), key=lambda g: g[0] - g[1])
+        step = (float(turn[0]), float(turn[1]), float(turn[2]))
+        if len(places) == 1:  # then it is known when, and the standstills tell by how much
+            gyro = 3.0 * float(usual_turn)
+        for k, (a, b) in enumerate(places or [(begin, end)]):
+            found.append(Restart(a, b, accel, gyro, step if k == 0 else (0.0, 0.0, 0.0), bool(places)))
+    return tuple(found)
 
-    def drift(begin: float, end: float, force: float | None, turn: float) -> None:
-        span = (t > begin) & (t - dt < end) & moving
-        if not span.any():
-            return
-        length = max(end - begin, period)
-        if force is None:
-            force = UNSEEN
-            if growth is not None:  # the body follows the wheels within a quarter of a second
-                near = (t > begin - 0.25) & (t < end + 0.1)
-                force = float(np.hypot(UNEXPLAINED, 1.2 * np.abs(growth[near]).max(initial=0.0)))
-        # what shakes comes back within some hundredths of a second
-        unknown = np.hypot(force * length, shake * min(length, 0.03))
-        share = dt[span] / max(float(dt[span].sum()), 1e-9)
-        Q[span, V, V] += unknown**2 * share
-        Q[span, X, X] += (unknown * dt[span]) ** 2 / 3
-        Q[span, X, V] += unknown**2 * share * dt[span] / 2
-        Q[span, V, X] += unknown**2 * share * dt[span] / 2
-        Q[span, TH, TH] += (turn * length) ** 2 * share
 
-    turn = max(0.02, 2.0 * turning)
-    for begin, end in faults.gaps:
-        drift(begin, end, None, turn)
-    for (begin, end), beyond in zip(faults.plateaus, faults.beyond, strict=True):
-        at = (imu.t >= begin) & (imu.t <= end)
-        drift(begin, end, beyond, 2.0 if faults.rate_doubt[at].any() else 0.0)
-    for instant in imu.t[faults.spikes]:
-        drift(float(instant) - period, float(instant), 0.0, turn)
-    for jump in faults.restarts:
-        span = (t > jump.begin) & (t - dt < jump.end) & moving
-        share = dt[span] / max(float(dt[span].sum()), 1e-9)
-        Q[span, BA, BA] += jump.accel**2 * share
-        Q[span, BG, BG] += jump.gyro**2 * share
+def _level(values: Array) -> tuple[Array, float]:
+    """Return the mean (3,) of samples at standstill, and its std by the means of tenths of them."""
+    parts = np.array([part.mean(axis=0) for part in np.array_split(values, min(10, values.shape[0]))])
+    std = float(np.nanmax(np.std(parts, axis=0), initial=0.0))
+    return np.nan_to_num(values.mean(axis=0)), std / float(np.sqrt(max(parts.shape[0] - 1, 1)))
+
+
+def without_steps(stream: ImuStream, restarts: Sequence[Restart]) -> ImuStream:
+    """Take the changes of the gyro's bias out of its readings: in the (longest) gap, else gradually."""
+    rate = stream.angular_rate.copy()
+    for restart in restarts:
+        rate -= restart.passed(stream.t)[:, None] * np.array(restart.step)
+    return replace(stream, angular_rate=rate)

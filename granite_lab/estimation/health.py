@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.special import gammaincc
 
+from granite_lab.estimation.error_model import BA, BG, V
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.motion import Grade, Health
-from granite_lab.estimation.passes import Solution, usual
-from granite_lab.estimation.process import BA, BG, V
 from granite_lab.estimation.rest import Interval
+from granite_lab.estimation.smoother import Solution, usual
 from granite_lab.logs.trial import Array
 
 ANCHORED, SLOW = 0.02, 0.004
@@ -27,6 +29,25 @@ WHAT = {
 }
 
 
+@dataclass(frozen=True)
+class Consistency:
+    """How the measurements of one kind met their predictions.
+
+    Attributes:
+        nis: mean normalised innovation squared of those that told anything new.
+        count: how many they are.
+        white: correlation of successive normalised innovations; 0 is white, NaN for fewer than eight.
+        chance: probability of Ljung and Box that white ones correlate as much; NaN for too few.
+        wild: share beyond four std.
+    """
+
+    nis: float
+    count: int
+    white: float
+    chance: float
+    wild: float
+
+
 def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Faults) -> Health:
     """Build the health record.
 
@@ -38,31 +59,25 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     """
     nodes, found, nominal = solution.nodes, solution.smoothed, solution.nominal
     came = found.innovations
-    kinds, sigma = np.array(came.kind, dtype=object), np.sqrt(came.variance)
-    nis: dict[str, float] = {}
-    white: dict[str, float] = {}
-    chance: dict[str, float] = {}
-    counted: dict[str, int] = {}
-    wild: dict[str, float] = {}
+    sigma = np.sqrt(came.variance)
+    kinds: dict[str, Consistency] = {}
     for kind in dict.fromkeys(came.kind):
-        of_kind = kinds == kind
-        if kind == "zero_velocity" and (fresh := of_kind & (came.variance > 4.0 * came.noise)).any():
-            # the state is frozen at rest: only the first update after a motion tells anything new
-            of_kind = fresh
+        of_kind = came.fresh(kind)
+        if not of_kind.any():
+            of_kind = np.array([k == kind for k in came.kind])
         ratio = (came.value / sigma)[of_kind]
-        nis[kind] = float(np.mean(ratio**2))
-        counted[kind] = ratio.size
-        white[kind] = correlation(ratio)
-        chance[kind] = ljung_box(ratio)
-        wild[kind] = float(np.mean(np.abs(ratio) > 4.0))
+        kinds[kind] = Consistency(
+            float(np.mean(ratio**2)), ratio.size, correlation(ratio), ljung_box(ratio),
+            float(np.mean(np.abs(ratio) > 4.0)),
+        )  # fmt: skip
     std = np.sqrt(np.maximum(np.diagonal(found.P, axis1=1, axis2=2), 0.0))
 
     def spread(values: Array) -> Array:
         return np.interp(t, nodes.t, values)
 
-    ends = (float(std[0, V]), float(std[-1, V]))
     grade, verdict = judge_health(
-        nis, counted, white, chance, wild, rests, faults, ends=ends, pace=float(np.max(np.abs(nodes.w))),
+        kinds, rests, faults, ends=(float(std[0, V]), float(std[-1, V])),
+        pace=float(np.max(np.abs(nodes.w))),
         middle=float(np.median(std[nodes.moving, V])) if nodes.moving.any() else 0.0,
     )  # fmt: skip
     return Health(
@@ -70,7 +85,7 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         kind=came.kind,
         innovation=came.value,
         innovation_std=sigma,
-        nis=nis,
+        nis={kind: one.nis for kind, one in kinds.items()},
         accel_bias=spread(found.x[:, BA] + nominal.accel_bias),
         accel_bias_std=spread(std[:, BA]),
         gyro_bias=spread(found.x[:, BG] + nominal.gyro_bias),
@@ -79,8 +94,8 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         verdict=verdict,
         good=grade == "good",
         grade=grade,
-        whiteness=white,
-        ljung_box=chance,
+        whiteness={kind: one.white for kind, one in kinds.items()},
+        ljung_box={kind: one.chance for kind, one in kinds.items()},
         gaps=faults.gaps,
         plateaus=faults.plateaus,
     )
@@ -108,9 +123,8 @@ def ljung_box(ratio: Array, lags: int = 10) -> float:
 
 
 def judge_health(
-    nis: dict[str, float], counted: dict[str, int], white: dict[str, float], chance: dict[str, float],
-    wild: dict[str, float], rests: tuple[Interval, ...], faults: Faults, *, ends: tuple[float, float],
-    pace: float, middle: float,
+    kinds: dict[str, Consistency], rests: tuple[Interval, ...], faults: Faults, *,
+    ends: tuple[float, float], pace: float, middle: float,
 ) -> tuple[Grade, str]:  # fmt: skip
     """Return a grade, and one sentence that says why.
 
@@ -118,8 +132,7 @@ def judge_health(
     the std had to be widened or grows for want of samples or of a standstill, and "good" otherwise.
 
     Args:
-        nis, counted, white, chance, wild: per kind of update: mean NIS and of how many, correlation of
-            successive innovations and its Ljung-Box probability, share beyond four std.
+        kinds: how each kind of measurement met its prediction.
         rests: standstills [s].
         faults: of the IMU.
         ends: std of the velocity at the start and at the end [m/s].
@@ -127,15 +140,15 @@ def judge_health(
         middle: median std of the velocity in motion [m/s].
     """
     complaints = []
-    for kind, value in nis.items():
-        if value > max(3.0, usual(counted[kind])):
+    for kind, one in kinds.items():
+        if one.nis > max(3.0, usual(one.count)):
             complaints.append(
-                f"{WHAT[kind]} scatters {np.sqrt(value):.1f} times more than the noise explains, "
+                f"{WHAT[kind]} scatters {np.sqrt(one.nis):.1f} times more than the noise explains, "
                 "and the std is widened by as much"
             )
-        elif wild[kind] > 0.02:
-            complaints.append(f"{WHAT[kind]} has {100 * wild[kind]:.0f} % outliers")
-        elif kind == "wheel" and white[kind] > 0.5 and value > 1.0:
+        elif one.wild > 0.02:
+            complaints.append(f"{WHAT[kind]} has {100 * one.wild:.0f} % outliers")
+        elif kind == "wheel" and one.white > 0.5 and one.nis > 1.0:
             complaints.append(f"{WHAT[kind]} wander in a way that the slip model does not know")
     lost = sum(end - begin for begin, end in faults.gaps)
     if lost > 0:
@@ -144,9 +157,8 @@ def judge_health(
         complaints.append(f"the IMU was at its limit {len(faults.plateaus)} times")
     if faults.restarts:
         complaints.append("the IMU's biases changed while the robot moved")
-    loose = [
-        side for side, std in zip(("start", "end"), ends, strict=True) if std > max(ANCHORED * pace, SLOW)
-    ]
+    limit = max(ANCHORED * pace, SLOW)
+    loose = [side for side, std in zip(("start", "end"), ends, strict=True) if std > limit]
     if not rests:
         anchored = (
             "no standstill anchors the velocity: it leans on the wheels, with all the slip they may have, "
@@ -164,10 +176,10 @@ def judge_health(
         return "poor", "Look twice: " + "; ".join([anchored, *complaints]) + "."
     if complaints or loose:
         return "fair", "Usable, within its std: " + "; ".join([anchored, *complaints]) + "."
-    remark = ""
-    if chance.get("wheel", 1.0) < 1e-3 and abs(white["wheel"]) > 0.1:
-        side = "on the safe side" if white["wheel"] < 0 else "short of the fastest changes"
-        remark = f" (the wheels' innovations correlate by {white['wheel']:+.2f}: the std is {side})"
+    wheel, remark = kinds.get("wheel"), ""
+    if wheel is not None and wheel.chance < 1e-3 and abs(wheel.white) > 0.1:
+        side = "on the safe side" if wheel.white < 0 else "short of the fastest changes"
+        remark = f" (the wheels' innovations correlate by {wheel.white:+.2f}: the std is {side})"
     return "good", (
         f"The estimate can be trusted: {anchored}, and all measurements agree with their noise{remark}."
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,6 +36,16 @@ class BodyImu:
     gravity: float
     levelled: bool
     rotation: Rotation
+
+    @property
+    def period(self) -> float:
+        """Median time between two samples [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    def part(self, keep: np.ndarray) -> BodyImu:
+        """Return some of the samples."""
+        rows = ("t", "forward", "left", "up", "roll_rate", "pitch_rate", "yaw_rate")
+        return replace(self, **{name: getattr(self, name)[keep] for name in rows})
 
     @property
     def has_pitch_rate(self) -> bool:

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 from scipy.signal import savgol_filter
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation import process
-from granite_lab.estimation.differentiation import MOVING
-from granite_lab.estimation.faults import Faults, inflate
-from granite_lab.estimation.integration import Nominal
-from granite_lab.estimation.lateral import Sideways
-from granite_lab.estimation.measurements import ZERO_VELOCITY, Update, add_rest, add_wheels
+from granite_lab.estimation import error_model as model
+from granite_lab.estimation.error_model import BA, BG, BM, SIZE, TH, D, P, SlipModel, Update, V, X
+from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.process import BA, BG, SIZE, TH, D, P, SlipModel, X
-from granite_lab.estimation.rolling import Rolling
+from granite_lab.estimation.nominal import Nominal, Sideways, roll_angle
+from granite_lab.estimation.rest import Interval
+from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.trial import Array
-from granite_lab.parameters import GRAVITY
+from granite_lab.parameters import GRAVITY, Robot
 
 REST_STEP = 0.05
 """Spacing of the nodes at standstill [s]; the IMU's samples between two are averaged."""
@@ -58,6 +56,49 @@ FREE = 10.0
 MOST = 60_000
 """More nodes than this are thinned; the IMU is integrated at its own rate all the same."""
 
+UNEXPLAINED = 0.3
+"""Acceleration of the body that the wheels' own, steady or not, does not suggest [m/s^2]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A trial ready for the filter.
+
+    Attributes:
+        imu, rolling, robot: the sensors, and the robot that carries them.
+        rests: standstills [s].
+        faults: gaps, plateaus and restarts, over which the noise grows.
+        noise, slip: what drifts, and how much.
+        aside: velocity to the left, as the nominal motion has it.
+        compliance: by which the displacement between wheels and body walks as thrust changes [s^2].
+        soft: std of the compliance itself [s^2].
+        louder: factors on the variance of kinds of measurements.
+    """
+
+    imu: BodyImu
+    rolling: Rolling | None
+    robot: Robot
+    rests: tuple[Interval, ...]
+    faults: Faults
+    noise: Noise
+    slip: SlipModel
+    aside: Sideways | None = None
+    compliance: float = LOOSE
+    soft: float = COMPLIANCE
+    louder: Mapping[str, float] = field(default_factory=dict)
+
+    def cut(self, begin: float, end: float, offset: float) -> Problem:
+        """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""
+        rolling, keep = self.rolling, (self.imu.t >= begin) & (self.imu.t <= end)
+        if rolling is not None:
+            stamps = rolling.t + offset
+            rolling = rolling.part((stamps >= begin - 0.5) & (stamps <= end + 0.5))
+        rests = tuple((max(a, begin), min(b, end)) for a, b in self.rests if b > begin and a < end)
+        return replace(
+            self, imu=self.imu.part(keep), rolling=rolling, rests=rests, faults=self.faults.part(keep),
+            aside=None if self.aside is None else self.aside.part(keep),
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
@@ -73,7 +114,6 @@ class Nodes:
         F, Q: (K, 14, 14) transition and noise into each node.
         updates: (K,) lists of measurements.
         x0, P0: (14, 1) and (14, 14) initial state and covariance.
-        thinned: nodes are sparser than the IMU's samples in motion.
     """
 
     index: np.ndarray
@@ -87,22 +127,19 @@ class Nodes:
     updates: tuple[tuple[Update, ...], ...]
     x0: Array
     P0: Array
-    thinned: bool
 
 
-def choose(nominal: Nominal) -> tuple[np.ndarray, bool]:
-    """Pick nodes: every stamp in motion, every 50 ms at rest; thinned in a long log."""
+def choose(nominal: Nominal) -> np.ndarray:
+    """Pick nodes (K,): every stamp in motion, every 50 ms at rest; thinned in a long log."""
     t, rest = nominal.t, nominal.rest
-    n_moving = int((~rest).sum())
-    every = max(1, int(np.ceil(n_moving / MOST)))
     keep = np.zeros(t.size, dtype=bool)
-    keep[np.flatnonzero(~rest)[::every]] = True
+    keep[np.flatnonzero(~rest)[:: max(1, int(np.ceil((~rest).sum() / MOST)))]] = True
     period = float(np.median(np.diff(t)))
     keep[np.flatnonzero(rest)[:: max(1, round(REST_STEP / period))]] = True
     edge = np.flatnonzero(np.diff(rest.astype(np.int8)) != 0)
     keep[edge] = keep[edge + 1] = True
     keep[[0, -1]] = True
-    return np.flatnonzero(keep), every > 1
+    return np.flatnonzero(keep)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,14 +210,14 @@ def lasting_speed(t: Array, speed: Array, moving: np.ndarray, memory: float) -> 
     on = np.interp(grid, t, moving.astype(float))
     weight = gaussian_filter1d(on, 5.0 * memory)
     pace = gaussian_filter1d(on * np.interp(grid, t, np.abs(speed)), 5.0 * memory) / np.maximum(weight, 1e-3)
-    return np.where(speed < 0, -1.0, 1.0) * np.maximum(np.interp(t, grid, pace), process.V_FLOOR)
+    return np.where(speed < 0, -1.0, 1.0) * np.maximum(np.interp(t, grid, pace), model.V_FLOOR)
 
 
 def push(imu: BodyImu, width: float = 0.1) -> Array:
     """(N,) specific force along x without what changes within `width` [s]: a tenth of a second [m/s^2]."""
     known = np.isfinite(imu.forward)
     force = np.interp(imu.t, imu.t[known], imu.forward[known])
-    return np.asarray(uniform_filter1d(force, max(round(width / float(np.median(np.diff(imu.t)))), 1)))
+    return np.asarray(uniform_filter1d(force, max(round(width / imu.period), 1)))
 
 
 def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Array:
@@ -190,57 +227,34 @@ def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Arr
     tenth of the weight, against the motion. While the wheels turn steadily, what is fast is vibration.
 
     Args:
+        imu: samples in robot axes.
         rest: (N,) True at standstill.
         index: (K,) places of the nodes among the IMU's stamps.
         pace: of the wheels.
     """
     force = np.where(pace.steady, push(imu, CALM)[index], push(imu, QUICK)[index])
-    level = (
-        float(np.mean(imu.forward[rest & np.isfinite(imu.forward)])) if rest.any() else float(np.mean(force))
-    )
-    return np.asarray(force - level + RESISTANCE * np.tanh(pace.speed / process.V_FLOOR))
+    level = np.mean(imu.forward[rest & np.isfinite(imu.forward)]) if rest.any() else np.mean(force)
+    return np.asarray(force - float(level) + RESISTANCE * np.tanh(pace.speed / model.V_FLOOR))
 
 
 def build(
-    imu: BodyImu,
-    rolling: Rolling | None,
-    nominal: Nominal,
-    noise: Noise,
-    faults: Faults,
-    slip: SlipModel,
-    *,
-    offset: float,
-    offset_std: float,
-    roll_std: float,
-    distance: Estimate | None = None,
-    aside: Sideways | None = None,
-    compliance: float = LOOSE,
-    soft: float = COMPLIANCE,
-    louder: Mapping[str, float] | None = None,
+    problem: Problem, nominal: Nominal, offset: float, offset_std: float, distance: Estimate | None = None
 ) -> Nodes:
-    """Lay out nodes, matrices and measurements.
+    """Lay out nodes, matrices and measurements about a nominal motion.
 
     Args:
-        imu, rolling: the sensors.
+        problem: the trial.
         nominal: the integrated motion.
-        noise, slip: what drifts, and how much.
-        faults: gaps, plateaus and restarts, over which the noise grows.
         offset, offset_std: clock offset that the wheels' stamps are moved by, and its std [s].
-        roll_std: std of the roll [rad].
         distance: measured total distance [m].
-        aside: velocity to the left, as the nominal motion has it.
-        compliance: by which the displacement between wheels and body walks as thrust changes [s^2].
-        soft: std of the compliance itself [s^2].
-        louder: factors on the variance of kinds of measurements.
     """
-    index, thinned = choose(nominal)
-    t = nominal.t[index]
+    imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
+    index = choose(nominal)
+    t, rest, coupling = nominal.t[index], nominal.rest[index], nominal.coupling[index]
     dt = np.diff(t, prepend=t[0])
-    rest = nominal.rest[index]
     moving = ~(rest & np.concatenate([[True], rest[:-1]]))
     moving[0] = not rest[0]
     onset = np.concatenate([[False], rest[:-1] & ~rest[1:]])
-    coupling = nominal.coupling[index]
     if rolling is not None:
         pace = pace_of(rolling, offset, t)
     else:
@@ -257,55 +271,110 @@ def build(
     # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
     going = speed - (loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
     omega = 2 * np.pi * noise.vibration_frequency
-    F = process.transitions(
-        dt, coupling, moving, w, slip, None if imu.has_pitch_rate else np.zeros(1, dtype=bool), omega,
-        noise.vibration_damping, np.diff(going, prepend=going[0]),
+    F = model.transitions(
+        dt, coupling, moving, w, slip, pitch_gyro=imu.has_pitch_rate, omega=omega,
+        zeta=noise.vibration_damping, gain=np.diff(going, prepend=going[0]),
     )  # fmt: skip
     accel = np.full(t.size, np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps)))
-    if aside is not None:
-        accel = np.hypot(accel, aside.noise(nominal.heading_rate)[index])
+    if problem.aside is not None:
+        accel = np.hypot(accel, problem.aside.noise(nominal.heading_rate)[index])
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
+    _, roll_std = roll_angle(imu, nominal.rest, problem.robot)
     turn = roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
-    Q = process.noises(
+    Q = model.noises(
         dt, coupling, moving, accel=accel, gyro=gyro, accel_walk=noise.accel_walk, gyro_walk=noise.gyro_walk
     )
-    process.add_slip(Q, dt, moving, onset, w, pace.unrest, slip)
+    model.add_slip(Q, dt, moving, onset, w, pace.unrest, slip)
     size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
     if nominal.vibration_left is not None:
         size = size * nominal.vibration_left[index]
-    process.add_vibration(Q, F, dt, moving, size, omega)
-    Q[onset, process.BM, process.BM] += noise.motion_bias**2
-    inflate(Q, t, dt, moving, faults, imu, nominal.rest, None if rolling is None else pace.growth)
+    model.add_vibration(Q, F, dt, moving, size, omega)
+    Q[onset, BM, BM] += noise.motion_bias**2
+    inflate(Q, t, moving, problem.faults, imu, nominal.rest, None if rolling is None else pace.growth)
     updates: list[list[Update]] = [[] for _ in range(t.size)]
     # a standstill that was named: the wheels may spin while the body stands
     spinning = rest & (np.abs(speed) > MOVING)
     Q[spinning, D, D] += FREE**2
-    add_rest(updates, imu, nominal, noise, faults, index, rest, np.where(spinning, 0.0, speed))
+    still_speed = np.where(spinning, 0.0, speed)
+    model.add_rest(updates, imu, nominal, noise, problem.faults, index, rest, still_speed)
     start = 0.0
     if rolling is not None:
         pull = thrust(imu, nominal.rest, index, pace)
-        change = np.gradient(pull, t)
-        Q[:, D, D] += moving * (compliance * change) ** 2 * LOOSE_TIME * dt
-        start = add_wheels(updates, rolling, nominal, index, rest, spinning, offset, lost, loss, w, pull)
+        Q[:, D, D] += moving * (problem.compliance * np.gradient(pull, t)) ** 2 * LOOSE_TIME * dt
+        start = model.add_wheels(
+            updates, rolling, nominal, index, rest, spinning, offset, lost, loss, w, pull
+        )
     if distance is not None:
         H = np.zeros((1, SIZE))
         H[0, [X, P]] = 1.0, -1.0
         updates[-1].append(Update("distance", distance.value - float(nominal.x[-1]), H, distance.std**2))
     x0 = np.zeros((SIZE, 1))
-    x0[TH, 0] = -nominal.pitch[0]
-    x0[BA, 0] = -nominal.accel_bias
-    x0[BG, 0] = -nominal.gyro_bias
-    v_std = ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0])
+    x0[[TH, BA, BG], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias
     std = np.array([
-        1e-6, np.hypot(1e-6, start), v_std, noise.pitch, noise.accel_bias,
-        max(noise.gyro_bias, abs(nominal.gyro_bias)), 1e-7 if rest[0] else noise.motion_bias,
-        1e-6 if rest[0] else slip.limit, 1e-6 if rest[0] else slip.scatter, offset_std, noise.accel_scale,
-        1e-8 if slip.memory else soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
+        1e-6, np.hypot(1e-6, start), model.ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0]), noise.pitch,
+        noise.accel_bias, max(noise.gyro_bias, abs(nominal.gyro_bias)),
+        1e-7 if rest[0] else noise.motion_bias, 1e-6 if rest[0] else slip.limit,
+        1e-6 if rest[0] else slip.scatter, offset_std, noise.accel_scale,
+        1e-8 if slip.memory else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
-    if louder:
-        updates = [[replace(u, R=u.R * louder.get(u.kind, 1.0)) for u in several] for several in updates]
+    if problem.louder:
+        updates = [[replace(u, R=u.R * problem.louder.get(u.kind, 1.0)) for u in some] for some in updates]
     return Nodes(
         index=index, t=t, moving=moving, lost=lost, mean_slip=mean_slip, w=w, F=F, Q=Q,
-        updates=tuple(tuple(u) for u in updates), x0=x0, P0=np.diag(std**2), thinned=thinned,
+        updates=tuple(tuple(u) for u in updates), x0=x0, P0=np.diag(std**2),
     )  # fmt: skip
+
+
+def inflate(
+    Q: Array, t: Array, moving: np.ndarray, faults: Faults, imu: BodyImu, rest: np.ndarray,
+    growth: Array | None,
+) -> None:  # fmt: skip
+    """Let velocity, pitch and biases drift over the faults, in place, by as much as may go unseen.
+
+    Args:
+        Q: (K, 14, 14) process noise.
+        t: (K,) nodes [s].
+        moving: (K,) False where the step lies within a standstill.
+        faults: of the IMU.
+        imu, rest: (N,) samples, and which of them are at rest.
+        growth: (K,) acceleration of the wheels [m/s^2], or None without wheels.
+    """
+    dt, period = np.diff(t, prepend=t[0]), imu.period
+    active = ~rest & ~faults.doubt
+    enough = active.sum() > 2
+    shake = 1.4826 * float(np.median(np.abs(np.diff(imu.forward[active])))) if enough else 1.0
+    turning = float(np.std(imu.pitch_rate[active])) if enough and imu.has_pitch_rate else 0.0
+
+    def over(begin: float, end: float) -> tuple[np.ndarray, Array]:
+        span = (t > begin) & (t - dt < end) & moving
+        return span, dt[span] / max(float(dt[span].sum()), 1e-9)
+
+    def drift(begin: float, end: float, force: float | None, turn: float) -> None:
+        span, share = over(begin, end)
+        length = max(end - begin, period)
+        if force is None:
+            force = UNSEEN
+            if growth is not None:  # the body follows the wheels within a quarter of a second
+                near = (t > begin - 0.25) & (t < end + 0.1)
+                force = float(np.hypot(UNEXPLAINED, 1.2 * np.abs(growth[near]).max(initial=0.0)))
+        # what shakes comes back within some hundredths of a second
+        unknown = np.hypot(force * length, shake * min(length, 0.03))
+        Q[span, V, V] += unknown**2 * share
+        Q[span, X, X] += (unknown * dt[span]) ** 2 / 3
+        Q[span, X, V] += unknown**2 * share * dt[span] / 2
+        Q[span, V, X] += unknown**2 * share * dt[span] / 2
+        Q[span, TH, TH] += (turn * length) ** 2 * share
+
+    turn = max(0.02, 2.0 * turning)
+    for begin, end in faults.gaps:
+        drift(begin, end, None, turn)
+    for (begin, end), beyond in zip(faults.plateaus, faults.beyond, strict=True):
+        at = (imu.t >= begin) & (imu.t <= end)
+        drift(begin, end, beyond, 2.0 if faults.rate_doubt[at].any() else 0.0)
+    for instant in imu.t[faults.spikes]:
+        drift(float(instant) - period, float(instant), 0.0, turn)
+    for jump in faults.restarts:
+        span, share = over(jump.begin, jump.end)
+        Q[span, BA, BA] += jump.accel**2 * share
+        Q[span, BG, BG] += jump.gyro**2 * share

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.signal import welch
 
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.rest import Interval
+from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -128,7 +129,7 @@ def stamp_noise(imu: BodyImu, moving: np.ndarray) -> float:
         imu: samples in robot axes.
         moving: (N,) True in motion.
     """
-    period = float(np.median(np.diff(imu.t)))
+    period = imu.period
     step = imu.forward[2:] - imu.forward[:-2]
     shaken = step[moving[1:-1] & np.isfinite(step)]
     if shaken.size < 8:
@@ -151,7 +152,7 @@ def vibration(
     Returns:
         rms beyond the white noise [m/s^2], dominant frequency [Hz], damping ratio.
     """
-    dt = float(np.median(np.diff(imu.t)))
+    dt = imu.period
     part = imu.forward[moving & np.isfinite(imu.forward)]
     if part.size < 64 or dt > 0.05:
         return 0.0, prior_frequency, 0.3
@@ -170,21 +171,20 @@ def vibration(
     return float(np.sqrt(power)), peak, damping
 
 
-def identify(
-    imu: BodyImu, robot: Robot, rests: Sequence[Interval], moving: np.ndarray, speed: float
-) -> Noise:
+def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequence[Interval]) -> Noise:
     """Identify all noise figures of a trial.
 
     Args:
         imu: samples in robot axes.
+        rolling: the wheels; their largest velocity is that of the vibration.
         robot: its file's grade is the prior.
         rests: standstills [s].
-        moving: (N,) True in motion.
-        speed: typical velocity in motion [m/s].
     """
+    moving = ~inside(imu.t, rests)
+    speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
     grade = robot.imu_grade
     assert grade is not None
-    dt = float(np.median(np.diff(imu.t)))
+    dt = imu.period
     accel = white(imu.t, imu.forward, rests, grade.accel_noise)
     gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise) if imu.has_pitch_rate else 0.0
     if not imu.has_pitch_rate:

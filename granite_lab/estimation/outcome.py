@@ -1,26 +1,33 @@
-"""The motion record from the smoother's result, at the IMU's stamps."""
+"""The motion record from the smoother's result, at the IMU's stamps: velocities, slip ratios, phases."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from granite_lab.estimate import Estimate, Part
-from granite_lab.estimation import phases, slip
 from granite_lab.estimation.budget import slip_parts
-from granite_lab.estimation.motion import Health, Motion
-from granite_lab.estimation.nodes import QUICK
-from granite_lab.estimation.passes import LATENCY, Problem, Solution
-from granite_lab.estimation.process import PD, TH, D, P, V, X
+from granite_lab.estimation.clock import LATENCY
+from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X
+from granite_lab.estimation.motion import Health, Motion, PhaseName
+from granite_lab.estimation.nodes import QUICK, Problem
 from granite_lab.estimation.rest import Interval, find_rests, inside
-from granite_lab.estimation.rolling import Rolling
-from granite_lab.logs.trial import Array, Trial
-from granite_lab.parameters import ImuGrade, Robot, Variant
+from granite_lab.estimation.smoother import Smoothed, Solution
+from granite_lab.estimation.wheels import MOVING, Rolling, bridged, runs
+from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
+from granite_lab.parameters import Robot, Variant
 
 NAN = float("nan")
+
+PHASES: tuple[PhaseName, ...] = ("rest", "accelerate", "steady", "brake")
+UP, STEADY, DOWN = 1, 2, 3
+"""Places in `PHASES`."""
+
+BAND = 0.05
+"""The wheels run steadily within this share of their plateau."""
 
 
 def motion_of(
@@ -46,35 +53,33 @@ def motion_of(
     x = nominal.x + spread(found.x[:, X]) - np.where(sparse, 0.0, spread(found.x[:, P]))
     omega = 2 * np.pi * problem.noise.vibration_frequency
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
-    v_std = np.hypot(spread(slip.velocity_std(found)), extra)
-    x_std = np.hypot(spread(slip.distance_std(found)), extra / omega)
+    v_std = np.hypot(spread(std_of(found.P, {V: 1.0, PD: -1.0})), extra)
+    x_std = np.hypot(spread(std_of(found.P, {X: 1.0, P: -1.0})), extra / omega)
     v_std = np.hypot(v_std, _by_latency(t, v, problem, offset))
-    pitch = nominal.pitch + spread(found.x[:, TH])
-    pitch_std = spread(np.sqrt(np.maximum(found.P[:, TH, TH], 0.0)))
-    u, u_std = slip.slip_velocity(found, nodes.w, nodes.mean_slip)
+    u = nodes.w * (nodes.mean_slip + found.x[:, S] + found.x[:, G])
+    u_std = np.abs(nodes.w) * std_of(found.P, {S: 1.0, G: 1.0})
     v_wheel, v_wheel_std = wheels_at(t, rolling, offset.value)
+    ratio, ratio_std = wheel_slip(v_wheel, v_wheel_std, v, v_std)
     rest = inside(t, health.rests)
-    ratio, ratio_std = slip.wheel_slip(v_wheel, v_wheel_std, v, v_std)
     ratio[rest], ratio_std[rest] = NAN, NAN
     if rolling is not None:
         known = np.isfinite(rolling.speed)
         pace = np.interp(t, rolling.t[known] + offset.value, rolling.speed[known])
     else:
         pace, u, u_std = v, np.full(u.shape, NAN), np.full(u.shape, NAN)
-    course = phases.find(t, pace, health.rests)
-    variant, source, doubt = phases.recognise(course, trial.info, variants)
-    distance = Estimate(float(x[-1] - x[0]), float(x_std[-1]))
+    course = find_phases(t, pace, health.rests)
+    variant, source, doubt = recognise(course, trial.info, variants)
     slip_ratio, rolled, parts = Estimate(NAN), Estimate(NAN), tuple[Part, ...]()
     if rolling is not None:
         travelled = nominal.x[nodes.index] + found.x[:, X] - found.x[:, P]
         lost = nodes.lost + found.x[:, D]
         total = float(travelled[-1] + lost[-1] - travelled[0] - lost[0])
-        rolled = Estimate(total, rolled_std(found.P[-1]))
+        rolled = Estimate(total, float(std_of(found.P[-1:], {X: 1.0, D: 1.0, P: -1.0})[0]))
         if np.isfinite(course.steady[0]):
             i, j = (int(np.argmin(np.abs(nodes.t - edge))) for edge in course.steady)
-            slip_ratio = slip.robot_slip(found, travelled, lost, i, j)
+            slip_ratio = robot_slip(found, travelled, lost, i, j)
             parts = slip_parts(
-                nodes, found, problem.noise, problem.slip, slip_ratio.value, travelled + lost, i, j
+                nodes, found, problem.noise, problem.slip.scatter, slip_ratio.value, travelled + lost, i, j
             )
             course = replace(course, steady=(float(nodes.t[i]), float(nodes.t[j])))
     more = [doubt] if doubt else []
@@ -82,13 +87,49 @@ def motion_of(
         more.append("no steady part: the robot's slip ratio is not defined")
     return Motion(
         trial=trial.name, virtual=trial.info.virtual, t=t, x=x - x[0], x_std=x_std, v=v, v_std=v_std,
-        pitch=pitch, pitch_std=pitch_std, v_wheel=v_wheel, v_wheel_std=v_wheel_std, slip=ratio,
-        slip_std=ratio_std, slip_velocity=spread(u), slip_velocity_std=spread(u_std), phase=course.name,
-        slip_ratio=slip_ratio, distance=distance, distance_wheels=rolled, steady=course.steady,
-        t_start=phases.command_start(trial.command, offset, course.onset), clock_offset=offset,
-        variant=variant, variant_source=source, noise=problem.noise.as_dict(), health=health,
-        warnings=(*trial.warnings, *warnings, *more), slip_parts=parts,
+        pitch=nominal.pitch + spread(found.x[:, TH]), pitch_std=spread(std_of(found.P, {TH: 1.0})),
+        v_wheel=v_wheel, v_wheel_std=v_wheel_std, slip=ratio, slip_std=ratio_std, slip_velocity=spread(u),
+        slip_velocity_std=spread(u_std), phase=course.name, slip_ratio=slip_ratio,
+        distance=Estimate(float(x[-1] - x[0]), float(x_std[-1])), distance_wheels=rolled,
+        steady=course.steady, t_start=command_start(trial.command, offset, course.onset),
+        clock_offset=offset, variant=variant, variant_source=source, noise=problem.noise.as_dict(),
+        health=health, warnings=(*trial.warnings, *warnings, *more), slip_parts=parts,
     )  # fmt: skip
+
+
+def motion_without_imu(
+    trial: Trial, robot: Robot, rolling: Rolling, variants: Sequence[Variant], by_hand: Sequence[Interval]
+) -> Motion:
+    """Report what the wheels alone tell: their velocities and phases, nothing of the body."""
+    t = rolling.t
+    assert robot.imu_grade is not None
+    rests = find_rests(None, rolling, robot.imu_grade, by_hand=by_hand)
+    known = np.isfinite(rolling.speed)
+    course = find_phases(t, np.interp(t, t[known], rolling.speed[known]), rests)
+    variant, source, doubt = recognise(course, trial.info, variants)
+    blank, four, none = np.full(t.size, NAN), np.full((t.size, 4), NAN), np.zeros(0)
+    health = Health(
+        t=none, kind=(), innovation=none, innovation_std=none, nis={}, accel_bias=blank,
+        accel_bias_std=blank, gyro_bias=blank, gyro_bias_std=blank, rests=rests,
+        verdict="No IMU: only the wheels are known, neither body velocity nor slip.", good=False,
+    )  # fmt: skip
+    rolled = float(rolling.mean[known][-1] - rolling.mean[known][0])
+    said = "no IMU: body velocity and slip cannot be estimated, only wheel velocities"
+    return Motion(
+        trial=trial.name, virtual=trial.info.virtual, t=t, x=blank, x_std=blank, v=blank, v_std=blank,
+        pitch=blank, pitch_std=blank, v_wheel=rolling.velocity, v_wheel_std=rolling.velocity_std, slip=four,
+        slip_std=four, slip_velocity=blank, slip_velocity_std=blank, phase=course.name,
+        slip_ratio=Estimate(NAN), distance=Estimate(NAN), distance_wheels=Estimate(rolled, rolling.step),
+        steady=course.steady, t_start=command_start(trial.command, Estimate(0.0), course.onset),
+        clock_offset=Estimate(0.0), variant=variant, variant_source=source, noise={}, health=health,
+        warnings=(*trial.warnings, *rolling.warnings, said, *([doubt] if doubt else [])),
+    )  # fmt: skip
+
+
+def std_of(P: Array, parts: dict[int, float]) -> Array:
+    """(K,) std of a sum of states, each times its factor, by their covariances (K, 14, 14)."""
+    variance = sum(a * b * P[:, i, j] for i, a in parts.items() for j, b in parts.items())
+    return np.sqrt(np.maximum(variance, 0.0))
 
 
 def _by_latency(t: Array, v: Array, problem: Problem, offset: Estimate) -> Array:
@@ -99,15 +140,8 @@ def _by_latency(t: Array, v: Array, problem: Problem, offset: Estimate) -> Array
     if problem.slip.memory or not np.isfinite(offset.std):
         return np.zeros(t.size)
     late = float(np.hypot(offset.std, offset.value if abs(offset.value) < LATENCY else 0.0))
-    size = max(round(QUICK / float(np.median(np.diff(t)))), 1)
+    size = max(round(QUICK / problem.imu.period), 1)
     return np.asarray(late * np.abs(uniform_filter1d(np.gradient(v, t), size)))
-
-
-def rolled_std(P_end: Array) -> float:
-    """Std of the rolled distance at a node [m]."""
-    h = np.zeros(P_end.shape[0])
-    h[[X, D, P]] = 1.0, 1.0, -1.0
-    return float(np.sqrt(max(float(h @ P_end @ h), 0.0)))
 
 
 def wheels_at(t: Array, rolling: Rolling | None, offset: float) -> tuple[Array, Array]:
@@ -128,32 +162,194 @@ def wheels_at(t: Array, rolling: Rolling | None, offset: float) -> tuple[Array, 
     return value, std
 
 
-def motion_without_imu(
-    trial: Trial, robot: Robot, rolling: Rolling, variants: Sequence[Variant], by_hand: Sequence[Interval]
-) -> Motion:
-    """Report what the wheels alone tell: their velocities and phases, nothing of the body."""
-    t = rolling.t
-    grade = robot.imu_grade
-    assert isinstance(grade, ImuGrade)
-    rests = find_rests(None, rolling, grade, by_hand=by_hand)
-    known = np.isfinite(rolling.speed)
-    course = phases.find(t, np.interp(t, t[known], rolling.speed[known]), rests)
-    variant, source, doubt = phases.recognise(course, trial.info, variants)
-    blank, four, none = np.full(t.size, NAN), np.full((t.size, 4), NAN), np.zeros(0)
-    health = Health(
-        t=none, kind=(), innovation=none, innovation_std=none, nis={}, accel_bias=blank,
-        accel_bias_std=blank, gyro_bias=blank, gyro_bias_std=blank, rests=rests,
-        verdict="No IMU: only the wheels are known, neither body velocity nor slip.", good=False,
-    )  # fmt: skip
-    rolled = float(rolling.mean[known][-1] - rolling.mean[known][0])
-    said = "no IMU: body velocity and slip cannot be estimated, only wheel velocities"
-    return Motion(
-        trial=trial.name, virtual=trial.info.virtual, t=t, x=blank, x_std=blank, v=blank, v_std=blank,
-        pitch=blank, pitch_std=blank, v_wheel=rolling.velocity, v_wheel_std=rolling.velocity_std, slip=four,
-        slip_std=four, slip_velocity=blank, slip_velocity_std=blank, phase=course.name,
-        slip_ratio=Estimate(NAN), distance=Estimate(NAN),
-        distance_wheels=Estimate(rolled, rolling.step),
-        steady=course.steady, t_start=phases.command_start(trial.command, Estimate(0.0), course.onset),
-        clock_offset=Estimate(0.0), variant=variant, variant_source=source, noise={}, health=health,
-        warnings=(*trial.warnings, *rolling.warnings, said, *([doubt] if doubt else [])),
-    )  # fmt: skip
+def wheel_slip(v_o: Array, v_o_std: Array, v: Array, v_std: Array) -> tuple[Array, Array]:
+    """Return λ_i by (1) with its floor, (v_o - v) / max(|v_o|, |v|, v_floor), and its std.
+
+    The two velocities are taken for independent.
+
+    Args:
+        v_o, v_o_std: (N, 4) circumferential velocities and std [m/s].
+        v, v_std: (N,) body velocity and std [m/s].
+    """
+    body, body_std = v[:, None], v_std[:, None]
+    size = np.maximum(np.maximum(np.abs(v_o), np.abs(body)), V_FLOOR)
+    ratio = (v_o - body) / size
+    # dλ = (dv_o - dv) / size - λ dsize / size
+    by_wheel = np.where(np.abs(v_o) >= size, np.sign(v_o), 0.0)
+    by_body = np.where((np.abs(body) >= size) & (by_wheel == 0), np.sign(body), 0.0)
+    d_wheel = (1 - ratio * by_wheel) / size
+    d_body = (-1 - ratio * by_body) / size
+    return ratio, np.hypot(d_wheel * v_o_std, d_body * body_std)
+
+
+def robot_slip(found: Smoothed, x: Array, d: Array, i: int, j: int) -> Estimate:
+    """Return λ_R by (2) between two nodes, 1 - (travelled / rolled).
+
+    The covariance of distances at different instants comes from the smoother's gains.
+
+    Args:
+        found: the smoothed states.
+        x, d: (K,) travelled distance and rolled minus travelled distance at the nodes [m].
+        i, j: nodes.
+    """
+    travelled, slipped = x[j] - x[i], d[j] - d[i]
+    rolled = travelled + slipped
+    if abs(rolled) < 1e-3:
+        return Estimate(NAN)
+    # λ = slipped / rolled: its gradient towards the difference of the states
+    gradient = np.zeros(found.x.shape[1])
+    gradient[[D, X, P]] = travelled, -slipped, slipped
+    gradient /= rolled**2
+    cross = found.cross(i, j)
+    spread = found.P[i] + found.P[j] - cross - cross.T
+    return Estimate(float(slipped / rolled), float(np.sqrt(max(gradient @ spread @ gradient, 0.0))))
+
+
+@dataclass(frozen=True, eq=False)
+class Phases:
+    """What the wheels did.
+
+    Attributes:
+        name: (N,) phase of each stamp.
+        steady: the part over which λ_R is taken: the second half of the constant part, when slip has
+            settled [s]; NaN where there is none.
+        plateau: wheel velocity there [m/s].
+        onset: instant at which the wheels set off, with std [s].
+        acceleration: slope of the wheels' velocity on the way up [m/s^2].
+        distance: rolled distance [m].
+    """
+
+    name: tuple[PhaseName, ...]
+    steady: Interval
+    plateau: float
+    onset: Estimate
+    acceleration: float
+    distance: float
+
+
+def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
+    """Divide a trial into rest, acceleration, steady motion and braking.
+
+    Args:
+        t: (N,) stamps [s].
+        speed: (N,) mean wheel velocity [m/s].
+        rests: standstills [s].
+    """
+    period = float(np.median(np.diff(t)))
+    smooth = uniform_filter1d(speed, max(round(0.05 / period), 1), mode="nearest")
+    pace = np.abs(smooth)
+    rest = inside(t, rests)
+    name = np.zeros(t.size, dtype=int)
+    longest: tuple[int, int] = (0, 0)
+    onset, acceleration = Estimate(NAN), NAN
+    for a, b in zip(*runs(~rest), strict=True):
+        part = pace[a:b]
+        if part.max() < MOVING:
+            name[a:b] = UP if b == t.size else DOWN
+            continue
+        plateau = float(np.median(part[part > 0.6 * part.max()]))
+        flat = np.abs(part - plateau) < BAND * plateau
+        whole = bridged(np.arange(b - a), flat, round(0.2 / period) + 1.5)
+        pieces = list(zip(*runs(whole), strict=True))
+        first, last = max(pieces, key=lambda p: p[1] - p[0], default=(0, 0))
+        slow = uniform_filter1d(np.gradient(part, t[a:b]), max(round(0.1 / period), 1))
+        label = np.where(slow >= 0, UP, DOWN)
+        for i, j in pieces:
+            if j - i > round(0.3 / period):
+                label[i:j] = STEADY
+        label[:first] = np.where(label[:first] == STEADY, STEADY, UP)
+        label[last:] = np.where(label[last:] == STEADY, STEADY, DOWN)
+        name[a:b] = label
+        if last - first > longest[1] - longest[0]:
+            longest = (a + first, a + last)
+            onset, acceleration = _onset(t[a : a + max(first, 1)], pace[a : a + max(first, 1)], plateau)
+    i, j = longest
+    if j - i < 3:
+        steady, plateau = (NAN, NAN), float(pace.max())
+    else:
+        steady = (float(0.5 * (t[i] + t[j - 1])), float(t[j - 1]))
+        plateau = float(np.median(speed[(t >= steady[0]) & (t <= steady[1])]))
+    distance = float(np.trapezoid(np.where(rest, 0.0, speed), t))
+    return Phases(tuple(PHASES[i] for i in name), steady, plateau, onset, acceleration, distance)
+
+
+def _onset(t: Array, pace: Array, plateau: float) -> tuple[Estimate, float]:
+    """Extend the straight part of the ramp (15 to 60 % of the plateau) back to zero velocity."""
+    use = (pace > 0.15 * plateau) & (pace < 0.6 * plateau)
+    if use.sum() < 4:
+        return Estimate(float(t[-1]), 0.05), NAN
+    slope, level = np.polyfit(t[use] - t[0], pace[use], 1)
+    if slope <= 0:
+        return Estimate(float(t[0]), 0.1), NAN
+    residual = float(np.std(pace[use] - slope * (t[use] - t[0]) - level))
+    # the corner of the ramp is rounded by the drive
+    std = float(np.hypot(0.01, float(np.median(np.diff(t))) + residual / slope))
+    return Estimate(float(t[0] - level / slope), std), float(slope)
+
+
+def command_start(command: Series | None, offset: Estimate, onset: Estimate) -> Estimate:
+    """Return the instant at which the command began: as logged, else when the wheels set off [s].
+
+    A logged command is stamped by the encoders' clock.
+    """
+    if command is None or command.t.size < 3:
+        return onset
+    active = np.flatnonzero(np.abs(np.nan_to_num(command.value)) > 1e-6)
+    if active.size == 0:
+        return onset
+    i = int(active[0])
+    shift, extra = (value if np.isfinite(value) else 0.0 for value in (offset.value, offset.std))
+    step = float(np.median(np.diff(command.t)))
+    if i == 0:
+        return Estimate(float(command.t[0]) + shift, float(np.hypot(step, extra)))
+    # a ramp has already risen at its first sample; a line through the next ones leads back to zero
+    begin, std = float(command.t[i]) - 0.5 * step, step / np.sqrt(12.0)
+    rise = command.value[i : i + 4]
+    if rise.size == 4 and np.all(np.diff(np.abs(rise)) > 0):
+        slope = float(np.polyfit(command.t[i : i + 4], np.abs(rise), 1)[0])
+        begin = max(float(command.t[i]) - float(np.abs(rise[0])) / slope, float(command.t[i - 1]))
+    return Estimate(begin + shift, float(np.hypot(std, extra)))
+
+
+def recognise(
+    phases: Phases, info: TrialInfo, variants: Sequence[Variant]
+) -> tuple[Variant, str, str | None]:
+    """Say which variant the trial was.
+
+    Args:
+        phases: what the wheels did.
+        info: metadata, which rules where it names the velocity.
+        variants: what is known, as Table 2.
+
+    Returns:
+        the variant; "given", "recognised" or "measured"; a doubt or None.
+    """
+    speed, rolled = abs(phases.plateau), abs(phases.distance)
+    accelerated = phases.acceleration if np.isfinite(phases.acceleration) else max(speed, 0.02)
+    if info.v_desired is not None:
+        near = next((v for v in variants if abs(v.velocity - info.v_desired) < 1e-6), None)
+        given = Variant(
+            velocity=info.v_desired,
+            acceleration=info.a_max or (near.acceleration if near else accelerated),
+            distance=info.distance or (near.distance if near and info.a_max is None else max(rolled, 0.05)),
+        )
+        doubt = None
+        if np.isfinite(speed) and speed > MOVING and abs(speed - info.v_desired) > 0.15 * info.v_desired:
+            doubt = (
+                f"the wheels ran at {speed:.3g} m/s, not at the {info.v_desired:g} m/s that the metadata give"
+            )
+        return given, "given", doubt
+
+    def off(variant: Variant) -> float:
+        """How far the motion is from a variant; 1 is the tolerance (8 % of velocity, 20 % of distance)."""
+        ratio = np.log(accelerated / variant.acceleration)
+        by_speed, by_way = (speed / variant.velocity - 1) / 0.08, (rolled / variant.distance - 1) / 0.2
+        return float(np.sqrt(by_speed**2 + by_way**2 + ratio**2 / 2))
+
+    best = min(variants, key=off, default=None)
+    if best is not None and off(best) < 1.0:
+        return best, "recognised", None
+    measured = Variant(
+        velocity=max(speed, 0.01), acceleration=max(accelerated, 0.01), distance=max(rolled, 0.05)
+    )
+    return measured, "measured", "the motion is none of the known variants: taken as measured"

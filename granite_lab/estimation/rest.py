@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.rolling import Rolling, runs
+from granite_lab.estimation.wheels import Rolling, bridged, runs
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import ImuGrade
 
@@ -141,7 +141,7 @@ def find_rests(
         still |= (t >= begin) & (t <= end)
     found = []
     gap = 3.0 * float(np.median(np.diff(t)))
-    for a, b in zip(*runs(_close(t, still, 0.06)), strict=True):
+    for a, b in zip(*runs(bridged(t, still, 0.06)), strict=True):
         given = any(begin <= t[a] <= end or begin <= t[b - 1] <= end for begin, end in by_hand)
         if t[b - 1] - t[a] >= (0.3 * gap if given else SHORTEST):
             found.append((float(t[a]), float(t[b - 1])))
@@ -179,15 +179,6 @@ def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:
 def _gained(t: Array, rate: Array) -> Array:
     """(N,) integral by the trapezoidal rule."""
     return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
-
-
-def _close(t: Array, mask: np.ndarray, longest: float) -> np.ndarray:
-    """Bridge interruptions shorter than `longest` [s] (a knock against the frame)."""
-    closed = mask.copy()
-    for a, b in zip(*runs(~mask), strict=True):
-        if a > 0 and b < mask.size and t[b] - t[a - 1] < longest:
-            closed[a:b] = True
-    return closed
 
 
 def inside(t: Array, intervals: Sequence[Interval]) -> np.ndarray:

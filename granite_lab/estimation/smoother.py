@@ -1,17 +1,30 @@
-"""Kalman filter and Rauch-Tung-Striebel smoother over the nodes."""
+"""Kalman filter and Rauch-Tung-Striebel smoother over the nodes, and the passes over one trial."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import gammaincinv
 
-from granite_lab.estimation.nodes import Nodes
-from granite_lab.estimation.process import SIZE
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.error_model import BA, BG, SIZE, TH, C
+from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
+from granite_lab.estimation.nominal import Nominal, integrate, quieten
 from granite_lab.logs.trial import Array
 
 BLOCK = 2000
 """Nodes whose matrices are inverted at once."""
+
+SETTLED = 0.02
+"""Pitch corrections below this need no other pass: its sine is linear to 2e-6 of g [rad]."""
+
+PASSES = 4
+"""Passes at most."""
+
+NOISY = ("wheel", "specific_force", "zero_rate")
+"""Measurements whose noise grows where they miss their prediction. A standstill or a tape is exact: there the
+prediction is to blame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +54,15 @@ class Innovations:
         ratio = self.value**2 / self.variance
         return float(-0.5 * np.sum(ratio - 1.0 + np.log(self.variance / self.noise)))
 
+    def fresh(self, kind: str) -> np.ndarray:
+        """(U,) True for the measurements of a kind that tell anything new.
+
+        At rest the state is frozen: zero-velocity updates after the first repeat it.
+        """
+        return np.array([k == kind for k in self.kind], dtype=bool) & (
+            (kind != "zero_velocity") | (self.variance > 4.0 * self.noise)
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
@@ -67,6 +89,22 @@ class Smoothed:
         return np.asarray(total @ self.P[j])
 
 
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The last pass: nominal motion, nodes and smoothed drift.
+
+    Attributes:
+        offset: of the encoders' clock, as it is reported [s].
+        compliance: by which the displacement between wheels and body walked [s^2].
+    """
+
+    nominal: Nominal
+    nodes: Nodes
+    smoothed: Smoothed
+    offset: Estimate
+    compliance: float
+
+
 def forward(nodes: Nodes) -> tuple[Array, Array, Innovations]:
     """Filter over all nodes; states (K, 14) and covariances (K, 14, 14) after each, innovations as they came.
 
@@ -75,7 +113,8 @@ def forward(nodes: Nodes) -> tuple[Array, Array, Innovations]:
     n = nodes.t.size
     x, P = nodes.x0[:, 0].copy(), nodes.P0.copy()
     xs, Ps = np.empty((n, SIZE)), np.empty((n, SIZE, SIZE))
-    came: list[tuple[int, str, float, float, float]] = []
+    places: list[tuple[int, str]] = []
+    came: list[tuple[float, float, float]] = []
     for k in range(n):
         if k:
             F = nodes.F[k]
@@ -88,24 +127,14 @@ def forward(nodes: Nodes) -> tuple[Array, Array, Innovations]:
             innovation = update.z - float(h @ x)
             x = x + Ph * (innovation / variance)
             P = P - np.outer(Ph, Ph / variance)
-            came.append((k, update.kind, innovation, variance, update.R))
+            places.append((k, update.kind))
+            came.append((innovation, variance, update.R))
         xs[k], Ps[k] = x, P
-    columns = list(zip(*came, strict=True)) if came else [(), (), (), (), ()]
-    node, kind, innovations, variances, noises = columns
-    return (
-        xs,
-        Ps,
-        Innovations(
-            node=np.array(node, dtype=int),
-            kind=tuple(str(name) for name in kind),
-            value=np.array(innovations, dtype=float),
-            variance=np.array(variances, dtype=float),
-            noise=np.array(noises, dtype=float),
-        ),
-    )
+    node, kind = np.array([k for k, _ in places], dtype=int), tuple(kind for _, kind in places)
+    return xs, Ps, Innovations(node, kind, *np.array(came, dtype=float).reshape(-1, 3).T)
 
 
-def filter_only(nodes: Nodes) -> float:
+def log_likelihood(nodes: Nodes) -> float:
     """Log-likelihood of the measurements, without smoothing."""
     return forward(nodes)[2].log_likelihood
 
@@ -130,3 +159,96 @@ def run(nodes: Nodes) -> Smoothed:
             x[k] += gain @ (x[k + 1] - predicted[k - begin])
             P[k] += gain @ (P[k + 1] - ahead[k - begin]) @ gain.T
     return Smoothed(x=x, P=P, gains=gains, innovations=innovations)
+
+
+def first_velocity(problem: Problem, offset: float) -> float:
+    """Velocity to start the integration from: zero at rest, else the wheels' [m/s]."""
+    t0 = problem.imu.t[0]
+    if problem.rolling is None or any(begin <= t0 + 0.05 for begin, _ in problem.rests):
+        return 0.0
+    known = np.isfinite(problem.rolling.speed)
+    return float(np.interp(t0, problem.rolling.t[known] + offset, problem.rolling.speed[known]))
+
+
+def nominal_of(problem: Problem, offset: float) -> Nominal:
+    """Integrate the IMU of a trial, or of a part of one, with no bias known beforehand."""
+    return integrate(
+        problem.imu, problem.robot, problem.rests, problem.faults,
+        velocity=first_velocity(problem, offset), aside=problem.aside,
+    )  # fmt: skip
+
+
+def solve(
+    problem: Problem, offset: Estimate, *, distance: Estimate | None = None, robust: bool = True
+) -> Solution:
+    """Filter and smooth, each pass about the last one's result.
+
+    Relinearising matters for gravity's share of a large pitch; one or two passes settle it. Another one
+    follows where the first shows that the wheels turn ahead of the body as thrust grows, or that a kind of
+    measurement misses its prediction by more than its noise, which then grows by as much. What is too large
+    in the last pass too widens the std of everything.
+
+    Args:
+        problem: the trial.
+        offset: by which all stamps of the wheels are moved; its std is that of what is left, a state.
+        distance: measured total distance [m].
+        robust: noise grows where measurements miss their prediction; not where likelihoods are compared.
+    """
+    accel_bias, gyro_bias, pitch = 0.0, None, 0.0
+    velocity = first_velocity(problem, offset.value)
+    std = offset.std if np.isfinite(offset.std) else 1e-6
+    for i in range(PASSES):
+        nominal = integrate(
+            problem.imu, problem.robot, problem.rests, problem.faults, accel_bias=accel_bias,
+            gyro_bias=gyro_bias, pitch=pitch, velocity=velocity, aside=problem.aside,
+        )  # fmt: skip
+        if problem.rolling is not None:
+            steady = pace_of(problem.rolling, offset.value, nominal.t).steady
+            nominal = quieten(nominal, steady, problem.noise.vibration_frequency)
+        nodes = build(problem, nominal, offset.value, std, distance)
+        found = run(nodes)
+        level = float(np.max(np.abs(found.x[:, TH]))) < SETTLED
+        # a compliance beyond what the walk allows for calls for another pass
+        compliance = abs(float(found.x[-1, C]))
+        stiff = compliance < problem.compliance
+        sizes = mismatch(found.innovations) if robust else {}
+        too_large = {kind: sizes[kind] for kind in NOISY if sizes.get(kind, 1.0) > 1.0}
+        if i == PASSES - 1 or (level and stiff and not too_large):
+            break
+        louder = {kind: nis * problem.louder.get(kind, 1.0) for kind, nis in too_large.items()}
+        problem = replace(problem, louder={**problem.louder, **louder})
+        if not stiff:
+            problem = replace(problem, compliance=compliance)
+        if not level:
+            middle = found.x[found.x.shape[0] // 2]
+            accel_bias += float(middle[BA])
+            gyro_bias = nominal.gyro_bias + float(middle[BG])
+            pitch += float(found.x[0, TH])
+    found = replace(found, P=found.P * widening(found.innovations))
+    return Solution(nominal, nodes, found, offset, problem.compliance)
+
+
+def mismatch(came: Innovations) -> dict[str, float]:
+    """Return how much larger than predicted the innovations of each kind are, squared; 1 within chance.
+
+    It is the mean normalised innovation squared without the largest hundredth; successive innovations
+    correlate, so one in ten counts.
+    """
+    found = {}
+    for kind in dict.fromkeys(came.kind):
+        counts = came.fresh(kind)
+        ratio = np.sort(came.value[counts] ** 2 / came.variance[counts])
+        ratio = ratio[: ratio.size - ratio.size // 100]
+        nis = float(np.mean(ratio)) if ratio.size else 1.0
+        found[kind] = nis if nis > usual(max(ratio.size // 10, 1)) else 1.0
+    return found
+
+
+def widening(came: Innovations) -> float:
+    """Factor on all variances, by the kind of measurement that misses its prediction most."""
+    return max(mismatch(came).values(), default=1.0)
+
+
+def usual(n: int) -> float:
+    """Mean of n squared standard normal numbers that one in a thousand exceeds."""
+    return float(2.0 * gammaincinv(0.5 * n, 0.999) / n)

@@ -12,8 +12,7 @@ from rich.text import Text
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
-from granite_lab.estimation.judgement import Judgement
-from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.motion import Judgement, Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.logs.inspection import FileReport, Inspection
 from granite_lab.model.effect import Effect

@@ -10,7 +10,7 @@ import pytest
 
 from granite_lab.estimation import Motion, estimate
 from granite_lab.estimation.mounting import BodyImu, given, to_body
-from granite_lab.estimation.wheel_signs import check
+from granite_lab.estimation.wheels import check_signs
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
 from granite_lab.parameters import load_robot
@@ -112,11 +112,11 @@ def test_turn_in_place_is_not_taken_for_a_side_that_counts_backwards() -> None:
     robot = load_robot("granite", "industrial")
     turn = 0.6 * 0.4 / robot.chassis.track  # skidding takes a part of it
     wheels, imu = made_up(-0.2, 0.2, turn)
-    same, said = check(wheels, imu, robot, forward_known=True)
+    same, said = check_signs(wheels, imu, robot, forward_known=True)
     assert same is wheels
     assert said == ()
     wheels, imu = made_up(-0.2, 0.2, 0.0)
-    turned, said = check(wheels, imu, robot, forward_known=True)
+    turned, said = check_signs(wheels, imu, robot, forward_known=True)
     assert (turned.angle[-1] > 0).all()
     assert "fl, rl" in said[0]
 
@@ -124,7 +124,7 @@ def test_turn_in_place_is_not_taken_for_a_side_that_counts_backwards() -> None:
 def test_without_a_yaw_gyro_opposite_sides_stay_in_doubt() -> None:
     robot = load_robot("granite", "industrial")
     wheels, _ = made_up(-0.2, 0.2, 0.0)
-    same, said = check(wheels, None, robot, forward_known=False)
+    same, said = check_signs(wheels, None, robot, forward_known=False)
     assert same is wheels
     assert "no yaw gyro" in said[0]
 
@@ -132,10 +132,10 @@ def test_without_a_yaw_gyro_opposite_sides_stay_in_doubt() -> None:
 def test_exchanged_sides_are_put_right_when_the_robot_turns() -> None:
     robot = load_robot("granite", "industrial")
     wheels, imu = made_up(0.2, 0.35, 0.7 * 0.15 / robot.chassis.track)
-    same, said = check(wheels, imu, robot, forward_known=True)
+    same, said = check_signs(wheels, imu, robot, forward_known=True)
     assert same is wheels
     assert said == ()
     wheels, imu = made_up(0.35, 0.2, 0.7 * 0.15 / robot.chassis.track)
-    right, said = check(wheels, imu, robot, forward_known=True)
+    right, said = check_signs(wheels, imu, robot, forward_known=True)
     assert right.angle[:, 0] == pytest.approx(wheels.angle[:, 1])
     assert "exchanged" in said[0]

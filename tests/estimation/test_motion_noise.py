@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from granite_lab.estimation import estimate, motion_noise
+from granite_lab.estimation import estimate, identification
 from granite_lab.estimation.motion import Motion
 from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, generate
@@ -65,7 +65,7 @@ def test_a_flat_spectrum_beside_a_tail_gives_back_its_level(level: float) -> Non
     for seed in range(5):
         true = 1.0 + level + 20.0 * shape
         density = true * np.random.default_rng(seed).exponential(size=FREQUENCY.size)
-        added = motion_noise.added_share(density, shape, ANY)
+        added = identification.added_share(density, shape, ANY)
         assert 0.5 * level < added < 1.6 * level
 
 
@@ -73,17 +73,17 @@ def test_a_tail_alone_and_too_few_ordinates_give_nothing() -> None:
     shape = (FREQUENCY / 25.0) ** 2
     for seed in range(5):
         density = (1.0 + 100.0 * shape) * np.random.default_rng(seed).exponential(size=FREQUENCY.size)
-        assert motion_noise.added_share(density, shape, ANY) < 0.3
-    assert motion_noise.added_share(np.full(5, 1e4), shape[:5], ANY) == 0.0
+        assert identification.added_share(density, shape, ANY) < 0.3
+    assert identification.added_share(np.full(5, 1e4), shape[:5], ANY) == 0.0
 
 
 def test_a_band_that_is_quieter_than_the_low_frequencies_shows_that_those_are_motion() -> None:
     shape = (FREQUENCY / 25.0) ** 2
     density = 20.0 * np.random.default_rng(1).exponential(size=FREQUENCY.size)
-    assert motion_noise.added_share(density, shape, np.array([[25.0, 100.0]])) > 8.0
-    assert motion_noise.added_share(density, shape, np.array([[25.0, 100.0], [1.0, 100.0]])) < 0.5
+    assert identification.added_share(density, shape, np.array([[25.0, 100.0]])) > 8.0
+    assert identification.added_share(density, shape, np.array([[25.0, 100.0], [1.0, 100.0]])) < 0.5
 
 
 def test_the_mean_of_each_band_is_of_its_ordinates() -> None:
-    bands = motion_noise.band_means(np.array([6.0, 9.0, 21.0]), np.array([1.0, 3.0, 5.0]))
+    bands = identification.band_means(np.array([6.0, 9.0, 21.0]), np.array([1.0, 3.0, 5.0]))
     np.testing.assert_allclose(bands, [[2.0, 2.0], [5.0, 1.0]])

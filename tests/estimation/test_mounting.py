@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion, estimate
 from granite_lab.estimation.faults import find_faults
-from granite_lab.estimation.integration import integrate
 from granite_lab.estimation.mounting import given as orientation
 from granite_lab.estimation.mounting import level, to_body, turn_between
+from granite_lab.estimation.nominal import integrate
 from granite_lab.logs.trial import ImuStream
 from granite_lab.parameters import Robot, load_robot
 from tests.truth import faults

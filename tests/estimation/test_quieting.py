@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granite_lab.estimation.integration import Nominal
-from granite_lab.estimation.quieting import quieten
+from granite_lab.estimation.nominal import Nominal, quieten
 
 T = np.arange(0.0, 10.0, 0.005)
 FREQUENCY = 25.0
@@ -18,7 +17,7 @@ CORE = (T > 2.3) & (T < 7.7)
 def going(v: np.ndarray) -> Nominal:
     zero = np.zeros(T.size)
     x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T))])
-    return Nominal(T, REST, x, v, zero, zero, zero, 0.0, 0.0, zero + 9.81)
+    return Nominal(T, REST, x, v, zero, zero, 0.0, 0.0, zero + 9.81)
 
 
 def motion() -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granite_lab.estimation.mounting import BodyImu, given, to_body
-from granite_lab.estimation.roll import roll_angle
+from granite_lab.estimation.nominal import roll_angle
 from granite_lab.logs.trial import ImuStream
 from granite_lab.parameters import load_robot
 

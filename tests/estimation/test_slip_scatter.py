@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granite_lab.estimation import estimate, slip_scatter
-from granite_lab.estimation.process import SlipModel
+from granite_lab.estimation import estimate, identification
+from granite_lab.estimation.error_model import SlipModel
 from granite_lab.parameters import load_robot
 from tests.truth.long_drives import Drive, cycles, drive
 
@@ -18,20 +18,24 @@ def test_variance_is_the_mean_over_the_posterior(mean: float, spread: float) -> 
     peak = np.log(mean)
     places = np.round((peak - np.log(0.01)) / np.log(2.0)) + np.array([-1.0, 0.0, 1.0])
     scores = [-0.5 * ((np.log(0.01 * 2.0**p) - peak) / spread) ** 2 for p in places]
-    found = slip_scatter.expected(int(places[1]), *scores)
+    found = identification.expected(int(places[1]), *scores)
     draws = np.exp(np.random.default_rng(0).normal(peak, spread, 400_000))
     assert found == pytest.approx(np.sqrt(np.mean(draws**2)), rel=0.01)
 
 
 def test_scatter_stays_within_its_bounds_where_the_likelihood_tells_nothing() -> None:
     for best, scores in ((-6, (0.0, 0.0, 0.0)), (6, (0.0, 0.0, 0.0)), (0, (-1e-6, 0.0, -1e-6))):
-        assert slip_scatter.LEAST <= slip_scatter.expected(best, *scores) <= slip_scatter.MOST
+        assert (
+            identification.LEAST_SCATTER
+            <= identification.expected(best, *scores)
+            <= identification.MOST_SCATTER
+        )
 
 
 def found_in(truth: Drive, monkeypatch: pytest.MonkeyPatch) -> float:
     """The scatter that the estimation of a drive settles on."""
     found: list[SlipModel] = []
-    original = slip_scatter.identify_scatter
+    original = identification.identify_scatter
 
     def spy(problem, offset):  # type: ignore[no-untyped-def]
         found.append(original(problem, offset))

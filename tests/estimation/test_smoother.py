@@ -11,9 +11,8 @@ from filterpy.kalman import KalmanFilter
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import Motion, estimate, smoother
-from granite_lab.estimation.measurements import Update
+from granite_lab.estimation.error_model import BA, SIZE, TH, TINY, D, G, P, S, Update, V, X
 from granite_lab.estimation.nodes import Nodes
-from granite_lab.estimation.process import BA, SIZE, TH, TINY, D, G, P, S, V, X
 from granite_lab.parameters import load_robot
 from tests.truth import faults
 from tests.truth.trials import TruthTrial, generate
@@ -126,7 +125,7 @@ def wanderer(steps: np.ndarray, seed: int) -> Nodes:
     still = np.zeros(n)
     return Nodes(
         index=np.arange(n), t=np.cumsum(steps), moving=np.ones(n, dtype=bool), lost=still, mean_slip=still,
-        w=still, F=F, Q=Q, updates=updates, x0=np.zeros((SIZE, 1)), P0=P0, thinned=False,
+        w=still, F=F, Q=Q, updates=updates, x0=np.zeros((SIZE, 1)), P0=P0,
     )  # fmt: skip
 
 

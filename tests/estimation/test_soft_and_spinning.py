@@ -10,8 +10,7 @@ import pytest
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion, correct, estimate
-from granite_lab.estimation.passes import mismatch
-from granite_lab.estimation.smoother import Innovations
+from granite_lab.estimation.smoother import Innovations, mismatch
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
 from tests.truth.trials import TruthTrial, generate

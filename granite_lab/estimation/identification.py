@@ -1,36 +1,38 @@
-"""White noise of specific force that is there only in motion, told from vibration by its spectrum.
+"""What the trial itself tells by likelihood: white noise in motion, and the scatter of the slip ratio.
 
 An IMU may be noisier in motion than at rest. The integral of white noise wanders without bound, that
 of vibration does not, so neither may be taken for the other. Where the wheels turn steadily, specific
 force without gravity and lever holds
 
 * motion of the body, up to 1.5 Hz, on some ground to 3 Hz;
-* vibration, the derivative of a bounded velocity: towards low frequencies the density falls as f^2;
+* vibration, the derivative of a bounded velocity: below its resonances the density rises as f^2;
 * white noise, as dense there as anywhere.
 
-Between the body's motion and the resonance the spectrum is taken for white noise and such a tail. Its height
+Between the motion and the resonance the spectrum is taken for white noise and such a rise, whose height
 may be anything: a frame has many resonances, and its rms does not tell how they overlap. Anywhere above it
 may hold more than white noise, but not less, so that what shakes the body for good at some Hz is not taken
-for noise. How likely that makes the periodogram is Whittle's formula [1]; of the
-white noise the posterior's mean is taken, because the std of the estimate goes by its variance.
+for noise. How likely that makes the periodogram is Whittle's formula [1]; of the white noise the posterior's
+mean is taken, because the std of the estimate goes by its variance.
 
 [1] P. Whittle, Estimation and information in stationary time series, Ark. Mat. 2 (1953).
 """
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.signal import periodogram
 from scipy.signal.windows import blackmanharris
 
-from granite_lab.estimation.integration import integrate
-from granite_lab.estimation.nodes import pace_of
+from granite_lab.estimation.clock import STILL
+from granite_lab.estimation.error_model import SlipModel
+from granite_lab.estimation.nodes import Problem, build, pace_of
 from granite_lab.estimation.noise import Noise, vibration
-from granite_lab.estimation.passes import Problem, first_velocity
-from granite_lab.estimation.rest import inside
-from granite_lab.estimation.rolling import runs
+from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.smoother import log_likelihood, nominal_of
+from granite_lab.estimation.wheels import runs
 from granite_lab.logs.trial import Array
 
 MOTION, RESTLESS = 1.5, 3.0
@@ -66,6 +68,24 @@ HEIGHTS = np.geomspace(1e-2, 1e6, 81)
 NONE = 0.8
 """Probability, before the trial is seen, that motion adds nothing."""
 
+LISTEN = 6.0
+"""Length of a window of motion that is listened to [s]; the IMU is precise over these few seconds."""
+
+WINDOWS = 3
+"""So many windows are spread over the longest motion: sand differs along the way."""
+
+FACTOR = 2.0
+"""Ratio of neighbouring candidates."""
+
+REFERENCE = 0.01
+"""Scatter to start from [-]."""
+
+LEAST_SCATTER, MOST_SCATTER = 0.002, 0.5
+"""Bounds of the scatter [-]."""
+
+WANDER_TIME = 300.0
+"""Time in which the level of the slip ratio may wander by as much as it scatters [s]."""
+
 
 def with_motion_noise(problem: Problem, offset: float) -> Noise:
     """Return the noise of a problem with the white noise in motion, and with what vibration is left.
@@ -75,26 +95,22 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
         offset: of the encoders' clock [s].
     """
     noise, imu = problem.noise, problem.imu
-    period = float(np.median(np.diff(imu.t)))
-    if 0.5 / period < 2.0 * HIGH:
+    if 0.5 / imu.period < 2.0 * HIGH:
         force, rate = (folded(problem, signal) for signal in (imu.forward, imu.pitch_rate))
-        return dataclasses.replace(noise, accel_motion=force, gyro_motion=rate)
+        return replace(noise, accel_motion=force, gyro_motion=rate)
     frequency, density = spectrum(problem, offset)
     density = density / (2.0 * noise.accel**2)
     low = frequency < min(HIGH, BELOW * noise.vibration_frequency)
     ratio = (frequency[low] / noise.vibration_frequency) ** 2
     shape, floor = ratio / (1.0 - ratio) ** 2, band_means(frequency[~low], density[~low])
     quick = frequency[low] > RESTLESS  # what is white is as loud with the slower ordinates as without
-    added = min(
-        added_share(density[low], shape, floor),
-        added_share(density[low][quick], shape[quick], floor),
-    )
+    added = min(added_share(density[low][use], shape[use], floor) for use in (quick | True, quick))
     if added < ADDED[0]:
         return noise
     moving = ~inside(imu.t, problem.rests)
     white = noise.accel * float(np.sqrt(1.0 + added))
     rms, frequent, damping = vibration(imu, moving, white, problem.robot.imu.vibration_frequency)
-    return dataclasses.replace(
+    return replace(
         noise, accel_motion=noise.accel * float(np.sqrt(added)), vibration=rms,
         vibration_frequency=frequent, vibration_damping=damping,
     )  # fmt: skip
@@ -113,7 +129,7 @@ def folded(problem: Problem, signal: Array) -> float:
     bend = bend[np.isfinite(bend)]
     if bend.size < 8:
         return 0.0
-    return float(np.sqrt(np.mean(bend**2) / 6.0 * float(np.median(np.diff(problem.imu.t)))))
+    return float(np.sqrt(np.mean(bend**2) / 6.0 * problem.imu.period))
 
 
 def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
@@ -125,10 +141,7 @@ def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
     """
     imu, rolling = problem.imu, problem.rolling
     assert rolling is not None
-    nominal = integrate(
-        imu, problem.robot, problem.rests, problem.faults, velocity=first_velocity(problem, offset)
-    )
-    dt = float(np.median(np.diff(nominal.t)))
+    nominal, dt = nominal_of(problem, offset), imu.period
     pace = pace_of(rolling, offset, nominal.t)
     on = pace.steady & ~nominal.rest
     on &= np.diff(nominal.t, prepend=nominal.t[0] - dt) < 3.0 * dt
@@ -183,3 +196,79 @@ def added_share(density: Array, shape: Array, floor: Array) -> float:
     log_posterior += np.log(np.concatenate([[NONE], np.full(ADDED.size, (1.0 - NONE) / ADDED.size)]))
     weight = np.exp(log_posterior - np.max(log_posterior))
     return float(weight @ white / weight.sum())
+
+
+def with_scatter(slip: SlipModel, scatter: float) -> SlipModel:
+    """Return the model with this scatter about the level, and a level that wanders accordingly."""
+    return replace(slip, scatter=scatter, walk=scatter / float(np.sqrt(WANDER_TIME)))
+
+
+def listen_to(problem: Problem) -> list[Interval]:
+    """Windows [s] at the start, in the middle and at the end of the longest motion after a standstill."""
+    t = problem.imu.t
+    ends = [end for _, end in problem.rests]
+    begins = [begin for begin, _ in problem.rests[1:]] + [float(t[-1])]
+    begin, end = max(zip(ends, begins, strict=True), key=lambda m: m[1] - m[0], default=(0.0, 0.0))
+    if end - begin < 1.0:
+        return []
+    count = min(WINDOWS, max(1, int((end - begin) / LISTEN)))
+    length = min(LISTEN, end - begin)
+    places = np.linspace(begin, end - length, count) if count > 1 else [begin]
+    return [(float(a) - (STILL if i == 0 else 0.0), float(a) + length) for i, a in enumerate(places)]
+
+
+def identify_scatter(problem: Problem, offset: float) -> SlipModel:
+    """Find the scatter of the slip ratio that makes the measurements most likely.
+
+    Over seconds the IMU knows the body's velocity to a millimetre a second, so what the wheels do
+    besides shows. A level of slip, on the contrary, stays free. Windows with faults tell nothing.
+
+    Args:
+        problem: the trial, with wheels.
+        offset: of the encoders' clock [s].
+
+    Returns:
+        its slip model with scatter and walk replaced; unchanged where nothing can be told.
+    """
+    imu, faults = problem.imu, problem.faults
+    if problem.rolling is None or problem.slip.bounded or not imu.has_pitch_rate or not imu.gravity:
+        return problem.slip
+    broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
+    windows = [
+        (a, b) for a, b in listen_to(problem) if not any(begin < b and end > a for begin, end in broken)
+    ]
+    if not windows:
+        return problem.slip
+    parts = [problem.cut(begin, end, offset) for begin, end in windows]
+    nominal = [nominal_of(part, offset) for part in parts]
+
+    @cache
+    def score(place: int) -> float:
+        slip = with_scatter(problem.slip, REFERENCE * FACTOR**place)
+        several = zip(parts, nominal, strict=True)
+        return sum(log_likelihood(build(replace(p, slip=slip), n, offset, 1e-3)) for p, n in several)
+
+    best = 0
+    while LEAST_SCATTER < REFERENCE * FACTOR**best < MOST_SCATTER:
+        better = max((best - 1, best, best + 1), key=score)
+        if better == best:
+            break
+        best = better
+    return with_scatter(problem.slip, expected(best, score(best - 1), score(best), score(best + 1)))
+
+
+def expected(best: int, below: float, here: float, above: float) -> float:
+    """Root of the posterior mean of the scatter's variance, which the std of the estimate goes by.
+
+    The posterior of the scatter's logarithm is taken for normal, by the parabola through three values.
+
+    Args:
+        best: the most likely candidate.
+        below, here, above: log-likelihood of it and its neighbours.
+    """
+    bend = below - 2.0 * here + above
+    if bend >= 0.0:
+        return float(np.clip(REFERENCE * FACTOR**best, LEAST_SCATTER, MOST_SCATTER))
+    peak = best + float(np.clip(0.5 * (above - below) / -bend, -0.5, 0.5))
+    spread = min(float(np.log(FACTOR) / np.sqrt(-bend)), 0.7)
+    return float(np.clip(REFERENCE * FACTOR**peak * np.exp(spread**2), LEAST_SCATTER, MOST_SCATTER))

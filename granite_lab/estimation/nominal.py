@@ -1,0 +1,241 @@
+"""Nominal motion by integrating the IMU; the filter then only estimates how far it drifted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+
+from granite_lab.estimation.faults import Faults
+from granite_lab.estimation.mounting import BodyImu
+from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.wheels import runs
+from granite_lab.logs.trial import Array
+from granite_lab.parameters import GRAVITY, Robot
+
+UNKNOWN = float(np.radians(1.0))
+"""Std of the ground's roll where nothing is known of it [rad]."""
+
+ACROSS = 1.5
+"""Ground lies across by this many times what its roll varies along the path."""
+
+LEAST = float(np.radians(0.5))
+"""Std of the roll of ground that does not vary at all [rad]."""
+
+EVIDENT = 2.5
+"""A mean roll this many std from what ground and bias explain is the ground's."""
+
+HALF = 0.25
+"""The smoothing halves an oscillation of this many widths' reciprocal: width [s] times frequency [Hz]."""
+
+CUT = 0.31
+"""The smoothing halves an oscillation of this share of the vibration's frequency; of half of it, 8 % pass."""
+
+FADE = 0.1
+"""The smoothing comes in within this time [s]."""
+
+LOWEST = 5.0
+"""The smoothing passes whatever is slower than this [Hz]: it may be motion."""
+
+APART = 1.5
+"""A vibration this many times faster than what the smoothing must pass can be told from motion."""
+
+MEMORY = 0.5
+"""Correlation time of the error of the velocity to the left [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sideways:
+    """Velocity to the left at the IMU's stamps (N,), and its std [m/s]."""
+
+    velocity: Array
+    std: Array
+
+    def part(self, keep: np.ndarray) -> Sideways:
+        """Return the samples where keep holds."""
+        return Sideways(self.velocity[keep], self.std[keep])
+
+    def noise(self, yaw_rate: Array) -> Array:
+        """(N,) white noise that its error makes of the forward acceleration [m/s^2 sqrt(s)]."""
+        return np.asarray(np.abs(yaw_rate) * self.std * np.sqrt(2.0 * MEMORY))
+
+
+@dataclass(frozen=True, eq=False)
+class Nominal:
+    """The motion that integrating the IMU gives, frozen while the robot rests.
+
+    Attributes:
+        t: (N,) stamps [s].
+        rest: (N,) True at standstill.
+        x, v: (N,) distance [m] and velocity [m/s] of R.
+        pitch: (N,) [rad].
+        heading_rate: (N,) [rad/s].
+        accel_bias, gyro_bias: constants that were removed before integration.
+        coupling: (N,) forward acceleration per radian of pitch [m/s^2].
+        vibration_left: (N,) share of the vibration's rms that is in x and v; None: all of it.
+    """
+
+    t: Array
+    rest: np.ndarray
+    x: Array
+    v: Array
+    pitch: Array
+    heading_rate: Array
+    accel_bias: float
+    gyro_bias: float
+    coupling: Array
+    vibration_left: Array | None = None
+
+
+def integrate(
+    imu: BodyImu,
+    robot: Robot,
+    rests: Sequence[Interval],
+    faults: Faults,
+    *,
+    accel_bias: float = 0.0,
+    gyro_bias: float | None = None,
+    pitch: float = 0.0,
+    velocity: float = 0.0,
+    aside: Sideways | None = None,
+) -> Nominal:
+    """Integrate gyro and accelerometer from the first sample on, standing still during the rests.
+
+    The sensor sits at p = (p_x, p_z) from R, where with pitch rate q and yaw rate r
+
+        f_x = dv/dt - g sin(pitch) + dq/dt p_z - (q^2 + r^2) p_x + bias.
+
+    The velocity of the sensor, v + q p_z, takes in dq/dt without differentiating the gyro; R's
+    velocity follows from it.
+
+    Args:
+        imu: samples in robot axes.
+        robot: where the sensor sits.
+        rests: standstills [s].
+        faults: samples not to be trusted; interpolated over.
+        accel_bias, gyro_bias: constants to remove; the gyro's by default its mean at rest.
+        pitch, velocity: of the first sample [rad], [m/s].
+        aside: velocity to the left, which turning makes a forward one.
+    """
+    t, rest = imu.t, inside(imu.t, rests)
+    forward = _patched(t, imu.forward, faults.doubt)
+    gyro = _patched(t, np.nan_to_num(imu.pitch_rate), faults.rate_doubt)
+    yaw = np.nan_to_num(imu.yaw_rate)
+    if gyro_bias is None:
+        gyro_bias = float(np.mean(gyro[rest])) if rest.any() else 0.0
+    yaw_rate = yaw - (float(np.mean(yaw[rest])) if rest.any() else 0.0)
+    roll, _ = roll_angle(imu, rest, robot)
+    pitch_rate = (gyro - gyro_bias) * np.cos(roll) - yaw_rate * np.sin(roll)
+    if not imu.has_pitch_rate:
+        pitch_rate = np.zeros(t.size)
+    angle = pitch + cumulate(t, pitch_rate, rest)
+    acceleration = forward + imu.gravity * np.sin(angle) - accel_bias
+    acceleration += (pitch_rate**2 + yaw_rate**2) * robot.imu.x
+    if aside is not None:
+        acceleration += yaw_rate * aside.velocity
+    v_sensor = velocity + cumulate(t, acceleration, rest)
+    pitch_rate, yaw_rate = np.where(rest, 0.0, pitch_rate), np.where(rest, 0.0, yaw_rate)
+    v = v_sensor - robot.imu.z * pitch_rate
+    x = cumulate(t, v_sensor, rest) - robot.imu.z * (angle - pitch)
+    return Nominal(
+        t=t, rest=rest, x=x, v=v, pitch=angle, heading_rate=yaw_rate, accel_bias=accel_bias,
+        gyro_bias=gyro_bias, coupling=imu.gravity * np.cos(angle),
+    )  # fmt: skip
+
+
+def cumulate(t: Array, rate: Array, rest: np.ndarray) -> Array:
+    """(N,) integral by the trapezoidal rule from the first sample on; it stops between two at rest."""
+    step = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
+    return np.concatenate([[0.0], np.cumsum(np.where(rest[1:] & rest[:-1], 0.0, step))])
+
+
+def _patched(t: Array, signal: Array, doubt: np.ndarray) -> Array:
+    """Interpolate over samples that cannot be trusted."""
+    if not doubt.any() or doubt.all():
+        return signal
+    return np.where(doubt, np.interp(t, t[~doubt], signal[~doubt]), signal)
+
+
+def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, float]:
+    """(N,) roll of the sensor about x against the vertical [rad], and the std of its constant error.
+
+    At each standstill it is the lateral specific force over g; between them the gyro carries it on,
+    and what its bias adds up to is taken out along a straight line. The ground at the end tilts
+    differently than at the start, so no mean over the standstills would do. The accelerometer's bias
+    is common to all of them: their mean is shrunk by what it may be, their differences are not.
+
+    Args:
+        imu: samples in robot axes.
+        rest: (N,) True at standstill.
+        robot: with an IMU grade, and how far the sensor may be tilted.
+    """
+    grade = robot.imu_grade
+    assert grade is not None
+    tilted = float(np.radians(0.0 if imu.levelled else robot.imu.tilt))
+    doubt = grade.accel_bias / GRAVITY
+    known = rest & np.isfinite(imu.left)
+    if not imu.gravity or not known.any():
+        return np.zeros(imu.t.size), float(np.hypot(tilted, UNKNOWN))
+    rate = np.nan_to_num(imu.roll_rate)
+    turned = cumulate(imu.t, rate - float(np.mean(rate[rest])), rest)
+    places, seen = [], []
+    for a, b in zip(*runs(rest), strict=True):
+        if known[a:b].any():
+            level = np.clip(np.mean(imu.left[a:b][known[a:b]]) / GRAVITY, -1.0, 1.0)
+            places.append((imu.t[a], imu.t[b - 1]))
+            seen.append((float(level), float(level - np.mean(turned[a:b]))))
+    levels, drifts = np.array(seen).T
+    drift = np.interp(imu.t, np.ravel(places), np.repeat(drifts, 2))
+    level, angle = float(np.mean(levels)), turned + drift
+    varied = float(np.std(angle[~rest])) if (~rest).any() else UNKNOWN
+    prior = float(np.hypot(tilted, np.clip(ACROSS * varied, LEAST, UNKNOWN)))
+    if abs(level) > EVIDENT * np.hypot(prior, doubt):
+        prior = abs(level)
+    weight = prior**2 / (prior**2 + doubt**2)
+    common = (1.0 - weight) * level
+    return angle - common, float(np.sqrt(weight) * doubt)
+
+
+def smoothed(signal: Array, width: float) -> Array:
+    """(N,) signal smoothed by 2 G - G G, G a Gaussian of `width` samples: true to cubics, without delay."""
+    once = gaussian_filter1d(signal, width, mode="nearest")
+    return np.asarray(2.0 * once - gaussian_filter1d(once, width, mode="nearest"))
+
+
+def quieten(nominal: Nominal, steady: np.ndarray, frequency: float) -> Nominal:
+    """Take the frame's vibration out of velocity and distance where the wheels turn steadily.
+
+    Sand lets a body change its velocity no faster than its wheels do: what an IMU shows near the frame's
+    own frequency while they turn steadily is the frame. Around the ramps nothing is touched, and the
+    filter's oscillator carries the doubt.
+
+    Args:
+        nominal: the integrated motion.
+        steady: (N,) True where the wheels' velocity has been, and will be, the same for a while.
+        frequency: of the vibration [Hz].
+
+    Returns:
+        the motion with `vibration_left`: (N,) share of the vibration's rms that is still in it, counting
+        as such what is up to an octave slower than the smoothing removes. Unchanged where the vibration
+        is too slow to be told from motion, or the wheels never turn steadily.
+    """
+    period = float(np.median(np.diff(nominal.t)))
+    width = HALF / (max(CUT * frequency, LOWEST) * period)
+    on = steady & ~nominal.rest
+    if frequency < APART * LOWEST or width < 1.0 or on.sum() * period < 1.0:
+        return nominal
+    fade = max(round(FADE / period), 1)
+    core = minimum_filter1d(on.astype(float), 2 * fade + 1, mode="constant") > 0
+    if not core.any():
+        return nominal
+    weight = np.where(on, gaussian_filter1d(core.astype(float), fade / 3.0, mode="constant"), 0.0)
+    slow, motion = smoothed(nominal.v, width), smoothed(nominal.v, 2.0 * width)
+    whole = float(np.mean((nominal.v - motion)[core] ** 2))
+    left = min(float(np.sqrt(np.mean((slow - motion)[core] ** 2) / max(whole, 1e-20))), 1.0)
+    fast = weight * (nominal.v - slow)
+    return replace(
+        nominal, v=nominal.v - fast, x=nominal.x - cumulate(nominal.t, fast, nominal.rest),
+        vibration_left=1.0 - weight * (1.0 - left),
+    )  # fmt: skip
