@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,9 +21,11 @@ import granite_lab
 from granite_lab.errors import LabError
 from granite_lab.files import sha256, write_bytes
 from granite_lab.logs.named import sidecar
-from granite_lab.model.effect import Effect
-from granite_lab.running.codec import Arena, decode
+from granite_lab.running.codec import Arena, decode, is_effect
 from granite_lab.running.options import Options
+
+if TYPE_CHECKING:
+    from granite_lab.model.effect import Effect
 
 VARIABLE = "GRANITE_LAB_CACHE"
 """Environment variable with the folder of the cache."""
@@ -175,7 +177,7 @@ def _parts(value: Any) -> Iterator[bytes]:
     if isinstance(value, np.ndarray):
         yield f"{value.dtype.str}{value.shape}".encode()
         yield value.tobytes()
-    elif isinstance(value, Effect):
+    elif is_effect(value):
         yield value.id.encode()
     elif dataclasses.is_dataclass(value):
         yield type(value).__name__.encode()

@@ -11,15 +11,17 @@ import hashlib
 import io
 import mmap
 import pickle
+import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granite_lab.model.effect import Effect
+if TYPE_CHECKING:
+    from granite_lab.model.effect import Effect
 
 ALIGNED = 64
 """Bytes to which the parts are aligned, and length of the hash."""
@@ -122,9 +124,15 @@ def effect_named(name: str) -> Effect:
     raise KeyError(name)
 
 
+def is_effect(value: Any) -> bool:
+    """Say whether a value is an effect, without importing the model: no effect is there before that is."""
+    module = sys.modules.get("granite_lab.model.effect")
+    return module is not None and isinstance(value, module.Effect)
+
+
 class _Writer(pickle.Pickler):
     def reducer_override(self, obj: Any) -> Any:
-        if isinstance(obj, Effect):
+        if is_effect(obj):
             return effect_named, (obj.id,)
         if isinstance(obj, np.ndarray) and not obj.flags.forc:
             return np.ascontiguousarray(obj).__reduce_ex__(5)

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from granite_lab.errors import LabError, printable
 from granite_lab.files import readable, write_text
-from granite_lab.running.cache import Cache, digest_of, fingerprint
+from granite_lab.running.cache import Cache, fingerprint
 from granite_lab.running.codec import encode
 
 T = TypeVar("T")
@@ -134,8 +134,7 @@ class Stamp:
     """
 
     def __init__(self, folder: Path, key: str, cache: Cache | None) -> None:
-        self._folder, self._cache = folder, cache
-        self._key = digest_of(str(folder.resolve()), key)
+        self._folder, self._key, self._cache = folder, key, cache
 
     def holds(self) -> bool:
         """Say whether the output is there as it was written, to the byte."""

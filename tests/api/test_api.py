@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import inspect
 import json
 import resource
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,9 +19,11 @@ import typer
 from typer.testing import CliRunner
 
 import granite_lab as gl
+from granite_lab.api.records import Records
 from granite_lab.cli import app
-from granite_lab.discovery.finding import Candidate, Finding
+from granite_lab.discovery.finding import Finding
 from granite_lab.errors import EstimateError, InputError, UsageError
+from granite_lab.fitting.fit import K92Fit
 from tests.reporting.made_up_finding import made_up_finding
 
 ROOT = Path(__file__).parent.parent.parent
@@ -27,26 +31,7 @@ SAMPLES = ROOT / "data" / "samples"
 SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
 OTHER = SAMPLES / "virtual_v0.7_r2.csv"
 
-FUNCTIONS = {
-    "check": "check",
-    "inspect": "inspect",
-    "ingest": "ingest",
-    "simulate": "simulate",
-    "wheel": "wheel",
-    "fit-k92": "fit_k92",
-    "fit-atheta": "fit_a_theta",
-    "compare": "compare",
-    "study": "study",
-    "compare-studies": "compare_studies",
-    "view": "view",
-    "discover": "discover",
-    "plan-next": "plan_next",
-    "params": "params",
-    "effects": "list_effects",
-    "hide": "hide",
-    "kit": "kit",
-    "reveal": "reveal",
-}
+OTHER_NAMES = {"fit-atheta": "fit_a_theta", "effects": "list_effects"}
 
 
 def lab(*args: object) -> str:
@@ -55,13 +40,22 @@ def lab(*args: object) -> str:
     return str(done.stdout)
 
 
-def test_every_command_is_a_function_with_a_description() -> None:
+def functions() -> dict[str, tuple[dict[str, Any], Callable[..., Any]]]:
+    """Return options by name and function of each command."""
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    assert set(FUNCTIONS) == set(commands)
+    names = {command: OTHER_NAMES.get(command, command.replace("-", "_")) for command in commands}
+    return {
+        names[k]: (
+            {p.name: p for p in command.params if p.param_type_name == "option"},
+            getattr(gl, names[k]),
+        )
+        for k, command in commands.items()
+    }
+
+
+def test_every_command_is_a_function_with_a_description() -> None:
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
-    for name in FUNCTIONS.values():
-        function = getattr(gl, name)
-        assert callable(function)
+    for name, (_, function) in functions().items():
         assert name in gl.__all__
         assert name in dir(gl)
         text = inspect.getdoc(function) or ""
@@ -71,11 +65,9 @@ def test_every_command_is_a_function_with_a_description() -> None:
 
 
 def test_functions_have_the_defaults_of_the_commands() -> None:
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     compared = 0
-    for command, name in FUNCTIONS.items():
-        options = {p.name: p for p in commands[command].params if p.param_type_name == "option"}
-        for argument, parameter in inspect.signature(getattr(gl, name)).parameters.items():
+    for name, (options, function) in functions().items():
+        for argument, parameter in inspect.signature(function).parameters.items():
             if argument in options and parameter.default is not parameter.empty:
                 default = options[argument].default
                 scale = 1e-3 if "[ms]" in (options[argument].help or "") else None  # seconds in Python
@@ -130,50 +122,67 @@ def test_study_stays_a_function_beside_the_module_of_its_name() -> None:
     assert inspect.ismodule(sys.modules["granite_lab.study"])
 
 
-def test_ingest_is_the_command(tmp_path: Path) -> None:
-    document = json.loads(lab("ingest", SAMPLE, "--out", tmp_path, "--jobs", 1, "--json"))["trials"][0]
-    found = gl.ingest(SAMPLE)
-    assert len(found) == 1
-    motion = found[0].motion
-    assert document["slip_ratio"] == {"value": motion.slip_ratio.value, "std": motion.slip_ratio.std}
-    assert document["distance_m"]["value"] == motion.distance.value
-    table = pd.read_csv(tmp_path / "virtual_v0.3_r1.csv")
-    frame = found.to_frame()
-    assert list(frame.columns) == ["trial", *table.columns]
-    assert set(frame["trial"]) == {"virtual_v0.3_r1"}
-    np.testing.assert_allclose(frame["v_mps"], table["v_mps"], rtol=1e-8, atol=1e-12)
+@pytest.fixture(scope="module")
+def fits() -> Records[K92Fit]:
+    return gl.fit_k92([SAMPLE, OTHER])
 
 
-def test_a_motion_shows_itself_in_a_line() -> None:
-    motion = gl.ingest(SAMPLE)[0].motion
-    assert len(repr(motion)) < 250
-    assert "virtual_v0.3_r1" in repr(motion)
-    assert "slip ratio 0.1" in repr(motion)
-    assert "<table" in motion._repr_html_()
-    assert len(motion._repr_html_()) < 20_000
-
-
-def test_motions_and_fits_are_drawn_and_shown_in_a_notebook(tmp_path: Path) -> None:
-    motions = gl.ingest(SAMPLE)
-    fits = gl.fit_k92([SAMPLE, OTHER])
-    finding = made_up_finding()
-    law = gl.fit_a_theta(fits)
+def test_motions_fits_and_findings_are_drawn_and_shown_in_a_notebook(
+    tmp_path: Path, fits: Records[K92Fit]
+) -> None:
+    motions, finding, law = gl.ingest(SAMPLE), made_up_finding(), gl.fit_a_theta(list(fits))
     records = {"motion": motions[0].motion, "fits": fits, "fit": fits[0], "law": law, "finding": finding}
     for name, record in records.items():
         assert len(repr(record)) < 600
         assert "<table" in record._repr_html_()
+        assert len(record._repr_html_()) < 20_000
         figure = record.plot()
         assert any("virtual" in text.get_text() for text in figure.texts)
         labels = [label for axis in figure.axes for label in (axis.get_xlabel(), axis.get_ylabel()) if label]
         assert labels
         assert all(label.endswith("]") for label in labels), (name, labels)
         figure.savefig(tmp_path / f"{name}.png")
+    assert "virtual_v0.3_r1" in repr(motions)
     shown = fits.plot().axes[0].containers[0].lines[0]
     np.testing.assert_array_equal(shown.get_ydata(), [fit.k92.value for fit in fits])
     velocity = motions.plot().axes[0].lines[0]
     np.testing.assert_array_equal(velocity.get_ydata(), motions[0].motion.v)
     with pytest.raises(TypeError, match="of other records one"):
         gl.params().plot()
+
+
+def test_what_a_command_prints_and_writes_is_what_the_function_returns(
+    tmp_path: Path, fits: Records[K92Fit]
+) -> None:
+    document = json.loads(lab("ingest", SAMPLE, "--out", tmp_path, "--jobs", 1, "--json"))["trials"][0]
+    found = gl.ingest(SAMPLE)
+    motion = found[0].motion
+    assert document["slip_ratio"] == {"value": motion.slip_ratio.value, "std": motion.slip_ratio.std}
+    table, frame = pd.read_csv(tmp_path / "virtual_v0.3_r1.csv"), found.to_frame()
+    assert list(frame.columns) == ["trial", *table.columns]
+    np.testing.assert_allclose(frame["v_mps"], table["v_mps"], rtol=1e-8, atol=1e-12)
+
+    options = ("--variant", 0.5, "--k92", 0.111)
+    document = json.loads(lab("simulate", *options, "--out", tmp_path / "r.csv", "--json"))
+    run = gl.simulate(0.5, k92=0.111)
+    assert run.slip_ratio == document["slip_ratio"]
+    np.testing.assert_allclose(
+        run.to_frame()["v_mps"], pd.read_csv(tmp_path / "r.csv")["v_mps"], rtol=1e-8, atol=1e-12
+    )
+
+    columns = json.loads(lab("inspect", SAMPLE, "--json"))["files"][0]["columns"]
+    inspection = gl.inspect(SAMPLE)
+    assert columns == json.loads(json.dumps(inspection.as_json()))["files"][0]["columns"]
+    assert list(inspection.to_frame()["column"]) == [c["name"] for c in columns]
+
+    document = json.loads(lab("fit-k92", SAMPLE, OTHER, "--jobs", 1, "--no-cache", "--json"))
+    assert [f["k92"]["value"] for f in document["fits"]] == [fit.k92.value for fit in fits]
+    assert list(fits.to_frame()["trial"]) == ["virtual_v0.3_r1", "virtual_v0.7_r2"]
+    assert list(gl.fit_a_theta(list(fits)).to_frame()["k92"]) == list(fits.to_frame()["k92"])
+    assert len(fits[:1].to_frame()) == 1
+
+    rows = json.loads(lab("params", "--json"))["parameters"]
+    assert list(gl.params().to_frame()["value"]) == [row["value"] for row in rows]
 
 
 def test_ingest_takes_what_the_options_say() -> None:
@@ -184,48 +193,37 @@ def test_ingest_takes_what_the_options_say() -> None:
         against_reference=False,
     )[0].motion  # fmt: skip
     assert told.distance.value == pytest.approx(bare.distance.value + 0.01, abs=1e-3)
-    with pytest.raises(UsageError, match="one trial"):
-        gl.ingest([SAMPLE, OTHER], imu=SAMPLE)
-    with pytest.raises(InputError, match="does not exist"):
-        gl.ingest(SAMPLES / "none.csv")
-    with pytest.raises(UsageError, match="no trials given"):
-        gl.ingest([])
 
 
-def test_inspect_is_the_command() -> None:
-    document = json.loads(lab("inspect", SAMPLE, "--json"))
-    inspection = gl.inspect(SAMPLE)
-    assert (
-        document["files"][0]["columns"] == json.loads(json.dumps(inspection.as_json()))["files"][0]["columns"]
-    )
-    frame = inspection.to_frame()
-    assert list(frame["column"]) == [c["name"] for c in document["files"][0]["columns"]]
-    assert frame.set_index("column").loc["imu_gy_radps", "unit"] == "rad/s"
-
-
-def test_simulate_is_the_command(tmp_path: Path) -> None:
-    document = json.loads(
-        lab("simulate", "--variant", 0.5, "--k92", 0.111, "--out", tmp_path / "r.csv", "--json")
-    )
-    run = gl.simulate(0.5, k92=0.111)
-    assert run.slip_ratio == document["slip_ratio"]
-    frame, table = run.to_frame(), pd.read_csv(tmp_path / "r.csv")
-    assert list(frame.columns) == list(table.columns)
-    np.testing.assert_allclose(frame["v_mps"], table["v_mps"], rtol=1e-8, atol=1e-12)
-    with pytest.raises(UsageError, match="exclude each other"):
-        gl.simulate(0.5, k92=0.1, a_theta=4)
-    with pytest.raises(UsageError, match="the motion is not given"):
-        gl.simulate(v=0.5)
+@pytest.mark.parametrize(
+    ("call", "kind", "said"),
+    [
+        (lambda: gl.ingest([SAMPLE, OTHER], imu=SAMPLE), UsageError, "one trial"),
+        (lambda: gl.ingest(SAMPLES / "none.csv"), InputError, "does not exist"),
+        (lambda: gl.ingest([]), UsageError, "no trials given"),
+        (lambda: gl.simulate(0.5, k92=0.1, a_theta=4), UsageError, "exclude each other"),
+        (lambda: gl.simulate(v=0.5), UsageError, "the motion is not given"),
+        (
+            lambda: gl.simulate(0.5, active={"drive_reactio": {}}),
+            UsageError,
+            "unknown effect 'drive_reactio'",
+        ),
+        (gl.fit_a_theta, UsageError, "trials or published"),
+        (lambda: gl.fit_a_theta(SAMPLE, published=True), UsageError, "trials or published"),
+        (lambda: gl.show_effect("tyre_wind"), UsageError, "unknown effect"),
+        (lambda: gl.hide("none", SAMPLES), UsageError, "holds a hidden set already"),
+        (lambda: gl.view(ROOT / "docs"), InputError, "no recording in it"),
+    ],
+)
+def test_known_trouble_is_an_error_of_its_kind(call: Callable[[], object], kind: type, said: str) -> None:
+    with pytest.raises(kind, match=said):
+        call()
 
 
 def test_simulate_switches_effects_on_by_name() -> None:
     plain, with_effect = gl.simulate(0.5), gl.simulate(0.5, active={"drive_reaction": {}})
-    assert (
-        with_effect.effects == {"drive_reaction": {"share": 0.0}} or "drive_reaction" in with_effect.effects
-    )
+    assert "drive_reaction" in with_effect.effects
     assert with_effect.slip_ratio == pytest.approx(plain.slip_ratio, abs=1e-4)  # neutral values
-    with pytest.raises(UsageError, match="unknown effect 'drive_reactio'"):
-        gl.simulate(0.5, active={"drive_reactio": {}})
 
 
 def test_a_table_is_stored_as_csv_or_parquet(tmp_path: Path) -> None:
@@ -234,9 +232,6 @@ def test_a_table_is_stored_as_csv_or_parquet(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "run.parquet"), run)
     lab("simulate", "--variant", 0.3, "--format", "parquet", "--out", tmp_path / "named")
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "named"), run)
-    lab("ingest", SAMPLE, "--out", tmp_path, "--format", "parquet", "--jobs", 1)
-    motion = gl.ingest(SAMPLE)[0].to_frame()
-    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "virtual_v0.3_r1.parquet"), motion)
     assert not list(tmp_path.glob("*.part"))
     with pytest.raises(UsageError, match="--format xlsx: not known"):
         lab("simulate", "--variant", 0.3, "--format", "xlsx")
@@ -247,8 +242,6 @@ def test_a_table_is_stored_as_csv_or_parquet(tmp_path: Path) -> None:
 def test_without_pyarrow_one_line_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import importlib.util
-
     real = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *a: None if name == "pyarrow" else real(name, *a)
@@ -257,34 +250,6 @@ def test_without_pyarrow_one_line_says_what_to_install(
         lab("simulate", "--variant", 0.3, "--out", tmp_path / "run.parquet")
     assert caught.value.hint == "pip install 'granite-lab[parquet]'"
     assert not list(tmp_path.iterdir())
-
-
-def test_fits_and_comparison_are_the_commands(tmp_path: Path) -> None:
-    logs = [SAMPLE, OTHER]
-    document = json.loads(lab("fit-k92", *logs, "--jobs", 1, "--no-cache", "--json"))
-    fits = gl.fit_k92(logs)
-    assert [f["k92"]["value"] for f in document["fits"]] == [fit.k92.value for fit in fits]
-    frame = fits.to_frame()
-    assert list(frame["trial"]) == ["virtual_v0.3_r1", "virtual_v0.7_r2"]
-    assert list(frame["k92"]) == [fit.k92.value for fit in fits]
-    assert len(fits[:1].to_frame()) == 1
-    law = gl.fit_a_theta(fits)
-    assert list(law.to_frame()["k92"]) == list(frame["k92"])
-    compared = gl.compare(SAMPLE, out=tmp_path)
-    assert list(tmp_path.iterdir())
-    table = compared.to_frame()
-    assert {"trial", "channel", "phase", "rms", "unit"} <= set(table.columns)
-    steady = table[(table["channel"] == "velocity") & (table["phase"] == "steady")]
-    assert steady["rms"].iloc[0] == next(
-        m.rms for m in compared[0].misfits if (m.channel, m.phase) == ("velocity", "steady")
-    )
-
-
-def test_published_a_theta() -> None:
-    assert gl.fit_a_theta(published=True).log_linear == pytest.approx(4.919, abs=1e-3)
-    for wrong in ({}, {"logs": SAMPLE, "published": True}):
-        with pytest.raises(UsageError, match="trials or published"):
-            gl.fit_a_theta(**wrong)  # type: ignore[arg-type]
 
 
 def test_a_study_writes_only_where_it_is_told_and_keeps_failures(
@@ -299,34 +264,25 @@ def test_a_study_writes_only_where_it_is_told_and_keeps_failures(
     frame = result.to_frame()
     assert list(frame["trial"]) == ["virtual_v0.3_r1"]
     assert frame["k92"].iloc[0] == result.trials[0].comparison.fit.k92.value
-    page = gl.report(result, tmp_path / "out")
-    assert page.is_file()
+    assert gl.report(result, tmp_path / "out").is_file()
     recordings = gl.record(result, tmp_path / "rec")
     assert [path.name for path in recordings] == ["virtual_v0.3_r1.rrd", "study.rrd"]
     with pytest.raises((InputError, EstimateError)):
         gl.study([broken], discover=False)
 
 
-def test_parameters_and_effects_are_tables() -> None:
-    rows = json.loads(lab("params", "--json"))["parameters"]
-    frame = gl.params().to_frame()
-    assert list(frame["value"]) == [row["value"] for row in rows]
+def test_effects_are_tables() -> None:
     effects = gl.list_effects().to_frame()
     shown = gl.show_effect("tyre_windup").to_frame()
     assert set(shown["parameter"]) == set(effects.loc[effects["effect"] == "tyre_windup", "parameter"])
-    with pytest.raises(UsageError, match="unknown effect"):
-        gl.show_effect("tyre_wind")
 
 
 def test_hide_and_reveal(tmp_path: Path) -> None:
-    made = gl.hide("drive_reaction", tmp_path / "set", seed=3, repetitions=1)
-    frame = made.to_frame()
+    frame = gl.hide("drive_reaction", tmp_path / "set", seed=3, repetitions=1).to_frame()
     assert list(frame["trial"]) == ["hidden_v0.2_r1", "hidden_v0.3_r1", "hidden_v0.5_r1", "hidden_v0.7_r1"]
     opened = gl.reveal(tmp_path / "set")
     assert list(opened.to_frame()["effect"].unique()) == ["drive_reaction"]
     assert opened.warnings == ()
-    with pytest.raises(UsageError, match="holds a hidden set already"):
-        gl.hide("none", tmp_path / "set")
 
 
 def test_discover_takes_the_command_s_path(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -347,26 +303,6 @@ def test_discover_takes_the_command_s_path(monkeypatch: pytest.MonkeyPatch) -> N
     assert options.robot == "granite"  # type: ignore[attr-defined]
     assert (options.tolerance, options.latency) == (0.05, 0.03)  # type: ignore[attr-defined]
     assert len(rest["motions"]) == 2  # type: ignore[arg-type]
-
-
-def test_a_finding_is_a_table_of_candidates() -> None:
-    finding = object.__new__(Finding)
-    candidates = (
-        Candidate("a", 50.0, 0.98, 0.9, "named"), Candidate("b", -1.0, 0.0, float("nan"), "screened"),
-    )  # fmt: skip
-    object.__setattr__(finding, "candidates", candidates)
-    frame = finding.to_frame()
-    assert list(frame["effect"]) == ["a", "b"]
-    assert list(frame["probability"]) == [0.98, 0.0]
-    assert list(frame["status"]) == ["named", "screened"]
-
-
-def test_view_refuses_what_is_no_recording(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no recording in it"):
-        gl.view(tmp_path)
-    (tmp_path / "x.rrd").write_text("no")
-    with pytest.raises(InputError, match="not a Rerun recording"):
-        gl.view(tmp_path / "x.rrd")
 
 
 def test_a_file_that_was_edited_meanwhile_is_read_again(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -15,7 +16,9 @@ import pytest
 from tests.corpus import cli
 
 ROOT = Path(__file__).parent.parent.parent
-SAMPLE = ROOT / "data" / "samples" / "virtual_v0.3_r1.csv"
+SAMPLES = ROOT / "data" / "samples"
+SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
+TRIALS = [SAMPLE, SAMPLES / "virtual_v0.7_r1.csv"]
 
 
 def lab(*args: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -23,6 +26,15 @@ def lab(*args: object, cwd: Path | None = None) -> subprocess.CompletedProcess[s
     with contextlib.chdir(cwd or Path.cwd()):
         done = cli.lab(*args)
     return subprocess.CompletedProcess(args, done.code, done.out, done.err)
+
+
+def lab_json(*args: object, cwd: Path | None = None) -> dict[str, Any]:
+    """Run a command and return its one document, which says of which command it is."""
+    done = lab(*args, "--json", cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    document: dict[str, Any] = json.loads(done.stdout)
+    assert document["schema"] == f"granite-lab/{args[0]}/1"
+    return document
 
 
 def process(*args: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -58,10 +70,7 @@ def test_help_costs_about_what_importing_numpy_costs() -> None:
 
 
 def test_simulate_writes_a_run_and_one_json_document(tmp_path: Path) -> None:
-    done = lab("simulate", "--variant", "0.5", "--k92", "0.111", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    document = json.loads(done.stdout)
-    assert document["schema"] == "granite-lab/simulate/1"
+    document = lab_json("simulate", "--variant", "0.5", "--k92", "0.111", cwd=tmp_path)
     assert document["slip_ratio"] == pytest.approx(0.1625, abs=0.001)
     run = pd.read_csv(tmp_path / document["run"])
     named = (
@@ -111,6 +120,7 @@ def test_a_virtual_log_is_made_again_to_the_byte(tmp_path: Path) -> None:
         (["simulate", "--variant", "0.5", "--truth", "t.csv"], 2, "--truth needs --log", ""),
         (["ingest", "missing.csv"], 3, "missing.csv", ""),
         (["ingest"], 2, "no trials given", ""),
+        (["fit-atheta"], 2, "no trials given", ""),
         (["ingest", SAMPLE, "--rest", "2:1"], 2, "ends before it begins", "0:1.2"),
         (["fit-atheta", "--published", SAMPLE], 2, "--published takes no trials", ""),
         (["params", "--grade", "tactical"], 2, "unknown IMU grade", "industrial"),
@@ -134,16 +144,15 @@ def test_known_trouble_is_one_line_a_hint_and_an_exit_code(
 
 
 def test_params_prints_every_number_with_its_origin() -> None:
-    document = json.loads(lab("params", "--json").stdout)
-    assert document["schema"] == "granite-lab/params/1"
+    document = lab_json("params")
     assert {"group", "key", "value", "unit", "low", "high", "origin"} <= set(document["parameters"][0])
     shown = lab("params").stdout
     assert max(map(len, shown.splitlines())) <= 80
 
 
 def test_published_a_theta_is_the_papers() -> None:
-    document = json.loads(lab("fit-atheta", "--published", "--json").stdout)
-    assert document["schema"] == "granite-lab/fit-atheta/1"
+    document = lab_json("fit-atheta", "--published")
+    assert document["agrees"] is True
     assert document["log_linear"] == pytest.approx(4.919, abs=0.001)
     linear = next(law for law in document["laws"] if law["id"] == "linear_slip")
     values = sorted(p["value"] for p in linear["parameters"].values())
@@ -152,10 +161,7 @@ def test_published_a_theta_is_the_papers() -> None:
 
 
 def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> None:
-    done = lab("ingest", SAMPLE, "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    document = json.loads(done.stdout)
-    trial = document["trials"][0]
+    trial = lab_json("ingest", SAMPLE, cwd=tmp_path)["trials"][0]
     assert trial["variant_mps"] == 0.3
     motion = pd.read_csv(tmp_path / trial["motion"])
     named = "t_s x_m x_std_m v_mps v_std_mps pitch_rad pitch_std_rad phase"
@@ -169,13 +175,36 @@ def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> Non
 
 
 def test_fit_k92_gives_a_value_with_its_std(tmp_path: Path) -> None:
-    done = lab("fit-k92", SAMPLE, "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    fit = json.loads(done.stdout)["fits"][0]
+    fit = lab_json("fit-k92", SAMPLE, cwd=tmp_path)["fits"][0]
     assert fit["status"] == "ok"
     assert 0.1 < fit["k92"]["value"] < 0.5
     assert 0 < fit["k92"]["std"] < 0.2
     assert fit["slip_ratio"]["simulated"] == pytest.approx(fit["slip_ratio"]["measured"], abs=0.002)
+
+
+def test_notes_are_counted_and_listed_on_request(tmp_path: Path) -> None:
+    out = tmp_path / "k92 of trials.csv"
+    short, long = lab("fit-k92", *TRIALS, "--out", out), lab("fit-k92", *TRIALS, "--verbose")
+    notes = {n for fit in lab_json("fit-k92", *TRIALS)["fits"] for n in fit["notes"]}
+    assert notes
+    assert f"{len(notes)} notes of the fits: --verbose lists them" in short.stdout
+    assert len(long.stdout.splitlines()) > len(short.stdout.splitlines())
+    assert "--verbose" not in long.stdout
+    assert max(map(len, (short.stdout + long.stdout).splitlines())) <= 80
+    table = pd.read_csv(out)
+    assert list(table["trial"]) == [path.stem for path in TRIALS]
+    assert set(table["data"]) == {"virtual"}
+
+
+def test_fit_atheta_names_its_trials_and_needs_three_speeds_for_a_verdict(tmp_path: Path) -> None:
+    out = tmp_path / "points.csv"
+    done = lab("fit-atheta", *TRIALS, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert "Not tested" in done.stdout
+    shown = " ".join(done.stdout.split())
+    assert "Virtual trials: virtual_v0.3_r1, virtual_v0.7_r1." in shown
+    assert set(pd.read_csv(out)["data"]) == {"virtual"}
+    assert lab_json("fit-atheta", *TRIALS)["agrees"] is None
 
 
 @pytest.mark.parametrize("command", ["discover", "study", "fit-k92", "fit-atheta", "compare", "ingest"])

@@ -63,7 +63,10 @@ def test_a_study_lists_excluded_trials_and_is_verified_without_them(tmp_path: Pa
     assert done.code == 0, done.err
     document = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert document["failures"] == [{"trial": B, "message": "excluded: a wheel hit a stone", "hint": ""}]
-    assert "a wheel hit a stone" in (out / "index.html").read_text(encoding="utf-8")
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert "1 more trial excluded by the user." in page
+    assert f"{B}: excluded: a wheel hit a stone" in page
+    assert "could not be used" not in page
     again = lab("study", folder, "--verify", out, "--jobs", 1)
     assert again.code == 0, again.out + again.err
 

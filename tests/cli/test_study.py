@@ -77,6 +77,25 @@ def test_report_and_recordings_are_complete(folder: Path) -> None:
     assert "virtual" in page.lower()
 
 
+def test_an_unchanged_report_is_kept_and_an_edited_one_is_written_again(folder: Path) -> None:
+    report = folder / "reports" / "mine"
+    page, before = report / "index.html", stamps(report)
+    text = page.read_bytes()
+    done = lab("study", "trials", "--out", "reports/mine", "--json", cwd=folder)
+    first = json.loads((folder / "stdout").read_text(encoding="utf-8"))
+    assert json.loads(done.stdout) == first | {"unchanged": True}
+    assert stamps(report) == before
+    page.write_text("edited", encoding="utf-8")
+    done = lab("study", "trials", "--out", "reports/mine", cwd=folder)
+    assert "(unchanged" not in done.stdout
+    assert page.read_bytes() == text
+    assert "(unchanged" in lab("study", "trials", "--out", "reports/mine", cwd=folder).stdout
+
+
+def stamps(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+
+
 def test_strict_ends_at_a_failing_trial(folder: Path) -> None:
     done = lab(
         "study", "trials", "--out", "strict", "--strict", "--no-recordings", "--no-discover", cwd=folder
