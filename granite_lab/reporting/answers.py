@@ -82,7 +82,7 @@ class Answers:
 
 
 def of_study(result: StudyResult, model: Path | str | None = None, folder: str = "") -> Answers:
-    """Decide what a study answers.
+    """Decide what a study answers; without trials and with a finding, what the search alone does.
 
     Args:
         result: the study.
@@ -93,39 +93,30 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     speeds = by_speed(result, paper)
     a_theta, agrees = a_theta_of(result.a_theta)
     channels = channels_of(gaps([r.comparison for r in result.trials]))
+    questions = []
+    if speeds:
+        questions = [_slip(speeds), law_answer(result.a_theta, finding), model_answer(channels, finding)]
+    elif finding is not None:
+        questions = [_explained(finding)]
+    questions.append(missing_answer(finding, result.unsearched))
+    questions += [closes_answer(finding)] if finding else []
+    questions.append(_trust(result, finding))
     steps = next_steps(finding, model, folder or result.name) if finding else ()
-    of_trials = (_slip(speeds), law_answer(result.a_theta, finding), model_answer(channels, finding))
-    questions = (
-        *(of_trials if speeds else ()),
-        missing_answer(finding, result.unsearched),
-        *((closes_answer(finding),) if finding else ()),
-        _trust(result, finding),
-        *_next(steps),
-    )
     return Answers(
-        _lead(result, speeds), _virtual(result), questions, steps, speeds, a_theta, agrees, channels,
-        paper.a_theta,
+        _lead(result, speeds), _virtual(result), (*questions, *_next(steps)), steps, speeds, a_theta, agrees,
+        channels, paper.a_theta,
     )  # fmt: skip
 
 
-def of_search(finding: Finding, model: Path | str | None = None, folder: str = "") -> Answers:
-    """Decide what a search for a missing effect answers; arguments as in `of_study`."""
-    trials = {r.trial: r.variant for r in finding.residuals}
-    lead = _drove(len(trials), [finding.robot.title], [finding.soil.title], sorted(set(trials.values())))
-    virtual = (
-        "A simulator wrote the sensor logs of these trials; no robot was driven. Nothing here is about "
-        "real sand."
-    )
-    gap, _, where = gap_pair(finding)
+def _explained(finding: Finding) -> Answer:
+    """Say how far the model without effects is from the sensors."""
     alike = finding.verdict == "none"
-    explained = Answer(
+    gap, _, where = gap_pair(finding)
+    return Answer(
         "model", "Does the paper's model explain the sensors?", "Yes" if alike else "No",
         f"Sensors and model differ by {times(gap)} times {_limit(finding)}, {where}.",
         "good" if alike else "fair",
     )  # fmt: skip
-    steps = next_steps(finding, model, folder or "FOLDER")
-    questions = (explained, missing_answer(finding), closes_answer(finding), _trust(None, finding))
-    return Answers(f"{lead}.", virtual if finding.virtual else "", (*questions, *_next(steps)), steps)
 
 
 def _drove(trials: int, robots: Sequence[str], soils: Sequence[str], speeds: Sequence[float]) -> str:
@@ -139,20 +130,30 @@ def _drove(trials: int, robots: Sequence[str], soils: Sequence[str], speeds: Seq
 
 
 def _lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
+    if not result.trials and result.finding is not None:
+        robot, soil = result.finding.robot.title, result.finding.soil.title
+        driven = {r.trial: r.variant for r in result.finding.residuals}
+        return f"{_drove(len(driven), [robot], [soil], sorted(set(driven.values())))}."
     if not result.trials:
         return f"None of {len(result.failures)} trials could be used. The reasons are listed below."
     runs = [r.comparison.run for r in result.trials]
+    robots, soils = [r.robot.title for r in runs], [r.soil.title for r in runs]
+    drove = _drove(len(runs), robots, soils, [s.velocity for s in speeds])
     counts = {len(s.results) for s in speeds}
     each = f" ({counts.pop()} at each speed)" if len(counts) == 1 and len(speeds) > 1 else ""
-    failed = len(result.failures)
+    excluded = sum(f.excluded for f in result.failures)
+    failed = len(result.failures) - excluded
     left_out = f" {plural(failed, 'more trial')} could not be used." if failed else ""
-    drove = _drove(
-        len(runs), [r.robot.title for r in runs], [r.soil.title for r in runs], [s.velocity for s in speeds]
-    )
+    left_out += f" {plural(excluded, 'more trial')} excluded by the user." if excluded else ""
     return f"{drove}{each}.{left_out}"
 
 
 def _virtual(result: StudyResult) -> str:
+    if not result.trials and result.finding is not None and result.finding.virtual:
+        return (
+            "A simulator wrote the sensor logs of these trials; no robot was driven. Nothing here is about "
+            "real sand."
+        )
     count = sum(r.trial.info.virtual or r.comparison.motion.virtual for r in result.trials)
     if not count:
         return ""
@@ -308,27 +309,23 @@ def closes_answer(finding: Finding) -> Answer:
     return Answer("closes", question, verdict, text, "good" if finding.remainder <= MUCH else "fair")
 
 
-def _trust(result: StudyResult | None, finding: Finding | None) -> Answer:
+def _trust(result: StudyResult, finding: Finding | None) -> Answer:
     """Say what speaks for the answers, and every doubt."""
     grounds, doubts = [], []
-    if result is not None:
-        doubtful = [r.trial.name for r in result.trials if not r.comparison.motion.health.good]
-        n = len(result.trials)
-        if doubtful:
-            more = f" and {len(doubtful) - 3} more" if len(doubtful) > 3 else ""
-            doubts.append(
-                f"{len(doubtful)} of {plural(n, 'estimate')} doubtful ({', '.join(doubtful[:3])}{more})"
-            )
-        elif n:
-            grounds.append(
-                "The motion estimate is good." if n == 1 else f"All {n} motion estimates are good."
-            )
-        if result.failures:
-            doubts.append(f"{plural(len(result.failures), 'trial')} could not be used")
-        if finding is None or not finding.provisional:
-            speeds = Counter(round(r.comparison.motion.variant.velocity, 2) for r in result.trials)
-            doubts += [f"only {plural(len(speeds), 'speed')}"] if 0 < len(speeds) < SPEEDS else []
-            doubts += ["no speed was driven twice"] if speeds and max(speeds.values()) < 2 else []
+    doubtful = [r.trial.name for r in result.trials if not r.comparison.motion.health.good]
+    n = len(result.trials)
+    if doubtful:
+        more = f" and {len(doubtful) - 3} more" if len(doubtful) > 3 else ""
+        named = ", ".join(doubtful[:3])
+        doubts.append(f"{len(doubtful)} of {plural(n, 'estimate')} doubtful ({named}{more})")
+    elif n:
+        grounds.append("The motion estimate is good." if n == 1 else f"All {n} motion estimates are good.")
+    if failed := sum(not f.excluded for f in result.failures):
+        doubts.append(f"{plural(failed, 'trial')} could not be used")
+    if finding is None or not finding.provisional:
+        speeds = Counter(round(r.comparison.motion.variant.velocity, 2) for r in result.trials)
+        doubts += [f"only {plural(len(speeds), 'speed')}"] if 0 < len(speeds) < SPEEDS else []
+        doubts += ["no speed was driven twice"] if speeds and max(speeds.values()) < 2 else []
     if finding is not None:
         doubts += [reason.rstrip(".") for reason in finding.provisional]
         doubts += [f"{plain(e.id)} has a twin" for e in finding.effects if e.twins]

@@ -137,7 +137,7 @@ def study_report(
     effects: Mapping[str, Effect] | None = None,
     folder: str = "",
 ) -> Report:
-    """Lay out the report of a study.
+    """Lay out the report of a study, or of a search alone, which is a study without trials.
 
     Args:
         result: the study.
@@ -153,40 +153,17 @@ def study_report(
             Section("model", "Model and measurement", _kept(_model(result, decided))),
         ]
     elif result.failures:
-        sections = [Section("trials", "Trials that could not be used", (_failures(result),))]
+        sections = [Section("trials", "Trials that were left out", (_failures(result),))]
     if result.finding is not None:
         sections.append(Section("missing", "What is missing", _kept(_missing(result.finding, effects))))
     if result.trials:
         sections.append(Section("trials", "Quality of the trials", _kept(_quality(result))))
     sections.append(_provenance(result.source, decided.steps[1:]))
-    first = tables.slip_table(decided) if decided.speeds else None
-    return Report(result.name, "Report of a study", decided, first, tuple(sections))
-
-
-def search_report(
-    finding: Finding,
-    name: str,
-    source: Source,
-    *,
-    model: Path | str | None = None,
-    effects: Mapping[str, Effect] | None = None,
-    folder: str = "",
-) -> Report:
-    """Lay out the report of a search for the missing effect.
-
-    Args:
-        finding: the record.
-        name: of the report.
-        source: where it comes from.
-        model, effects, folder: as in `study_report`.
-    """
-    decided = decide.of_search(finding, model, folder or name)
-    sections = (
-        Section("missing", "What is missing", _kept(_missing(finding, effects))),
-        _provenance(source, decided.steps[1:]),
-    )
+    if result.trials or result.finding is None:
+        first = tables.slip_table(decided) if decided.speeds else None
+        return Report(result.name, "Report of a study", decided, first, tuple(sections))
     kind = "Report of a search for a missing effect"
-    return Report(name, kind, decided, None, sections, "finding.json")
+    return Report(result.name, kind, decided, None, tuple(sections), "finding.json")
 
 
 def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
@@ -274,7 +251,7 @@ def _quality(result: StudyResult) -> Iterator[Maybe]:
         text = f"{n - len(doubtful)} of {n} estimates of the motion are good. Exceptions:"
     yield f"{text} Good: velocity is fixed at both ends and the measurements agree with their noise."
     yield [f"{r.trial.name}: {r.comparison.motion.health.verdict}" for r in doubtful]
-    yield "Trials that could not be used:" if result.failures else None
+    yield "Trials that were left out:" if result.failures else None
     yield _failures(result)
     warnings = shared(
         [(r.trial.name, (*r.trial.warnings, *r.comparison.motion.warnings)) for r in result.trials]

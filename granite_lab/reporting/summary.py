@@ -11,7 +11,7 @@ import numpy as np
 
 from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.estimate import Estimate
-from granite_lab.fitting.likelihood import chosen, k92_interval
+from granite_lab.fitting.likelihood import k92_interval
 from granite_lab.parameters import Paper
 from granite_lab.reporting.content import StudyResult, TrialResult
 from granite_lab.reporting.rounding import Number, decided, shown_as, significant, tidy_unit, with_unit
@@ -116,7 +116,7 @@ def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
         *slip, count = mean_over(t.comparison.motion.slip_ratio for t in trials)
         k92 = mean_over(f.k92 for f in inner)
         # The interval is by the likelihood where the covariance is not enough.
-        ends = chosen((k92.low, k92.high), k92_interval(inner, (k92.high - k92.low) / 2))
+        ends = k92_interval(inner, (k92.low, k92.high))
         own = next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None)
         rows.append(
             Speed(

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import lru_cache
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.as_json import finding_as_json
@@ -24,18 +21,18 @@ from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.paper import report_pdf
 from granite_lab.reporting.plot_motion import comparison_figure, misfit_figure
+from granite_lab.reporting.render import to_html, to_latex, to_markdown
 from granite_lab.reporting.report import (
     LIBRARIES,
     Block,
     Gallery,
     Report,
     made_by,
-    search_report,
     study_report,
     today,
 )
 from granite_lab.reporting.summary import channels_of, gaps
-from granite_lab.reporting.table import Table, to_latex
+from granite_lab.reporting.table import Table
 from granite_lab.reporting.tables import channel_table, misfit_table
 from granite_lab.reporting.two_studies import Compared, compared_figure, compared_table
 
@@ -108,7 +105,8 @@ def write_discovery(
         LabError: a file cannot be written.
     """
     beside, name = Path(model).name if model is not None else None, folder.resolve().name
-    report = search_report(finding, name, source, model=beside, effects=effects, folder=_named(folder))
+    alone = StudyResult(name, (), (), None, source, finding)
+    report = study_report(alone, model=beside, effects=effects, folder=_named(folder))
     return _write_all(report, folder, "finding.json", dumps(finding_as_json(finding, model)), jobs)
 
 
@@ -226,48 +224,3 @@ def _replacing(folder: Path) -> Iterator[Path]:
                 entry.replace(target)
     except OSError as error:
         raise readable(error, folder, "write") from error
-
-
-_SYMBOL = re.compile(r"\b(k_92|a_θ|λ_R|b_0|b_1)\b")
-_UNIT = re.compile(r"(?<=\d) (?=[%°]|(?:m/s|mm/s|s/m|N m|ms)\b)")
-_MARKDOWN = {c: f"\\{c}" for c in "\\`*_[]|~#$"} | {"&": "&amp;", "<": "&lt;", ">": "&gt;"}
-_BREAKS = re.compile(r"[\r\n\t\v\f\x00-\x1f]+")
-
-
-def to_html(report: Report, pictures: Mapping[str, Markup]) -> str:
-    """Return the report as one HTML page; `pictures` are its figures on the page, by name."""
-    return _environment(html=True).get_template("report.html").render(report=report, svg=pictures)
-
-
-def to_markdown(template: str, **content: object) -> str:
-    """Return a page as Markdown that shows the figures beside it."""
-    text = _environment(html=False).get_template(template).render(**content)
-    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
-
-
-def marked(text: object) -> Markup:
-    """Escape a text, keep numbers on the line of their units, and set λ_R with its index low."""
-    safe = _UNIT.sub("\u00a0", str(escape(text)))
-    return Markup(_SYMBOL.sub(lambda m: m[1].replace("_", "<sub>", 1) + "</sub>", safe))
-
-
-def plain_markdown(value: object) -> str:
-    """Escape a text so that Markdown shows it as it is, on one line, also inside a table."""
-    if isinstance(value, Markup):
-        return value
-    return "".join(_MARKDOWN.get(c, c) for c in _BREAKS.sub(" ", str(value)))
-
-
-@lru_cache
-def _environment(*, html: bool) -> Environment:
-    environment = Environment(
-        loader=PackageLoader("granite_lab.reporting"),
-        autoescape=html,
-        finalize=None if html else plain_markdown,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-    )
-    environment.filters["marked"] = marked
-    environment.filters["fenced"] = lambda text: Markup(_BREAKS.sub(" ", str(text)).replace("`", " "))
-    environment.filters["kind"] = lambda block: type(block).__name__
-    return environment

@@ -12,24 +12,14 @@ import pytest
 from granite_lab.discovery.finding import Finding
 from granite_lab.reporting.content import TrialResult
 from granite_lab.reporting.recording import record_study, record_trial
-from tests.recording.made_up import made_up_study, made_up_trial
-from tests.recording.read_back import ReadBack, verify
+from tests.recording.read_back import ReadBack
+from tests.reporting.made_up import made_up_study, made_up_trial
 from tests.reporting.made_up_finding import BUMP, CHANNELS, START, made_up_finding
 
 NANOSECOND = 0.6e-9
 DEGREE = 180 / np.pi
 LATE = START - 102.0
 """The search starts the command so much later than the comparison [s]."""
-
-
-@pytest.fixture(scope="module")
-def trial() -> TrialResult:
-    return made_up_trial(0.3, repetition=2)
-
-
-@pytest.fixture(scope="module")
-def finding() -> Finding:
-    return made_up_finding()
 
 
 @pytest.fixture(scope="module")
@@ -41,10 +31,6 @@ def path(trial: TrialResult, finding: Finding, tmp_path_factory: pytest.TempPath
 @pytest.fixture(scope="module")
 def back(path: Path) -> ReadBack:
     return ReadBack(path)
-
-
-def test_rerun_accepts_it(path: Path) -> None:
-    assert "1 file verified" in verify(path)
 
 
 def test_disagreements_are_bars_on_the_trials_own_clock(back: ReadBack) -> None:
@@ -63,12 +49,8 @@ def test_bars_end_do_not_overlap_and_stay_within_the_log(
         dataclasses.replace(one, start=start - LATE, end=end - LATE, share=share)
         for start, end, share in ((2.0, 4.0, 0.2), (3.0, 5.0, 0.4), (50.0, 60.0, 0.6))
     ]
-    path = record_trial(
-        trial.trial,
-        trial.comparison,
-        tmp_path / "a.rrd",
-        finding=dataclasses.replace(finding, where=tuple(where)),
-    )
+    found = dataclasses.replace(finding, where=tuple(where))
+    path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=found)
     back, lane = ReadBack(path), "/simulation_differs/pitch_rate"
     assert back.texts(lane, "StateChange:state") == ["none", "20 %", "40 %", "none"]
     np.testing.assert_allclose(back.t(lane), [-2.0, 2.0, 3.0, 5.0], atol=NANOSECOND)
@@ -138,23 +120,19 @@ def test_nothing_found_is_said_and_no_after_is_drawn(trial: TrialResult, tmp_pat
     assert "/discrepancy_pitch_rate/from_model" not in back.entities()
 
 
-def test_a_trial_that_was_not_searched_is_recorded_as_without(trial: TrialResult, tmp_path: Path) -> None:
-    finding = made_up_finding(names="another_{speed}_{repetition}")
-    path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=finding)
-    entities = ReadBack(path).entities()
-    assert not [e for e in entities if "found_" in e or "simulation_differs" in e]
-
-
-def test_a_trial_that_was_dropped_says_why(trial: TrialResult, tmp_path: Path) -> None:
+def test_a_trial_that_was_not_searched_has_no_bars_and_one_that_was_dropped_says_why(
+    trial: TrialResult, tmp_path: Path
+) -> None:
     finding = made_up_finding(names="another_{speed}_{repetition}")
     finding = dataclasses.replace(finding, dropped=((trial.trial.name, "no model fits it"),))
-    path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=finding)
-    lines = ReadBack(path).texts("/events", "TextLog:text")
+    back = ReadBack(record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=finding))
+    assert not [e for e in back.entities() if "found_" in e or "simulation_differs" in e]
+    lines = back.texts("/events", "TextLog:text")
     assert [line for line in lines if "left out of the search: no model fits it" in line]
 
 
 def test_a_study_shows_it_in_every_trial(tmp_path: Path, finding: Finding) -> None:
-    study = made_up_study(1, (0.3, 0.7))
+    study = made_up_study(speeds=(0.3, 0.7), repetitions=1)
     back = ReadBack(record_study(study, tmp_path / "study.rrd", finding=finding))
     for result in study.trials:
         root = f"/{result.trial.name}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from pathlib import Path
 
 import numpy as np
@@ -11,33 +10,17 @@ import pytest
 
 from granite_lab.errors import LabError
 from granite_lab.parameters import WHEELS
-from granite_lab.reporting.content import TrialResult
+from granite_lab.reporting.content import Failure, TrialResult
 from granite_lab.reporting.recording import record_study, record_trial
 from granite_lab.reporting.recording import write as write_module
 from granite_lab.reporting.recording.layout import extent_of
 from granite_lab.reporting.recording.lines import MOST_ROWS, Line
 from granite_lab.reporting.recording.scene import FORCE_SCALE, arc_arrow
-from tests.recording.made_up import REST, made_up_study, made_up_trial
 from tests.recording.read_back import ReadBack, verify
+from tests.reporting.made_up import made_up_study, made_up_trial
 
 NANOSECOND = 0.6e-9
 DEGREE = 180 / np.pi
-
-
-@pytest.fixture(scope="module")
-def trial() -> TrialResult:
-    return made_up_trial(0.3, repetition=2)
-
-
-@pytest.fixture(scope="module")
-def path(trial: TrialResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("recording")
-    return record_trial(trial.trial, trial.comparison, folder / "trial.rrd")
-
-
-@pytest.fixture(scope="module")
-def back(path: Path) -> ReadBack:
-    return ReadBack(path)
 
 
 def test_reruns_verifier_accepts_it(path: Path) -> None:
@@ -65,10 +48,9 @@ def test_motion_is_the_estimates_sample_by_sample(trial: TrialResult, back: Read
 
 
 def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: TrialResult, back: ReadBack) -> None:
-    moving = back.t("/wheel_slip/measured") > 0.2
-    moving &= back.t("/wheel_slip/measured") < trial.comparison.run.steady[1]
-    assert np.isfinite(back.scalars("/wheel_slip/measured")[moving]).all()
-    assert np.isnan(back.scalars("/wheel_slip/measured")[: int(REST / 0.02)]).all()
+    t, slip = back.t("/wheel_slip/measured"), back.scalars("/wheel_slip/measured")
+    assert np.isfinite(slip[(t > 0.2) & (t < trial.comparison.run.steady[1])]).all()
+    assert np.isnan(slip[t < 0]).all()
     for entity in back.batches:
         if "slip" in entity or "Measurements:values" not in back.batches[entity][0].schema.names:
             continue
@@ -133,17 +115,14 @@ def test_innovations_are_dots_in_units_of_their_std(trial: TrialResult, back: Re
 
 def test_every_line_names_its_unit(back: ReadBack) -> None:
     lines = [e for e in back.static if "Measurements:units" in back.static[e][0].schema.names]
+    units = {e: back.fixed(e, "Measurements:units") for e in lines}
     assert len(lines) > 20
-    for entity in lines:
-        units = back.fixed(entity, "Measurements:units")
-        assert len(units) == len(back.fixed(entity, "Measurements:names"))
-        assert set(units) <= {"m/s", "%", "N m", "°", "°/s", "m/s²", "A"}, (entity, units)
-    for entity, unit in (
-        ("/slip/measured_front", "%"),
-        ("/pitch/measured", "°"),
-        ("/pitch_rate/measured", "°/s"),
-    ):
-        assert back.fixed(entity, "Measurements:units") == [unit]
+    for entity, own in units.items():
+        assert len(own) == len(back.fixed(entity, "Measurements:names"))
+        assert set(own) <= {"m/s", "%", "N m", "°", "°/s", "m/s²", "A"}, entity
+    assert units["/slip/measured_front"] == ["%"]
+    assert units["/pitch/measured"] == ["°"]
+    assert units["/pitch_rate/measured"] == ["°/s"]
 
 
 def test_the_measured_robot_is_where_the_estimate_says(trial: TrialResult, back: ReadBack) -> None:
@@ -270,26 +249,18 @@ def test_phases_are_the_motions(trial: TrialResult, back: ReadBack) -> None:
 
 
 def test_the_log_tells_what_the_filter_did(trial: TrialResult, back: ReadBack) -> None:
-    lines = list(
-        zip(
-            back.t("/events"),
-            back.texts("/events", "TextLog:text"),
-            back.texts("/events", "TextLog:level"),
-            strict=True,
-        )
-    )
-    assert [t for t, _, _ in lines] == sorted(t for t, _, _ in lines)
-    text = "\n".join(line for _, line, _ in lines)
+    t, lines = back.t("/events"), back.texts("/events", "TextLog:text")
+    levels = dict(zip(lines, back.texts("/events", "TextLog:level"), strict=True))
+    assert (np.diff(t) >= 0).all()
+    text = "\n".join(lines)
     assert "virtual trial" in text
-    assert text.count("zero-velocity updates") == 2
-    assert text.count("zero-rate updates") == 2
-    assert "WARN" in {level for _, line, level in lines if "duplicate stamps" in line}
-    first = next(line for _, line, _ in lines if "zero-velocity" in line)
-    rests = trial.comparison.motion.health.rests
-    kinds = np.array(trial.comparison.motion.health.kind)
-    t = trial.comparison.motion.health.t
-    expected = int(((kinds == "zero_velocity") & (t <= rests[0][1])).sum())
-    assert f"updates: {expected}, until -0.0" in first
+    assert text.count("zero-velocity updates") == text.count("zero-rate updates") == 2
+    assert [levels[line] for line in lines if "duplicate stamps" in line] == ["WARN"]
+    health = trial.comparison.motion.health
+    first = sum(
+        k == "zero_velocity" and t <= health.rests[0][1] for k, t in zip(health.kind, health.t, strict=True)
+    )
+    assert f"zero-velocity updates: {first}, until -0.0" in text
 
 
 def test_updates_far_outside_their_std_are_named(trial: TrialResult, tmp_path: Path) -> None:
@@ -326,15 +297,14 @@ def test_the_page_about_the_trial_says_that_it_is_virtual(back: ReadBack) -> Non
     assert "3 duplicate stamps were dropped" in text
 
 
-def test_the_key_stands_beside_the_robot_and_says_what_is_virtual(trial: TrialResult, tmp_path: Path) -> None:
-    for virtual in (True, False):
-        motion = dataclasses.replace(trial.comparison.motion, virtual=virtual)
-        comparison = dataclasses.replace(trial.comparison, motion=motion)
-        back = ReadBack(record_trial(trial.trial, comparison, tmp_path / "a.rrd"))
-        (text,) = back.fixed("/key", "TextDocument:text")
-        assert text.startswith("**Virtual data**") == virtual
-        for word in ("orange outline", "magenta arrow", "22 mm for 10 N", "20° for 1 N m", "0 s"):
-            assert word in text
+@pytest.mark.parametrize("virtual", [True, False])
+def test_the_key_stands_beside_the_robot_and_says_what_is_virtual(tmp_path: Path, virtual: bool) -> None:
+    result = made_up_trial(0.7, virtual=virtual)
+    back = ReadBack(record_trial(result.trial, result.comparison, tmp_path / "a.rrd"))
+    (text,) = back.fixed("/key", "TextDocument:text")
+    assert text.startswith("**Virtual data**") == virtual
+    for word in ("orange outline", "magenta arrow", "22 mm for 10 N", "20° for 1 N m", "0 s"):
+        assert word in text
 
 
 def test_it_opens_paused_on_its_timeline_with_a_layout(path: Path) -> None:
@@ -382,7 +352,7 @@ HOSTILE = ("../../etc", "a/b\\c", "grüße ∂x", " ", "__properties", "tab\tand
 
 
 def test_hostile_names_stay_names(tmp_path: Path) -> None:
-    study = made_up_study(1, (0.7,))
+    study = made_up_study(speeds=(0.7,), repetitions=1)
     trials = tuple(made_up_trial(0.7, name=name) for name in (*HOSTILE, "../../etc"))
     path = record_study(dataclasses.replace(study, trials=trials), tmp_path / "study.rrd")
     assert "1 file verified" in verify(path)
@@ -401,7 +371,8 @@ def test_hostile_names_stay_names(tmp_path: Path) -> None:
 
 
 def test_a_study_lays_its_trials_over_each_other_on_one_clock(tmp_path: Path) -> None:
-    study = made_up_study(2, (0.2, 0.7))
+    failed = Failure("broken", "broken.csv: column 'imu_gy' is missing", "see the log format")
+    study = dataclasses.replace(made_up_study(speeds=(0.2, 0.7), repetitions=2), failures=(failed,))
     path = record_study(study, tmp_path / "study.rrd")
     assert "1 file verified" in verify(path)
     back = ReadBack(path)
@@ -445,14 +416,6 @@ def test_a_folder_that_cannot_be_written_is_named(trial: TrialResult, tmp_path: 
     with pytest.raises(LabError) as caught:
         record_trial(trial.trial, trial.comparison, tmp_path / "file" / "a.rrd")
     assert str(tmp_path / "file" / "a.rrd") in caught.value.message
-
-
-def test_a_trial_takes_less_than_a_second_and_two_megabytes(tmp_path: Path) -> None:
-    result = made_up_trial(0.3)  # the longest of Table 2
-    begin = time.perf_counter()
-    path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd")
-    assert time.perf_counter() - begin <= 1.0
-    assert path.stat().st_size <= 2_000_000
 
 
 def test_an_hour_is_thinned_so_that_it_still_opens() -> None:

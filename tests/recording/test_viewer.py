@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import socket
 import subprocess
 import sys
 import time
@@ -27,24 +26,13 @@ from granite_lab.reporting.recording import (
     serve,
     viewer,
 )
-from tests.recording.made_up import made_up_study, made_up_trial
+from tests.reporting.made_up import made_up_study, made_up_trial
 from tests.reporting.made_up_finding import made_up_finding
 
 ARTEFACTS = Path(__file__).parent.parent / "artefacts"
 DRIVERS = Path("/usr/share/vulkan/icd.d")
+draws = pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
 SAND, PAINT, MAGENTA = (214, 184, 132), (52, 120, 178), (240, 90, 200)
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no_such"):
-        open_viewer(tmp_path / "no_such.rrd")
-
-
-def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
-    path.write_text("t_s,imu_ax_mps2\n")
-    with pytest.raises(InputError, match="not a Rerun recording"):
-        open_viewer(path)
 
 
 @pytest.fixture
@@ -52,6 +40,13 @@ def recorded(tmp_path: Path) -> Path:
     path = tmp_path / "a.rrd"
     path.write_bytes(b"RRF2 and more")
     return path
+
+
+def test_what_is_no_recording_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.rrd").write_text("t_s,imu_ax_mps2\n")
+    for name, said in (("no_such.rrd", "no_such"), ("a.rrd", "not a Rerun recording")):
+        with pytest.raises(InputError, match=said):
+            open_viewer(tmp_path / name)
 
 
 def test_no_display_is_said_with_a_way_out(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,13 +87,17 @@ def test_a_viewer_that_stays_is_left_alone(recorded: Path, monkeypatch: pytest.M
     process.wait()
 
 
-def test_options_that_exclude_each_other_are_refused(recorded: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="--web and --screenshot"):
-        show(recorded, web=True, screenshot=tmp_path / "a.png")
-    with pytest.raises(UsageError, match="--at"):
-        show(recorded, at=2.0)
-    with pytest.raises(UsageError, match=r"a\.jpg: a picture is a \.png file"):
-        show(recorded, screenshot=tmp_path / "a.jpg")
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"web": True, "screenshot": Path("a.png")}, "--web and --screenshot"),
+        ({"at": 2.0}, "--at"),
+        ({"screenshot": Path("a.jpg")}, r"a\.jpg: a picture is a \.png file"),
+    ],
+)
+def test_options_that_cannot_be_met_are_refused(recorded: Path, options: dict[str, Any], said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        show(recorded, **options)
 
 
 def test_a_browser_gets_page_and_recording_on_this_machine_only(tmp_path: Path) -> None:
@@ -121,12 +120,6 @@ def test_a_browser_gets_page_and_recording_on_this_machine_only(tmp_path: Path) 
         urllib.request.urlopen(seen["data"].replace("rerun+http", "http"))  # the server ended with us
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.fixture
 def headless() -> Iterator[Any]:
     """A viewer without a window, drawing by whatever Vulkan driver there is."""
@@ -134,7 +127,7 @@ def headless() -> Iterator[Any]:
     from rerun.experimental import ViewerClient
 
     binary = Path(rerun_cli.__file__).parent / "rerun"
-    port = _free_port()
+    port = viewer._free_port(0)
     with ViewerClient.spawn(
         headless=True, port=port, hide_welcome_screen=True, executable_path=str(binary)
     ) as client:
@@ -163,7 +156,7 @@ def _share(picture: np.ndarray, colour: tuple[int, int, int]) -> float:
     return float(((cosine > 0.995) & (bright > 60)).mean())
 
 
-@pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
+@draws
 def test_a_trial_looks_right_at_three_times(headless: Any, tmp_path: Path) -> None:
     result = made_up_trial(0.3)
     path = record_trial(result.trial, result.comparison, tmp_path / "trial.rrd")
@@ -189,7 +182,7 @@ def test_a_trial_looks_right_at_three_times(headless: Any, tmp_path: Path) -> No
     assert np.abs(pictures[2] - pictures[0]).mean() > 1  # it moves
 
 
-@pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
+@draws
 def test_a_discovery_is_seen_as_bars(headless: Any, tmp_path: Path) -> None:
     result = made_up_trial(0.3)
     path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd", finding=made_up_finding())
@@ -206,7 +199,7 @@ def test_a_discovery_is_seen_as_bars(headless: Any, tmp_path: Path) -> None:
     assert _share(_picture(headless.take_screenshot(bars.view_id), "recording_bars"), (213, 94, 0)) > 0.002
 
 
-@pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
+@draws
 def test_a_picture_shows_the_time_that_was_asked_for(tmp_path: Path) -> None:
     result = made_up_trial(0.3)
     path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd")
@@ -224,7 +217,7 @@ def test_a_picture_shows_the_time_that_was_asked_for(tmp_path: Path) -> None:
     assert not (tmp_path / "a.png").exists()
 
 
-@pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
+@draws
 def test_a_name_without_glyphs_does_not_end_the_viewer(headless: Any, tmp_path: Path) -> None:
     result = made_up_trial(0.7, name="砂 \N{LARGE BLUE SQUARE} grüße λ_R² ∂x")
     _opened(headless, record_trial(result.trial, result.comparison, tmp_path / "a.rrd"))
@@ -232,9 +225,9 @@ def test_a_name_without_glyphs_does_not_end_the_viewer(headless: Any, tmp_path: 
     assert len(headless.take_screenshot()) > 1000
 
 
-@pytest.mark.skipif(not any(DRIVERS.glob("*.json")), reason="no Vulkan driver to draw with")
+@draws
 def test_a_study_looks_right(headless: Any, tmp_path: Path) -> None:
-    path = record_study(made_up_study(2), tmp_path / "study.rrd")
+    path = record_study(made_up_study(repetitions=2), tmp_path / "study.rrd")
     _opened(headless, path)
     headless.set_time("time", duration=2.0, play_state="paused")
     time.sleep(3)

@@ -9,7 +9,6 @@ import os
 import select
 import shutil
 import subprocess
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,9 @@ FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
     "--disable-dev-shm-usage", "--hide-scrollbars", "--remote-debugging-pipe",
+)  # fmt: skip
+COMPLAINTS = (
+    "Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded", "Network.loadingFailed",
 )  # fmt: skip
 
 
@@ -32,32 +34,27 @@ class Page:
     def __init__(self, write: int, read: int) -> None:
         self._write, self._read = write, read
         self._buffer, self._next = b"", 0
+        self._session: dict[str, str] = {}
         self.events: list[dict[str, Any]] = []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = {"sessionId": session}
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
-
-    _session: str | None = None
 
     def call(self, method: str, **params: Any) -> dict[str, Any]:
         """Call a DevTools method and return its result."""
         self._next += 1
-        message: dict[str, Any] = {"id": self._next, "method": method, "params": params}
-        if self._session:
-            message["sessionId"] = self._session
+        message = {"id": self._next, "method": method, "params": params} | self._session
         os.write(self._write, json.dumps(message).encode() + b"\0")
-        while True:
-            answer = self._receive()
-            if answer.get("id") == self._next:
-                assert "error" not in answer, answer
-                return answer["result"]
+        while (answer := self._receive()).get("id") != self._next:
             self.events.append(answer)
+        assert "error" not in answer, answer
+        return answer["result"]
 
-    def _receive(self, timeout: float = 60) -> dict[str, Any]:
-        end = time.monotonic() + timeout
+    def _receive(self) -> dict[str, Any]:
         while b"\0" not in self._buffer:
-            ready, _, _ = select.select([self._read], [], [], max(0, end - time.monotonic()))
+            ready, _, _ = select.select([self._read], [], [], 60)
             assert ready, "the browser does not answer"
             data = os.read(self._read, 1 << 20)
             assert data, "the browser is gone"
@@ -65,21 +62,17 @@ class Page:
         first, _, self._buffer = self._buffer.partition(b"\0")
         return json.loads(first)
 
-    def open(self, url: str, width: int, height: int, *, dark: bool = False, media: str = "") -> None:
-        """Open a page at a width and wait until it is there."""
+    def open(self, path: Path, width: int, height: int, *, dark: bool = False, media: str = "") -> None:
+        """Open a page at a width, wait until it is there, and add the functions of ``checks.js``."""
         self.events.clear()
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=width < 600,
-        )
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", media=media, features=[scheme])
-        self.call("Page.navigate", url=url)
+        self.call("Page.navigate", url=path.as_uri())
         while not any(e.get("method") == "Page.loadEventFired" for e in self.events):
             self.events.append(self._receive())
+        self.evaluate((Path(__file__).parent / "checks.js").read_text(encoding="utf-8"))
 
     def evaluate(self, expression: str) -> Any:
         """Return the value of a JavaScript expression."""
@@ -87,35 +80,18 @@ class Page:
         assert "exceptionDetails" not in result, result
         return result["result"].get("value")
 
-    def screenshot(self, path: Path, *, whole: bool = True) -> None:
-        """Write a PNG of the window or of the whole page."""
-        data = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)["data"]
+    def save(self, path: Path, method: str, **params: Any) -> Path:
+        """Write what a method returns, a picture or a print, into a file."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(base64.b64decode(data))
-
-    def pdf(self, path: Path) -> None:
-        """Print the page."""
-        data = self.call("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"]
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(base64.b64decode(data))
+        path.write_bytes(base64.b64decode(self.call(method, **params)["data"]))
+        return path
 
     def complaints(self) -> list[str]:
         """Return what the page wrote to the console, and every request that left it or failed."""
-        found = []
-        for e in self.events:
-            method, params = e.get("method"), e.get("params", {})
-            if method in (
-                "Runtime.consoleAPICalled",
-                "Runtime.exceptionThrown",
-                "Log.entryAdded",
-                "Network.loadingFailed",
-            ):
-                found.append(f"{method}: {params}")
-            if method == "Network.requestWillBeSent" and not params["request"]["url"].startswith(
-                ("file:", "data:")
-            ):
-                found.append(f"request: {params['request']['url']}")
-        return found
+        known = [(e.get("method"), e.get("params", {})) for e in self.events]
+        urls = [p["request"]["url"] for method, p in known if method == "Network.requestWillBeSent"]
+        found = [f"{method}: {params}" for method, params in known if method in COMPLAINTS]
+        return [*found, *(f"request: {url}" for url in urls if not url.startswith(("file:", "data:")))]
 
 
 @contextlib.contextmanager
@@ -123,8 +99,7 @@ def browser(profile: Path) -> Iterator[Page]:
     """Start Chromium with an empty profile of its own, and end it afterwards."""
     path = chromium()
     assert path is not None
-    command_read, command_write = os.pipe()
-    answer_read, answer_write = os.pipe()
+    (command_read, command_write), (answer_read, answer_write) = os.pipe(), os.pipe()
 
     def connect() -> None:
         # The browser reads commands on descriptor 3 and answers on 4.
@@ -134,22 +109,17 @@ def browser(profile: Path) -> Iterator[Page]:
         os.dup2(a, 3)
         os.dup2(b, 4)
 
+    quiet = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     process = subprocess.Popen(
-        [path, *FLAGS, f"--user-data-dir={profile}"],
+        [path, *FLAGS, f"--user-data-dir={profile}"], pass_fds=(3, 4), **quiet,
         preexec_fn=connect,  # noqa: PLW1509, nothing else runs yet
-        pass_fds=(3, 4), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
     )  # fmt: skip
-    os.close(command_read)
-    os.close(answer_write)
+    for end in (command_read, answer_write):
+        os.close(end)
     try:
         yield Page(command_write, answer_read)
     finally:
-        process.terminate()
-        try:
-            process.wait(10)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait(10)
-        os.close(command_write)
-        os.close(answer_read)
+        process.kill()  # its profile is of this test alone
+        process.wait(10)
+        for end in (command_write, answer_read):
+            os.close(end)

@@ -1,8 +1,14 @@
-"""Study results made of smooth functions: no stage of the chain is needed to test a report."""
+"""Study results made of smooth functions: no stage of the chain is needed to test a report or a recording.
+
+The velocity follows the command with a lag and a constant slip; the measured signals differ from the
+simulated ones by known amounts.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import math
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -11,192 +17,196 @@ from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Health, Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit, Law
-from granite_lab.logs.trial import ImuStream, InputFile, Trial, TrialInfo, WheelStream
+from granite_lab.logs.trial import (
+    Array,
+    CurrentStream,
+    ImuStream,
+    InputFile,
+    Series,
+    Trial,
+    TrialInfo,
+    WheelStream,
+)
+from granite_lab.model.command import duration, steady_interval
 from granite_lab.model.run import Run
-from granite_lab.parameters import Variant, load_paper, load_robot, load_soil, load_variants
+from granite_lab.parameters import WHEELS, Variant, load_paper, load_robot, load_soil, variant_of
 from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult
 
+ORIGIN, REST = 100.0, 2.0
+"""First stamp of the log [s], and how much later the command begins."""
+SLIP = {0.2: 0.055, 0.3: 0.083, 0.5: 0.163, 0.7: 0.231}
 UNITS = {
-    "velocity": "m/s",
-    **{f"wheel_{w}": "m/s" for w in ("fl", "fr", "rl", "rr")},
-    "slip_f": "-",
-    "slip_r": "-",
-    "torque_f": "N m",
-    "torque_r": "N m",
-    "pitch": "rad",
-    "accel": "m/s^2",
-    "pitch_rate": "rad/s",
-}
-STD = {"velocity": 3e-3, "wheel": 1e-3, "slip": 8e-3, "torque": 0.08, "pitch": 4e-4, "accel": 0.05}
-LAMBDA = {0.2: 0.0531, 0.3: 0.0835, 0.5: 0.165, 0.7: 0.229}
+    "velocity": "m/s", **dict.fromkeys((f"wheel_{w}" for w in WHEELS), "m/s"), "slip_f": "-", "slip_r": "-",
+    "torque_f": "N m", "torque_r": "N m", "pitch": "rad", "accel": "m/s^2", "pitch_rate": "rad/s",
+}  # fmt: skip
 
 
-def trapezoid(t: np.ndarray, variant: Variant) -> np.ndarray:
-    end = variant.distance / variant.velocity + variant.velocity / variant.acceleration
-    ramp = np.minimum(variant.acceleration * t, variant.acceleration * (end - t))
+def trapezoid(t: Array, variant: Variant) -> Array:
+    ramp = np.minimum(variant.acceleration * t, variant.acceleration * (duration(variant) - t))
     return np.clip(ramp, 0, variant.velocity)
 
 
-def lagged(t: np.ndarray, y: np.ndarray, constant: float) -> np.ndarray:
-    out, step = np.zeros_like(y), t[1] - t[0]
-    for k in range(1, len(t)):
-        out[k] = out[k - 1] + step / constant * (y[k] - out[k - 1])
-    return out
+def integral(t: Array, v: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t))])
 
 
-def channels(t: np.ndarray, variant: Variant, slip: float, rear: float) -> dict[str, np.ndarray]:
-    desired = trapezoid(t, variant)
-    wheel = lagged(t, desired, 0.03)
-    body = lagged(t, wheel * (1 - slip), 0.12)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = (wheel - body) / np.maximum(np.maximum(wheel, body), 0.02)  # (1)
+def made_up_run(variant: Variant, slip: float) -> Run:
+    robot = load_robot()
+    t = np.arange(-1.0, duration(variant) + 1.0, 0.005)
+    wheel, body = trapezoid(t - 0.03, variant), (1 - slip) * trapezoid(t - 0.06, variant)
     accel = np.gradient(body, t)
-    load = 1.6 * np.tanh(body / 0.1) + 3 * slip * np.tanh(body / 0.1)
-    return {
-        "velocity": body,
-        **{f"wheel_{w}": wheel for w in ("fl", "fr", "rl", "rr")},
-        "slip_f": ratio,
-        "slip_r": 0.97 * ratio,
-        "torque_f": load + 0.6 * accel,
-        "torque_r": rear * load + 0.9 * accel,
-        "pitch": 0.0095 + 0.004 * np.tanh(body) - 0.004 * accel,
-        "accel": accel,
-        "pitch_rate": np.gradient(-0.004 * accel, t),
-    }
-
-
-def made_up_trial(variant: Variant, repetition: int, virtual: bool, seed: int) -> TrialResult:
-    rng = np.random.default_rng(seed)
-    robot, soil = load_robot(), load_soil()
-    slip = LAMBDA.get(variant.velocity, 0.1) * (1 + 0.02 * rng.standard_normal())
-    k92 = float(np.exp(-4.919 * variant.velocity) * (1 + 0.04 * rng.standard_normal()))
-    end = variant.distance / variant.velocity + variant.velocity / variant.acceleration
-    t = np.arange(-1.0, end + 2.5, 0.005)
-    sim, true = channels(t, variant, slip, 1.08), channels(t, variant, slip, 1.3)
-    std = {c: np.full(len(t), STD[c.split("_")[0]] if c != "pitch_rate" else 0.003) for c in UNITS}
-    slow = 2e-3 * np.sin(2 * np.pi * t / 3.1 + rng.uniform(0, 6))
-    measured = {c: true[c] + std[c] * rng.standard_normal(len(t)) for c in UNITS}
-    measured["velocity"] = true["velocity"] + slow
-    measured["pitch"] = true["pitch"] + 0.1 * slow
-    for c in ("slip_f", "slip_r"):
-        std[c] = np.minimum(0.5, 3e-3 / np.maximum(true["wheel_fl"], 1e-3))
-        measured[c] = np.where(
-            true["wheel_fl"] > 0.02, true[c] + std[c] * rng.standard_normal(len(t)), np.nan
-        )
-    ramp = variant.velocity / variant.acceleration
-    names = np.select(
-        [t < 0, t < ramp, t < end - ramp, t < end], ["rest", "accelerate", "steady", "brake"], "rest"
-    )
-    name = f"v{variant.velocity:g}_r{repetition}"
-    origin, steady = 100.0, ((end) / 2, end - ramp)
+    pitch = -0.008 - 0.01 * accel
+    moving = np.tanh(wheel / 0.05)
     signals = {
-        "t_s": t,
-        "v_desired_mps": trapezoid(t, variant),
-        "v_mps": sim["velocity"],
-        "x_m": np.cumsum(sim["velocity"]) * 0.005,
-        "pitch_rad": sim["pitch"],
-        "slip_f": sim["slip_f"],
-        "slip_r": sim["slip_r"],
-        "torque_f_Nm": sim["torque_f"],
-        "torque_r_Nm": sim["torque_r"],
-    }
-    run = Run(variant, robot, soil, "constant", k92, {}, signals, slip, steady, 0.01)
-    moving = names != "rest"
-    updates = t[~moving][::5]
-    health = Health(
-        t=np.concatenate([updates, t[moving][::20]]) + origin,
-        kind=("zero_velocity",) * len(updates) + ("wheel_rest",) * len(t[moving][::20]),
-        innovation=1e-3 * rng.standard_normal(len(updates) + len(t[moving][::20])),
-        innovation_std=np.full(len(updates) + len(t[moving][::20]), 1e-3),
-        nis={"zero_velocity": 1.04, "wheel_rest": 0.93},
-        accel_bias=0.02 + 1e-3 * np.tanh(t),
-        accel_bias_std=np.full(len(t), 2e-3),
-        gyro_bias=np.full(len(t), 1e-4),
-        gyro_bias_std=np.full(len(t), 3e-5),
-        rests=((t[0] + origin, origin), (end + 1.8 + origin, t[-1] + origin)),
-        verdict="The filter is consistent: innovations are white and as large as predicted.",
-        good=True,
+        "t_s": t, "x_m": integral(t, body), "v_mps": body, "v_desired_mps": trapezoid(t, variant),
+        "pitch_rad": pitch, "pitch_rate_radps": np.gradient(pitch, t), "imu_ax_mps2": accel - 9.81 * pitch,
+    }  # fmt: skip
+    for axle, depth, load, drag in (
+        ("f", 0.0150, 105.7 - 8 * accel, 1.6),
+        ("r", 0.0161, 105.7 + 8 * accel, 1.9),
+    ):
+        signals |= {
+            f"theta_{axle}_rad": integral(t, wheel) / robot.wheels.radius,
+            f"v_wheel_{axle}_mps": wheel,
+            f"slip_{axle}": (wheel - body) / np.maximum(np.maximum(wheel, body), 0.02),
+            f"sinkage_{axle}_m": depth + 0.006 * wheel / variant.velocity,
+            f"force_x_{axle}_N": 2.0 * accel,
+            f"force_z_{axle}_N": load,
+            f"thrust_{axle}_N": 18 * moving,
+            f"resistance_{axle}_N": -18 * moving + 2.0 * accel,
+            f"torque_{axle}_Nm": drag * moving + 1.2 * accel,
+        }
+    k92 = float(np.exp(-4.919 * variant.velocity))
+    return Run(
+        variant, robot, load_soil(), "constant", k92, {}, signals, slip, steady_interval(variant), 0.01
     )
-    measured_slip = Estimate(slip * (1 + 0.005 * rng.standard_normal()), 0.003)
-    n = len(t)
-    motion = Motion(
-        trial=name, virtual=virtual, t=t + origin, x=signals["x_m"], x_std=np.full(n, 4e-3),
-        v=measured["velocity"], v_std=std["velocity"], pitch=measured["pitch"], pitch_std=std["pitch"],
-        v_wheel=np.column_stack([measured[f"wheel_{w}"] for w in ("fl", "fr", "rl", "rr")]),
-        v_wheel_std=np.full((n, 4), 1e-3),
-        slip=np.column_stack([measured["slip_f"]] * 2 + [measured["slip_r"]] * 2),
-        slip_std=np.column_stack([std["slip_f"]] * 4),
-        slip_velocity=measured["wheel_fl"] - measured["velocity"], slip_velocity_std=std["velocity"],
-        phase=tuple(names), slip_ratio=measured_slip,
-        distance=Estimate(variant.distance * (1 - slip), 0.006),
-        distance_wheels=Estimate(variant.distance, 1e-4),
-        steady=(steady[0] + origin, steady[1] + origin), t_start=Estimate(origin, 0.002),
-        clock_offset=Estimate(0.0123, 0.0011), variant=variant, variant_source="given",
-        noise={"accel_white_mps2": 0.05}, health=health, warnings=(),
+
+
+def made_up_trial(
+    velocity: float = 0.3, repetition: int = 1, name: str | None = None, *, virtual: bool = True
+) -> TrialResult:
+    """Return a trial of a variant of Table 2 with everything that a report and a recording show."""
+    variant = variant_of(velocity)
+    rng = np.random.default_rng(round(1000 * velocity) + repetition)
+    slip = SLIP[velocity] + 0.004 * (repetition - 2)
+    run = made_up_run(variant, SLIP[velocity])
+    name = name or f"{'virtual' if virtual else 'trial'}_{velocity:g}_{repetition}"
+    start = ORIGIN + REST
+    t = ORIGIN + np.arange(0, run.t[-1] + 2 * REST, 0.005)
+    τ, n = t - start, len(t)
+
+    v_true = (1 - slip) * trapezoid(τ - 0.09, variant)
+    v = v_true + 0.002 * np.sin(1.3 * τ + repetition) * (v_true > 0)
+    v_std = 0.0005 + 0.003 * np.sin(np.pi * np.clip(τ / run.t[-1], 0, 1)) ** 2
+    wheel = trapezoid(τ - 0.04, variant)
+    moving = wheel > 0.01
+    v_wheel = wheel[:, None] + 0.003 * moving[:, None] * np.sin(9 * τ[:, None] + np.arange(4))
+    ratio = (v_wheel - v[:, None]) / np.maximum(np.maximum(v_wheel, v[:, None]), 0.02)
+    pitch = -0.006 - 0.013 * np.gradient(v_true, t)
+    end = duration(variant)
+    conditions = [τ < 0, τ < run.steady[0], τ < run.steady[1], τ < end + 0.2]
+    phase = np.select(conditions, ["rest", "accelerate", "steady", "brake"], "rest")
+    rests = ((float(t[0]), start - 0.05), (start + end + 0.5, float(t[-1])))
+    updates = np.flatnonzero((t < rests[0][1]) | (t > rests[1][0]))[::4]
+    health = Health(
+        t=np.repeat(t[updates], 2), kind=("zero_velocity", "zero_rate") * len(updates),
+        innovation=rng.normal(0, 1e-3, 2 * len(updates)), innovation_std=np.full(2 * len(updates), 1e-3),
+        nis={"zero_velocity": 1.02, "zero_rate": 0.97}, accel_bias=0.02 + 1e-4 * np.sin(τ),
+        accel_bias_std=np.full(n, 2e-3), gyro_bias=np.full(n, -0.001), gyro_bias_std=np.full(n, 1e-4),
+        rests=rests, verdict="The innovations are white and as large as predicted.", good=True,
     )  # fmt: skip
+    warnings = ("3 duplicate stamps were dropped",) if repetition == 2 else ()
+    slip_ratio, t_start = Estimate(slip, 0.004), Estimate(start, 0.002)
+    motion = Motion(
+        trial=name, virtual=virtual, t=t, x=integral(t, v), x_std=0.0004 + 0.0005 * np.clip(τ, 0, None),
+        v=v, v_std=v_std, pitch=pitch, pitch_std=np.full(n, 0.0009),
+        v_wheel=v_wheel, v_wheel_std=np.full_like(v_wheel, 0.001),
+        slip=np.where(moving[:, None], ratio, np.nan),
+        slip_std=np.where(moving, v_std / np.maximum(wheel, 0.02), np.nan)[:, None].repeat(4, axis=1),
+        slip_velocity=wheel - v, slip_velocity_std=v_std, phase=tuple(phase.tolist()), slip_ratio=slip_ratio,
+        distance=Estimate(float(integral(t, v)[-1]), 0.004),
+        distance_wheels=Estimate(float(integral(t, wheel)[-1]), 0.0005),
+        steady=(start + run.steady[0], start + run.steady[1]), t_start=t_start,
+        clock_offset=Estimate(0.0123, 0.0011), variant=variant, variant_source="given",
+        noise={"accel_mps2": 0.01}, health=health, warnings=warnings,
+    )  # fmt: skip
+    k92 = run.k92_value * (1 + 0.04 * (repetition - 2))
     fit = K92Fit(
         trial=name, virtual=virtual, variant=variant, k92=Estimate(k92, 0.012),
-        k92_trajectory=Estimate(k92 * 1.02, 0.008),
-        t_start=Estimate(origin, 0.002), slip_measured=measured_slip, slip_simulated=slip, status="ok",
-        status_trajectory="ok",
+        k92_trajectory=Estimate(1.02 * k92, 0.008), t_start=t_start, slip_measured=slip_ratio,
+        slip_simulated=run.slip_ratio, status="ok", status_trajectory="ok", notes=("made up by hand",),
     )  # fmt: skip
-    misfits = []
-    for c, unit in UNITS.items():
-        d = sim[c] - measured[c]
-        for phase in ("all", "rest", "accelerate", "steady", "brake"):
-            keep = np.isfinite(d) & ((names == phase) | (phase == "all"))
-            if not keep.any():
-                misfits.append(Misfit(c, unit, phase, *(float("nan"),) * 4, 0))
-                continue
-            e = d[keep]
-            misfits.append(
-                Misfit(c, unit, phase, float(np.sqrt(np.mean(e**2))), float(e.mean()), float(np.abs(e).max()),
-                       float(np.sqrt(np.mean((e / std[c][keep]) ** 2))), int(keep.sum()))
-            )  # fmt: skip
-    comparison = Comparison(motion, run, fit, t, measured, std, sim, UNITS, tuple(misfits))
+    torque = {axle: np.interp(τ, run.t, run[f"torque_{axle}_Nm"]) for axle in "fr"}
+    current = np.column_stack([1.1 * torque[axle] / (53 * 0.8 * 0.03) for axle in "ffrr"])
+    force = np.column_stack([np.gradient(v, t) - 9.81 * pitch, 0 * t, np.full(n, 9.81)])
+    rate = np.column_stack([0 * t, np.gradient(pitch, t) - 0.001, 0 * t])
     info = TrialInfo(
-        robot="granite", soil="dry_sand", v_desired=variant.velocity, repetition=repetition, virtual=virtual
+        robot="granite", soil="dry_sand", v_desired=velocity, repetition=repetition, virtual=virtual
     )
     trial = Trial(
-        name=name, info=info, imu=ImuStream(t + origin, np.zeros((n, 3)), np.zeros((n, 3))),
-        wheels=WheelStream(t + origin, np.zeros((n, 4))),
-        inputs=(InputFile(Path(f"data/samples/{name}.csv"), f"{seed:064x}"),),
+        name=name, info=info,
+        imu=ImuStream(t, force + rng.normal(0, 0.08, (n, 3)), rate + rng.normal(0, 0.002, (n, 3))),
+        wheels=WheelStream(t[::2], np.cumsum(v_wheel, axis=0)[::2] * 0.005 / run.robot.wheels.radius),
+        currents=CurrentStream(t[::2], current[::2] + rng.normal(0, 0.05, (len(t[::2]), 4))),
+        command=Series(t[::2], trapezoid(τ, variant)[::2]), warnings=warnings,
+        inputs=(InputFile(Path(f"data/samples/{name}.csv"), f"{zlib.crc32(name.encode()):064x}"),),
     )  # fmt: skip
-    return TrialResult(trial, comparison)
+    return TrialResult(trial, compared(motion, run, fit, trial, torque))
+
+
+def compared(motion: Motion, run: Run, fit: K92Fit, trial: Trial, torque: dict[str, Array]) -> Comparison:
+    τ = motion.t - fit.t_start.value
+    assert trial.imu is not None
+    channels: dict[str, tuple[Array, Array | float, str]] = {
+        "velocity": (motion.v, motion.v_std, "v_mps"),
+        **{f"wheel_{w}": (motion.v_wheel[:, i], 0.001, f"v_wheel_{w[0]}_mps") for i, w in enumerate(WHEELS)},
+        "slip_f": (motion.slip[:, :2].mean(axis=1), motion.slip_std[:, 0], "slip_f"),
+        "slip_r": (motion.slip[:, 2:].mean(axis=1), motion.slip_std[:, 0], "slip_r"),
+        "torque_f": (1.1 * torque["f"], 0.05, "torque_f_Nm"),
+        "torque_r": (1.1 * torque["r"], 0.05, "torque_r_Nm"),
+        "pitch": (motion.pitch, motion.pitch_std, "pitch_rad"),
+        "accel": (trial.imu.specific_force[:, 0], 0.08, "imu_ax_mps2"),
+        "pitch_rate": (trial.imu.angular_rate[:, 1], 0.002, "pitch_rate_radps"),
+    }
+    measured = {c: value for c, (value, _, _) in channels.items()}
+    std = {c: np.broadcast_to(s, τ.shape).copy() for c, (_, s, _) in channels.items()}
+    simulated = {c: np.interp(τ, run.t, run[name]) for c, (_, _, name) in channels.items()}
+    misfits = []
+    for c, unit in UNITS.items():
+        d = simulated[c] - measured[c]
+        for phase in ("all", "rest", "accelerate", "steady", "brake"):
+            keep = np.isfinite(d) & ((np.array(motion.phase) == phase) | (phase == "all"))
+            e, nothing = d[keep], not keep.any()
+            numbers = (math.nan,) * 4 if nothing else (
+                float(np.sqrt(np.mean(e**2))), float(e.mean()), float(np.abs(e).max()),
+                float(np.sqrt(np.mean((e / std[c][keep]) ** 2))),
+            )  # fmt: skip
+            misfits.append(Misfit(c, unit, phase, *numbers, int(keep.sum())))
+    return Comparison(motion, run, fit, τ, measured, std, simulated, UNITS, tuple(misfits))
 
 
 def made_up_a_theta(results: tuple[TrialResult, ...]) -> AThetaFit:
-    points = tuple(
-        (
-            r.trial.name,
-            r.comparison.motion.variant.velocity,
-            r.comparison.fit.k92,
-            r.comparison.fit.slip_measured,
-        )
-        for r in results
-    )
+    fits = [r.comparison.fit for r in results]
+    points = tuple((f.trial, f.variant.velocity, f.k92, f.slip_measured) for f in fits)
+    free = {f"k92_{v:g}": Estimate(math.exp(-4.919 * v), 0.01) for v in SLIP}
+    line = {"b_0": Estimate(0.411, 0.006), "b_1": Estimate(-0.0174, 0.0004)}
+    exponential = {"a_theta": Estimate(4.93, 0.05)}
     laws = (
-        Law("exponential", "k_92 = exp(-a_θ v)", {"a_theta": Estimate(4.93, 0.05)}, {"a_theta": "s/m"}, 1,
-        0.011, -88.1, 0.97),
-        Law("linear_slip", "k_92 = b_0 + b_1 λ_R",
-        {"b_0": Estimate(0.411, 0.006), "b_1": Estimate(-1.74, 0.04)},
-            {"b_0": "-", "b_1": "-"}, 2, 0.013, -80.2, 0.02),
-        Law("free", "k_92 constant per speed",
-        {f"k92_{v:g}": Estimate(float(np.exp(-4.919 * v)), 0.01) for v in LAMBDA},
-            {f"k92_{v:g}": "-" for v in LAMBDA}, 4, 0.010, -77.6, 0.01),
-    )  # fmt: skip
+        Law("exponential", "k_92 = exp(-a_θ v)", exponential, {"a_theta": "s/m"}, 1, 0.011, -88.1, 0.97),
+        Law("linear_slip", "k_92 = b_0 + b_1 λ_R", line, {"b_0": "", "b_1": "1/%"}, 2, 0.013, -80.2, 0.02),
+        Law("free", "k_92 constant per speed", free, dict.fromkeys(free, ""), 4, 0.010, -77.6, 0.01),
+    )
     return AThetaFit(
         Estimate(4.93, 0.052), (4.816, 5.044), 4.921, 4.94, 0.03, load_paper().a_theta, True, points, laws
     )
 
 
 def made_up_study(
-    virtual: bool = True, speeds: tuple[float, ...] = tuple(LAMBDA), repetitions: int = 3
+    virtual: bool = True, speeds: tuple[float, ...] = tuple(SLIP), repetitions: int = 3
 ) -> StudyResult:
-    variants = [v for v in load_variants() if v.velocity in speeds]
     results = tuple(
-        made_up_trial(variant, repetition, virtual, seed=10 * i + repetition)
-        for i, variant in enumerate(variants)
+        made_up_trial(speed, repetition, virtual=virtual)
+        for speed in speeds
         for repetition in range(1, repetitions + 1)
     )
     source = Source(
@@ -213,23 +223,16 @@ def made_up_study(
 
 def rename(result: StudyResult, name: str) -> StudyResult:
     """Give the first trial another name everywhere, and put it into warnings and failures too."""
-    first = result.trials[0]
+    replace, first = dataclasses.replace, result.trials[0]
     c = first.comparison
-    motion = dataclasses.replace(c.motion, trial=name, warnings=(f"line 3: {name}",))
-    comparison = dataclasses.replace(
-        c, motion=motion, fit=dataclasses.replace(c.fit, trial=name, notes=(name,))
-    )
-    trial = dataclasses.replace(
-        first.trial, name=name, warnings=(name,), inputs=(InputFile(Path(name), "00"),)
-    )
-    a_theta = result.a_theta and dataclasses.replace(
-        result.a_theta, points=((name, *result.a_theta.points[0][1:]), *result.a_theta.points[1:])
-    )
-    return dataclasses.replace(
-        result,
-        name=name,
-        trials=(TrialResult(trial, comparison), *result.trials[1:]),
-        failures=(Failure(name, name, name),),
-        a_theta=a_theta,
-        source=dataclasses.replace(result.source, command=name, parameters=((name, name, name, name),)),
-    )
+    motion = replace(c.motion, trial=name, warnings=(f"line 3: {name}",))
+    comparison = replace(c, motion=motion, fit=replace(c.fit, trial=name, notes=(name,)))
+    trial = replace(first.trial, name=name, warnings=(name,), inputs=(InputFile(Path(name), "00"),))
+    a_theta = result.a_theta
+    if a_theta is not None:
+        a_theta = replace(a_theta, points=((name, *a_theta.points[0][1:]), *a_theta.points[1:]))
+    return replace(
+        result, name=name, trials=(TrialResult(trial, comparison), *result.trials[1:]),
+        failures=(Failure(name, name, name),), a_theta=a_theta,
+        source=replace(result.source, command=name, parameters=((name, name, name, name),)),
+    )  # fmt: skip

@@ -22,7 +22,7 @@ from tests.reporting.made_up_finding import made_up_finding
 PARTS = {
     "model": "granite_lab.running.search.save_model",
     "design": "granite_lab.planning.design.save_design",
-    "report": "granite_lab.reporting.write.search_report",
+    "report": "granite_lab.reporting.write.study_report",
 }
 FILES = {"model": "model.toml", "design": "design.json", "report": "index.html"}
 
@@ -32,7 +32,7 @@ def broken(*_: Any, **__: Any) -> NoReturn:
 
 
 def found() -> Finding:
-    return made_up_finding("named", speeds=(0.5,), repetitions=2, names="v{speed:g}_r{repetition}")
+    return made_up_finding("named", speeds=(0.5,), repetitions=2)
 
 
 def test_what_fails_is_one_line_that_names_the_traceback(tmp_path: Path) -> None:

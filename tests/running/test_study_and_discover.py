@@ -61,7 +61,7 @@ def test_what_was_commanded_is_recognised_and_remembered(
 
 def found_in_made_up_study() -> Finding:
     """Return a finding in the trials of `made_up_study(speeds=(0.5,), repetitions=2)`."""
-    return made_up_finding("named", speeds=(0.5,), repetitions=2, names="v{speed:g}_r{repetition}")
+    return made_up_finding("named", speeds=(0.5,), repetitions=2)
 
 
 def test_a_plan_can_start_from_trials_whose_command_was_recognised(tmp_path: Path) -> None:

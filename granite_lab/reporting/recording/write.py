@@ -22,35 +22,8 @@ from granite_lab.reporting.recording.layout import OVERLAY, blueprint, overlay, 
 from granite_lab.reporting.recording.lines import OF_TRIALS, SHOWN, Line, lines_of, overlaid, write_lines
 from granite_lab.reporting.recording.scene import write_scene
 from granite_lab.reporting.recording.stream import Writer, drawable, recording, root_of
+from granite_lab.reporting.render import to_markdown
 from granite_lab.reporting.rounding import plus_minus, significant
-
-VIRTUAL = "**Virtual data**: a simulator wrote the log that is called measured here.\n\n"
-
-PLOTS = """
-- **0 s**: start of the command
-- **slip** has no bounds while the robot starts and stops; its plots are cut there
-"""
-
-KEY = f"""
-- **solid**, blue body: measured robot
-- **orange outline**: simulated robot
-- **white spoke**: angle of the wheel
-- **magenta arrow**: ground reaction; **green**: thrust F (14); **red**: resistance R (13); \
-all simulated, 22 mm for 10 N
-- **light blue arc**: drive torque, 20° for 1 N m; orange where it was not measured
-- **sand**: cut open; lines 10, 20, 30 mm deep; the sinkage of both robots is simulated
-- **thin lines**, blue tones: measured, with a band of ± 1 standard deviation
-- **wide lines**, orange tones: simulated, drawn below the measured ones
-{PLOTS.strip()}
-"""
-
-STUDY_KEY = f"""
-Each row is a speed. Each tab above holds the trials of one speed.
-
-- **thin lines**, one colour a trial: measured
-- **wide orange lines**: simulated, one a trial, drawn below the measured ones
-{PLOTS.strip()}
-"""
 
 
 def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: Finding | None = None) -> Path:
@@ -104,7 +77,7 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
             failures=[f"{f.trial}: {f.message}" for f in result.failures] or ["none"],
         )  # fmt: skip
         stream.send_property("study", study)
-        Writer(stream).static("key", _page(STUDY_KEY, result.virtual))
+        Writer(stream).static("key", _page("recording_key.md", virtual=result.virtual, study=True))
         write_lines(Writer(stream), chain(*rows.values()))
         for name, own in contents.items():
             root = root_of(name)
@@ -146,52 +119,38 @@ class _Content:
         write_lines(writer, self.lines)
         write_scene(writer, self.comparison)
         write_events(writer, self.comparison, self.bars, self.finding)
-        writer.static("about", _page(_about(self.trial, self.comparison)))
-        writer.static("key", _page(KEY, self.comparison.motion.virtual))
+        motion = self.comparison.motion
+        writer.static("about", _about(self.trial, self.comparison))
+        writer.static("key", _page("recording_key.md", virtual=motion.virtual, study=False))
 
 
-def _page(text: str, virtual: bool = False) -> Any:
-    """Return a Markdown document, which says so where the data are virtual."""
-    text = (VIRTUAL if virtual else "") + text.strip()
-    return rr.TextDocument(drawable(text), media_type="text/markdown")
+def _page(template: str, **content: object) -> Any:
+    """Return a Markdown document."""
+    return rr.TextDocument(drawable(to_markdown(template, **content).strip()), media_type="text/markdown")
 
 
-def _plain(text: str) -> str:
-    """Return text that cannot break out of a Markdown table or heading."""
-    return "".join(f"\\{c}" if c in "\\`*_{}[]<>#|!~" else c for c in " ".join(text.split()))
-
-
-def _about(trial: Trial, comparison: Comparison) -> str:
-    """Say as Markdown what a trial is and what came out."""
+def _about(trial: Trial, comparison: Comparison) -> Any:
+    """Return the page that says what a trial is and what came out."""
     motion, run, fit = comparison.motion, comparison.run, comparison.fit
-    v = motion.variant
-    model = f"{run.k92_law} k_92 law, {run.k92_value:.4g}; effects: {', '.join(run.effects) or 'none'}"
-    whole = f"{plus_minus(fit.k92_trajectory)} ({fit.status_trajectory.replace('_', ' ')})"
+    v, effects = motion.variant, ", ".join(run.effects) or "none"
+    command = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m ({motion.variant_source})"
     rows = {
-        "trial": "**virtual**: its log was written by a simulator" if motion.virtual else "real",
-        "robot, soil": f"{_plain(run.robot.title)}; {_plain(run.soil.title)}",
-        "desired motion": f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m "
-        f"({motion.variant_source})",
+        "robot, soil": f"{run.robot.title}; {run.soil.title}",
+        "desired motion": command,
         "slip λ_R (2), measured": plus_minus(motion.slip_ratio, "%", 100),
         "slip λ_R (2), simulated": f"{100 * run.slip_ratio:.1f} %",
         "distance, measured": plus_minus(motion.distance, "m"),
-        "k_92 by steady slip": f"{plus_minus(fit.k92)} ({fit.status.replace('_', ' ')})",
-        "k_92 by whole trajectory": whole,
-        "simulated with": _plain(model),
-        "filter": _plain(motion.health.verdict),
+        "k_92 by steady slip": f"{plus_minus(fit.k92)} ({fit.status})",
+        "k_92 by whole trajectory": f"{plus_minus(fit.k92_trajectory)} ({fit.status_trajectory})",
+        "simulated with": f"{run.k92_law} k_92 law, {run.k92_value:.4g}; effects: {effects}",
+        "filter": motion.health.verdict,
         "written by": f"granite-lab {__version__}",
     }
-    text = [f"# {_plain(trial.name)}", "", "| what | value |", "|---|---|"]
-    text += [f"| {what} | {value} |" for what, value in rows.items()]
-    text += ["", "### Simulated minus measured, whole trial", ""]
-    text += ["| channel | rms | mean | largest | unit |", "|---|---|---|---|---|"]
+    misfits = []
     for m in (m for m in comparison.misfits if m.phase == "all"):
         unit, factor = SHOWN.get(m.unit or "-", (m.unit, 1.0))
-        values = " | ".join(significant(factor * value) for value in (m.rms, m.bias, m.peak))
-        text.append(f"| {_plain(m.channel)} | {values} | {unit} |")
-    if motion.warnings:
-        text += ["", "### Warnings", "", *(f"- {_plain(w)}" for w in motion.warnings)]
-    return "\n".join(text)
+        misfits.append((m.channel, *(significant(factor * x) for x in (m.rms, m.bias, m.peak)), unit))
+    return _page("recording_about.md", name=trial.name, motion=motion, rows=rows, misfits=misfits)
 
 
 def _properties(trial: Trial, comparison: Comparison) -> Any:

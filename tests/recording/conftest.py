@@ -1,0 +1,33 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from granite_lab.discovery.finding import Finding
+from granite_lab.reporting.content import TrialResult
+from granite_lab.reporting.recording import record_trial
+from tests.recording.read_back import ReadBack
+from tests.reporting.made_up import made_up_trial
+from tests.reporting.made_up_finding import made_up_finding
+
+
+@pytest.fixture(scope="session")
+def trial() -> TrialResult:
+    return made_up_trial(0.3, repetition=2)
+
+
+@pytest.fixture(scope="session")
+def finding() -> Finding:
+    return made_up_finding()
+
+
+@pytest.fixture(scope="session")
+def path(trial: TrialResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recording")
+    return record_trial(trial.trial, trial.comparison, folder / "trial.rrd")
+
+
+@pytest.fixture(scope="session")
+def back(path: Path) -> ReadBack:
+    return ReadBack(path)

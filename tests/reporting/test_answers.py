@@ -1,0 +1,246 @@
+"""The page stays short; each number is decided once, and said alike wherever it stands."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+import io
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from granite_lab.estimate import Estimate
+from granite_lab.parameters import load_paper
+from granite_lab.reporting.answers import Answers, of_study
+from granite_lab.reporting.content import StudyResult
+from granite_lab.reporting.report import Fold, Gallery, study_report
+from granite_lab.reporting.rounding import decided, decimals_for, interval, percent, plus_minus, significant
+from granite_lab.reporting.summary import Gap, by_speed, channels_of, gaps, mean_over
+from granite_lab.reporting.tables import slip_table, trial_table
+from granite_lab.reporting.terminal import show_study
+from tests.reporting.made_up import SLIP, made_up_study
+from tests.reporting.made_up_finding import made_up_finding
+from tests.reporting.test_report import Strict
+
+NAN = math.nan
+
+
+def test_at_most_3500_words_and_ten_figures_are_in_view(twelve_folder: Path) -> None:
+    page = Strict(twelve_folder)
+    assert 500 < len(" ".join(page.seen).split()) <= 3500
+    assert 2 <= page.figures <= 10
+
+
+@pytest.mark.parametrize("speeds", [(0.5,), tuple(SLIP)])
+def test_one_figure_a_speed_overlays_measured_and_simulated(speeds: tuple[float, ...]) -> None:
+    report = study_report(made_up_study(speeds=speeds, repetitions=2))
+    blocks = [b for s in report.sections for b in s.blocks]
+    shown = [f.name for b in blocks if isinstance(b, Gallery) for f in b.figures]
+    motions = [f"motion_{v:.2f}".replace(".", "p") for v in speeds]
+    assert [n for n in shown if n.startswith("motion_")] == motions
+    assert any(isinstance(b, Fold) for b in blocks)
+
+
+def everywhere(twelve: StudyResult, twelve_folder: Path) -> dict[str, str]:
+    """Return each form of a report as plain text."""
+    out = io.StringIO()
+    show_study(twelve, Console(file=out, width=400), model="model.toml")
+    read = {name: (twelve_folder / name).read_text(encoding="utf-8") for name in ("index.html", "report.md")}
+    page = re.sub(r"<(style|svg).*?</\1>", " ", read["index.html"], flags=re.S)
+    texts = {
+        "page": html.unescape(re.sub(r"<[^>]+>", "", page)),
+        "Markdown": read["report.md"].replace("\\", ""),
+        "terminal": out.getvalue(),
+        "JSON": (twelve_folder / "report.json").read_text(encoding="utf-8"),
+    }
+    return {form: " ".join(text.replace("\u00a0", " ").split()) for form, text in texts.items()}
+
+
+def test_every_form_of_the_report_says_the_same_answers(twelve: StudyResult, twelve_folder: Path) -> None:
+    decided_once = of_study(twelve, "model.toml")
+    for form, text in everywhere(twelve, twelve_folder).items():
+        for answer in decided_once.questions:
+            for said in (answer.verdict, answer.text):
+                plain = " ".join(said.replace("\u00a0", " ").split())
+                for part in re.split(r"[_θ]+", plain):  # an index is set low on the page
+                    assert part in text.replace('\\"', '"'), (form, answer.id)
+        if form != "JSON":
+            assert set(re.findall(r"a_?θ = ([\d.]+)", text)) == {"4.93"}, form
+            for s in decided_once.speeds:
+                for shown in (s.slip.text, s.slip.interval, s.k92.with_std):
+                    assert shown in text, (form, s.velocity)
+
+
+def test_json_holds_the_numbers_as_they_are_printed(twelve: StudyResult, twelve_folder: Path) -> None:
+    answers = json.loads((twelve_folder / "report.json").read_text(encoding="utf-8"))["answers"]
+    for s, row in zip(of_study(twelve).speeds, answers["speeds"], strict=True):
+        assert row["slip"]["value"] == float(s.slip.text)
+        assert [f"{x:.{s.slip.decimals}f}" for x in row["slip"]["ci95"]] == s.slip.interval.split(" to ")
+    assert answers["a_theta"]["value"] == 4.93
+
+
+def of_slips(*percent: float) -> Answers:
+    study = made_up_study(speeds=(0.7,), repetitions=len(percent))
+    trials = []
+    for r, slip in zip(study.trials, percent, strict=True):
+        motion = dataclasses.replace(r.comparison.motion, slip_ratio=Estimate(slip / 100, 0.001))
+        trials.append(dataclasses.replace(r, comparison=dataclasses.replace(r.comparison, motion=motion)))
+    return of_study(dataclasses.replace(study, trials=tuple(trials)))
+
+
+def test_a_paper_value_is_compared_with_the_interval_as_it_is_printed() -> None:
+    """The paper's 22.9 % is never said to differ from an interval that is printed as ending there."""
+    for step in range(60):
+        high = 22.80 + 0.004 * step
+        answers = of_slips(high - 0.4, high - 0.2)
+        (speed,) = answers.speeds
+        low, top = (float(x.replace("−", "-")) for x in speed.slip.interval.split(" to "))
+        assert speed.agrees is (low <= 22.9 <= top)
+        assert (slip_table(answers).rows[0][4].text == "yes") is speed.agrees
+
+
+def test_a_law_is_not_tested_by_fewer_than_three_speeds() -> None:
+    for speeds, verdict in (((0.3, 0.7), "Not tested"), ((0.2, 0.3, 0.7), "Yes")):
+        answer = of_study(made_up_study(speeds=speeds)).question("a_theta")
+        assert answer is not None
+        assert answer.verdict == verdict
+
+
+def test_a_theta_that_differs_is_put_beside_what_is_missing(twelve: StudyResult) -> None:
+    assert twelve.a_theta is not None
+    off = dataclasses.replace(twelve.a_theta, a_theta=Estimate(3.6, 0.05), ci95=(3.5, 3.7))
+    for finding, said in ((twelve.finding, True), (made_up_finding("none"), False)):
+        answer = of_study(dataclasses.replace(twelve, a_theta=off, finding=finding)).question("a_theta")
+        assert answer is not None
+        assert answer.verdict == "No"
+        assert ("what is missing can cause this" in answer.text) is said
+
+
+def test_the_mean_takes_the_wider_of_two_intervals() -> None:
+    # Scatter 0.01 over three trials: Student's t with two degrees of freedom is 4.3027.
+    scattered = mean_over([Estimate(0.1, 1e-4), Estimate(0.11, 1e-4), Estimate(0.12, 1e-4)])
+    assert scattered.high - scattered.value == pytest.approx(4.302653 * 0.01 / math.sqrt(3), rel=1e-6)
+    # Alike by chance: the stated uncertainty holds.
+    alike = mean_over([Estimate(0.1, 0.03)] * 3)
+    assert alike.high - alike.value == pytest.approx(1.959964 * 0.03 / math.sqrt(3), rel=1e-6)
+    assert mean_over([Estimate(0.1, 0.02)]).low == pytest.approx(0.1 - 1.959964 * 0.02)
+    assert mean_over([Estimate(NAN)]).n == 0
+
+
+def test_repetitions_are_grouped_and_the_middle_one_is_drawn(study: StudyResult) -> None:
+    speeds = by_speed(study, load_paper())
+    assert [(s.velocity, len(s.results)) for s in speeds] == [(0.3, 2), (0.7, 2)]
+    assert speeds[1].paper_k92 == 0.026
+    three = by_speed(made_up_study(speeds=(0.2,), repetitions=3), load_paper())[0]
+    slips = sorted(r.comparison.motion.slip_ratio.value for r in three.results)
+    assert three.typical.comparison.motion.slip_ratio.value == slips[1]
+
+
+def gap(normalised: float, rms: float = 0.05, phase: str = "all") -> Gap:
+    return Gap("velocity", "m/s", phase, rms, 0.0, rms, normalised, size=1.0, trials=1)
+
+
+@pytest.mark.parametrize(
+    ("normalised", "rms", "verdict"),
+    [
+        (1.4, 0.05, "agrees"),
+        (2.0, 0.05, "differs"),
+        (50.0, 0.05, "differs clearly"),
+        (50.0, 0.009, "differs by less than 1\u00a0%"),
+        (NAN, 0.05, "not judged, noise not known"),
+        # a difference of 74 % of the largest value, hidden in the noise, is no agreement
+        (0.61, 0.74, "not judged, noise too large"),
+    ],
+)
+def test_a_quantity_is_judged_by_its_noise_and_its_largest_value(
+    normalised: float, rms: float, verdict: str
+) -> None:
+    (judged,) = channels_of({("velocity", "all"): gap(normalised, rms)})
+    assert judged.verdict == verdict
+
+
+def test_the_worst_phase_is_the_one_furthest_beyond_its_noise() -> None:
+    phases = {"all": 99.0, "brake": 2.0, "steady": 9.0, "rest": NAN}
+    (judged,) = channels_of({("velocity", p): gap(x, phase=p) for p, x in phases.items()})
+    assert judged.worst == "in steady motion"
+
+
+def test_the_speeds_of_four_wheels_are_pooled_by_their_squares(study: StudyResult) -> None:
+    pooled = gaps([r.comparison for r in study.trials])
+    own = [m for r in study.trials for m in r.comparison.misfits if m.phase == "all"]
+    wheels = [m for m in own if m.channel.startswith("wheel_")]
+    mean = np.average([m.rms**2 for m in wheels], weights=[m.samples for m in wheels])
+    assert pooled["wheels", "all"].rms == pytest.approx(math.sqrt(mean))
+    assert not any(channel.startswith("wheel_") for channel, _ in pooled)
+
+
+def test_stamps_that_come_late_are_said_to_be_late() -> None:
+    # `clock_offset` is to be added to the wheels' stamps: 12.3 ms to add means that they are early.
+    table = trial_table(made_up_study(speeds=(0.5,), repetitions=1))
+    at = next(k for k, c in enumerate(table.columns) if c.title == "wheel stamps late [ms]")
+    assert table.rows[0][at].text == "−12.3 ± 1.1"
+    assert table.rows[0][at].raw == (-0.0123, 0.0011)
+
+
+def test_a_difference_of_slip_ratios_is_in_points() -> None:
+    whole = Gap("slip_f", "-", "all", 0.15, 0.0, 0.3, 28.0, 0.5, 3)
+    (judged,) = channels_of({("slip_f", "all"): whole})
+    assert (judged.rms, judged.unit) == (15.0, "points")
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "expected"),
+    [
+        # Examples of the rounding rule in the Review of Particle Physics, section 5.3.
+        (0.827, 0.119, "0.83 ± 0.12"), (0.827, 0.367, "0.8 ± 0.4"),
+        (4.9234, 0.0521, "4.92 ± 0.05"), (0.2561, 0.0123, "0.256 ± 0.012"), (1.0, 0.0096, "1.000 ± 0.010"),
+        (-0.0001, 0.12, "0.00 ± 0.12"), (-1.26, 0.4, "−1.3 ± 0.4"), (1234.0, 210.0, "1230 ± 210"),
+        (0.1234, NAN, "0.123"), (0.1234, 0.0, "0.123"), (NAN, 0.1, "–"), (math.inf, 0.1, "–"),
+        (1.23e-8, 4e-10, "(1.23 ± 0.04)·10⁻⁸"), (2.5e7, 1.2e6, "(2.50 ± 0.12)·10⁷"),
+    ],
+)  # fmt: skip
+def test_value_and_std_are_rounded_to_the_std(value: float, std: float, expected: str) -> None:
+    assert plus_minus(Estimate(value, std)) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(0, "0"), (9.996, "10.0"), (0.099996, "0.100"), (1.2345, "1.23"), (-0.0123456, "−0.0123"),
+     (123456, "123000"), (1.5e-7, "1.50·10⁻⁷"), (9.9999e7, "1.00·10⁸"), (NAN, "–"), (-math.inf, "−∞")],
+)  # fmt: skip
+def test_significant_digits(value: float, expected: str) -> None:
+    assert significant(value) == expected
+
+
+def test_units_stay_with_their_number_and_no_probability_is_rounded_to_certainty() -> None:
+    assert plus_minus(Estimate(0.1649, 0.0031), "%", scale=100) == "16.49 ± 0.31\u00a0%"
+    assert plus_minus(Estimate(NAN), "m/s") == "–"
+    assert (percent(0.9999), percent(1.0)) == ("over 99\u00a0%", "100\u00a0%")
+
+
+def test_value_std_and_interval_share_one_decimal_place() -> None:
+    number = decided(0.22481, 0.00104, 0.22137, 0.22824, unit="%", scale=100)
+    assert (number.text, number.with_std, number.interval) == ("22.48", "22.48 ± 0.10", "22.14 to 22.82")
+    assert number.holds(22.82) is True
+    assert number.holds(22.9) is False
+    assert decided(0.3).holds(0.3) is None
+    assert interval(4.8161, 5.0442, "s/m") == "4.82 to 5.04\u00a0s/m"
+    assert (interval(NAN, 1.0), interval(2.0, 2.0)) == ("–", "2.00")
+
+
+@given(st.floats(-1e5, 1e5), st.floats(1e-5, 1e4))
+def test_rounding_never_moves_a_value_by_more_than_a_fifth_of_its_std(value: float, std: float) -> None:
+    printed = plus_minus(Estimate(value, std)).replace("−", "-").replace("(", "")
+    if "·10" in printed:
+        return
+    # One unit of the last place is at most a tenth of 0.355 of the leading decade of the std.
+    last = 10.0 ** -decimals_for(std)
+    assert abs(float(printed.split(" ± ")[0]) - value) <= 0.5 * last * (1 + 1e-9)
+    assert last <= std / 0.949 * 1.0001 or std < 1e-4

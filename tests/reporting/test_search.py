@@ -1,0 +1,435 @@
+"""The case for a discovery: what it says, what its pictures and tables show, and what it never leaves out."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import math
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from granite_lab.discovery.as_json import finding_as_json
+from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter, Verdict
+from granite_lab.effects import library
+from granite_lab.estimate import Estimate
+from granite_lab.model.effect import activate
+from granite_lab.reporting import names, search_tables
+from granite_lab.reporting.answers import missing_answer
+from granite_lab.reporting.content import Source, StudyResult
+from granite_lab.reporting.plot_search import candidates_figure, history_figures, intervals_figure, mean_of
+from granite_lab.reporting.report import Report, study_report
+from granite_lab.reporting.table import Table
+from granite_lab.reporting.terminal import show_finding
+from tests.cli.test_cli import lab
+from tests.reporting.made_up_finding import BUMP, LEFT, SIZE, STRENGTH, made_up_finding
+from tests.reporting.test_figures import texts
+from tests.reporting.test_report import Strict
+
+SAMPLES = Path(__file__).parent.parent.parent / "data" / "samples"
+SOURCE = Source("0.1.0", "granite-lab discover trials", (), ())
+VERDICTS: tuple[Verdict, ...] = ("named", "unknown", "none")
+
+
+def spaced(text: str) -> str:
+    """Return a text on one line, with plain spaces."""
+    return " ".join(text.replace("\u00a0", " ").split())
+
+
+@pytest.fixture(scope="module")
+def findings() -> dict[str, Finding]:
+    return {v: made_up_finding(v, twins=("slip_sinkage",)) for v in VERDICTS}
+
+
+def report_of(finding: Finding) -> Report:
+    alone = StudyResult("mine", (), (), None, SOURCE, finding)
+    return study_report(alone, model="model.toml", folder="reports/mine")
+
+
+def rows_of(table: Table | None) -> list[dict[str, str]]:
+    """Return the rows of a table, each by the titles of its columns."""
+    assert table is not None
+    titles = [c.title for c in table.columns]
+    return [dict(zip(titles, (spaced(cell.text) for cell in row), strict=True)) for row in table.rows]
+
+
+def test_the_first_screen_says_what_is_missing_how_much_it_closes_and_how_far_to_trust_it(
+    findings: dict[str, Finding],
+) -> None:
+    answers = report_of(findings["named"]).answers
+    found = {a.id: spaced(f"{a.verdict}. {a.text} {a.command}") for a in answers.questions}
+    for id_, needed in (
+        ("missing", "Multi pass. Rear wheels in the compacted rut (pressure 0.300 ± 0.004"),
+        ("missing", "from slip sinkage."),
+        ("closes", "93 %. On trials that were left out of the fit"),
+        ("closes", "falls from 3.10 to 1.15 times what noise and a tolerance of 2 %"),
+        ("trust", "With care."), ("trust", "finding: 97 %"), ("trust", "multi pass has a twin"),
+        ("trust", "12 of 12 trials and 4 of 4 speeds left out of the fit are predicted"),
+        ("trust", "1 trial left out because no model fits"),
+        ("next", "granite-lab plan-next reports/mine"),
+    ):  # fmt: skip
+        assert needed in found[id_]
+
+
+def test_a_part_without_content_is_left_out() -> None:
+    alone = made_up_finding("none", speeds=(0.3,), repetitions=1)
+    alone = dataclasses.replace(
+        alone, dropped=(), latency=Estimate(math.nan), scales={}, sand={}, confusion=None
+    )
+    report = report_of(alone)
+    assert "found_held_out" not in {f.name for f in report.figures}
+    assert not {"found_fitted", "found_confusion"} & {t.name for t in report.tables}
+    assert not [c.title for c in search_tables.gaps_table(alone).columns if "left out" in c.title]
+    few = made_up_finding(speeds=(0.2,), repetitions=2, channels=("wheel", "wheel_split"))
+    drawn = {d.name for d in report_of(few).figures}
+    assert drawn >= {"found_gap", "found_history_0p20"}
+    assert "found_intervals" not in drawn  # none of these channels is off
+
+
+def test_an_effect_without_numbers_and_a_share_that_is_not_known_make_a_report_too() -> None:
+    finding = made_up_finding()
+    bare = dataclasses.replace(finding.effects[0], parameters=(), closes=Estimate(math.nan))
+    finding = dataclasses.replace(finding, effects=(bare,), remainder=math.nan, candidates=(), detectable=())
+    text = " ".join(a.text for a in report_of(finding).answers.questions)
+    assert "()" not in text
+    assert "nan" not in text.lower().split()
+
+
+def test_reasons_of_a_provisional_verdict_are_doubts() -> None:
+    trust = report_of(made_up_finding(repetitions=1)).answers.question("trust")
+    assert trust is not None
+    assert trust.verdict == "With care"
+    assert "no command was driven twice" in trust.text
+
+
+def test_a_finding_is_a_part_of_a_studys_report(folder: Path, twelve_folder: Path) -> None:
+    assert "Not searched" in (folder / "index.html").read_text(encoding="utf-8")
+    text = (twelve_folder / "index.html").read_text(encoding="utf-8")
+    assert "Not searched" not in text
+    assert "Multi pass" in text
+    assert {"missing", "answer-missing", "found_gap", "found_candidates"} <= set(Strict(twelve_folder).ids)
+    document = json.loads((twelve_folder / "report.json").read_text(encoding="utf-8"))
+    assert document["discovery"]["effects"][0]["id"] == "multi_pass"
+    assert document["discovery"]["model"] == "model.toml"
+
+
+def test_the_report_has_all_its_files_and_the_json_of_the_command(discovery_folder: Path) -> None:
+    for name in ("index.html", "report.md", "finding.json"):
+        assert (discovery_folder / name).stat().st_size > 1000
+    document = json.loads((discovery_folder / "finding.json").read_text(encoding="utf-8"))
+    expected = finding_as_json(made_up_finding(twins=("slip_sinkage",)), discovery_folder / "model.toml")
+    assert document == json.loads(json.dumps(expected, allow_nan=False))
+    assert document["schema"] == "granite-lab/discovery/2"
+    ids = {path.stem for path in (discovery_folder / "figures").glob("*.svg")}
+    assert {path.stem for path in (discovery_folder / "figures").glob("*.png")} == ids
+    assert {"found_gap", "found_candidates", "found_held_out", "found_intervals"} <= ids
+
+
+def test_histories_are_means_over_the_repetitions_with_gaps_left_out(findings: dict[str, Finding]) -> None:
+    residuals = [r for r in findings["named"].residuals if (r.channel, r.variant) == ("accel_x", 0.3)]
+    own = mean_of(residuals)
+    assert len(residuals) == 3
+    assert np.isnan(own.measured[42])
+    np.testing.assert_allclose(own.measured[60], np.mean([r.measured[60] for r in residuals]))
+
+
+def test_histories_show_measured_and_both_models(findings: dict[str, Finding]) -> None:
+    drawn = next(f for f in history_figures(findings["unknown"]) if f.name == "found_history_0p30").draw()
+    axis = next(a for a in drawn.axes if a.texts[0].get_text() == "pitch rate")
+    assert axis.get_ylabel() == "[mrad/s]"
+    _, before, after = (x for x in axis.get_lines() if len(np.asarray(x.get_xdata())) > 2)
+    t, with_law = (np.asarray(v, dtype=float) for v in after.get_data())
+    _, without = (np.asarray(v, dtype=float) for v in before.get_data())
+    bump = np.interp(np.mean(BUMP), t, with_law - without)
+    assert bump == pytest.approx(3 * STRENGTH * (1 - LEFT), rel=0.01)
+
+
+def test_intervals_stand_at_their_seconds(findings: dict[str, Finding]) -> None:
+    drawing = intervals_figure(findings["named"])
+    assert drawing is not None
+    panels = [axis for axis in drawing.draw().axes if axis.patches]
+    assert len(panels) == 4
+    assert [(p.get_x(), p.get_x() + p.get_width()) for p in panels[0].patches] == [BUMP]
+
+
+def test_a_discrepancy_is_a_share_of_the_rms_in_motion(findings: dict[str, Finding]) -> None:
+    # a Gaussian bump of height h and width 0.2 s in a drive of T seconds has an rms of h √(0.2 √(π/2) / T)
+    finding = findings["unknown"]
+    lengths = [float((r.std > 0).sum() * 0.02) for r in finding.residuals if r.channel == "pitch_rate"]
+    expected = STRENGTH / SIZE * math.sqrt(0.2 * math.sqrt(math.pi / 2) / float(np.mean(lengths)))
+    shares = search_tables.discrepancies(finding)
+    assert shares["pitch_rate"] == pytest.approx((expected, LEFT * expected), rel=0.01)
+    assert shares["wheel"] == (0.0, 0.0)
+    row = next(r for r in search_tables.gaps_table(finding).rows if r[0].text == "pitch rate")
+    assert row[-2].raw == (shares["pitch_rate"][0],)
+
+
+def test_effects_stand_with_size_twins_probability_and_share(findings: dict[str, Finding]) -> None:
+    finding = findings["named"]
+    own = rows_of(search_tables.effects_table(finding, library(), finding.effects))[0]
+    assert own["value ± std"] == "0.300 ± 0.004"
+    assert own["cannot be told from"] == "slip sinkage"
+    assert own["probability"] == "97 %"
+    assert own["gap lost without it"] == "93.0 ± 2.0 %"
+    small = rows_of(search_tables.effects_table(finding, library(), finding.small, small=True))[0]
+    assert (small["effect"], small["gap lost without it"]) == ("clock offset", "2.0 ± 1.0 %")
+
+
+def test_sand_and_scales_stand_in_units_of_a_reader(findings: dict[str, Finding]) -> None:
+    # a logarithm of 0.010 ± 0.005 is 1.005 ± 0.505 %; a_θ has one value in a report, and it is not this one
+    sand = {"a_theta": Estimate(0.02, 0.01), "cohesion": Estimate(0.01, 0.005)}
+    table = search_tables.fitted_table(dataclasses.replace(findings["named"], sand=sand))
+    assert {row["number"]: row["size"] for row in rows_of(table)} == {
+        "c": "1.0 ± 0.5 %",
+        "a_θ, from raking to raking": "5.0 %",
+        "wheel radius, mean of all": "0.20 %",
+        "tilt of the IMU": "0.57 °",
+    }
+
+
+def test_what_limits_a_size_is_said_and_what_cannot_be_seen() -> None:
+    rows = rows_of(search_tables.detectable_table(made_up_finding(), library()))
+    limits = {row["candidate"]: (row["smallest size"], row["limited by"]) for row in rows}
+    assert limits["payload mass"][1] == "tolerance"
+    assert limits["bulldozing"][1] == "noise"
+    assert limits["IMU tilt"][0] == "not visible"
+
+
+def test_what_a_candidate_would_be_taken_for_stands_in_percent() -> None:
+    rows = rows_of(search_tables.confusion_table(made_up_finding()))
+    assert [*rows[0].values()] == ["multi pass", "85 %", "5 %", "centre-of-mass offset (10 %)"]
+    assert "clock offset" not in {row["candidate"] for row in rows}  # these trials cannot show it
+
+
+def test_candidates_stand_with_probability_share_and_fate() -> None:
+    finding = made_up_finding()
+    rows = {
+        r["candidate"]: [*r.values()][2:] for r in rows_of(search_tables.candidates_table(finding, library()))
+    }
+    assert rows["multi pass"] == ["97 %", "93 %", "300", "named"]
+    assert rows["gear backlash"][3] == "ended at a limit (backlash)"
+    assert rows["payload mass"][1] == "–"
+    figure = candidates_figure(finding)
+    assert figure is not None
+    assert re.fullmatch(r"Of \d+ candidates, multi pass is in the model", figure.title)
+
+
+def found(effect_id: str, **values: tuple[float, float]) -> FoundEffect:
+    effect = library()[effect_id]
+    units = {p.name: p.unit for p in effect.parameters}
+    numbers = tuple(FoundParameter(n, units[n], Estimate(*v)) for n, v in values.items())
+    return FoundEffect(effect.id, effect.title, numbers, (), 0.97, Estimate(0.9, 0.02))
+
+
+def naming(effect: FoundEffect) -> Finding:
+    """Return a finding that names an effect in place of the made-up one."""
+    active = activate(library()[effect.id], {p.name: p.estimate.value for p in effect.parameters})
+    return dataclasses.replace(made_up_finding(), effects=(effect,), active=(active,))
+
+
+@pytest.mark.parametrize(
+    ("effect", "expected"),
+    [
+        (found("clock_offset", offset=(-0.0035, 0.0001)),
+         "stamps of encoders and currents early against the IMU's (by 3.50 ± 0.10 ms)"),
+        (found("clock_offset", offset=(0.0268, 0.0003)),
+         "stamps of encoders and currents late against the IMU's (by 26.80 ± 0.30 ms)"),
+        (found("com_offset", forward=(-0.02, 0.001)),
+         "centre of mass shifted to the rear (by 20.0 ± 1.0 mm)"),
+        (found("ground_slope", slope=(-1.2, 0.1)), "ground that falls (by 1.20 ± 0.10 °)"),
+        (found("imu_tilt", tilt=(-0.5, 0.1)), "IMU mounted nose up (by 0.50 ± 0.10 °)"),
+        (found("wheel_radius_error", error=(-0.01, 0.002)), "wheel angles read too small (by 1.00 ± 0.20 %)"),
+        (found("tyre_windup", compliance=(0.00146, 1e-5), retardation=(0.0219, 0.0002)),
+         ("torsion of the tyre between rim and tread "
+          "(compliance 1.460 ± 0.010 mrad/(N m), retardation 21.90 ± 0.20 ms)")),
+        (found("radial_tyre_compliance", compliance=(2e-5, 1e-6)),
+         "tyre that deflects under its load (compliance 20.0 ± 1.0 µm/N)"),
+    ],
+)  # fmt: skip
+def test_a_sign_is_said_as_a_direction_and_a_size_in_a_unit_that_fits(
+    effect: FoundEffect, expected: str
+) -> None:
+    assert spaced(names.describe(effect)) == expected
+
+
+def test_cosine_and_sine_of_each_trial_are_said_as_the_amplitude_they_share() -> None:
+    """3 and 4 make 5, and of an error along the larger part most counts."""
+    effect = found(
+        "encoder_eccentricity", cos_front=(3e-3, 1e-4), sin_front=(4e-3, 1e-4), cos_rear=(0.012, 0.0),
+        sin_rear=(0.005, 0.0026),
+    )  # fmt: skip
+    trials = tuple(dataclasses.replace(p, per_trial=(0.1, 0.2)) for p in effect.parameters)
+    assert spaced(names.describe(dataclasses.replace(effect, parameters=trials))) == (
+        "eccentric encoder discs (amplitude front 5.00 ± 0.10 mrad, amplitude rear 13.0 ± 1.0 mrad)"
+    )
+    assert "cos front 3.00 ± 0.10 mrad" in spaced(names.describe(effect))  # the same in all trials
+
+
+def test_the_table_keeps_sign_and_si_unit_and_says_which_way_it_goes() -> None:
+    finding = naming(found("clock_offset", offset=(-0.0035, 0.0001)))
+    table = search_tables.effects_table(finding, library(), finding.effects)
+    assert spaced(table.rows[0][3].text) == "−3.50 ± 0.10 ms"
+    assert table.rows[0][3].raw == (-0.0035, 0.0001, "s")
+    assert "below zero: stamps of encoders and currents early" in table.rows[0][2].text
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "said"),
+    [
+        (0.004, 0.001, "IMU stamps 4.0 ± 1.0 ms behind those of wheels and currents"),
+        (-0.0123, 0.0004, "IMU stamps 12.3 ± 0.4 ms ahead of those of wheels and currents"),
+        (math.nan, math.nan, ""),
+    ],
+)
+def test_latency_is_said_with_its_direction(value: float, std: float, said: str) -> None:
+    assert spaced(names.latency_in_words(Estimate(value, std))) == said
+
+
+def test_a_law_stands_as_formulas_and_is_no_physics_and_no_effect(findings: dict[str, Finding]) -> None:
+    finding = findings["unknown"]
+    assert [spaced(f) for f in names.law_formulas(finding)] == [
+        "force along the robot = −2.90 N · exp(−x / 0.2 m)",
+        "moment on the body, nose down = 1.20 N m · v / (0.5 m/s)",
+        "torque against each rear wheel = 0.05 N m · s / 0.2",
+    ]
+    answer, report = missing_answer(finding), report_of(finding)
+    assert answer.verdict == "Something unknown"
+    assert "force along the robot, over the first 0.2 m (−2.90" in answer.text
+    blocks = report.sections[0].blocks
+    assert "no physics" in " ".join(block for block in blocks if isinstance(block, str))
+    assert list(names.law_formulas(finding)) in blocks
+    for figure in report.figures:
+        said = [figure.title, figure.caption, *(text for text, _ in texts(figure.draw()))]
+        assert "effects found" not in " ".join(said), figure.name
+
+
+@pytest.mark.parametrize(
+    ("note", "said"),
+    [
+        ("multi_pass was not evaluated.", "Multi pass was not evaluated."),
+        ("pitch_rate and current_f go together", "Pitch rate and front motor current go together"),
+        ("The likeliest (com_offset) is weak.", "The likeliest (centre-of-mass offset) is weak."),
+        ("empirical.force_start is large.", "Force along the robot, over the first 0.2 m is large."),
+    ],
+)
+def test_names_to_type_do_not_stand_in_sentences(note: str, said: str, findings: dict[str, Finding]) -> None:
+    assert names.in_plain_words(note, findings["unknown"]) == said
+
+
+@pytest.mark.parametrize(
+    ("finding", "said"),
+    [
+        (made_up_finding(), "granite-lab simulate --model 'reports/my sand/model.toml' --variant 0.5"),
+        (made_up_finding(), "sharpen the sizes"),
+        (made_up_finding(twins=("slip_sinkage",)), "tells multi pass from slip sinkage"),
+        (naming(found("clock_offset", offset=(0.01, 0.001))),
+         "Clock offset is an error of the measurement, not of the model"),
+        (dataclasses.replace(made_up_finding(), remainder=0.4), "More is missing"),
+        (made_up_finding("unknown"), "effect of your own"),
+        (made_up_finding("none"), "Nothing needs to be added"),
+        (made_up_finding(repetitions=1), "Drive two trials or more at each of three speeds"),
+    ],
+)  # fmt: skip
+def test_advice_fits_the_verdict_and_its_commands_can_be_pasted(finding: Finding, said: str) -> None:
+    steps = " ".join(names.next_steps(finding, "model.toml", "reports/my sand"))
+    assert said in steps
+    assert ("simulate" in steps) is (finding.verdict == "named" and finding.effects[0].id == "multi_pass")
+
+
+def printed(finding: Finding, *, colours: bool = False) -> str:
+    out = io.StringIO()
+    system = "standard" if colours else None
+    show_finding(
+        finding, Console(file=out, width=80, force_terminal=colours, color_system=system, highlight=False)
+    )
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_it_fits_eighty_columns_and_is_plain_off_a_terminal(verdict: Verdict) -> None:
+    text = printed(made_up_finding(verdict, twins=("slip_sinkage", "contact_angle_actual_speed")))
+    assert max(map(len, text.splitlines())) <= 80
+    assert "\x1b" not in text
+    assert "nan" not in text.lower().split()
+    assert "…" not in text
+    assert "virtual data" in text
+
+
+def test_the_terminal_says_size_twins_gap_and_place(findings: dict[str, Finding]) -> None:
+    text = spaced(printed(findings["named"]))
+    for needed in (
+        "What is missing from the model? Multi pass.", "Rear wheels in the compacted rut",
+        "pressure 0.300 ± 0.004 97 %", "cannot tell multi pass from slip sinkage",
+        "falls from 3.10 to 1.15 times", "IMU stamps 4.0 ± 1.0 ms behind",
+        "left out: crashed: no model fits it", "note: One thing could not be told.",
+    ):  # fmt: skip
+        assert needed in text, needed
+    nothing = spaced(printed(findings["none"]))
+    assert "What is missing from the model? Nothing that these trials show." in nothing
+    assert "missing effect effect" not in nothing
+    assert "\x1b[32m" in printed(findings["named"], colours=True)
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A search, which tests/cli/test_study.py makes too, with its report beside somebody else's file."""
+    root = tmp_path_factory.mktemp("discover")
+    (root / "trials").mkdir()
+    for name in ("v0.5_r2", "v0.7_r1"):
+        shutil.copy(SAMPLES / f"virtual_{name}.csv", root / "trials")
+    (root / "found").mkdir()
+    (root / "found" / "mine.txt").write_text("kept")
+    done = lab("discover", "trials", "--out", "found", "--jobs", "1", "--json", cwd=root)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    (root / "stdout").write_text(done.stdout, encoding="utf-8")
+    return root
+
+
+@pytest.mark.slow
+def test_the_command_writes_page_model_and_numbers(searched: Path) -> None:
+    for name in ("index.html", "report.md", "finding.json", "model.toml"):
+        assert (searched / "found" / name).stat().st_size > 100, name
+    assert list((searched / "found" / "figures").glob("found_gap.*"))
+    assert list((searched / "found" / "tables").glob("found_*.csv"))
+    assert (searched / "found" / "mine.txt").read_text() == "kept"
+    assert not [p for p in searched.rglob("*") if p.name.startswith(".")]
+    assert "virtual_v0.7_r1" in (searched / "found" / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_the_command_prints_one_document_with_all_that_was_promised(searched: Path) -> None:
+    def refuse(constant: str) -> float:
+        raise AssertionError(constant)
+
+    document = json.loads((searched / "stdout").read_text(encoding="utf-8"), parse_constant=refuse)
+    assert document == json.loads((searched / "found" / "finding.json").read_text(encoding="utf-8"))
+    assert document["schema"] == "granite-lab/discovery/2"
+    assert document["verdict"] in VERDICTS
+    for effect in document["effects"]:
+        assert set(effect) >= {"id", "parameters", "indistinguishable_from", "probability", "closes"}
+        for parameter in effect["parameters"].values():
+            assert set(parameter) >= {"value", "std", "unit"}
+    for place in document["where"]:
+        assert set(place) == {
+            "channel", "phase", "variant_mps", "t_start_s", "t_end_s", "frequency_hz", "share", "score",
+        }  # fmt: skip
+        assert place["phase"] in ("rest", "accelerate", "steady", "brake")
+    for part in ("train", "held_out"):
+        assert set(document["gap"][part]) == {"before", "after"}
+    assert document["provisional"]  # two speeds
+    assert document["model"] == "found/model.toml"
+
+
+def test_a_log_that_cannot_be_read_is_one_clear_line(tmp_path: Path) -> None:
+    (tmp_path / "empty.csv").write_text("")
+    done = lab("discover", "empty.csv", "--out", "found", cwd=tmp_path)
+    assert done.returncode == 3
+    assert done.stderr.startswith("error: ")
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "found").exists()
