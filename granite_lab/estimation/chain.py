@@ -86,7 +86,7 @@ def correct(
             missing in motion, or nothing to estimate.
     """
     known = load_variants() if variants is None else variants
-    if trial.imu is None or trial.imu.t.size < 8:
+    if trial.imu is None or trial.imu.t.size < 8 or np.isnan(trial.imu.specific_force).all():
         wheels, rolling, _ = _roll(trial, None, robot)
         if rolling is None:
             raise EstimateError(
