@@ -96,8 +96,8 @@ class Column:
     @property
     def label(self) -> str:
         """The name to ask for in a message."""
-        plain = re.sub(r"\(\?P<unit>[^)]*\)", "…", self.pattern)
-        return self.name or plain.replace("\\", "").rstrip("…").rstrip("_") or plain
+        plain = re.match(r"\(?([\w. %]+)", self.pattern.replace("\\", ""))
+        return self.name or (plain[1].rstrip("_") if plain else self.pattern)
 
 
 @dataclass(frozen=True, kw_only=True)

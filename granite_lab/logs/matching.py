@@ -199,7 +199,7 @@ def no_match(table: Table, tries: list[Match], given: bool) -> InputError:
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
     where = at(table.path, table.header_line or None)
     near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)), default=None)
-    if near is None or (near.columns < 2 and not given):
+    if near is None or (near.columns <= len(near.missing) and not given):
         return InputError(
             f"{where}: the layout is not known: {shown}",
             "granite-lab inspect shows what the columns seem to be and writes a column map for --map",

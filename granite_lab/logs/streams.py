@@ -25,6 +25,9 @@ WINDOW = 5
 _SLOWEST = {(*ACCELERATION, *RATE): 4.0, ENCODERS: 0.5}
 """The lowest plausible sampling rate [Hz] of a sensor."""
 
+_MANY = 100
+"""An axis that is zero in fewer samples than these may just be at rest."""
+
 _WRAPS = (2.0**16, 2.0**24, 2.0**32)
 """Ranges of counters that loggers use as clocks."""
 
@@ -77,7 +80,7 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
         ("rate", RATE, "gyroscope"),
     ):
         samples = _samples(source, t, channels, what, parts.doubts)
-        if samples is not None:
+        if samples is not None and (samples := _measured(source, samples, channels, what, parts.doubts)):
             parts.declared[name] = source.bindings(*channels)[0].unit.name
             setattr(parts, name, _whole(source, samples, channels, what, parts.doubts))
     parts.wheels = _wheels(source, t, robot, parts)
@@ -192,6 +195,20 @@ def _samples(
     stamps, rows = tidy(t[places], values, what, where, said)
     doubts += [f"{source.path.name}: {doubt}" for doubt in said]
     return Samples(stamps, values[rows], places[rows])
+
+
+def _measured(
+    source: Source, samples: Samples, channels: Sequence[str], what: str, doubts: list[str]
+) -> Samples | None:
+    """Leave out what is zero from beginning to end: so messages of ROS say that it is not measured."""
+    idle = [k for k, values in enumerate(samples.values.T) if (values == 0).all()]
+    if len(samples.t) < _MANY or not idle or (channels == ACCELERATION and len(idle) < len(channels)):
+        return samples
+    names = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
+    doubts.append(f"{source.path.name}: {what}: {names}: every sample is 0: taken as not measured")
+    values = samples.values.copy()
+    values[:, idle] = np.nan
+    return Samples(samples.t, values, samples.rows) if len(idle) < len(channels) else None
 
 
 def _whole(

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import granite_lab as gl
 from granite_lab.errors import InputError
 from granite_lab.logs import read_trial
 
@@ -96,6 +97,21 @@ def test_a_column_that_cannot_be_what_it_is_called_is_refused(name: str, tmp_pat
 
 def test_the_good_trial_is_read_without_a_doubt(tmp_path: Path) -> None:
     assert read_trial(written(tmp_path, lambda _: None)).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("columns", "left"),
+    [(FORCE, "accelerometer"), (RATE, "gyroscope"), (RATE[:2], "no pitch rate was logged")],
+    ids=["accelerometer", "gyroscope", "all but yaw"],
+)
+def test_what_is_zero_throughout_is_not_measured(columns: list[str], left: str, tmp_path: Path) -> None:
+    """As in messages of ROS; what remains is estimated, and said to be less."""
+    found = gl.ingest(written(tmp_path, times(0, *columns)), jobs=1)[0]
+    said = " ".join(found.motion.warnings)
+    assert "every sample is 0: taken as not measured" in said
+    assert all(name in said for name in columns)
+    assert left in said
+    assert np.isnan(found.motion.distance.value) == (columns == FORCE)
 
 
 def test_currents_in_milliamperes_are_converted_and_said(tmp_path: Path) -> None:
