@@ -31,7 +31,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.fitting.fit import AThetaFit, K92Fit, PointRow
 from granite_lab.fitting.laws import Points, fit_laws, gather, row_of, usable
-from granite_lab.fitting.likelihood import a_theta_interval, chosen
+from granite_lab.fitting.likelihood import a_theta_interval
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import load_paper
 
@@ -86,13 +86,12 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
     fit, more = _weighted(points) if (points.sigma > 0).all() else _unweighted(points)
     notes += more
     quantile = float(t.ppf(0.975, fit.dof) if fit.dof else norm.ppf(0.975))
-    linear = (fit.a - quantile * fit.std, fit.a + quantile * fit.std)
+    a_theta = Estimate(fit.a, fit.std)
+    ci95 = linear = a_theta.interval(quantile)
     rows = [row_of(item) for item in items]
     fits = [i for i, row in zip(items, rows, strict=True) if isinstance(i, K92Fit) and usable(row)]
-    ci95 = linear
     if len(fits) == points.v.size and fit.own.size:
-        start = fit.a, fit.std
-        ci95 = chosen(linear, a_theta_interval(fits, points.v, fit.own, fit.common, start, quantile))
+        ci95 = a_theta_interval(fits, points.v, fit.own, fit.common, a_theta, quantile)
     if ci95 != linear:
         notes.append(
             f"the interval of a_θ is by the likelihood; by the covariance it is {linear[0]:.3f} to "
@@ -105,7 +104,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
     published = load_paper().a_theta
     found = iter(fit.sensitivity.tolist())
     return AThetaFit(
-        a_theta=Estimate(fit.a, fit.std),
+        a_theta=a_theta,
         ci95=ci95,
         log_linear=points.log_slope(),
         ordinary=_ordinary(points),

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq, minimize_scalar
 
+from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import K92_BOUNDS, K92Fit
 from granite_lab.logs.trial import Array
 
@@ -53,20 +54,18 @@ def _deviation(fit: K92Fit, slope: float) -> Deviation:
     return lambda at: float(fit.slip_measured.value - curve(min(max(at, k[0]), k[-1]))) / slope
 
 
-def k92_interval(fits: Sequence[K92Fit], half: float) -> Interval | None:
+def k92_interval(fits: Sequence[K92Fit], linear: Interval) -> Interval:
     """Return the interval of the mean k_92 of trials at one speed.
+
+    It holds the k_92 within their bounds for which the mean deviation is half the width of `linear` or less.
 
     Args:
         fits: of the trials.
-        half: half the width of the interval by the covariance.
-
-    Returns:
-        the k_92 for which the mean deviation is `half` or less, within the bounds of k_92; None where a
-        trial's curve is not known.
+        linear: by the covariance; it stays where a trial's curve is not known, and where both agree.
     """
-    known = deviations(fits)
+    known, half = deviations(fits), (linear[1] - linear[0]) / 2
     if not known or not math.isfinite(half):
-        return None
+        return linear
 
     def mean(k: float) -> float:
         return float(np.mean([d(k) for d in known]))
@@ -78,28 +77,28 @@ def k92_interval(fits: Sequence[K92Fit], half: float) -> Interval | None:
             return beyond
         return float(brentq(lambda k: mean(k) - target, low, high, xtol=1e-7))
 
-    return end(-half, low), end(half, high)
+    return _chosen(linear, (end(-half, low), end(half, high)))
 
 
 def a_theta_interval(
-    fits: Sequence[K92Fit], v: Array, own: Array, common: Array, start: Interval, quantile: float
-) -> Interval | None:
-    """Return the interval of a_θ for which the deviance stays within `quantile` squared of its least.
+    fits: Sequence[K92Fit], v: Array, own: Array, common: Array, a_theta: Estimate, quantile: float
+) -> Interval:
+    """Return the interval of a_θ for which the deviance stays within `quantile` squared of its least [s/m].
+
+    That by the covariance stays where a trial's curve is not known, where the deviance does not close the
+    interval, and where both agree.
 
     Args:
         fits: of n trials.
         v: (n,) desired velocities [m/s]; equal ones share an error.
         own: (n,) variance of each k_92 with the scatter between trials.
         common: (n,) variance that the trials of a speed share.
-        start: a_θ and its std by the covariance [s/m].
+        a_theta: with its std by the covariance [s/m].
         quantile: half the width of the interval in stds.
-
-    Returns:
-        the interval [s/m]; None where a trial's curve is not known, or where the deviance does not close it.
     """
-    known = deviations(fits)
+    known, linear = deviations(fits), a_theta.interval(quantile)
     if not known:
-        return None
+        return linear
     covariance = np.diag(own) + np.where(v[:, None] == v[None, :], np.sqrt(np.outer(common, common)), 0.0)
     precision = np.linalg.inv(covariance)
 
@@ -107,7 +106,7 @@ def a_theta_interval(
         d = np.array([of(k) for of, k in zip(known, np.exp(-a * v), strict=True)])
         return float(d @ precision @ d)
 
-    a, std = start
+    a, std = a_theta.value, a_theta.std
     far = _FAR * std
     best = minimize_scalar(
         deviance, bounds=(a - far, a + far), method="bounded", options={"xatol": 1e-4 * std}
@@ -119,14 +118,14 @@ def a_theta_interval(
         while deviance(reach) < limit and abs(reach - least) < 2 * far:
             reach += quantile * step
         if deviance(reach) < limit:
-            return None
+            return linear
         ends.append(float(brentq(lambda x: deviance(x) - limit, least, reach, xtol=1e-6 * std)))
-    return ends[0], ends[1]
+    return _chosen(linear, (ends[0], ends[1]))
 
 
-def chosen(linear: Interval, likelihood: Interval | None) -> Interval:
+def _chosen(linear: Interval, likelihood: Interval) -> Interval:
     """Return the interval by the likelihood where it differs from that by the covariance, else the latter."""
-    if likelihood is None or not all(map(math.isfinite, (*linear, *likelihood))):
+    if not all(map(math.isfinite, (*linear, *likelihood))):
         return linear
     half = (linear[1] - linear[0]) / 2
     off = max(abs(a - b) for a, b in zip(linear, likelihood, strict=True))
