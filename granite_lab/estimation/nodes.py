@@ -48,8 +48,8 @@ LOOSE_TIME = 0.1
 """Time over which such a walk keeps its direction [s]."""
 
 SLOWEST = 3.0e-3
-"""Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body. Chosen of
-1, 3 and 10 mm/s for the NEES after the stop in the trials of `docs/estimation-outside.md`."""
+"""Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body. Of 1, 3
+and 10 mm/s chosen for the NEES after the stop in the trials of `docs/estimation-outside.md`."""
 
 FREE = 10.0
 """Distance that wheels which spin on the spot may roll between two nodes [m]."""
