@@ -1,0 +1,252 @@
+"""What is written after a search: the same by `study` and `discover`; a defect in one part loses no other."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+
+import granite_lab as gl
+import granite_lab.reporting
+from granite_lab.discovery.as_json import finding_as_json
+from granite_lab.discovery.finding import Finding
+from granite_lab.errors import InputError, LabError, UsageError
+from granite_lab.estimation.motion import Motion
+from granite_lab.logs.trial import Trial
+from granite_lab.planning.design import load_design
+from granite_lab.reporting.content import StudyResult
+from granite_lab.running import Cache, Execution, Options, each_trial
+from granite_lab.running.cache import trial_key
+from granite_lab.running.output import Guard, Stamp, tell
+from granite_lab.running.reading import corrected
+from granite_lab.running.search import save_found, search, search_key
+from tests.effects.example import EXAMPLE
+from tests.reporting.made_up import made_up_study
+from tests.reporting.made_up_finding import made_up_finding
+from tests.running.processes import SAMPLES
+
+chain = importlib.import_module("granite_lab.study")  # the package has a function of that name
+LOG = SAMPLES / "virtual_v0.7_r2.csv"
+SAID = ("# v_desired_mps", "# a_max_mps2", "# distance_m")
+PARTS = {
+    "model": "granite_lab.running.search.save_model",
+    "design": "granite_lab.planning.design.save_design",
+    "report": "granite_lab.reporting.write_discovery",
+}
+FILES = {"model": "model.toml", "design": "design.json", "report": "index.html"}
+
+
+def broken(*_: Any, **__: Any) -> NoReturn:
+    raise ValueError("mean of\nan empty slice")
+
+
+@pytest.fixture(scope="module")
+def found() -> Finding:
+    return made_up_finding("named", speeds=(0.5,), repetitions=2)
+
+
+@pytest.fixture(scope="module")
+def study(found: Finding) -> StudyResult:
+    return replace(made_up_study(speeds=(0.5,), repetitions=2), finding=found)
+
+
+def parts(study: StudyResult) -> tuple[list[Trial], list[Motion]]:
+    return [r.trial for r in study.trials], [r.comparison.motion for r in study.trials]
+
+
+def test_what_was_commanded_is_recognised_and_remembered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = LOG.read_text(encoding="utf-8").splitlines(keepends=True)
+    silent = tmp_path / "silent.csv"
+    silent.write_text("".join(line for line in lines if not line.startswith(SAID)), encoding="utf-8")
+    how = Execution(1, cache=Cache(tmp_path / "cache"))
+    recognised = each_trial(corrected, [silent], Options(), execution=how)[0]
+    assert isinstance(recognised, tuple)
+    trial, motion = recognised
+    assert (trial.info.v_desired, trial.info.a_max, trial.info.distance) == (None, None, None)
+    variant = motion.variant
+    assert (variant.velocity, variant.acceleration, variant.distance) == (0.7, 2.4, 3.0)
+    monkeypatch.setattr("granite_lab.estimation.correct", broken)
+    assert isinstance(each_trial(corrected, [silent], Options(), execution=how)[0], tuple)
+
+
+def test_a_plan_can_start_from_trials_whose_command_was_recognised(
+    tmp_path: Path, study: StudyResult, found: Finding
+) -> None:
+    trials, motions = parts(study)
+    silent = [replace(t, info=replace(t.info, v_desired=None)) for t in trials]
+    assert {r.trial for r in found.residuals} <= {t.name for t in silent}
+    guard = Guard(tmp_path)
+    save_found(found, Options(), silent, motions, guard)
+    assert guard.lines == []
+    driven = {d.variant for d in load_design(tmp_path / "design.json").driven}
+    assert driven
+    assert driven <= {m.variant for m in motions}
+
+
+def test_study_and_discover_leave_the_same_for_a_plan_and_a_simulation(
+    tmp_path: Path, study: StudyResult, found: Finding
+) -> None:
+    chain.write_found(found, Options(), *parts(study), tmp_path / "discover", study.source)
+    chain.write(study, Options(), tmp_path / "study")
+    for name in ("design.json", "model.toml"):
+        assert (tmp_path / "discover" / name).read_bytes() == (tmp_path / "study" / name).read_bytes()
+
+
+def test_another_tolerance_or_latency_is_another_search_but_not_another_estimate() -> None:
+    plain, *others = Options(), Options(tolerance=0.05), Options(latency=0.03)
+    for other in others:
+        assert search_key([b"x"], other) != search_key([b"x"], plain)
+        assert trial_key("w", LOG, other) == trial_key("w", LOG, plain)
+        assert Options.from_given(other.given()) == other
+    assert plain.given() == ()
+
+
+@pytest.mark.parametrize("options", [Options(tolerance=0.0), Options(tolerance=1.5), Options(latency=-1e-3)])
+def test_a_tolerance_or_latency_that_makes_no_sense_is_refused(options: Options) -> None:
+    with pytest.raises(UsageError, match="cannot be used"):
+        search([], options, motions=[])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A finding as `discover`, `discover --json`, `study` and `study --json` write it."""
+    found = json.loads(json.dumps(finding_as_json(made_up_finding("named"))))
+    for name, document in {
+        "discover/finding.json": found,
+        "said.json": found,
+        "study/report.json": {"schema": "granite-lab/report/2", "discovery": found},
+        "said-study.json": {"schema": "granite-lab/study/1", "discovery": found},
+        "unsearched/report.json": {"schema": "granite-lab/report/2", "discovery": None},
+    }.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(json.dumps(document), encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.parametrize("place", ["discover", "study", "said.json", "said-study.json", "study/report.json"])
+def test_reveal_judges_what_either_wrote(folder: Path, place: str) -> None:
+    opened = gl.reveal(SAMPLES, folder / place)
+    assert opened.score is not None
+    assert opened.score == gl.reveal(SAMPLES, folder / "said.json").score
+    assert opened.score.named == tuple(e.id for e in made_up_finding("named").effects)
+
+
+def test_the_newer_of_two_counts_and_a_study_that_did_not_search_is_refused(folder: Path) -> None:
+    study = folder / "study"
+    (study / "finding.json").write_text("{")
+    os.utime(study / "finding.json", (0, 0))
+    assert gl.reveal(SAMPLES, study).score is not None
+    os.utime(study / "report.json", (0, 0))
+    os.utime(study / "finding.json", (9, 9))
+    with pytest.raises(InputError, match=r"finding\.json: not JSON"):
+        gl.reveal(SAMPLES, study)
+    with pytest.raises(InputError, match="did not search") as refused:
+        gl.reveal(SAMPLES, folder / "unsearched")
+    assert "--no-discover" in refused.value.hint
+
+
+def test_the_report_of_a_study_knows_the_user_s_own_effects(
+    tmp_path: Path, study: StudyResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = tmp_path / "my_effect.py"
+    own.write_text(EXAMPLE)
+    known: list[str] = []
+
+    def noted(*_: object, effects: list[str], **__: object) -> Path:
+        known.extend(effects)
+        return tmp_path
+
+    monkeypatch.setattr(granite_lab.reporting, "write_report", noted, raising=False)
+    chain.write(study, Options(effects=own), tmp_path / "report")
+    assert {"head_wind", "tyre_windup"} <= set(known)
+
+
+def test_what_fails_is_one_line_that_names_the_traceback(tmp_path: Path) -> None:
+    guard = Guard(tmp_path)
+    assert guard.run("first", lambda: 3) == 3
+    assert guard.run("second", broken) is None
+    assert guard.run("third", lambda: 4) == 4
+    assert guard.lines == [
+        f"second: ValueError: mean of an empty slice; the traceback is in {tmp_path / 'failure-second.txt'}"
+    ]
+    assert "in broken" in (tmp_path / "failure-second.txt").read_text(encoding="utf-8")
+    with pytest.raises(LabError, match="second: ValueError"):
+        tell(guard.lines)
+    Guard(tmp_path).run("second", lambda: 5)
+    assert not (tmp_path / "failure-second.txt").exists()  # it was mended
+
+
+def test_known_trouble_needs_no_traceback_and_an_interruption_is_none_of_it(tmp_path: Path) -> None:
+    def full() -> None:
+        raise LabError("x: cannot be written", "free some space")
+
+    def stop() -> None:
+        raise KeyboardInterrupt
+
+    guard = Guard(tmp_path)
+    guard.run("model", full)
+    assert guard.lines == ["model: x: cannot be written (free some space)"]
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(KeyboardInterrupt):
+        guard.run("report", stop)
+
+
+@pytest.mark.parametrize("part", list(PARTS))
+def test_a_search_keeps_all_but_the_part_that_fails(
+    part: str, tmp_path: Path, study: StudyResult, found: Finding, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PARTS[part], broken, raising=False)
+    written = chain.write_found(found, Options(), *parts(study), tmp_path, study.source)
+    (line,) = written.failures
+    assert line.startswith(f"{part}: ValueError: mean of an empty slice; the traceback is in ")
+    there = {path.name for path in tmp_path.iterdir()}
+    assert there >= {FILES[p] for p in PARTS if p != part} | {"finding.json", f"failure-{part}.txt"}
+    assert FILES[part] not in there
+    document = json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))
+    assert document["effects"] == json.loads(json.dumps(finding_as_json(found)["effects"]))
+    assert document["failures"] == [line]
+
+
+def test_a_study_keeps_the_rest_of_its_report_when_the_search_cannot_be_shown(
+    tmp_path: Path, study: StudyResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from granite_lab.reporting import write_report
+
+    def fails_with_a_finding(result: StudyResult, folder: Path, **options: Any) -> Path:
+        if result.finding is not None:
+            broken()
+        return write_report(result, folder, **options)
+
+    monkeypatch.setattr(granite_lab.reporting, "write_report", fails_with_a_finding, raising=False)
+    written = chain.write(study, Options(), tmp_path)
+    assert written.page == tmp_path / "index.html"
+    assert [line.partition(":")[0] for line in written.failures] == ["report"]
+    assert json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))["verdict"] == "named"
+    assert "see finding.json" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    monkeypatch.setattr(granite_lab.reporting, "write_report", broken, raising=False)
+    assert chain.write(study, Options(), tmp_path / "none").page is None
+    assert (tmp_path / "none" / "finding.json").exists()
+    assert (tmp_path / "none" / "model.toml").exists()
+
+
+def test_an_output_is_known_again_until_a_byte_or_the_key_changes(tmp_path: Path) -> None:
+    folder, cache = tmp_path / "report", Cache(tmp_path / "cache")
+    folder.mkdir()
+    page = folder / "index.html"
+    page.write_text("as written")
+    assert not Stamp(folder, "aa11", cache).holds()
+    Stamp(folder, "aa11", cache).set()
+    assert Stamp(folder, "aa11", cache).holds()
+    assert not Stamp(folder, "bb22", cache).holds()
+    assert not Stamp(folder, "aa11", None).holds()
+    page.write_text("as edited")
+    assert not Stamp(folder, "aa11", cache).holds()
+    page.unlink()
+    assert not Stamp(folder, "aa11", cache).holds()
