@@ -35,11 +35,12 @@ OUT = "to = [] in a column map (inspect --write-map) leaves it out"
 
 @dataclass(frozen=True)
 class _Log:
-    """What every check needs: the robot, the file for messages, and channel to the name of its column."""
+    """What every check needs: the robot, the file for messages, channel to column, where warnings go."""
 
     robot: Robot
     where: str
     names: Mapping[str, str]
+    doubts: list[str]
 
     def column(self, channel: str) -> str:
         """Name the column of a channel."""
@@ -57,8 +58,8 @@ class _Log:
 
 
 def check_sensors(
-    trial: Trial, robot: Robot, where: str, names: Mapping[str, str]
-) -> tuple[Trial, list[str]]:
+    trial: Trial, robot: Robot, where: str, names: Mapping[str, str], doubts: list[str]
+) -> Trial:
     """Refuse columns that cannot be what they are called; leave out what one wheel does off the ground.
 
     Args:
@@ -66,15 +67,15 @@ def check_sensors(
         robot: how its IMU is mounted, and what its motors can do.
         where: the file, for messages.
         names: channel to the name of its column.
+        doubts: warnings are added here.
 
     Returns:
-        the trial with currents in amperes, without the stretches of a wheel that turns freely; warnings.
+        the trial with currents in amperes, without the stretches of a wheel that turns freely.
 
     Raises:
         InputError: a column that would carry a wrong result, with what it looks like and what to write.
     """
-    log, imu, wheels = _Log(robot, where, names), trial.imu, trial.wheels
-    doubts: list[str] = []
+    log, imu, wheels = _Log(robot, where, names, doubts), trial.imu, trial.wheels
     if wheels is not None:
         called = [name for channel, name in names.items() if channel.startswith("imu_")]
         if imu is None and called:
@@ -92,13 +93,9 @@ def check_sensors(
                 still = rests(trial, robot)
                 _refuse_gravity(imu, still, log)
                 _refuse_pitch_rate(imu, still, log)
-        wheels, more = _off_ground(wheels, log)
-        doubts += more
-    currents = trial.currents
-    if currents is not None:
-        currents, more = _currents(currents, trial.wheels, log)
-        doubts += more
-    return dataclasses.replace(trial, wheels=wheels, currents=currents), doubts
+        wheels = _off_ground(wheels, log)
+    currents = None if trial.currents is None else _currents(trial.currents, trial.wheels, log)
+    return dataclasses.replace(trial, wheels=wheels, currents=currents)
 
 
 def _refuse_counts_and_speed(wheels: WheelStream, log: _Log) -> None:
@@ -222,15 +219,15 @@ def _refuse_pitch_rate(imu: ImuStream, still: list[tuple[float, float]], log: _L
         )
 
 
-def _off_ground(wheels: WheelStream, log: _Log) -> tuple[WheelStream, list[str]]:
+def _off_ground(wheels: WheelStream, log: _Log) -> WheelStream:
     """Leave a wheel out where it turns much faster than the other three, which agree."""
     dt = float(np.median(np.diff(wheels.t)))
     n = max(round(0.1 / dt), 1)
     if wheels.rate is not None or not np.isfinite(wheels.angle).all() or len(wheels.t) < 4 * n:
-        return wheels, []
+        return wheels
     span = wheels.t[n:] - wheels.t[:-n]
     speed = np.abs(wheels.angle[n:] - wheels.angle[:-n]) / span[:, None]
-    angle, doubts = wheels.angle.copy(), []
+    angle = wheels.angle.copy()
     for i, channel in enumerate(ENCODERS):
         others = np.delete(speed, i, axis=1)
         middle = np.median(others, axis=1)
@@ -241,31 +238,28 @@ def _off_ground(wheels: WheelStream, log: _Log) -> tuple[WheelStream, list[str]]
             angle[a : b + 1 + n, i] = np.nan
         if long:
             ratio = float(np.median(speed[free, i] / middle[free]))
-            doubts.append(
+            log.doubts.append(
                 f"{log.column(channel)}: the wheel turns {ratio:.2g} times as fast as "
                 f"the others from t = {wheels.t[long[0][0]]:.2f} s on: off the ground? left out there"
             )
-    return dataclasses.replace(wheels, angle=angle) if doubts else wheels, doubts
+    return dataclasses.replace(wheels, angle=angle)
 
 
-def _currents(
-    currents: CurrentStream, wheels: WheelStream | None, log: _Log
-) -> tuple[CurrentStream, list[str]]:
+def _currents(currents: CurrentStream, wheels: WheelStream | None, log: _Log) -> CurrentStream:
     """Convert currents beyond what the motors can draw from mA; name one that flows against the others."""
-    doubts: list[str] = []
     drive = log.robot.drive
     limit = drive.voltage_max / drive.resistance if drive else 300.0
     shown = np.abs(currents.current[np.isfinite(currents.current)])
     if len(shown) and (high := float(np.quantile(shown, 0.95))) > 3 * limit:
         first = next((channel for channel in CURRENTS if channel in log.names), "currents")
-        doubts.append(
+        log.doubts.append(
             f"{log.column(first)} and its like: {high:.4g} A, more than the motors can draw ({limit:.3g} A): "
             'they are in mA; converted (say unit = "mA" in a column map)'
         )
         currents = CurrentStream(currents.t, currents.current / 1000)
     known = np.isfinite(wheels.angle).any(axis=1) if wheels is not None else np.zeros(0, dtype=bool)
     if wheels is None or np.count_nonzero(known) < 20:
-        return currents, doubts
+        return currents
     mean = np.nanmean(wheels.angle[known], axis=1)
     speed = np.interp(currents.t, wheels.t[known], np.gradient(mean, wheels.t[known]))
     going = np.abs(speed) > 0.3 * float(np.abs(speed).max())
@@ -274,15 +268,15 @@ def _currents(
         i for i in range(4) if np.isfinite(values[:, i]).sum() > 20 and np.isfinite(values[going, i]).any()
     ]
     if len(live) < 3 or not np.ptp(values[:, live], axis=0).all():
-        return currents, doubts
+        return currents
     power = {i: float(np.nanmean(values[going, i] * np.sign(speed[going]))) for i in live}
     for i in live:
         others = [j for j in live if j != i]
         like = np.nan_to_num(values[:, others]).mean(axis=1)
         against = power[i] < 0 < min(power[j] for j in others)
         if against and np.corrcoef(np.nan_to_num(values[:, i]), like)[0, 1] < -0.5:
-            doubts.append(
+            log.doubts.append(
                 f"{log.column(CURRENTS[i])}: the current flows against the other motors': its sign is wrong; "
                 "say scale = -1 in a column map"
             )
-    return currents, doubts
+    return currents

@@ -37,8 +37,8 @@ class Windows(NamedTuple):
 
 
 def check_imu(
-    imu: ImuStream, robot: Robot, where: str, declared: tuple[str, str] = ("m/s^2", "rad/s")
-) -> tuple[ImuStream, list[str]]:
+    imu: ImuStream, robot: Robot, where: str, declared: tuple[str, str], doubts: list[str]
+) -> ImuStream:
     """Check units, rails and dead axes of an IMU.
 
     Args:
@@ -46,21 +46,21 @@ def check_imu(
         robot: its IMU's grade is the prior for noise and range.
         where: the file, for messages.
         declared: units that the columns were said to have, from which the stream was converted.
+        doubts: warnings are added here.
 
     Returns:
-        the stream with corrected units, and warnings.
+        the stream with corrected units.
 
     Raises:
         InputError: an accelerometer in no unit that fits gravity.
     """
-    doubts: list[str] = []
     imu = _acceleration(imu, where, declared[0], doubts)
     imu = _rate(imu, robot, declared[1], doubts)
-    doubts += rails(imu, robot)
-    return imu, doubts
+    doubts += _rails(imu, robot)
+    return imu
 
 
-def windows(imu: ImuStream) -> Windows | None:
+def _windows(imu: ImuStream) -> Windows | None:
     """Average the stream over windows; None where it is too short or an axis is missing."""
     dt = float(np.median(np.diff(imu.t)))
     n = max(int(WINDOW / dt), 3)
@@ -77,7 +77,7 @@ def windows(imu: ImuStream) -> Windows | None:
 
 def _acceleration(imu: ImuStream, where: str, declared: str, doubts: list[str]) -> ImuStream:
     """Compare the mean specific force with gravity."""
-    seen = windows(imu)
+    seen = _windows(imu)
     if seen is None:
         return imu
     norm = np.linalg.norm(seen.mean, axis=1)
@@ -119,8 +119,8 @@ def _rate(imu: ImuStream, robot: Robot, declared: str, doubts: list[str]) -> Imu
     if np.isnan(imu.angular_rate).all():
         return imu
     peak = float(np.nanmax(np.abs(imu.angular_rate)))
-    turning = math.nan if imu.gravity_removed else turning_ratio(imu)
-    noise = noise_ratio(imu, robot)
+    turning = math.nan if imu.gravity_removed else _turning_ratio(imu)
+    noise = _noise_ratio(imu, robot)
     # The turning of the gravity vector, as the accelerometer sees it, contains all of the true turning:
     # a ratio beyond 1 is impossible. Vibration and acceleration lower it to a few hundredths on flat ground.
     too_large = turning > 4 or (turning > 1.5 and noise > 15) or (math.isnan(turning) and peak > FASTEST)
@@ -141,13 +141,13 @@ def _rate(imu: ImuStream, robot: Robot, declared: str, doubts: list[str]) -> Imu
     return imu
 
 
-def turning_ratio(imu: ImuStream) -> float:
+def _turning_ratio(imu: ImuStream) -> float:
     """Return how far the gyroscope turns relative to the gravity vector, NaN if unknown.
 
     The larger of two comparisons, by root mean square and by median: on smooth ground a few ramps
     would drown the turning in the first, while the noise of rest and steady drive rules the second.
     """
-    seen = windows(imu)
+    seen = _windows(imu)
     if seen is None or np.isnan(imu.angular_rate).all():
         return math.nan
     up = seen.mean / np.linalg.norm(seen.mean, axis=1, keepdims=True)
@@ -161,7 +161,7 @@ def turning_ratio(imu: ImuStream) -> float:
     return max(by_square, float(np.median(turned) / np.median(tilted)))
 
 
-def noise_ratio(imu: ImuStream, robot: Robot) -> float:
+def _noise_ratio(imu: ImuStream, robot: Robot) -> float:
     """Return the gyroscope's noise at rest over that of the robot's grade, NaN without a rest."""
     grade = robot.imu_grade
     dt = float(np.median(np.diff(imu.t)))
@@ -179,7 +179,7 @@ def noise_ratio(imu: ImuStream, robot: Robot) -> float:
     return quietest / expected
 
 
-def rails(imu: ImuStream, robot: Robot) -> list[str]:
+def _rails(imu: ImuStream, robot: Robot) -> list[str]:
     """Report axes that stay at the end of their range, and axes that never change."""
     doubts = []
     grade = robot.imu_grade

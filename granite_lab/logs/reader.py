@@ -142,12 +142,10 @@ def assemble(
     stream = _imu(merged, path, doubts)
     if stream is not None:
         units = merged.declared.get("acceleration", "m/s^2"), merged.declared.get("rate", "rad/s")
-        stream, more = check_imu(stream, the_robot, str(path), units)
-        doubts += more
+        stream = check_imu(stream, the_robot, str(path), units, doubts)
     wheels = merged.wheels
     if wheels is not None:
-        wheels, more = check_wheels(wheels, stream, the_robot, str(path), merged.declared.get("wheels", ""))
-        doubts += more
+        wheels = check_wheels(wheels, stream, the_robot, str(path), merged.declared["wheels"], doubts)
     if whole and stream is None and wheels is None:
         raise InputError(f"{path}: neither IMU nor encoder samples", "a trial needs at least one of them")
     trial = Trial(
@@ -167,13 +165,10 @@ def assemble(
         for source in sources:
             for binding in source.match.bindings:
                 names.setdefault(binding.channel, binding.name)
-        trial, more = check_sensors(trial, the_robot, str(path), names)
-        doubts += more
-        doubts += _across(trial)
-        trial, more = _longest_stretch(trial, the_robot)
-        doubts += more
-    else:
-        doubts += _across(trial)
+        trial = check_sensors(trial, the_robot, str(path), names, doubts)
+    doubts += _across(trial)
+    if whole:
+        trial = _longest_stretch(trial, the_robot, doubts)
     return dataclasses.replace(trial, warnings=tuple(dict.fromkeys(doubts)))
 
 
@@ -273,10 +268,10 @@ def _across(trial: Trial) -> list[str]:
     return doubts
 
 
-def _longest_stretch(trial: Trial, robot: Robot) -> tuple[Trial, list[str]]:
+def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
     """Cut a trial at gaps in its IMU that are too long to bridge; keep the longest stretch with a rest."""
     if trial.imu is None:
-        return trial, []
+        return trial
     t, still = trial.imu.t, rests(trial, robot)
     gaps = [
         (float(t[i]), float(t[i + 1]))
@@ -284,7 +279,7 @@ def _longest_stretch(trial: Trial, robot: Robot) -> tuple[Trial, list[str]]:
         if not any(begin <= t[i] and t[i + 1] <= end for begin, end in still)
     ]
     if not gaps:
-        return trial, []
+        return trial
     stretches = zip([float(t[0]), *(b for _, b in gaps)], [*(a for a, _ in gaps), float(t[-1])], strict=True)
 
     def worth(stretch: tuple[float, float]) -> tuple[bool, float]:
@@ -293,12 +288,12 @@ def _longest_stretch(trial: Trial, robot: Robot) -> tuple[Trial, list[str]]:
 
     begin, end = max(stretches, key=worth)
     missing = ", ".join(f"{a:.3f} to {b:.3f} s" for a, b in gaps[:3]) + (", …" if len(gaps) > 3 else "")
-    doubt = (
+    doubts.append(
         f"no IMU samples while the robot moved: {missing}: the log is cut there and only its longest stretch "
         f"with a rest is used, {begin:.3f} to {end:.3f} s; --from and --to choose another"
     )
     cut = {name: _within(getattr(trial, name), begin, end) for name in _STREAMS}
-    return dataclasses.replace(trial, **cut), [doubt]
+    return dataclasses.replace(trial, **cut)
 
 
 def _within(stream: Any, begin: float, end: float) -> Any:

@@ -109,8 +109,8 @@ def look(trial: Trial, robot: Robot) -> MotionGuess | None:
 
 
 def check_wheels(
-    wheels: WheelStream, imu: ImuStream | None, robot: Robot, where: str, declared: str = "rad"
-) -> tuple[WheelStream, list[str]]:
+    wheels: WheelStream, imu: ImuStream | None, robot: Robot, where: str, declared: str, doubts: list[str]
+) -> WheelStream:
     """Check the wheels' unit against the speed that the IMU gains while the robot drives off.
 
     Args:
@@ -119,17 +119,17 @@ def check_wheels(
         robot: for the wheel radius.
         where: the file, for messages.
         declared: unit that the columns were said to have.
+        doubts: warnings are added here.
 
     Returns:
-        the stream with a corrected unit, and warnings.
+        the stream with a corrected unit.
 
     Raises:
         InputError: wheels faster than any ground robot's.
     """
-    doubts: list[str] = []
     t, speed = mean_speed(wheels, robot)
     if len(t) < 10:
-        return wheels, doubts
+        return wheels
     doubts += _dead(wheels, imu)
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
     if not 0.3 < ratio < 8:
@@ -145,7 +145,7 @@ def check_wheels(
             )
             rate = None if wheels.rate is None else wheels.rate * factor
             angle, step = wheels.angle * factor, wheels.step * factor
-            return dataclasses.replace(wheels, angle=angle, rate=rate, step=step), doubts
+            return dataclasses.replace(wheels, angle=angle, rate=rate, step=step)
         if not math.isnan(ratio):
             doubts.append(
                 f"the wheels gain {ratio:.3g} times the speed that the IMU gains: check wheel radius, counts "
@@ -157,7 +157,7 @@ def check_wheels(
             f"{where}: the wheels' circumference moves at {top:.4g} m/s, expected at most {TOO_FAST:g} m/s",
             "correct the encoders' unit, the counts per revolution or the wheel radius",
         )
-    return wheels, doubts
+    return wheels
 
 
 def mean_speed(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:
