@@ -31,10 +31,9 @@ An effect is a physical cause that the paper's model leaves out, a module in `gr
 neutral parameter values the model equals the paper's. Symbols and equation numbers are those of the
 paper.
 
-Each parameter has its unit, meaning, expected range (from the source), physical bounds and neutral
-value. A *shape* has no influence while the other parameters are neutral. *Per trial*: a new value in
-each trial; a cosine and a sine part describe one amplitude, the same in all trials, and a phase that
-changes.
+Each parameter has its unit, meaning, expected range (from the source) and physical bounds; the neutral value
+is 0. A *shape* has no influence while the other parameters are neutral. *Per trial*: a new value in each
+trial; a cosine and a sine part describe one amplitude, the same in all trials, and a phase that changes.
 
 `granite-lab effects show ID` prints the description and draws the change of the sensor readings
 (`reports/effects/ID.png`): orange with all other parameters fixed, blue after sand, start time and
@@ -110,7 +109,7 @@ def _line(alike: Sequence[EffectParameter]) -> str:
     unit = p.unit if p.unit not in ("", "-") else "–"
     return (
         f"- {names} [{unit}]: {meaning}; expected {p.prior_low:g} to {p.prior_high:g}, "
-        f"bounds {p.low:g} to {p.high:g}" + ("" if p.shape else f", neutral {p.neutral:g}")
+        f"bounds {p.low:g} to {p.high:g}" + ("" if p.shape or p.neutral == 0 else f", neutral {p.neutral:g}")
     )
 
 
