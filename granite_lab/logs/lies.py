@@ -188,10 +188,15 @@ def _refuse_pitch_rate(imu: ImuStream, still: list[tuple[float, float]], log: _L
     matrix = log.mounting
     force, rate = imu.specific_force @ matrix.T, np.nan_to_num(imu.angular_rate) @ matrix.T
     left: dict[str, list[float]] = {}
+
+    def between(begin: float, end: float) -> slice:
+        return slice(*np.searchsorted(imu.t, [begin, end]))
+
     for one, other in pairwise(still):
-        first, last = _within(imu.t, [one]), _within(imu.t, [other])
-        motion = (imu.t >= one[1] - 0.1) & (imu.t <= other[0] + 0.1)
-        if other[0] - one[1] > 60 or min(first.sum(), last.sum(), motion.sum()) < 10:
+        first, last = (between(begin + 0.1, end - 0.1) for begin, end in (one, other))
+        motion = between(one[1] - 0.1, other[0] + 0.1)
+        few = min(part.stop - part.start for part in (first, last, motion)) < 10
+        if few or other[0] - one[1] > 60:
             continue
         t = imu.t[motion]
         level = [np.arcsin(np.clip(force[rest, 0].mean() / -GRAVITY, -1, 1)) for rest in (first, last)]
