@@ -23,8 +23,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from scipy.signal import periodogram
-from scipy.signal.windows import blackmanharris
 
 from granite_lab.estimation.clock import STILL
 from granite_lab.estimation.error_model import SlipModel
@@ -32,6 +30,7 @@ from granite_lab.estimation.nodes import Problem, build, pace_of
 from granite_lab.estimation.noise import Noise, vibration
 from granite_lab.estimation.rest import Interval, inside
 from granite_lab.estimation.smoother import log_likelihood, nominal_of
+from granite_lab.estimation.spectrum import blackman_harris, spectral_density
 from granite_lab.estimation.wheels import runs
 from granite_lab.logs.trial import Array
 
@@ -150,9 +149,8 @@ def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
         if (b - a) * dt < SHORTEST or 0.5 / dt < 2.0 * HIGH:
             continue
         acceleration = np.diff(nominal.v[a:b]) / dt
-        window = blackmanharris(acceleration.size)
-        # the stubs do not know that a window may be an array
-        frequency, density = periodogram(acceleration, 1.0 / dt, window)  # type: ignore[call-overload]
+        window = blackman_harris(acceleration.size)
+        frequency, density = spectral_density(acceleration, 1.0 / dt, window)
         use = (frequency > MOTION + LOBE / ((b - a) * dt)) & (frequency < FASTEST / dt)
         turning = problem.robot.wheels.lugs / (2.0 * np.pi * problem.robot.wheels.radius)
         lug = turning * abs(float(np.mean(pace.speed[a:b])))

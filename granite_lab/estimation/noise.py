@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import welch
 
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.spectrum import hann, spectral_density
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
@@ -157,7 +157,7 @@ def vibration(
     if part.size < 64 or dt > 0.05:
         return 0.0, prior_frequency, 0.3
     size = int(min(part.size, 2 ** np.ceil(np.log2(1.28 / dt))))
-    frequency, density = welch(part - np.mean(part), fs=1.0 / dt, nperseg=size)
+    frequency, density = spectral_density(part, 1.0 / dt, hann(size))
     excess = np.maximum(density - 2.0 * accel**2, 0.0)
     band = frequency >= min(5.0, 0.2 / dt)
     width = frequency[1] - frequency[0]

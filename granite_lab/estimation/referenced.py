@@ -20,9 +20,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import welch
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import SlipModel
@@ -31,6 +29,7 @@ from granite_lab.estimation.nodes import Problem, build, push
 from granite_lab.estimation.nominal import Sideways
 from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import log_likelihood, nominal_of
+from granite_lab.estimation.spectrum import hann, spectral_density
 from granite_lab.logs.trial import Array
 
 VX, VY, BX, BY, SLIP = range(5)
@@ -125,7 +124,7 @@ def shaking(problem: Problem) -> tuple[float, float]:
     dt = imu.period
     if moving.sum() < 256 or 0.5 / dt < 2.0 * HIGH:
         return max(noise.accel, 0.1), noise.vibration
-    frequency, density = welch(imu.forward[moving], fs=1.0 / dt, nperseg=256)
+    frequency, density = spectral_density(imu.forward[moving], 1.0 / dt, hann(256))
     high = np.sqrt(uniform_filter1d(density[frequency > HIGH], 5) / 2.0)
     white = float(np.percentile(high, 30))
     return white, float(np.sqrt(max(noise.vibration**2 - white**2 / dt, 0.0)))
@@ -242,6 +241,8 @@ def _smooth(
     F[:, VX, BX] = F[:, VY, BY] = -dt
     walk = BIAS_WALK**2 * dt
     Q = np.diag([accel**2 * dt, accel**2 * dt, walk, walk, (1 - keep**2) * scatter**2]) + 1e-12 * np.eye(5)
+    from filterpy.kalman import KalmanFilter  # noqa: PLC0415, takes half a second
+
     kf = KalmanFilter(dim_x=5, dim_z=1)
     kf.x = np.array([[wheel[0]], [0.0], [0.0], [0.0], [0.0]])
     kf.P = np.diag([0.3 * fast, 0.2 * fast, 0.3, 0.3, max(scatter, 1e-3)]) ** 2
