@@ -1,8 +1,10 @@
-"""Each fault of a sensor is found in a good trial into which it was put, and its column is named."""
+"""Wrong units and sensors that lie: each fault is put into a good trial and found there, by its column."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -12,34 +14,42 @@ import pytest
 import granite_lab as gl
 from granite_lab.errors import InputError
 from granite_lab.logs import read_trial
+from granite_lab.logs.trial import Trial
+from tests.logs import make
+from tests.truth import csv_text, trials
 
 SAMPLE = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.5_r1.csv"
 TEXT = SAMPLE.read_text(encoding="utf-8")
 HEAD = "".join(f"{line}\n" for line in TEXT.splitlines() if line.startswith("#"))
 GOOD = pd.read_csv(SAMPLE, comment="#")
-FORCE = [f"imu_a{axis}_mps2" for axis in "xyz"]
-RATE = [f"imu_g{axis}_radps" for axis in "xyz"]
-ANGLES = [f"enc_{wheel}_rad" for wheel in ("fl", "fr", "rl", "rr")]
+FORCE, RATE, ANGLES = make.IMU[:3], make.IMU[3:], make.WHEELS
 CURRENTS = [f"cur_{wheel}_A" for wheel in ("fl", "fr", "rl", "rr")]
+DEG, G = 180 / np.pi, 9.80665
+Change = Callable[[pd.DataFrame], None]
 
 
-def written(folder: Path, change: Callable[[pd.DataFrame], None]) -> Path:
+def written(folder: Path, change: Change) -> Path:
     table = GOOD.copy()
     change(table)
-    path = folder / "trial.csv"
-    path.write_text(HEAD + table.to_csv(index=False), encoding="utf-8")
-    return path
+    return make.written(folder, HEAD + table.to_csv(index=False))
 
 
-def constant(*names: str) -> Callable[[pd.DataFrame], None]:
+def changed(folder: Path, change: Change) -> Trial:
+    return read_trial(written(folder, change))
+
+
+def constant(*names: str, at: float | None = None, between: tuple[float, float] = (0, 99)) -> Change:
+    """Let every sample of some columns be the first of them, or a number, between two instants."""
+
     def change(table: pd.DataFrame) -> None:
         for name in names:
-            table.loc[table[name].notna(), name] = table[name].dropna().iloc[0]
+            rows = table[name].notna() & table["t_s"].between(*between)
+            table.loc[rows, name] = table.loc[rows, name].iloc[0] if at is None else at
 
     return change
 
 
-def exchanged(*pairs: tuple[str, str]) -> Callable[[pd.DataFrame], None]:
+def exchanged(*pairs: tuple[str, str]) -> Change:
     def change(table: pd.DataFrame) -> None:
         for one, other in pairs:
             table[one], table[other] = table[other].copy(), table[one].copy()
@@ -47,16 +57,92 @@ def exchanged(*pairs: tuple[str, str]) -> Callable[[pd.DataFrame], None]:
     return change
 
 
-def times(factor: float, *names: str) -> Callable[[pd.DataFrame], None]:
+def times(factor: float, *names: str) -> Change:
     def change(table: pd.DataFrame) -> None:
         table[list(names)] *= factor
 
     return change
 
 
-def hanging(table: pd.DataFrame) -> None:
-    late = table[RATE[0]].notna() & (table.index > len(table) // 3)
-    table.loc[late, RATE] = table.loc[late, RATE].iloc[0].to_numpy()
+SETTINGS = [("industrial", 0.2, 1), ("industrial", 0.7, 2), ("consumer", 0.3, 3), ("consumer", 0.5, 4)]
+WRONG = {
+    # columns, factor on the values, suffix they get (None: the old one, which then lies), what is said
+    "g as m/s^2": ("imu_a", 1 / G, None, r"declared in m/s\^2, reads .* it is in g"),
+    "m/s^2 as g": ("imu_a", 1.0, "g", r"declared in g, reads .* it is in m/s\^2"),
+    "mg as m/s^2": ("imu_a", 1000 / G, None, "it is in mg"),
+    "g as mg": ("imu_a", 1 / G, "mg", "it is in g"),
+    "deg/s as rad/s": ("imu_g", DEG, None, "declared in rad/s, is in deg/s"),
+    "rad/s as deg/s": ("imu_g", 1.0, "dps", "declared in deg/s, is in rad/s"),
+    "ms as s": ("t_", 1e3, None, "stamps are in ms"),
+    "s as ms": ("t_", 1.0, "ms", "stamps are in s"),
+    "ns as s": ("t_", 1e9, None, "stamps are in ns"),
+    "deg as rad": ("enc", DEG, None, "declared in rad, .* they are in deg"),
+    "rad as deg": ("enc", 1.0, "deg", "declared in deg, .* they are in rad"),
+    "rev as rad": ("enc", 1 / (2 * np.pi), None, "declared in rad, .* they are in rev"),
+}
+
+
+@lru_cache
+def good(grade: str, velocity: float, seed: int) -> str:
+    """Return a trial of the independent generator."""
+    return csv_text.to_csv(trials.generate(seed, velocity=velocity, grade=grade).trial)
+
+
+@pytest.mark.parametrize("setting", SETTINGS, ids=str)
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_unit_is_corrected_and_said(
+    name: str, setting: tuple[str, float, int], tmp_path: Path
+) -> None:
+    prefix, factor, suffix, said = WRONG[name]
+    right = make.read(tmp_path, good(*setting))
+    assert right.warnings == ()
+    wrong = make.read(tmp_path, csv_text.converted(good(*setting), prefix, factor, suffix))
+    make.same(right, wrong, rtol=1e-3, atol=1e-3)
+    assert any(re.search(said, line) for line in wrong.warnings), wrong.warnings
+
+
+def test_removed_gravity_is_noticed(tmp_path: Path) -> None:
+    def change(table: pd.DataFrame) -> None:
+        table[FORCE[2]] -= 9.81
+
+    trial = changed(tmp_path, change)
+    assert trial.imu.gravity_removed
+    assert any("has removed gravity" in line for line in trial.warnings)
+
+
+def clipped(table: pd.DataFrame) -> None:
+    table[FORCE[0]] = table[FORCE[0]].clip(-1.0, 1.5)
+
+
+REPORTED: dict[str, tuple[Change, str]] = {
+    "an axis at its limit": (clipped, "accelerometer x: saturated at"),
+    "an axis that nothing needs": (constant(RATE[2], at=0.25), "gyroscope z: constant at 0.25"),
+    "a wheel that stands": (constant(ANGLES[0], at=0.25), "encoder fl stands still"),
+    "a wheel without encoder": (constant(ANGLES[3], at=np.nan), "'enc_rr_rad' is empty; that wheel"),
+    "a wheel that is silent for a while": (
+        constant(ANGLES[2], at=np.nan, between=(3.0, 4.5)), "'enc_rl_rad': no sample from t = 3.0",
+    ),
+    "an axis that is silent for a moment": (
+        constant(RATE[1], at=np.nan, between=(3.0, 3.1)), "20 samples without 'imu_gy_radps' were left out",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REPORTED)
+def test_what_does_not_matter_much_is_reported(name: str, tmp_path: Path) -> None:
+    change, said = REPORTED[name]
+    assert any(said in line for line in changed(tmp_path, change).warnings)
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+def test_wraps_injected_into_a_trial_are_undone_exactly(bits: int, tmp_path: Path) -> None:
+    counts, text = 106_000, good("industrial", 0.3, 1)
+    logged = make.read(tmp_path, text).wheels.angle[:, 0]
+    true = np.rint(logged * counts / (2 * np.pi))
+    trial = make.read(tmp_path, csv_text.wrapped_counts(text, counts, bits, start=2**bits - 3000))
+    got = np.rint((trial.wheels.angle[:, 0] - trial.wheels.angle[0, 0]) * counts / (2 * np.pi))
+    np.testing.assert_array_equal(got, true - true[0])
+    assert any("wrapped" in line for line in trial.warnings)
 
 
 def ticks(table: pd.DataFrame) -> None:
@@ -72,7 +158,7 @@ REFUSED = {
     "accelerometer constant": (constant(*FORCE), FORCE[0], "every sample is"),
     "forward axis constant": (constant(FORCE[0]), FORCE[0], "every sample is"),
     "gyroscope constant": (constant(*RATE), RATE[1], "every sample is"),
-    "gyroscope hangs from some time on": (hanging, RATE[1], "is the same"),
+    "gyroscope hangs from some time on": (constant(*RATE, between=(4, 99)), RATE[1], "is the same"),
     "roll and pitch rate exchanged": (exchanged((RATE[0], RATE[1])), RATE[1], "rate about x fits"),
     "pitch and yaw rate exchanged": (exchanged((RATE[1], RATE[2])), RATE[1], "rate about z fits"),
     "x and z exchanged": (
@@ -90,7 +176,7 @@ REFUSED = {
 def test_a_column_that_cannot_be_what_it_is_called_is_refused(name: str, tmp_path: Path) -> None:
     change, column, said = REFUSED[name]
     with pytest.raises(InputError, match=said) as caught:
-        read_trial(written(tmp_path, change))
+        changed(tmp_path, change)
     assert column in caught.value.message
     assert caught.value.hint
 
@@ -115,13 +201,13 @@ def test_what_is_zero_throughout_is_not_measured(columns: list[str], left: str, 
 
 
 def test_currents_in_milliamperes_are_converted_and_said(tmp_path: Path) -> None:
-    good, trial = read_trial(SAMPLE), read_trial(written(tmp_path, times(1000, *CURRENTS)))
+    good, trial = read_trial(SAMPLE), changed(tmp_path, times(1000, *CURRENTS))
     np.testing.assert_allclose(trial.currents.current, good.currents.current, rtol=1e-9)
     assert any(CURRENTS[0] in line and "in mA" in line for line in trial.warnings)
 
 
 def test_one_current_that_flows_against_the_others_is_named(tmp_path: Path) -> None:
-    said = read_trial(written(tmp_path, times(-1, CURRENTS[2]))).warnings
+    said = changed(tmp_path, times(-1, CURRENTS[2])).warnings
     assert len(said) == 1
     assert CURRENTS[2] in said[0]
     assert "scale = -1" in said[0]
@@ -135,7 +221,7 @@ def test_a_burst_of_bad_stamps_is_left_out_and_its_line_named(to: float, tmp_pat
         burst = slice(middle, middle + 40)
         table.loc[burst, "t_s"] = 0.0 if to == 0 else table.loc[burst, "t_s"] + to
 
-    good, trial = read_trial(SAMPLE), read_trial(written(tmp_path, change))
+    good, trial = read_trial(SAMPLE), changed(tmp_path, change)
     keep = np.isin(good.imu.t, trial.imu.t)
     assert 0 < np.count_nonzero(~keep) < 41
     np.testing.assert_array_equal(trial.imu.specific_force, good.imu.specific_force[keep])
@@ -144,7 +230,7 @@ def test_a_burst_of_bad_stamps_is_left_out_and_its_line_named(to: float, tmp_pat
 
 
 def test_a_wheel_off_the_ground_is_named_and_left_out(tmp_path: Path) -> None:
-    trial = read_trial(written(tmp_path, times(1.5, ANGLES[0])))
+    trial = changed(tmp_path, times(1.5, ANGLES[0]))
     assert np.isnan(trial.wheels.angle[:, 0]).sum() > 100
     assert np.isfinite(trial.wheels.angle[:, 1:]).all()
     assert any(ANGLES[0] in line and "off the ground" in line for line in trial.warnings)
