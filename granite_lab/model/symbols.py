@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from functools import cache
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -71,12 +72,18 @@ def model_parameters(
 
 def _numbers(record: Any) -> Iterator[Any]:
     """Yield the numbers or symbols of a nested record, in field order."""
-    for field in dataclasses.fields(record):
-        value = getattr(record, field.name)
-        if dataclasses.is_dataclass(value):
-            yield from _numbers(value)
-        elif isinstance(value, (int, float, ca.SX)):
+    for name in _names(type(record)):
+        value = getattr(record, name)
+        if isinstance(value, (int, float, ca.SX)):
             yield value
+        elif dataclasses.is_dataclass(value):
+            yield from _numbers(value)
+
+
+@cache
+def _names(kind: type) -> tuple[str, ...]:
+    """Return the fields of a record; every simulation asks for them."""
+    return tuple(field.name for field in dataclasses.fields(kind))
 
 
 def vector_of(record: Any) -> list[float]:
