@@ -47,9 +47,8 @@ compliance of a robot that rings at 16 Hz."""
 LOOSE_TIME = 0.1
 """Time over which such a walk keeps its direction [s]."""
 
-SLOWEST = 3.0e-3
-"""Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body. Of 1, 3
-and 10 mm/s chosen for the NEES after the stop in the trials of `docs/estimation-outside.md`."""
+SLOWEST = 0.01
+"""Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body."""
 
 FREE = 10.0
 """Distance that wheels which spin on the spot may roll between two nodes [m]."""
@@ -184,9 +183,9 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
     one = rolling.mean_std if not rolling.by_rate else rolling.speed_std * period
     sigma = np.interp(grid, stamps, one[known]) * np.sqrt(720 * period / (window * GRID))
-    limit = np.minimum(0.05, 0.5 * np.abs(pace)) + 3.0 * sigma / (window * GRID) ** 2
+    limit = 0.05 + 3.0 * sigma / (window * GRID) ** 2
     # the slip ratio goes on changing for some tenths of a second after the wheels have settled
-    relative = np.maximum(np.abs(growth) - limit, 0.0) / np.maximum(np.abs(pace), SLOWEST)
+    relative = np.maximum(np.abs(growth) - limit, 0.0) / np.maximum(np.abs(pace), 0.1)
     memory = np.exp(-np.arange(0, 2.0, GRID) / 0.4)
     lasting = np.convolve(relative, memory / memory.sum(), mode="full")[: grid.size]
     busy = np.abs(growth) > limit
