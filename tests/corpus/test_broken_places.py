@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import io
 import os
@@ -194,24 +193,6 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(
     assert "no space left on the device" in done.error
     assert "free some space" in done.hint
     assert not [p for p in out.rglob("*") if p.is_file() and p.stat().st_size]
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root mounts file systems")
-def test_a_really_full_disk(tmp_path: Path) -> None:
-    small = folder(tmp_path / "small")
-    if os.system(f"mount -t tmpfs -o size=64k tmpfs {small} 2>/dev/null") != 0:
-        pytest.skip("this machine mounts no file systems")
-    try:
-        with contextlib.suppress(OSError), (small / "filler").open("wb", buffering=0) as file:
-            while file.write(bytes(4096)):
-                pass
-        for writer in WRITERS:
-            done = lab(*command(writer, small / "x", small / "run.csv"))
-            assert done.code == 1, (writer, done)
-            assert "no space left on the device" in done.error
-            assert not list(small.rglob("*.part"))
-    finally:
-        os.system(f"umount {small}")
 
 
 def test_the_user_s_own_code_is_said_to_be_run_and_nothing_else_is(tmp_path: Path) -> None:

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granite_lab.logs import read_trial
 from granite_lab.logs.encoders import convert, quantum, unwrap
 from granite_lab.logs.units import find_unit
+from tests.logs import make
 
 COUNTS = find_unit("counts")
 assert COUNTS is not None
@@ -41,15 +41,9 @@ def test_every_wrap_is_undone_exactly(motion: tuple[np.ndarray, int, int], signe
     assert wraps == 0 or width == 2.0**bits
 
 
-def test_a_reset_to_zero_is_not_taken_for_a_wrap() -> None:
+def test_a_reset_is_not_taken_for_a_wrap_but_taken_out_and_said() -> None:
     counts = np.concatenate((np.arange(0, 60_000, 50.0), np.arange(0, 5_000, 50.0)))
-    values, wraps, _ = unwrap(counts, [2.0**16, 2.0**32])
-    assert wraps == 0
-    np.testing.assert_array_equal(values, counts)
-
-
-def test_a_reset_is_taken_out_and_said() -> None:
-    counts = np.concatenate((np.arange(0, 60_000, 50.0), np.arange(0, 5_000, 50.0)))
+    assert unwrap(counts, [2.0**16, 2.0**32])[1] == 0
     t = np.arange(len(counts)) / 100
     wheel = convert(t, counts, COUNTS, scale=1, wrap=0, per_rev=10_000, radius=0.1, increment=False)
     assert any("jumps" in doubt for doubt in wheel.doubts)
@@ -58,26 +52,15 @@ def test_a_reset_is_taken_out_and_said() -> None:
     assert steps.min() >= 0
 
 
-def test_an_angle_of_one_turn_is_unwrapped(tmp_path: Path) -> None:
-    t = np.arange(500) / 100
-    true = 3.0 * t
-    path = tmp_path / "turn.csv"
-    rows = [f"{a:.2f}" + f",{np.mod(x, 2 * np.pi):.6f}" * 4 for a, x in zip(t, true, strict=True)]
-    path.write_text("t_s,enc_fl_rad,enc_fr_rad,enc_rl_rad,enc_rr_rad\n" + "\n".join(rows))
-    wheels = read_trial(path).wheels
-    np.testing.assert_allclose(wheels.angle[:, 0], true, atol=1e-6)
-
-
-def test_counts_turned_into_an_angle_by_the_logger_are_unwrapped(tmp_path: Path) -> None:
+@pytest.mark.parametrize("width", [2 * np.pi, 2**16 * 2 * np.pi / 106_000], ids=["a turn", "counts"])
+def test_an_angle_that_starts_again_is_unwrapped(width: float, tmp_path: Path) -> None:
+    """After a turn, or because the logger has turned the counts of a 16-bit counter into an angle."""
     q = 2 * np.pi / 106_000
-    t = np.arange(600) / 100
-    true = np.rint(3.0 * t / q).astype(int) + 60_000
-    path = tmp_path / "angle.csv"
-    rows = [f"{a:.2f}" + f",{np.mod(x, 2**16) * q:.9f}" * 4 for a, x in zip(t, true, strict=True)]
+    true = q * (np.rint(3.0 * np.arange(600) / 100 / q) + 60_000)
+    rows = [f"{k / 100}" + f",{np.mod(x, width):.9f}" * 4 for k, x in enumerate(true)]
     head = '# robot = "granite"\nt_s,enc_fl_rad,enc_fr_rad,enc_rl_rad,enc_rr_rad\n'
-    path.write_text(head + "\n".join(rows))
-    wheels = read_trial(path).wheels
-    np.testing.assert_array_equal(np.rint(wheels.angle[:, 0] / q), true)
+    angle = make.read(tmp_path, head + "\n".join(rows)).wheels.angle[:, 0]
+    np.testing.assert_array_equal(np.rint((angle - angle[0]) / q), np.rint((true - true[0]) / q))
 
 
 @given(

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from granite_lab.errors import LabError
+from granite_lab.errors import InputError, LabError
 from granite_lab.logs import inspect_logs, read_trial
 from tests.logs import make
 from tests.soak import SOAK
@@ -53,52 +53,47 @@ def damaged(steps: list[tuple[str, int, int, bytes]]) -> bytes:
     return content
 
 
-def check(path: Path) -> None:
+def check(folder: Path, content: bytes | str) -> None:
     """Read a log and hold what comes out to its promises."""
+    path = make.written(folder, content)
     try:
         trial = read_trial(path)
     except LabError as error:
-        refused = (error.message.startswith(str(path)), "\n" in error.message + error.hint, error.exit_code)
+        refused = error
     else:
-        refused = (True, False, 3)
+        refused = InputError(str(path))
         if trial.imu is not None:
             assert np.isfinite(trial.imu.t).all()
             assert (np.diff(trial.imu.t) > 0).all()
             for values in (trial.imu.specific_force, trial.imu.angular_rate):
-                whole = np.isfinite(values).all(axis=0) | np.isnan(values).all(axis=0)
-                assert whole.all()
+                assert (np.isfinite(values).all(axis=0) | np.isnan(values).all(axis=0)).all()
         if trial.wheels is not None:
             assert (np.diff(trial.wheels.t) > 0).all()
             assert not np.isinf(trial.wheels.angle).any()
         assert all("\n" not in line for line in trial.warnings)
-    assert refused == (True, False, 3)
+    assert refused.message.startswith(str(path))
+    assert refused.exit_code == 3
     inspect_logs([path]).as_json()
 
 
+many = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+numbers = st.floats(allow_nan=True, width=32) | st.none()
+
+
 @given(steps=st.lists(damage, min_size=1, max_size=4))
-@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+@many
 def test_a_damaged_log(steps: list[tuple[str, int, int, bytes]], tmp_path: Path) -> None:
-    path = tmp_path / "trial.csv"
-    path.write_bytes(damaged(steps))
-    check(path)
+    check(tmp_path, damaged(steps))
 
 
 @given(content=st.binary(max_size=300))
-@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+@many
 def test_any_bytes(content: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "trial.csv"
-    path.write_bytes(content)
-    check(path)
+    check(tmp_path, content)
 
 
-@given(
-    rows=st.lists(
-        st.lists(st.floats(allow_nan=True, width=32) | st.none(), min_size=11, max_size=11), max_size=12
-    )
-)
-@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+@given(rows=st.lists(st.lists(numbers, min_size=11, max_size=11), max_size=12))
+@many
 def test_any_numbers(rows: list[list[float | None]], tmp_path: Path) -> None:
-    path = tmp_path / "trial.csv"
     table = [",".join("" if x is None else repr(x) for x in row) for row in rows]
-    path.write_text("\n".join([make.HEADER, *table]))
-    check(path)
+    check(tmp_path, "\n".join([make.HEADER, *table]))

@@ -16,6 +16,7 @@ import pytest
 from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
 from granite_lab.parameters import load_robot
+from tests.logs import make
 
 DATA = Path(os.environ.get("GRANITE_LAB_REAL_LOGS") or Path(__file__).parents[3] / "shared" / "data")
 pytestmark = [
@@ -88,15 +89,6 @@ def test_robotino_slips_as_its_camera_says(name: str, low: float, high: float) -
     assert trial.command.value[0] in (0.1, 0.2, 0.3)
 
 
-def test_robotino_counts_agree_with_its_speeds_to_two_percent() -> None:
-    """What the column map says about the counts: 32000 a wheel revolution, speeds 1 to 2.5 % lower."""
-    for path in sorted((DATA / "robotino_slip").glob("*.csv")):
-        t, counts, rate = (raw(path, name, ";", 2) for name in ("t", "m2pos", "m2vel"))
-        steady = t > 1500
-        by_counts = np.ptp(counts[steady]) * 2 * np.pi / 2000 / np.ptp(t[steady]) * 1000
-        assert 0.975 < by_counts / -rate[steady].mean() < 0.995
-
-
 @pytest.mark.parametrize("name", ["SANDY_LOAM_{}_01", "SANDY_LOAM_{}_06", "SNOW_{}_01"])
 def test_boreal_husky_in_two_files(name: str) -> None:
     folder = DATA / "borealtc_husky"
@@ -114,10 +106,11 @@ def test_boreal_husky_in_two_files(name: str) -> None:
     assert report.rests == ()
 
 
-def test_husky_with_gps_in_three_files() -> None:
+def test_husky_with_gps_is_a_folder_with_a_file_a_sensor() -> None:
     folder = DATA / "husky_gps"
-    trial = read_trial(folder / "imu.csv", encoders=folder / "odom.csv", reference=folder / "fix.csv")
-    assert trial.info.robot == "husky_gps"
+    trial = read_trial(folder)
+    make.same(trial, read_trial(folder / "imu.csv", encoders=folder / "odom.csv"))
+    assert (trial.name, trial.info.robot) == ("husky_gps", "husky_gps")
     rates = [1 / np.median(np.diff(s.t)) for s in (trial.imu, trial.wheels, trial.reference_v)]
     np.testing.assert_allclose(rates, [30, 10, 2.5], rtol=0.02)
     # Gravity is on the sensor's y axis, and stays the only unit that fits.
