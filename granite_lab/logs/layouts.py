@@ -25,6 +25,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from granite_lab.errors import InputError
+from granite_lab.files import is_folder
 from granite_lab.logs.dialect import TableFormat
 from granite_lab.logs.units import Unit, find_unit, resembling, spellings
 from granite_lab.parameters import CATALOGUE, WHEELS, names
@@ -148,12 +149,20 @@ def load_layout(name: str | Path) -> Layout:
 
 
 def given_maps(maps: Maps) -> tuple[Layout, ...]:
-    """Load the column maps a user gave: names, files, or folders of maps."""
-    if maps is None:
-        return ()
-    named = (maps,) if isinstance(maps, (str, Path)) else tuple(maps)
-    files = [sorted(Path(one).glob("*.toml")) if Path(one).is_dir() else [one] for one in named]
-    return tuple(load_layout(one) for group in files for one in group)
+    """Load the column maps a user gave: names, files, or folders of maps.
+
+    Raises:
+        UsageError: unknown name.
+        InputError: a map is wrong, or a folder holds none.
+    """
+    found: list[Layout] = []
+    for one in [maps] if isinstance(maps, (str, Path)) else maps or ():
+        folder = is_folder(Path(one))
+        files: list[str | Path] = [*sorted(Path(one).glob("*.toml"))] if folder else [one]
+        if not files:
+            raise InputError(f"{one}: is a directory without column maps (.toml)", "give the path of a map")
+        found += [load_layout(file) for file in files]
+    return tuple(found)
 
 
 @lru_cache
