@@ -14,6 +14,8 @@ from granite_lab.api.calls import checked
 from granite_lab.api.project import About, choose
 from granite_lab.errors import EstimateError, InputError, LabError, UsageError
 from granite_lab.estimation.motion import Motion
+from granite_lab.logs.named import is_bag
+from granite_lab.logs.streams import ZERO
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.processes import one_thread
@@ -103,7 +105,7 @@ def check(log: str | Path, **about: Unpack[About]) -> Checked:
         trial, robot = read(path, options)
     except InputError as error:
         return Checked(path, False, (Check("log", False, error.message, error.hint),), error)
-    checks = [_log(trial), *_sensors(trial)]
+    checks = [_log(trial, path), *_sensors(trial)]
     failed = InputError if not all(c.good for c in checks) else EstimateError
     try:
         with one_thread():
@@ -120,13 +122,15 @@ def check(log: str | Path, **about: Unpack[About]) -> Checked:
     return Checked(path, trial.info.virtual, tuple(checks), failed(told, bad[0].advice))
 
 
-def _log(trial: Trial) -> Check:
+def _log(trial: Trial, path: Path) -> Check:
     spans = [s.t for s in (trial.imu, trial.wheels, trial.currents) if s is not None and len(s.t) > 1]
     seconds = max(t[-1] for t in spans) - min(t[0] for t in spans) if spans else 0.0
+    dead = [line for line in trial.warnings if line.endswith(ZERO)]
+    if dead and not is_bag(path):  # messages of ROS hold zeros where nothing is measured
+        return Check("log", False, "; ".join(dead), "check plug and driver of the sensor")
     doubts = f"; warnings: {len(trial.warnings)}, see granite-lab inspect" if trial.warnings else ""
-    return Check(
-        "log", seconds > 0, f"read, {seconds:.1f} s, layout {trial.layout}{doubts}", "log a whole run"
-    )
+    found = f"read, {seconds:.1f} s, layout {trial.layout}{doubts}"
+    return Check("log", bool(seconds > 0), found, "log a whole run")
 
 
 def _sensors(trial: Trial) -> Iterator[Check]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -97,12 +97,17 @@ def fit_a_theta(
     if logs is None:
         return published_fit()
     if not isinstance(logs, (str, Path)) and all(isinstance(item, K92Fit) for item in logs) and len(logs):
-        return fit_over_trials([item for item in logs if isinstance(item, K92Fit)])
+        return fit_over_trials(_by_name(item for item in logs if isinstance(item, K92Fit)))
     paths = logs if isinstance(logs, (str, Path)) else [x for x in logs if isinstance(x, (str, Path))]
     fits = fit_k92(paths, **said)
-    fit = fit_over_trials(list(fits))
+    fit = fit_over_trials(_by_name(fits))
     left_out = (f"{trial} left out: {reason}" for trial, reason in fits.left_out)
     return replace(fit, notes=(*fit.notes, *left_out))
+
+
+def _by_name(fits: Iterable[K92Fit]) -> list[K92Fit]:
+    """Sort fits, so that sums do not depend on the order of the logs."""
+    return sorted(fits, key=lambda fit: fit.trial)
 
 
 @checked

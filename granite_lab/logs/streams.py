@@ -19,6 +19,9 @@ from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
 from granite_lab.parameters import Robot
 
+ZERO = "every sample is 0: taken as not measured"
+"""How a warning of a dead channel ends."""
+
 WINDOW = 5
 """Samples through which a line is laid to get a speed."""
 
@@ -205,7 +208,7 @@ def _measured(
     if len(samples.t) < _MANY or not idle or (channels == ACCELERATION and len(idle) < len(channels)):
         return samples
     names = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
-    doubts.append(f"{source.path.name}: {what}: {names}: every sample is 0: taken as not measured")
+    doubts.append(f"{source.path.name}: {what}: {names}: {ZERO}")
     values = samples.values.copy()
     values[:, idle] = np.nan
     return Samples(samples.t, values, samples.rows) if len(idle) < len(channels) else None
