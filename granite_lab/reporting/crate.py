@@ -45,22 +45,38 @@ def crate(report: Report, source: Source, date: str, libraries: Sequence[str], f
         files: that belong to it.
         root: folder of `files` on which their names are based.
     """
-    parts = [_file(path, root) for path in sorted(files)]
-    inputs = [_input(shown_path(i.path), i.sha256) for i in source.inputs]
-    tools = [_software(name, metadata.version(name)) for name in libraries]
-    tools.append(_software("Python", platform.python_version()))
-    text = " ".join(filter(None, (report.answers.lead, report.answers.virtual)))
-    made = _software("granite-lab", source.version) | {
+    parts = []
+    for path in sorted(files):
+        data = path.read_bytes()
+        kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+        parts.append({
+            "@id": quote(path.relative_to(root).as_posix()), "@type": "File", "name": path.name,
+            "encodingFormat": kind, "contentSize": str(len(data)), "sha256": hashlib.sha256(data).hexdigest(),
+        })  # fmt: skip
+    inputs: list[Entity] = []  # what was read is not in the folder
+    for file in source.inputs:
+        name = shown_path(file.path)
+        inputs.append(
+            {"@id": f"#input/{quote(name)}", "@type": "CreativeWork", "name": name, "sha256": file.sha256}
+        )
+    versions = {name: metadata.version(name) for name in libraries} | {"Python": platform.python_version()}
+    software: list[Entity] = [
+        {"@id": f"#{name}", "@type": "SoftwareApplication", "name": name, "version": version}
+        for name, version in ({"granite-lab": source.version} | versions).items()
+    ]
+    made, tools = software[0], software[1:]
+    made |= {
         "description": f"SHA-256 of its sources and libraries: {source.code or 'not known'}",
         "softwareRequirements": _links(tools),
     }
-    graph = [
+    graph: list[Entity] = [
         {
             "@id": NAME, "@type": "CreativeWork", "about": {"@id": "./"},
             "conformsTo": {"@id": "https://w3id.org/ro/crate/1.1"},
         },
         {
-            "@id": "./", "@type": "Dataset", "name": report.name, "description": text,
+            "@id": "./", "@type": "Dataset", "name": report.name,
+            "description": f"{report.answers.lead} {report.answers.virtual}".strip(),
             "datePublished": date, "license": {"@id": "#licence"}, "hasPart": _links(parts),
             "mentions": [{"@id": "#study"}],
         },
@@ -76,24 +92,6 @@ def crate(report: Report, source: Source, date: str, libraries: Sequence[str], f
         made, *tools, *inputs, *parts,
     ]  # fmt: skip
     return json.dumps({"@context": _CONTEXT, "@graph": graph}, indent=1, ensure_ascii=False) + "\n"
-
-
-def _file(path: Path, root: Path) -> Entity:
-    data = path.read_bytes()
-    kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    return {
-        "@id": quote(path.relative_to(root).as_posix()), "@type": "File", "name": path.name,
-        "encodingFormat": kind, "contentSize": str(len(data)), "sha256": hashlib.sha256(data).hexdigest(),
-    }  # fmt: skip
-
-
-def _input(name: str, sha256: str) -> Entity:
-    """Return a log or another file that was read; it is not in the folder."""
-    return {"@id": f"#input/{quote(name)}", "@type": "CreativeWork", "name": name, "sha256": sha256}
-
-
-def _software(name: str, version: str) -> Entity:
-    return {"@id": f"#{name}", "@type": "SoftwareApplication", "name": name, "version": version}
 
 
 def _links(entities: Sequence[Entity]) -> list[Entity]:

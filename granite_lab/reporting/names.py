@@ -6,6 +6,7 @@ import math
 import re
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,11 +79,9 @@ SAND = {
 """Parameters of the sand."""
 
 NAMES = {
-    "accel_scale_error": "accelerometer scale error",
-    "com_offset": "centre-of-mass offset",
-    "imu_tilt": "IMU tilt",
-    "tyre_windup": "tyre wind-up",
-}
+    "accel_scale_error": "accelerometer scale error", "com_offset": "centre-of-mass offset",
+    "imu_tilt": "IMU tilt", "tyre_windup": "tyre wind-up",
+}  # fmt: skip
 """Effects whose id alone does not read as words."""
 
 PREFIXED = ("s", "m", "rad", "m/N", "rad/(N m)")
@@ -96,20 +95,18 @@ RELATIVE = {
 
 DIRECTIONS = {
     "clock_offset": (
-        "offset",
-        "stamps of encoders and currents late against the IMU's",
+        "offset", "stamps of encoders and currents late against the IMU's",
         "stamps of encoders and currents early against the IMU's",
     ),
     "com_offset": ("forward", "centre of mass shifted to the front", "centre of mass shifted to the rear"),
     "ground_slope": ("slope", "ground that rises", "ground that falls"),
     "imu_tilt": ("tilt", "IMU mounted nose down", "IMU mounted nose up"),
     "torque_constant_error": (
-        "error",
-        "torque constant or gear efficiency above that of the robot's file",
+        "error", "torque constant or gear efficiency above that of the robot's file",
         "torque constant or gear efficiency below that of the robot's file",
     ),
     "wheel_radius_error": ("error", "wheel angles read too large", "wheel angles read too small"),
-}
+}  # fmt: skip
 """Effect to the number whose sign has a direction, and the effect in words for either sign."""
 
 MUCH = 0.2
@@ -160,11 +157,33 @@ def shown_candidates(finding: Finding) -> list[Candidate]:
 
 
 def describe(effect: FoundEffect) -> str:
-    """Name an effect with its sizes."""
-    title, sizes = in_words(effect)
+    """Name an effect with its sizes; a sign that has a direction is said, not printed."""
+    title, sizes = effect.title, [f"{p.name.replace('_', ' ')} {amount(effect, p)}" for p in _shown(effect)]
     if effect.empirical:
-        title, sizes = plain(effect.id), ", ".join(amount(effect, p) for p in effect.parameters)
-    return f"{title} ({sizes})" if sizes else title
+        title, sizes = plain(effect.id), [amount(effect, p) for p in effect.parameters]
+    name, above, below = DIRECTIONS.get(effect.id, ("", "", ""))
+    for p in (p for p in effect.parameters if p.name == name and not p.per_trial):
+        away = replace(p, estimate=Estimate(abs(p.estimate.value), p.estimate.std))
+        title, sizes = above if p.estimate.value >= 0 else below, [f"by {amount(effect, away)}"]
+    return f"{title} ({', '.join(sizes)})" if sizes else title
+
+
+def _shown(effect: FoundEffect) -> list[FoundParameter]:
+    """Return the numbers, cosine and sine that differ in each trial as the amplitude that they share."""
+    named = {p.name: p for p in effect.parameters}
+    shown = []
+    for p in effect.parameters:
+        part, _, rest = p.name.partition("_")
+        pair = {"cos": f"sin_{rest}", "sin": f"cos_{rest}"}
+        other = named.get(pair.get(part, "")) if p.per_trial else None
+        if other is None:
+            shown.append(p)
+        elif part == "cos":
+            c, s = p.estimate, other.estimate
+            size = float(np.hypot(c.value, s.value))
+            std = float(np.hypot(c.value * c.std, s.value * s.std)) / size if size else c.std
+            shown.append(FoundParameter(f"amplitude_{rest}", p.unit, Estimate(size, std)))
+    return shown
 
 
 def with_found(finding: Finding) -> str:
@@ -236,16 +255,16 @@ def short(name: str, most: int = 25) -> str:
     return flat if len(flat) <= most else f"{flat[: most - 1]}…"
 
 
-def unit_for(unit: str, size: float) -> tuple[str, float]:
-    """Return the unit in which a size is printed, and the factor to it: ms for 0.027 s."""
+def scale_of(effect_id: str, name: str, unit: str, size: float) -> tuple[str, float]:
+    """Return the unit in which a number of an effect is printed, and the factor to it.
+
+    Relative errors are percent; small sizes of some units are thousandths, as ms for 0.027 s.
+    """
+    if (effect_id, name) in RELATIVE:
+        return "%", 100.0
     if unit not in PREFIXED or size == 0 or abs(size) >= 0.1:
         return tidy_unit(unit), 1.0
     return (f"m{tidy_unit(unit)}", 1e3) if abs(size) >= 1e-4 else (f"µ{tidy_unit(unit)}", 1e6)
-
-
-def scale_of(effect_id: str, name: str, unit: str, size: float) -> tuple[str, float]:
-    """Return unit and factor of a number of an effect; relative errors are percent."""
-    return ("%", 100.0) if (effect_id, name) in RELATIVE else unit_for(unit, size)
 
 
 def amount(effect: FoundEffect, parameter: FoundParameter) -> str:
@@ -254,47 +273,12 @@ def amount(effect: FoundEffect, parameter: FoundParameter) -> str:
     return plus_minus(parameter.estimate, unit, scale)
 
 
-def in_words(effect: FoundEffect) -> tuple[str, str]:
-    """Return an effect in words, and its sizes; a sign that has a direction is said, not printed."""
-    if effect.id in DIRECTIONS:
-        name, above, below = DIRECTIONS[effect.id]
-        own = next((p for p in effect.parameters if p.name == name), None)
-        if own is not None and not own.per_trial:
-            away = FoundParameter(
-                own.name, own.unit, Estimate(abs(own.estimate.value), own.estimate.std), own.per_trial
-            )
-            return above if own.estimate.value >= 0 else below, f"by {amount(effect, away)}"
-    sizes = ", ".join(f"{p.name.replace('_', ' ')} {amount(effect, p)}" for p in _with_amplitudes(effect))
-    return effect.title, sizes
-
-
-def _with_amplitudes(effect: FoundEffect) -> list[FoundParameter]:
-    """Return the numbers, cosine and sine that differ in each trial as the amplitude that they share."""
-    named = {p.name: p for p in effect.parameters}
-    shown = []
-    for p in effect.parameters:
-        part, _, rest = p.name.partition("_")
-        pair = {"cos": f"sin_{rest}", "sin": f"cos_{rest}"}
-        other = named.get(pair.get(part, "")) if p.per_trial else None
-        if other is None:
-            shown.append(p)
-        elif part == "cos":
-            c, s = p.estimate, other.estimate
-            size = float(np.hypot(c.value, s.value))
-            std = float(np.hypot(c.value * c.std, s.value * s.std)) / size if size else c.std
-            shown.append(FoundParameter(f"amplitude_{rest}", p.unit, Estimate(size, std)))
-    return shown
-
-
 def meaning(effect_id: str, name: str, known: Mapping[str, Effect]) -> str:
     """Say what a number of an effect is, and which way its sign goes; empty where that is not known."""
     effect = known.get(effect_id)
-    declared = {p.name: p.meaning for p in effect.parameters} if effect is not None else {}
-    text = declared.get(name, "")
-    direction = DIRECTIONS.get(effect_id)
-    if text and direction is not None and direction[0] == name and "positive" not in text:
-        return f"{text}; below zero: {direction[2]}"
-    return text
+    text = next((p.meaning for p in effect.parameters if p.name == name), "") if effect is not None else ""
+    directed, _, below = DIRECTIONS.get(effect_id, ("", "", ""))
+    return f"{text}; below zero: {below}" if text and name == directed and "positive" not in text else text
 
 
 def law_formulas(finding: Finding) -> tuple[str, ...]:
@@ -323,32 +307,25 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple
     """
     plan = f"granite-lab plan-next {_pasted(folder)}"
     own = "granite-lab discover TRIALS --effects my_effect.py"
-    more = (
-        ["Drive two trials or more at each of three speeds, then search again."]
-        if finding.provisional
-        else []
-    )
+    steps = []
+    if finding.provisional:
+        steps.append("Drive two trials or more at each of three speeds, then search again.")
     if finding.verdict == "none":
-        return (
-            *more,
-            f"Nothing needs to be added. Plan the trial that would show effects still hidden: {plan}",
+        steps.append(
+            f"Nothing needs to be added. Plan the trial that would show effects still hidden: {plan}"
         )
+        return tuple(steps)
     if finding.verdict == "unknown":
-        return (
-            *more,
-            f"Look where the model disagrees, then test the suspected cause as an effect of your own: {own}",
-            f"Plan the trial that would tell more: {plan}",
-        )
-    steps = more
+        look = "Look where the model disagrees, then test the suspected cause as an effect of your own"
+        return (*steps, f"{look}: {own}", f"Plan the trial that would tell more: {plan}")
     faults = [plain(e.id) for e in finding.effects if e.id in SENSORS]
     if faults:
         steps.append(
             f"{capital(listed(faults))} is an error of the measurement, not of the model: correct it on the "
             "robot or in the logs by the number found, and search again."
         )
-    for e in (e for e in finding.effects if e.twins):
-        twins = listed([plain(t) for t in e.twins], "or")
-        steps.append(f"Plan the trial that tells {plain(e.id)} from {twins}: {plan}")
+    twins = {plain(e.id): listed([plain(t) for t in e.twins], "or") for e in finding.effects if e.twins}
+    steps += [f"Plan the trial that tells {one} from {others}: {plan}" for one, others in twins.items()]
     if finding.remainder > MUCH:
         steps.append(f"More is missing than was found. Try an effect of your own: {own}")
     if model and len(faults) < len(finding.effects):
@@ -357,7 +334,7 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple
             f"trial confirms it: granite-lab simulate --model {_pasted(f'{folder}/{Path(model).name}')} "
             "--variant 0.5"
         )
-    if not any(e.twins for e in finding.effects):
+    if not twins:
         steps.append(f"Plan the trial that would sharpen the sizes most: {plan}")
     return tuple(steps)
 

@@ -173,7 +173,7 @@ def arc_figure(point: WheelPoint, title: str) -> Canvas:
         label, light = f"normal stress σ, {title}", canvas.SIMULATED_LIGHT
         axis.plot(angle, point.normal_stress / 1000, color=canvas.SIMULATED, label=label)
         axis.plot(angle, point.shear_stress / 1000, color=light, linestyle="--", label="shear stress τ")
-        axis.set_xlabel("angle on the wheel ϑ [°], 0 at the lowest point, front at the right")
+        axis.set_xlabel("angle from the lowest point ϑ [°], front at the right")
         axis.set_ylabel("stress [kPa]")
         canvas.legend(axis, columns=1)
     return figure

@@ -23,7 +23,16 @@ from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.names import together
 from granite_lab.reporting.rounding import significant
-from granite_lab.reporting.summary import CHANNELS, PHASES, ChannelAnswer, Gap, Speed, channels_of, gaps
+from granite_lab.reporting.summary import (
+    CHANNELS,
+    PHASES,
+    ChannelAnswer,
+    Gap,
+    Speed,
+    channels_of,
+    gaps,
+    mean_of_known,
+)
 
 SLIP_STD_SHOWN = 0.04
 """Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
@@ -107,10 +116,7 @@ def _channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
     """
     nothing = np.full(len(c.t), np.nan)
     values = c.measured if source == "measured" else c.simulated
-    stack = np.array([values.get(f"wheel_{w}", nothing) for w in WHEELS])
-    there = np.isfinite(stack)
-    count = there.sum(axis=0)
-    wheels = np.where(count > 0, np.where(there, stack, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+    wheels = mean_of_known(np.array([values.get(f"wheel_{w}", nothing) for w in WHEELS]), 0)
     if name == "wheels":
         return wheels, nothing
     value = values.get(name, nothing)

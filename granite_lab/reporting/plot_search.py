@@ -30,6 +30,7 @@ from granite_lab.reporting.names import (
     with_found,
 )
 from granite_lab.reporting.rounding import places, significant, tidy_unit, times
+from granite_lab.reporting.summary import mean_of_known
 
 Pair = tuple[float, float]
 """Before and after; NaN where not known."""
@@ -234,12 +235,9 @@ def _closer(finding: Finding, drawn: Mapping[str, Residual]) -> str:
 def mean_of(group: Sequence[Residual]) -> Residual:
     """Return the mean over trials of one command; NaN where no trial was measured."""
     known = np.array([np.isfinite(r.measured) for r in group])
-    count = known.sum(axis=0)
 
     def average(name: str) -> Array:
-        rows = np.array([getattr(r, name) for r in group])
-        total = np.where(known & np.isfinite(rows), rows, 0.0).sum(axis=0)
-        return np.where(count > 0, total / np.fmax(count, 1), np.nan)
+        return mean_of_known(np.where(known, [getattr(r, name) for r in group], np.nan), 0)
 
     return replace(group[0], measured=average("measured"), before=average("before"), after=average("after"))
 

@@ -12,6 +12,7 @@ import numpy as np
 from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.likelihood import k92_interval
+from granite_lab.logs.trial import Array
 from granite_lab.parameters import Paper
 from granite_lab.reporting.content import StudyResult, TrialResult
 from granite_lab.reporting.rounding import Number, decided, shown_as, significant, tidy_unit, with_unit
@@ -34,6 +35,14 @@ NOISE, CLEAR = 1.5, 3.0
 SMALL, UNSEEN = 0.01, 0.2
 """Shares of a channel's largest value: a difference below the first is small; noise above the second is
 too large for a judgement."""
+
+
+def mean_of_known(values: Array, axis: int) -> Array:
+    """Return the mean along an axis over what is finite; NaN where nothing is."""
+    known = np.isfinite(values)
+    count = known.sum(axis=axis)
+    total = np.where(known, values, 0.0).sum(axis=axis)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 class Mean(NamedTuple):

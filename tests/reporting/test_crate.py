@@ -46,19 +46,17 @@ def test_every_reference_leads_somewhere(entities: dict[str, dict[str, Any]]) ->
     assert linked(list(entities.values())) <= known
 
 
-def test_every_file_of_the_report_is_recorded(folder: Path, entities: dict[str, dict[str, Any]]) -> None:
+def test_files_software_and_logs_are_recorded(
+    folder: Path, study: StudyResult, entities: dict[str, dict[str, Any]]
+) -> None:
     files = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - {NAME}
     assert {name for name, e in entities.items() if e["@type"] == "File"} == files
     page = hashlib.sha256((folder / "index.html").read_bytes()).hexdigest()
     assert entities["index.html"]["sha256"] == page
-
-
-def test_software_and_logs_are_recorded(study: StudyResult, entities: dict[str, dict[str, Any]]) -> None:
     action = entities["#study"]
     assert action["@type"] == "CreateAction"
     assert entities[action["instrument"]["@id"]]["version"] == study.source.version
-    hashes = {entities[o["@id"]]["sha256"] for o in action["object"]}
-    assert hashes == {i.sha256 for i in study.source.inputs}
+    assert {entities[o["@id"]]["sha256"] for o in action["object"]} == {i.sha256 for i in study.source.inputs}
 
 
 def test_a_changed_and_a_missing_file_are_named(folder: Path, tmp_path: Path) -> None:

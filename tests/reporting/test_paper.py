@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,43 +14,30 @@ from granite_lab.reporting.paper import HEIGHT, MARGIN, WIDTH, Page, width_of, w
 from granite_lab.reporting.report import study_report
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
-from tests.reporting.made_up_finding import made_up_finding
 
 
 @pytest.fixture(scope="module")
-def result() -> StudyResult:
-    return replace(
-        made_up_study(speeds=(0.2, 0.3, 0.5, 0.7), repetitions=1), finding=made_up_finding(), name="mine"
-    )
-
-
-@pytest.fixture(scope="module")
-def reader(result: StudyResult, tmp_path_factory: pytest.TempPathFactory) -> PdfReader:
-    folder = tmp_path_factory.mktemp("paper") / "mine"
-    write_report(result, folder, model="model.toml")
-    return PdfReader(io.BytesIO((folder / "report.pdf").read_bytes()))
+def reader(twelve_folder: Path) -> PdfReader:
+    return PdfReader(io.BytesIO((twelve_folder / "report.pdf").read_bytes()))
 
 
 def text_of(reader: PdfReader) -> list[str]:
     return [" ".join(page.extract_text().split()) for page in reader.pages]
 
 
-def test_it_has_four_pages_of_a4(reader: PdfReader) -> None:
+def test_it_has_four_pages_of_a4_and_each_says_that_the_data_are_virtual(reader: PdfReader) -> None:
     assert len(reader.pages) == 4
     for page in reader.pages:
         assert [float(x) for x in page.mediabox] == pytest.approx([0, 0, WIDTH, HEIGHT], abs=0.1)
-
-
-def test_every_page_says_that_the_data_are_virtual(reader: PdfReader) -> None:
     assert all(text.startswith("Virtual data") for text in text_of(reader))
 
 
-def test_it_answers_every_question_of_the_first_screen(result: StudyResult, reader: PdfReader) -> None:
+def test_it_answers_every_question_of_the_first_screen(twelve: StudyResult, reader: PdfReader) -> None:
     text = " ".join(text_of(reader)).replace(" ", "")
-    answers = study_report(result, model="model.toml").answers
-    assert {q.id for q in answers.questions} == {
+    answers = study_report(twelve, model="model.toml").answers
+    assert [q.id for q in answers.questions] == [
         "slip", "a_theta", "model", "missing", "closes", "trust", "next",
-    }  # fmt: skip
+    ]  # fmt: skip
     for question in answers.questions:
         for sentence in (question.verdict, question.text):
             plain = "".join(sentence.split())
@@ -74,8 +60,8 @@ def test_no_line_is_longer_than_it_may_be() -> None:
         assert "".join(lines).replace(" ", "") == text.replace(" ", "")
 
 
-def test_nothing_is_written_below_the_margin(result: StudyResult) -> None:
-    page = Page(study_report(result), {})
+def test_nothing_is_written_below_the_margin(study: StudyResult) -> None:
+    page = Page(study_report(study), {})
     for _ in range(40):
         page.text("many words " * 60)
     low = [t.get_position()[1] * HEIGHT for t in page.figure.texts[:-40]]

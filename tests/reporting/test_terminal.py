@@ -1,3 +1,5 @@
+"""What commands print: within 80 columns, plain off a terminal, and never steered by a log."""
+
 from __future__ import annotations
 
 import io
@@ -13,65 +15,81 @@ from granite_lab.reporting import terminal
 from granite_lab.reporting.content import StudyResult
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
+from tests.reporting.made_up_finding import made_up_finding
+
+TWINS = ("slip_sinkage", "contact_angle_actual_speed")
 
 
-def printed(show: str, *records: object, colours: bool = False) -> str:
+def calls(result: StudyResult) -> dict[str, tuple[str, tuple[object, ...]]]:
+    """Return functions and what they print, by a name for each."""
+    comparisons = [r.comparison for r in result.trials]
+    found = {
+        f"finding {v}": ("show_finding", (made_up_finding(v, twins=TWINS),))
+        for v in ("named", "unknown", "none")
+    }
+    return {
+        "study": ("show_study", (result,)),
+        "motions": ("show_motions", ([(c.motion, Path("out") / "trial.csv", None) for c in comparisons],)),
+        "k92": ("show_k92_fits", ([c.fit for c in comparisons],)),
+        "a_theta": ("show_a_theta", (result.a_theta,)),
+        "misfits": ("show_misfits", (comparisons,)),
+        "parameters": ("show_parameters", (in_force("granite", "dry_sand"), load_variants())),
+    } | found  # fmt: skip
+
+
+def printed(result: StudyResult, name: str, *, colours: bool = False) -> str:
     out = io.StringIO()
-    console = Console(
-        file=out,
-        width=80,
-        force_terminal=colours,
-        color_system="standard" if colours else None,
-        highlight=False,
-    )
+    system = "standard" if colours else None
+    console = Console(file=out, width=80, force_terminal=colours, color_system=system, highlight=False)
+    show, records = calls(result)[name]
     getattr(terminal, show)(*records, console)
     return out.getvalue()
 
 
-def calls(result: StudyResult) -> dict[str, tuple[object, ...]]:
-    comparisons = [r.comparison for r in result.trials]
-    return {
-        "show_study": (result,),
-        "show_motions": ([(c.motion, Path("out") / "trial.csv", None) for c in comparisons],),
-        "show_k92_fits": ([c.fit for c in comparisons],),
-        "show_a_theta": (result.a_theta,),
-        "show_misfits": (comparisons,),
-        "show_parameters": (in_force("granite", "dry_sand"), load_variants()),
-    }
+NAMES = list(calls(made_up_study(speeds=(0.2, 0.7), repetitions=1)))
 
 
-@pytest.mark.parametrize("show", list(calls(made_up_study(speeds=(0.2, 0.7), repetitions=1))))
-def test_tables_fit_eighty_columns_and_are_plain_off_a_terminal(show: str, study: StudyResult) -> None:
-    text = printed(show, *calls(study)[show])
+@pytest.mark.parametrize("name", NAMES)
+def test_tables_fit_eighty_columns_are_plain_off_a_terminal_and_marked_where_virtual(
+    name: str, study: StudyResult
+) -> None:
+    text = printed(study, name)
     assert text.strip()
     assert max(map(len, text.splitlines())) <= 80
     assert "\x1b" not in text
     assert "nan" not in text.lower()
     assert "…" not in text.replace(" … ", "")  # nothing was cut
+    assert ("virtual" in text) is (name not in ("a_theta", "parameters"))
 
 
 def test_colours_appear_on_a_terminal(study: StudyResult) -> None:
-    assert "\x1b[32m" in printed("show_misfits", *calls(study)["show_misfits"], colours=True)
+    assert all("\x1b[32m" in printed(study, name, colours=True) for name in ("misfits", "finding named"))
 
 
-def test_the_study_says_slip_paper_and_verdict(study: StudyResult) -> None:
-    text = " ".join(printed("show_study", study).split())
-    for needed in ("0.3", "8.35", "22.9", "4.919 s/m", "Not tested", "virtual", "noise"):
-        assert needed in text.replace("\u00a0", " ")
-
-
-def test_virtual_trials_are_marked(study: StudyResult) -> None:
-    for show in ("show_motions", "show_k92_fits", "show_misfits"):
-        assert "virtual data" in printed(show, *calls(study)[show])
+@pytest.mark.parametrize(
+    ("name", "needed"),
+    [
+        ("study", ("0.3", "8.35", "22.9", "4.919 s/m", "Not tested", "virtual", "noise")),
+        ("finding named", (
+            "What is missing from the model? Multi pass.", "Rear wheels in the compacted rut",
+            "pressure 0.300 ± 0.004 97 %", "cannot tell multi pass from slip sinkage",
+            "falls from 3.10 to 1.15 times", "IMU stamps 4.0 ± 1.0 ms behind",
+            "left out: crashed: no model fits it", "note: One thing could not be told.",
+        )),
+        ("finding none", ("What is missing from the model? Nothing that these trials show.",)),
+    ],
+)  # fmt: skip
+def test_the_answers_are_said(name: str, needed: tuple[str, ...], study: StudyResult) -> None:
+    text = " ".join(printed(study, name).replace("\u00a0", " ").split())
+    assert [part for part in needed if part not in text] == []
 
 
 def test_names_from_logs_cannot_steer_the_terminal() -> None:
-    result = rename(
-        made_up_study(speeds=(0.2, 0.7), repetitions=1), "[bold]\x1b[35m\x07\x1b]0;evil\x07[/]" + HOSTILE
-    )
-    for show, records in calls(result).items():
-        text = printed(show, *records, colours=True)
+    steering = "[bold]\x1b[35m\x07\x1b]0;evil\x07[/]" + HOSTILE
+    result = rename(made_up_study(speeds=(0.2, 0.7), repetitions=1), steering)
+    for name in NAMES:
+        text = printed(result, name, colours=True)
         assert "\x07" not in text
         assert re.sub(r"\x1b\[[0-9;]*m", "", text).count("\x1b") == 0
         assert "\x1b[35m" not in text
-    assert "[bold]" in printed("show_motions", *calls(result)["show_motions"]).replace("\n", "")
+    assert "[bold]" in printed(result, "motions").replace("\n", "")

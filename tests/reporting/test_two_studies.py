@@ -13,33 +13,27 @@ from typer.testing import CliRunner
 
 from granite_lab.cli import app
 from granite_lab.errors import InputError
-from granite_lab.reporting import write_compared
 from granite_lab.reporting.two_studies import ALIKE, DIFFERS, SEEN, Row, Value, compare_studies
 
 Change = Callable[[dict[str, Any]], None]
 
 
 @pytest.fixture
-def changed(folder: Path, tmp_path: Path) -> Callable[[Change], Path]:
+def changed(folder: Path, tmp_path: Path) -> Callable[..., Path]:
     """Return a function that writes the small study's numbers with a change."""
 
-    def write(change: Change) -> Path:
+    def write(change: Change = lambda _: None) -> Path:
         document = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         change(document)
-        other = tmp_path / "other"
-        other.mkdir()
-        (other / "report.json").write_text(json.dumps(document), encoding="utf-8")
-        return other
+        (tmp_path / "other").mkdir()
+        (tmp_path / "other" / "report.json").write_text(json.dumps(document), encoding="utf-8")
+        return tmp_path / "other"
 
     return write
 
 
-def nothing(_: dict[str, Any]) -> None:
-    """Change nothing."""
-
-
-def test_the_same_study_twice_shows_no_difference(folder: Path, changed: Callable[[Change], Path]) -> None:
-    found = compare_studies(folder, changed(nothing))
+def test_the_same_study_twice_shows_no_difference(folder: Path, changed: Callable[..., Path]) -> None:
+    found = compare_studies(folder, changed())
     assert [r.quantity for r in found.rows] == [
         "slip at 0.3 m/s", "slip at 0.7 m/s", "k_92 at 0.3 m/s", "k_92 at 0.7 m/s", "a_θ",
     ]  # fmt: skip
@@ -49,7 +43,7 @@ def test_the_same_study_twice_shows_no_difference(folder: Path, changed: Callabl
     assert any(note.startswith("4 files are read by both studies") for note in found.notes)
 
 
-def test_a_shift_beyond_the_interval_differs(folder: Path, changed: Callable[[Change], Path]) -> None:
+def test_a_shift_beyond_the_interval_differs(folder: Path, changed: Callable[..., Path]) -> None:
     def shift(document: dict[str, Any]) -> None:
         slip = document["answers"]["speeds"][1]["slip"]
         width = slip["ci95"][1] - slip["ci95"][0]
@@ -60,17 +54,15 @@ def test_a_shift_beyond_the_interval_differs(folder: Path, changed: Callable[[Ch
     assert [r.quantity for r in rows if r.verdict == DIFFERS] == ["slip at 0.7 m/s"]
 
 
-def test_a_speed_of_one_study_only_is_said(folder: Path, changed: Callable[[Change], Path]) -> None:
+def test_a_speed_of_one_study_only_is_said(folder: Path, changed: Callable[..., Path]) -> None:
     rows = compare_studies(folder, changed(lambda d: d["answers"]["speeds"].pop())).rows
     assert {r.verdict for r in rows if "0.7" in r.quantity} == {"only in A"}
 
 
 def test_the_interval_holds_the_true_difference_and_the_smallest_is_seen_as_often_as_stated() -> None:
     rng, n = np.random.default_rng(5), 20_000
-    stds, true = (
-        (0.3, 0.4),
-        Row("x", "-", Value(0, -1.96 * 0.3, 1.96 * 0.3), Value(0, -1.96 * 0.4, 1.96 * 0.4)),
-    )
+    stds = (0.3, 0.4)
+    true = Row("x", "-", *(Value(0, -1.96 * s, 1.96 * s) for s in stds))
     assert true.smallest == pytest.approx(SEEN * 1.96 * 0.5)
     held = seen = 0
     for a, b in zip(*(rng.normal(0, s, n) for s in stds), strict=True):
@@ -96,18 +88,14 @@ def test_what_is_no_report_is_refused(folder: Path, tmp_path: Path, text: str) -
         compare_studies(folder, tmp_path)
 
 
-def test_page_table_and_figure_are_written(
-    folder: Path, changed: Callable[[Change], Path], tmp_path: Path
+def test_the_command_writes_page_table_and_figure_and_prints_rows_or_json(
+    folder: Path, changed: Callable[..., Path], tmp_path: Path
 ) -> None:
-    page = write_compared(compare_studies(folder, changed(nothing)), tmp_path / "out")
-    assert "no difference seen" in page.read_text(encoding="utf-8")
+    studies = ["compare-studies", str(folder), str(changed())]
+    shown = CliRunner().invoke(app, [*studies, "--out", str(tmp_path / "out")])
+    assert "no difference seen" in shown.output
+    assert "no difference seen" in (tmp_path / "out" / "compared.md").read_text(encoding="utf-8")
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*.*")}
     assert {"compared.md", "tables/differences.csv", "figures/differences.svg"} <= written
-
-
-def test_the_command_prints_rows_or_json(folder: Path, changed: Callable[[Change], Path]) -> None:
-    other = changed(nothing)
-    shown = CliRunner().invoke(app, ["compare-studies", str(folder), str(other)])
-    assert "no difference seen" in shown.output
-    plain = CliRunner().invoke(app, ["compare-studies", str(folder), str(other), "--json"])
+    plain = CliRunner().invoke(app, [*studies, "--json"])
     assert [r["verdict"] for r in json.loads(plain.stdout)["rows"]] == [ALIKE] * 5

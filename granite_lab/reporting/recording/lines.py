@@ -18,6 +18,7 @@ from granite_lab.discovery.finding import Finding, Residual
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting.recording.stream import Writer
+from granite_lab.reporting.summary import mean_of_known
 
 Rgb = tuple[int, int, int]
 
@@ -120,7 +121,7 @@ def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = Non
     """
     motion, start = comparison.motion, command_start(comparison)
     run, t = comparison.run, motion.t - start
-    wheels = _mean(motion.v_wheel)
+    wheels = mean_of_known(motion.v_wheel, 1)
     lines = [
         Line("velocity/desired", ("desired",), "m/s", run.t, run["v_desired_mps"], (GREY,), step=FINE),
         Line("velocity/wheels", ("wheels, measured",), "m/s", t, wheels, (GREEN,), step=FINE),
@@ -208,20 +209,12 @@ def overlaid(row: str, name: str, comparison: Comparison, colour: Rgb) -> list[L
     lines = []
     for plot, unit, simulated, measured in (
         (f"{row}/velocity", "m/s", run["v_mps"], motion.v),
-        (f"{row}/slip", "-", slip, _mean(motion.slip)),
+        (f"{row}/slip", "-", slip, mean_of_known(motion.slip, 1)),
     ):
         wide = _simulated(plot, ("simulated",), unit, run.t, simulated, (SIMULATED,))
         lines.append(replace(wide, entity=f"{wide.entity}/{last}"))
         lines.append(Line(f"{plot}/measured/{last}", (name,), unit, t, measured, (colour,), step=FINE))
     return [line.shown() for line in lines]
-
-
-def _mean(values: Array) -> Array:
-    """Return the mean over the wheels that were measured, NaN where none was; (N, 4) to (N,)."""
-    known = np.isfinite(values)
-    count = known.sum(axis=1)
-    total = np.where(known, values, 0.0).sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def write_lines(writer: Writer, lines: Iterable[Line]) -> None:
