@@ -24,6 +24,7 @@ from tests.effects.example import EXAMPLE
 from tests.logs.bags import Bag
 
 SAMPLES = ROOT / "data" / "samples"
+LOG = SAMPLES / "virtual_v0.3_r1.csv"
 HOW_TO = ("robot", "soil", "effect", "logger")
 QUICK = ("README.md", "docs/model.md", "docs/logs.md", *(f"docs/how-to-{x}.md" for x in HOW_TO))
 STUDIED = ("docs/tutorial.md", "README.md", "docs/paper.md", "docs/strangers.md")
@@ -44,6 +45,7 @@ ELSEWHERE = {
     "granite-lab reveal sets/7 --finding finding.json": "as in the tutorial",
     "granite-lab study trials/ --out reports/my-sand": "the study of the tutorial",
     "granite-lab discover data/samples": "the search of the tutorial",
+    "granite-lab discover my-kit/trials --out my-kit/finding": "the search of the tutorial",
     "granite-lab plan-next reports/discover": "as in the tutorial",
     "granite-lab study --verify reports/sand-a": "a study again: tests/running/test_same_results.py",
     "granite-lab study --verify reports/my-sand": "a study again: tests/running/test_same_results.py",
@@ -63,9 +65,6 @@ SMALLER = {
     ),
     "granite-lab discover data/samples --json > finding.json": (
         "granite-lab discover mylab --map my_logger.toml --json > finding.json"
-    ),
-    "granite-lab discover my-kit/trials --out my-kit/finding": (
-        "granite-lab discover mylab --map my_logger.toml --out my-kit/finding"
     ),
 }
 """Lines that are run on fewer logs; the search of the two logs is done only once."""
@@ -91,32 +90,35 @@ def clone(folder: Path, *samples: str) -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A clone with two samples, and the files of one's own that the pages name."""
+    """A clone with two samples, and the files of one's own that several pages name."""
     clone(tmp_path, "v0.3_r1", "v0.7_r1")
     monkeypatch.chdir(tmp_path)
-    log = SAMPLES / "virtual_v0.3_r1.csv"
-    shutil.copy(log, "trial.csv")
+    shutil.copy(LOG, "trial.csv")
     Path("my_effect.py").write_text(EXAMPLE, encoding="utf-8")
-    foreign(log, "run.csv")
-    foreign(log, "my_log.csv")
+    foreign(LOG, "run.csv")
     save_files("docs/how-to-logger.md", tmp_path)
-    save_files("docs/how-to-robot.md", tmp_path)
+    return tmp_path
+
+
+def write_logs_of_other_loggers(folder: Path) -> None:
+    """Write the sample as docs/logs.md supposes it: by other names, in several files, as a bag."""
+    shutil.copy("run.csv", "my_log.csv")
+    save_files("docs/how-to-robot.md", folder)
     shutil.copy("rover.toml", "my_robot.toml")
-    table = pd.read_csv(log, comment="#")
+    table = pd.read_csv(LOG, comment="#")
     stamp = table[["t_s"]]
     for name, start in (("imu", "imu_"), ("wheels", "enc_"), ("motors", "cur_")):
         stamp.join(table.filter(regex=f"^{start}")).dropna().to_csv(f"{name}.csv", index=False)
-    truth = pd.read_csv(SAMPLES / "truth" / "virtual_v0.3_r1.csv", comment="#")
+    truth = pd.read_csv(SAMPLES / "truth" / LOG.name, comment="#")
     truth[["t_s"]].assign(ref_v_mps=truth["v_mps"]).to_csv("gps.csv", index=False)
     pd.concat(table.assign(run_id=n) for n in (3, 4)).to_csv("runs.csv", index=False)
     bag = Bag("mcap file")
     outside = ((t, bag.odometry(t, x, v)) for t, x, v in truth[["t_s", "x_m", "v_mps"]][::4].to_numpy())
     messages = [
-        *((topic.replace("data", "raw"), t, m) for topic, t, m in bag.trial(read_trial(log))),
+        *((topic.replace("data", "raw"), t, m) for topic, t, m in bag.trial(read_trial(LOG))),
         *(("/mocap/odom", t, m) for t, m in outside),
     ]
-    shutil.move(bag.write(tmp_path, "bag", messages), "drive.mcap")
-    return tmp_path
+    shutil.move(bag.write(folder, "bag", messages), "drive.mcap")
 
 
 def foreign(log: Path, out: str) -> None:
@@ -222,6 +224,7 @@ def test_the_lines_of_the_page_on_the_model(folder: Path) -> None:
 
 
 def test_the_lines_of_the_page_on_logs(folder: Path) -> None:
+    write_logs_of_other_loggers(folder)
     several, one_of_them, draft, mapped, seen, bag, params = quick("docs/logs.md", folder)
     sample = measured("trial.csv")
     for done, name in ((several, "imu"), (one_of_them, "runs"), (mapped, "my_log"), (bag, "drive")):
