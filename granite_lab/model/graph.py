@@ -6,7 +6,7 @@ Effects rewrite single quantities on the way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -65,20 +65,7 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
     names = STATES + tuple(f"{e.id}.{name}" for e in effects for name in e.states)
     x = ca.SX.sym("x", len(names))
     state = dict(zip(names, ca.vertsplit(x), strict=True))
-    own_p = [[ca.SX.sym(f"{e.id}.{q.name}") for q in e.parameters] for e in effects]
-    hooks = [
-        (
-            e,
-            Own(
-                {q.name: s for q, s in zip(e.parameters, symbols, strict=True)},
-                {n: state[f"{e.id}.{n}"] for n in e.states},
-                t,
-                paper,
-            ),
-        )
-        for e, symbols in zip(effects, own_p, strict=True)
-    ]
-
+    hooks = hooks_of(effects, state, t, paper)
     p = paper
     for e, own in hooks:
         p = e.system(p, own)
@@ -154,10 +141,31 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
             late = [name for name in sensors if name.startswith(f"{prefix}_")]
             delays |= {name: delays.get(name, 0) + lag for name in late}
 
-    parameters = ca.vertcat(symbols_of(paper), *(s for symbols in own_p for s in symbols))
     return Graph(
-        t, x, parameters, ca.vertcat(*(rates[name] for name in names)), outputs | sensors, names, delays
+        t,
+        x,
+        ca.vertcat(symbols_of(paper), own_parameters(hooks)),
+        ca.vertcat(*(rates[name] for name in names)),
+        outputs | sensors,
+        names,
+        delays,
     )
+
+
+def hooks_of(
+    effects: Sequence[Effect], state: Mapping[str, Any], t: Any, paper: ModelParameters
+) -> list[tuple[Effect, Own]]:
+    """Return each effect with its own symbols; `state` names those of its states ``effect.name``."""
+    hooks = []
+    for e in effects:
+        parameters = {q.name: ca.SX.sym(f"{e.id}.{q.name}") for q in e.parameters}
+        hooks.append((e, Own(parameters, {n: state[f"{e.id}.{n}"] for n in e.states}, t, paper)))
+    return hooks
+
+
+def own_parameters(hooks: Sequence[tuple[Effect, Own]]) -> Any:
+    """Return the symbols of all effects' parameters as one column."""
+    return ca.vertcat(*(symbol for _, own in hooks for symbol in own.p.values()))
 
 
 def _shaft(axle: Axle, hooks: list[tuple[Effect, Own]]) -> Shaft:

@@ -21,8 +21,8 @@ from scipy import optimize
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.model.command import V_FLOOR, contact_angle_ratio
 from granite_lab.model.contact import WheelState
-from granite_lab.model.effect import Active, Axle, Effect, Own
-from granite_lab.model.graph import OnGround, on_ground
+from granite_lab.model.effect import Active, Axle, Effect
+from granite_lab.model.graph import OnGround, hooks_of, on_ground, own_parameters
 from granite_lab.model.symbols import ModelParameters, symbolic, symbols_of, vector_of
 from granite_lab.parameters import Chassis, Drive, Soil, Wheels, load_robot, load_soil, load_variants
 
@@ -312,15 +312,8 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
             0.0, 0.0, 1.0,
         )
     )  # fmt: skip
-    hooks: list[tuple[Effect, Own]] = []
-    own_p: list[Any] = []
-    own_x: list[Any] = []
-    for e in effects:
-        p = {q.name: ca.SX.sym(f"{e.id}.{q.name}") for q in e.parameters}
-        x = {name: ca.SX.sym(f"{e.id}.{name}") for name in e.states}
-        own_p += p.values()
-        own_x += x.values()
-        hooks.append((e, Own(p, x, ca.SX(0.0), paper)))
+    states = {name: ca.SX.sym(name) for e in effects for name in (f"{e.id}.{n}" for n in e.states)}
+    hooks = hooks_of(effects, states, ca.SX(0.0), paper)
     model = paper
     for e, own in hooks:
         model = e.system(model, own)
@@ -352,7 +345,8 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
     )
     rates = [e.rates((axles[0], axles[1]), model, own) for e, own in hooks]
     changes = [found[name] for e, found in zip(effects, rates, strict=True) for name in e.states]
-    given: list[Any] = [z, ca.vertcat(*own_x), ca.vertcat(v, rate, angle, symbols_of(paper), *own_p)]
+    numbers = ca.vertcat(v, rate, angle, symbols_of(paper), own_parameters(hooks))
+    given: list[Any] = [z, ca.vertcat(*states.values()), numbers]
     return (
         ca.Function("forces", given, [ca.cse(ca.densify(told))]),
         ca.Function("arc", given, [ca.cse(ca.densify(ca.horzcat(ϑ, σ, τ)))]),

@@ -72,7 +72,7 @@ def model_parameters(
 
 def _numbers(record: Any) -> Iterator[Any]:
     """Yield the numbers or symbols of a nested record, in field order."""
-    for name in _names(type(record)):
+    for name in _names(record.__class__):
         value = getattr(record, name)
         if isinstance(value, (int, float, ca.SX)):
             yield value
