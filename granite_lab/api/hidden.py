@@ -15,10 +15,10 @@ from granite_lab.errors import InputError, UsageError
 from granite_lab.files import sha256, write_bytes, write_text
 from granite_lab.hidden import kit_check
 from granite_lab.hidden.kit_check import ALLOWED, ANSWER, SCHEMA
+from granite_lab.hidden.lab import lab_of
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.scoring import Score, read_finding, score
 from granite_lab.hidden.sealed import NAME, open_answer, seal
-from granite_lab.hidden.wild import lab_of
 from granite_lab.hidden.wish import Wish
 from granite_lab.logs import write_canonical, write_truth
 from granite_lab.parameters import CATALOGUE, load_robot, load_soil

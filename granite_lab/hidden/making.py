@@ -16,11 +16,10 @@ from granite_lab import __version__
 from granite_lab.errors import EstimateError
 from granite_lab.hidden.catalogue import LIBRARY, influence, model_of
 from granite_lab.hidden.contact import Array
-from granite_lab.hidden.lab import Lab
+from granite_lab.hidden.lab import Lab, lab_of
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
-from granite_lab.hidden.wild import lab_of
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
 from granite_lab.parameters import Robot, Soil, Variant, load_variants

@@ -15,11 +15,10 @@ from granite_lab.api.hidden import hide, reveal
 from granite_lab.cli import main
 from granite_lab.errors import UsageError
 from granite_lab.hidden.contact import faster, forces_by_loops, forces_of_arrays
-from granite_lab.hidden.lab import Lab, bench
+from granite_lab.hidden.lab import Lab, bench, drives, lab_of, wild
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.sealed import open_answer
 from granite_lab.hidden.sensors import read_imu
-from granite_lab.hidden.wild import drives, lab_of, wild
 from granite_lab.hidden.wish import Wish
 from granite_lab.logs import read_trial
 from granite_lab.parameters import Variant, load_robot, load_soil
