@@ -21,7 +21,7 @@ from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.referenced import refer
-from granite_lab.estimation.rest import Interval, find_rests, inside, refuse_moved
+from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.smoother import solve
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
@@ -123,6 +123,7 @@ def correct(
     if rolling is not None and offset.value != 0.0:
         still = find_rests(imu, rolling, grade, offset=offset.value, by_hand=rests)
         problem = replace(problem, rests=still, noise=identify(imu, rolling, robot, still))
+    problem = replace(problem, coasts=coasts(imu, rolling, grade, offset.value, still))
     _refuse_gaps(trial, faults, still)
     restarts = find_restarts(stream, still, faults.doubt, faults.gaps, grade)
     faults = replace(faults, restarts=restarts)

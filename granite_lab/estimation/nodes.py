@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
+from scipy.signal import savgol_filter
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, BM, SIZE, TH, D, P, SlipModel, Update, V, X
+from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TH, D, P, SlipModel, Update, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.nominal import Nominal, Sideways, roll_angle
-from granite_lab.estimation.rest import Interval
-from granite_lab.estimation.spectrum import slope
+from granite_lab.estimation.rest import COAST, Interval
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
@@ -47,9 +47,6 @@ compliance of a robot that rings at 16 Hz."""
 LOOSE_TIME = 0.1
 """Time over which such a walk keeps its direction [s]."""
 
-SLOWEST = 0.01
-"""Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body."""
-
 FREE = 10.0
 """Distance that wheels which spin on the spot may roll between two nodes [m]."""
 
@@ -73,6 +70,7 @@ class Problem:
         compliance: by which the displacement between wheels and body walks as thrust changes [s^2].
         soft: std of the compliance itself [s^2].
         louder: factors on the variance of kinds of measurements.
+        coasts: the log ends while the wheels coast to rest.
     """
 
     imu: BodyImu
@@ -86,6 +84,7 @@ class Problem:
     compliance: float = LOOSE
     soft: float = COMPLIANCE
     louder: Mapping[str, float] = field(default_factory=dict)
+    coasts: bool = False
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:
         """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""
@@ -96,7 +95,7 @@ class Problem:
         rests = tuple((max(a, begin), min(b, end)) for a, b in self.rests if b > begin and a < end)
         return replace(
             self, imu=self.imu.part(keep), rolling=rolling, rests=rests, faults=self.faults.part(keep),
-            aside=None if self.aside is None else self.aside.part(keep),
+            aside=None if self.aside is None else self.aside.part(keep), coasts=False,
         )  # fmt: skip
 
 
@@ -176,8 +175,8 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     if grid.size <= 3 * window:
         return Pace(speed, speed, np.zeros(t.size), np.zeros(t.size), np.zeros(t.size, dtype=bool))
     path = np.interp(grid, stamps, rolling.mean[known])
-    growth = slope(path, window, 3, GRID, 2)
-    calm = slope(path, 3 * window, 1, GRID)
+    growth = savgol_filter(path, window, 3, deriv=2, delta=GRID, mode="nearest")
+    calm = savgol_filter(path, 3 * window, 1, deriv=1, delta=GRID, mode="nearest")
     pace = np.interp(grid, stamps, rolling.speed[known])
     growth = np.where(pace < 0, -growth, growth)
     # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
@@ -193,7 +192,7 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     near = maximum_filter1d(busy.astype(float), 3 * window)
     quick = speed
     if rolling.by_rate:
-        quick = np.interp(t, grid, slope(path, window, 2, GRID))
+        quick = np.interp(t, grid, savgol_filter(path, window, 2, deriv=1, delta=GRID, mode="nearest"))
     steady = np.interp(t, grid, near) == 0
     return Pace(
         speed=speed,
@@ -237,6 +236,24 @@ def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Arr
     return np.asarray(force - float(level) + RESISTANCE * np.tanh(pace.speed / model.V_FLOOR))
 
 
+def _expected_slip(
+    problem: Problem, v: Array, t: Array, index: np.ndarray, moving: np.ndarray, offset: float
+) -> tuple[Pace, Array, Array, Array]:
+    """Return the wheels' pace, or the body's without wheels; w, mean slip ratio and slip velocity (K,)."""
+    slip = problem.slip
+    if problem.rolling is not None:
+        pace = pace_of(problem.rolling, offset, t)
+    else:
+        none = np.zeros(t.size)
+        pace = Pace(v, v, none, none, none > 0)
+    w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), COAST)
+    mean_slip = slip.expected(pace.growth)
+    if slip.memory:
+        w = lasting_speed(t, pace.speed, moving, slip.memory)
+        mean_slip = np.clip(mean_slip + slip.thrust * push(problem.imu)[index], -0.4, 0.4)
+    return pace, w, mean_slip, np.where(moving, mean_slip * (w if slip.memory else pace.speed), 0.0)
+
+
 def build(
     problem: Problem, nominal: Nominal, offset: float, offset_std: float, distance: Estimate | None = None
 ) -> Nodes:
@@ -255,18 +272,8 @@ def build(
     moving = ~(rest & np.concatenate([[True], rest[:-1]]))
     moving[0] = not rest[0]
     onset = np.concatenate([[False], rest[:-1] & ~rest[1:]])
-    if rolling is not None:
-        pace = pace_of(rolling, offset, t)
-    else:
-        none = np.zeros(t.size)
-        pace = Pace(nominal.v[index], nominal.v[index], none, none, none > 0)
+    pace, w, mean_slip, loss = _expected_slip(problem, nominal.v[index], t, index, moving, offset)
     speed = pace.speed
-    w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), SLOWEST)
-    mean_slip = slip.expected(pace.growth)
-    if slip.memory:
-        w = lasting_speed(t, speed, moving, slip.memory)
-        mean_slip = np.clip(mean_slip + slip.thrust * push(imu)[index], -0.4, 0.4)
-    loss = np.where(moving, mean_slip * (w if slip.memory else speed), 0.0)
     lost = np.cumsum(loss * dt)
     # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
     going = speed - (loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
@@ -305,6 +312,11 @@ def build(
         start = model.add_wheels(
             updates, rolling, nominal, index, rest, spinning, offset, lost, loss, w, pull
         )
+    if problem.coasts:  # then the body is as slow as the wheels
+        H = np.zeros((1, SIZE))
+        H[0, [V, PD]] = 1.0, -1.0
+        R = model.ZERO_VELOCITY**2 + float(speed[-1]) ** 2
+        updates[-1].append(Update("zero_velocity", -float(nominal.v[-1]), H, R))
     if distance is not None:
         H = np.zeros((1, SIZE))
         H[0, [X, P]] = 1.0, -1.0

@@ -22,6 +22,10 @@ CREEP = 1.0e-4
 """Wheel velocity [m/s] below which the robot counts as standing. A robot whose motors cannot brake
 coasts out over seconds, and a zero-velocity update at 1 mm/s there shifts the whole trial by that much."""
 
+COAST = 0.01
+"""Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body. A
+body whose wheels coast to rest is then as slow as they are."""
+
 STEADY = 3.0
 """An IMU that is this many times as loud as its grade may be moving."""
 
@@ -146,6 +150,25 @@ def find_rests(
         if t[b - 1] - t[a] >= (0.3 * gap if given else SHORTEST):
             found.append((float(t[a]), float(t[b - 1])))
     return tuple(found)
+
+
+def coasts(
+    imu: BodyImu, rolling: Rolling | None, grade: ImuGrade, offset: float, rests: Sequence[Interval]
+) -> bool:
+    """Whether the log ends while the wheels coast to rest, slower than `COAST`, and the IMU is quiet.
+
+    Args:
+        imu, rolling: the sensors.
+        grade: the IMU's grade.
+        offset: of the encoders' clock behind the IMU's [s].
+        rests: standstills [s], of which none lasts until the end.
+    """
+    end = imu.t[-1]
+    if rolling is None or not rests or rests[-1][1] > end - WINDOW:
+        return False
+    last = (rolling.t + offset >= end - WINDOW) & np.isfinite(rolling.speed)
+    slow = last.any() and float(np.abs(rolling.speed[last]).max()) < COAST
+    return bool(slow and imu_quiet(imu, grade, inside(imu.t, rests))[imu.t >= end - WINDOW].all())
 
 
 def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:
