@@ -147,9 +147,9 @@ is known. `python -m benchmarks.outside_motion DIR --out docs/estimation-outside
 * The slip ratio λ_R of the steady part is within 1 point of the truth in {100 * near:.0f} % of the trials,
   and within its ±2σ in {100 * slips:.0f} %.
 
-The sets `o01` to `o10` were used for development: six variants of the tail of the vibration, of the slip
-while the wheels coast to rest and of the latency were compared on them, and the floor of the slip velocity
-(`nodes.SLOWEST`) was chosen there. These are no blind figures.
+The sets `o01` to `o10` were used for development: seven variants of the tail of the vibration, of what wheels
+that coast to rest tell and of the latency were compared on them, and the best was kept. These are no blind
+figures.
 
 ## By phase
 
