@@ -85,7 +85,10 @@ def hide(
 
 def reveal(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder written by `hide`, or a kit that was filled in.")
+        Path,
+        typer.Argument(
+            metavar="DIR", help="Folder written by `hide`, or a kit that was filled in.", callback=o.there
+        ),
     ],
     finding: Annotated[
         Path | None,

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 @o.spread
 def check(
-    trial: Annotated[Path, typer.Argument(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP).")],
+    trial: Annotated[
+        Path,
+        typer.Argument(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP).", callback=o.there),
+    ],
     about: o.About,
     as_json: o.Json = False,
 ) -> None:
@@ -198,7 +201,10 @@ def _measured(text: str) -> Estimate:
 
 
 def view(
-    what: Annotated[Path, typer.Argument(help="A recording (.rrd), a report folder, or a log (CSV).")],
+    what: Annotated[
+        Path,
+        typer.Argument(help="A recording (.rrd), a report folder, or a log (CSV).", callback=o.there),
+    ],
     trial: Annotated[str | None, typer.Option(help="With a report folder: the trial to open.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Serve the viewer to a browser until Ctrl+C.")] = False,
     screenshot: Annotated[

@@ -27,6 +27,18 @@ def _complete(kind: str) -> Any:
     return names
 
 
+def there(path: Path) -> Path:
+    """Refuse a path where nothing is, before a command imports anything heavy.
+
+    Raises:
+        InputError: there is no file or folder.
+    """
+    from granite_lab.files import refuse_special
+
+    refuse_special(path)
+    return path
+
+
 def _there(paths: list[Path]) -> list[Path]:
     """Refuse logs of which none is there, before a command imports anything heavy.
 
@@ -36,10 +48,20 @@ def _there(paths: list[Path]) -> list[Path]:
     with suppress(OSError):  # of a place that may not be searched, the refusal below says so
         if not paths or any(path.exists() for path in paths):
             return paths
-    from granite_lab.files import refuse_special
-
-    refuse_special(paths[0])
+    there(paths[0])
     return paths
+
+
+def named(trials: list[Path] | None) -> list[Path]:
+    """Return the trials that were named, before a command imports anything heavy.
+
+    Raises:
+        UsageError: there are none, or a folder holds no log.
+    """
+    from granite_lab.logs.named import trial_files
+
+    trial_files(trials or [])
+    return list(trials or [])
 
 
 LOGS = "Logs (CSV, ROS bag, MCAP), or folders of them."

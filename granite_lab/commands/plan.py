@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 
 def plan_next(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder written by `discover` or `study`.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder written by `discover` or `study`.", callback=o.there)
+    ],
     room: Annotated[
         float | None,
         typer.Option(min=0.1, help="Longest way the sand allows [m].", show_default="the longest so far"),

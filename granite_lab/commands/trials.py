@@ -40,13 +40,14 @@ def fit_k92(
     verbose: Annotated[bool, typer.Option("--verbose", help="Print the notes of the fits.")] = False,
 ) -> None:
     """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory."""
+    logs = o.named(trials)
     from granite_lab.api.trials import fit_k92 as run
     from granite_lab.files import write_text
     from granite_lab.reporting.tables import k92_table
     from granite_lab.reporting.terminal import show_k92_fits
 
     with progress(work.quiet, "fitting") as shown:
-        fits = run(trials or [], model=model, done=shown.done, **about.said(), **work.said())
+        fits = run(logs, model=model, done=shown.done, **about.said(), **work.said())
     excluded = warn_of(fits.origin)
     if out is not None:
         write_text(out, k92_table(list(fits)).to_csv())
@@ -96,6 +97,9 @@ def fit_atheta(
     out: Table = None,
 ) -> None:
     """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws."""
+    if published and trials:
+        raise UsageError("--published takes no trials", "leave out one of the two")
+    logs = [] if published else o.named(trials)
     from granite_lab.api.trials import fit_a_theta
     from granite_lab.api.trials import fit_k92 as run
     from granite_lab.files import write_table
@@ -103,14 +107,12 @@ def fit_atheta(
     from granite_lab.reporting.grid import say
     from granite_lab.reporting.terminal import show_a_theta
 
-    if published and trials:
-        raise UsageError("--published takes no trials", "leave out one of the two")
     origin: dict[str, Any] = {"provenance": None}
     if published:
         fit = fit_a_theta(published=True)
     else:
         with progress(work.quiet, "fitting") as shown:
-            fits = run(trials or [], model=model, done=shown.done, **about.said(), **work.said())
+            fits = run(logs, model=model, done=shown.done, **about.said(), **work.said())
         origin = warn_of(fits.origin) | {"provenance": _provenance(fits.origin, "fit-atheta")}
         fit = fit_a_theta(list(fits))
     if out is not None:
@@ -152,14 +154,15 @@ def compare(
     ] = None,
 ) -> None:
     """Hold measurement against simulation: velocity, wheel speed, slip, torques and pitch."""
+    logs = o.named(trials)
     from granite_lab.api.project import choose
     from granite_lab.api.trials import compare as run
     from granite_lab.reporting.terminal import show_misfits
 
     said = about.said() | work.said()
-    out = out or choose(trials or [], said).out / "compare"
+    out = out or choose(logs, said).out / "compare"
     with progress(work.quiet, "fitting") as shown:
-        found = run(trials or [], out=out, model=model, done=shown.done, **said)
+        found = run(logs, out=out, model=model, done=shown.done, **said)
     excluded = warn_of(found.origin)
     if work.as_json:
         rows = [
@@ -199,20 +202,21 @@ def study(
     ] = None,
 ) -> None:
     """Run the whole chain over trials, from raw logs to a report and Rerun timelines."""
+    if check is not None:
+        _verify(check, trials or [], work)
+        return
+    logs = o.named(trials)
     from granite_lab.api.project import choose
     from granite_lab.api.trials import studied
     from granite_lab.discovery.as_json import finding_as_json
     from granite_lab.reporting.terminal import show_study
     from granite_lab.running.output import tell
 
-    if check is not None:
-        _verify(check, trials or [], work)
-        return
     said = about.said() | work.said() | search.said() | {"model": model}
-    out = out or choose(trials or [], said).out / "study"
+    out = out or choose(logs, said).out / "study"
     with progress(work.quiet, "trials") as shown:
         said |= {"done": shown.done, "progress": shown.told}
-        found = studied(trials or [], out, "study", discover, recordings, said)
+        found = studied(logs, out, "study", discover, recordings, said)
     result, written = found.result, found.written
     assert written is not None
     for failure in result.failures:
@@ -265,8 +269,8 @@ def _verify(report: Path, logs: list[Path], work: o.Work) -> None:
 
 
 def compare_studies(
-    first: Annotated[Path, typer.Argument(metavar="A", help="Folder written by `study`.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.")],
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder written by `study`.", callback=o.there)],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.", callback=o.there)],
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write a page, a figure and a table into this folder.")
     ] = None,
@@ -307,6 +311,7 @@ def discover(
     ] = None,
 ) -> None:
     """Find the physical effect that the model lacks; write the case for it and the model with it."""
+    logs = o.named(trials)
     from granite_lab.api.project import choose
     from granite_lab.api.search import discovered
     from granite_lab.discovery.as_json import finding_as_json
@@ -314,9 +319,9 @@ def discover(
     from granite_lab.running.output import tell
 
     said = about.said() | work.said() | search.said()
-    out = out or choose(trials or [], said).out / "discover"
+    out = out or choose(logs, said).out / "discover"
     with progress(work.quiet, "discovering") as shown:
-        found = discovered(trials or [], out, said | {"progress": shown.told})
+        found = discovered(logs, out, said | {"progress": shown.told})
     finding, written, excluded = found.finding, found.written, warn_of(found.origin)
     assert written is not None
     if work.as_json:

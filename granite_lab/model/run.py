@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from granite_lab.parameters import Robot, Soil, Variant
@@ -39,7 +39,7 @@ class Run:
     signals: dict[str, Array]
     slip_ratio: float
     steady: tuple[float, float]
-    wall: float
+    wall: float = field(compare=False)
 
     def __getitem__(self, name: str) -> Array:
         """Return one signal, as in ``run["v_mps"]``."""

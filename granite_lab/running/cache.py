@@ -166,7 +166,7 @@ def trial_key(what: str, path: Path, options: Options) -> str:
 
 
 def content(record: Any) -> str:
-    """Return the hash of a record; equal records have equal ones."""
+    """Return the hash of a record; fields that are not compared do not count."""
     digest = hashlib.sha256()
     for part in _parts(record):
         digest.update(part)
@@ -182,10 +182,10 @@ def _parts(value: Any) -> Iterator[bytes]:
     elif dataclasses.is_dataclass(value):
         yield type(value).__name__.encode()
         for field in dataclasses.fields(value):
-            yield from _parts(getattr(value, field.name))
-    elif isinstance(value, (tuple, list)):
+            yield from _parts(getattr(value, field.name)) if field.compare else ()
+    elif isinstance(value, (tuple, list, Mapping)):
         yield f"{len(value)} of".encode()
-        for item in value:
+        for item in value.items() if isinstance(value, Mapping) else value:
             yield from _parts(item)
     else:
         yield f"{value!r};".encode("utf-8", errors="surrogatepass")

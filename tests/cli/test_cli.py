@@ -207,7 +207,21 @@ def test_fit_atheta_names_its_trials_and_needs_three_speeds_for_a_verdict(tmp_pa
     assert lab_json("fit-atheta", *TRIALS)["agrees"] is None
 
 
-@pytest.mark.parametrize("command", ["discover", "study", "fit-k92", "fit-atheta", "compare", "ingest"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "discover",
+        "study",
+        "fit-k92",
+        "fit-atheta",
+        "compare",
+        "ingest",
+        "check",
+        "view",
+        "plan-next",
+        "reveal",
+    ],
+)
 def test_a_missing_log_is_told_before_anything_heavy_is_imported(command: str) -> None:
     code = (
         "import sys; from granite_lab.cli import main\n"

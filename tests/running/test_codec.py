@@ -51,6 +51,7 @@ def test_equal_records_have_equal_hashes() -> None:
     options = Options(robot="granite", model=Path("m.toml"), distance_measured=Estimate(2.0, math.inf))
     assert content(options) == content(Options(**vars(options)))
     assert content(options) != content(Options(**vars(options) | {"rows": "x"}))
+    assert content({"x": np.arange(5000)}) != content({"x": np.arange(5000) % 4000})
     assert decode(encode(options)) == options
 
 
