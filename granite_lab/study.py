@@ -204,7 +204,7 @@ def write_found(
         source: where the finding comes from.
         jobs: number of processes that draw.
     """
-    from granite_lab.reporting import write_discovery, write_finding  # noqa: PLC0415, heavy
+    from granite_lab.reporting import write_finding, write_report  # noqa: PLC0415, heavy
 
     guard = Guard(folder)
     known, model = library(options.effects), save_found(finding, options, trials, motions, guard)
@@ -212,9 +212,10 @@ def write_found(
     def told() -> Finding:
         return replace(finding, failures=(*finding.failures, *guard.lines))
 
-    page = guard.run(
-        "report", lambda: write_discovery(told(), folder, source, model=model, effects=known, jobs=jobs)
-    )
+    def alone() -> StudyResult:
+        return StudyResult(folder.resolve().name, (), (), None, source, told())
+
+    page = guard.run("report", lambda: write_report(alone(), folder, model=model, effects=known, jobs=jobs))
     if page is None:
         guard.run("finding", lambda: write_finding(told(), folder, model))
     return Written(page, model, told(), tuple(guard.lines))

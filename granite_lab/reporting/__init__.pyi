@@ -1,3 +1,3 @@
-from .write import write_compared, write_comparison, write_discovery, write_finding, write_report
+from .write import write_compared, write_comparison, write_finding, write_report
 
-__all__ = ["write_compared", "write_comparison", "write_discovery", "write_finding", "write_report"]
+__all__ = ["write_compared", "write_comparison", "write_finding", "write_report"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from granite_lab.files import readable, write_text
 from granite_lab.model.effect import Effect
 from granite_lab.reporting import crate
 from granite_lab.reporting.canvas import Figure, on_page, rendered
-from granite_lab.reporting.content import Source, StudyResult
+from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.paper import report_pdf
 from granite_lab.reporting.plot_motion import comparison_figure, misfit_figure
@@ -51,13 +51,14 @@ def write_report(
     """Write ``index.html``, ``report.md``, ``report.json``, ``report.pdf``, ``figures/``, ``tables/``
     and ``ro-crate-metadata.json``.
 
-    Everything is written beside the folder first and then moved into place; other files in the
-    folder stay.
+    Of a search alone, a study without trials, there is ``finding.json`` in place of ``report.json``, and
+    neither PDF nor metadata. Everything is written beside the folder first and then moved into place; other
+    files in the folder stay.
 
     Args:
         result: the study, with what a search found.
         folder: of the report; made if it does not exist.
-        model: path of the model file, as the report shall name it.
+        model: path of the model file, as the numbers shall name it.
         effects: the candidates by id; those of the package by default.
         jobs: processes that draw; 0 means one per core.
 
@@ -67,47 +68,30 @@ def write_report(
     Raises:
         LabError: a file cannot be written.
     """
-    report = study_report(result, model=model, effects=effects, folder=_named(folder))
+    beside = Path(model).name if model is not None else None
+    report = study_report(result, model=beside, effects=effects, folder=_named(folder))
+    with _replacing(folder) as new:
+        pictures = _write_figures(report.figures, new, jobs)
+        _write_tables(report.tables, new)
+        _write(new / "report.md", to_markdown("report.md", report=report))
+        _write(new / "index.html", to_html(report, pictures))
+        if report.numbers == "finding.json" and result.finding is not None:
+            _write(new / "finding.json", dumps(finding_as_json(result.finding, model)))
+        else:
+            _write(new / "report.json", to_json(result, report, model))
+            _finish(result, report, folder, new)
+    return folder / "index.html"
 
-    def finish(new: Path) -> None:
-        drawn = {f.name: (new / "figures" / f"{f.name}.pdf").read_bytes() for f in report.figures}
-        (new / "report.pdf").write_bytes(report_pdf(result, report, made_by(result.source), drawn))
-        for name in crate.BESIDE:
-            if (folder / name).is_file():
-                shutil.copyfile(folder / name, new / name)  # so that report and record belong together
-        files = [path for path in new.rglob("*") if path.is_file()]
-        _write(new / crate.NAME, crate.crate(report, result.source, today(), LIBRARIES, files, new))
 
-    return _write_all(report, folder, "report.json", to_json(result, report, model), jobs, finish)
-
-
-def write_discovery(
-    finding: Finding,
-    folder: Path,
-    source: Source,
-    *,
-    model: Path | str | None = None,
-    effects: Mapping[str, Effect] | None = None,
-    jobs: int = 1,
-) -> Path:
-    """Write ``index.html``, ``report.md``, ``finding.json``, ``figures/`` and ``tables/`` of a search.
-
-    Args:
-        finding: the record.
-        folder: of the report; made if it does not exist.
-        source: where the finding comes from.
-        model, effects, jobs: as in `write_report`.
-
-    Returns:
-        path of ``index.html``.
-
-    Raises:
-        LabError: a file cannot be written.
-    """
-    beside, name = Path(model).name if model is not None else None, folder.resolve().name
-    alone = StudyResult(name, (), (), None, source, finding)
-    report = study_report(alone, model=beside, effects=effects, folder=_named(folder))
-    return _write_all(report, folder, "finding.json", dumps(finding_as_json(finding, model)), jobs)
+def _finish(result: StudyResult, report: Report, folder: Path, new: Path) -> None:
+    """Add ``report.pdf`` and the provenance of all files to a new report."""
+    drawn = {f.name: (new / "figures" / f"{f.name}.pdf").read_bytes() for f in report.figures}
+    (new / "report.pdf").write_bytes(report_pdf(result, report, made_by(result.source), drawn))
+    for name in crate.BESIDE:
+        if (folder / name).is_file():
+            shutil.copyfile(folder / name, new / name)  # so that report and record belong together
+    files = [path for path in new.rglob("*") if path.is_file()]
+    _write(new / crate.NAME, crate.crate(report, result.source, today(), LIBRARIES, files, new))
 
 
 def _named(folder: Path) -> str:
@@ -115,26 +99,8 @@ def _named(folder: Path) -> str:
     return folder.name if folder.is_absolute() else folder.as_posix()
 
 
-def _write_all(
-    report: Report,
-    folder: Path,
-    numbers: str,
-    document: str,
-    jobs: int,
-    finish: Callable[[Path], None] = lambda _: None,
-) -> Path:
-    with _replacing(folder) as new:
-        pictures = _write_figures(report.figures, new, jobs)
-        _write_tables(report.tables, new)
-        _write(new / numbers, document)
-        _write(new / "report.md", to_markdown("report.md", report=report))
-        _write(new / "index.html", to_html(report, pictures))
-        finish(new)
-    return folder / "index.html"
-
-
 def write_finding(finding: Finding, folder: Path, model: Path | str | None = None) -> Path:
-    """Write ``finding.json`` alone and return its path; arguments as in `write_discovery`.
+    """Write ``finding.json`` alone and return its path; arguments as in `write_report`.
 
     Raises:
         LabError: it cannot be written.

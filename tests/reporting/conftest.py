@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from granite_lab.reporting import canvas, write_discovery, write_report
+from granite_lab.reporting import canvas, write_report
 from granite_lab.reporting.content import Source, StudyResult
 from tests.reporting.made_up import made_up_study, rename
 from tests.reporting.made_up_finding import made_up_finding
@@ -40,7 +40,7 @@ def discovery_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reports") / "found"
     finding = made_up_finding(twins=("slip_sinkage",))
     source = Source("0.1.0", "granite-lab discover trials", (), (("soil.n", "1.1", "-", "dry_sand.toml"),))
-    write_discovery(finding, folder, source, model=folder / "model.toml")
+    write_report(StudyResult("found", (), (), None, source, finding), folder, model=folder / "model.toml")
     return folder
 
 

@@ -19,7 +19,7 @@ from markdown_it import MarkdownIt
 
 from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
-from granite_lab.reporting import canvas, write, write_comparison, write_discovery, write_report
+from granite_lab.reporting import canvas, write, write_comparison, write_report
 from granite_lab.reporting.content import Failure, Source, StudyResult, command_of
 from granite_lab.reporting.json_report import to_json
 from granite_lab.reporting.report import study_report
@@ -148,7 +148,8 @@ def write_small_study(folder: Path, virtual: bool) -> Path:
 
 def write_small_search(folder: Path, virtual: bool) -> Path:
     finding = made_up_finding(virtual=virtual, names="trial {speed} {repetition}", speeds=(0.3,))
-    return write_discovery(finding, folder, Source("0.1.0", "granite-lab discover trials", (), ()))
+    source = Source("0.1.0", "granite-lab discover trials", (), ())
+    return write_report(StudyResult("real", (), (), None, source, finding), folder)
 
 
 @pytest.fixture

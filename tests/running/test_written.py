@@ -36,7 +36,7 @@ SAID = ("# v_desired_mps", "# a_max_mps2", "# distance_m")
 PARTS = {
     "model": "granite_lab.running.search.save_model",
     "design": "granite_lab.planning.design.save_design",
-    "report": "granite_lab.reporting.write_discovery",
+    "report": "granite_lab.reporting.write_report",
 }
 FILES = {"model": "model.toml", "design": "design.json", "report": "index.html"}
 
