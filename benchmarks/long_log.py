@@ -93,8 +93,12 @@ def page(costs: list[Cost], minutes: float) -> str:
     rows = [
         [
             COURSES[c.course], f"{c.size:.0f}", _flag(c.time, TIME_LIMIT * share, ".1f"),
-            _flag(c.memory, MEMORY_LIMIT, ".2f"), f"{1e3 * c.rmse:.1f}", f"{100 * c.coverage:.0f}",
-            f"{100 * c.way:+.2f}",
+            _flag(c.memory, MEMORY_LIMIT, ".2f"),
+            *(
+                (f"{1e3 * c.rmse:.1f}", f"{100 * c.coverage:.0f}", f"{100 * c.way:+.2f}")
+                if np.isfinite(c.rmse)
+                else ["**NaN**"] * 3
+            ),
         ]
         for c in costs
     ]  # fmt: skip
@@ -105,7 +109,7 @@ def page(costs: list[Cost], minutes: float) -> str:
     return f"""# Long logs
 
 What {minutes:g} minutes of log cost. Aim for an hour: at most {TIME_LIMIT:g} s and {MEMORY_LIMIT:g} GB; bold:
-missed.
+missed. NaN: the estimate is no number; rounding has made its covariance indefinite.
 
 {table(head, rows)}
 The logs are virtual (`tests/truth/long_logs.py`, by formula, with the truth): IMU 200 Hz and encoders 100 Hz
