@@ -106,10 +106,15 @@ def page(costs: list[Cost], minutes: float) -> str:
         "log", "size [MB]", "processor time [s]", "memory [GB]", "RMSE of v [mm/s]", "in 2σ [%]",
         "error of the distance [%]",
     )  # fmt: skip
+    unknown = (
+        " NaN: the estimate is no number; rounding has made its covariance indefinite."
+        if any(np.isnan(c.rmse) for c in costs)
+        else ""
+    )
     return f"""# Long logs
 
 What {minutes:g} minutes of log cost. Aim for an hour: at most {TIME_LIMIT:g} s and {MEMORY_LIMIT:g} GB; bold:
-missed. NaN: the estimate is no number; rounding has made its covariance indefinite.
+missed.{unknown}
 
 {table(head, rows)}
 The logs are virtual (`tests/truth/long_logs.py`, by formula, with the truth): IMU 200 Hz and encoders 100 Hz
