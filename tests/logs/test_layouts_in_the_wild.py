@@ -36,75 +36,45 @@ def table(header: str, row: str, **values: np.ndarray) -> str:
 
 SIX = "{gx},{gy},{gz},{ax},{ay},{az}"
 ACC_FIRST = "{ax},{ay},{az},{gx},{gy},{gz}"
+ROSTOPIC = ",".join(f"field.{v}.{a}" for v in ("angular_velocity", "linear_acceleration") for a in "xyz")
+EUROC = ",".join(
+    [f"w_RS_S_{axis} [rad s^-1]" for axis in "xyz"] + [f"a_RS_S_{axis} [m s^-2]" for axis in "xyz"]
+)
+XSENS = "// Start Time: Unknown\n// Sample rate: 100.0Hz\n// Firmware: 2.6.0\n"
+DOT = "sep=,\nDeviceTag:,D1\nOutputRate:,100Hz\n\n"
 
-# name: (file name, content, layout)
-IMUS = {
-    "plain": ("imu.csv", table("time,wx,wy,wz,ax,ay,az", "{t}," + SIX), "plain_imu"),
+# name: (file name, lines above the header, header, row, layout)
+WRITTEN = {
+    "plain": ("imu.csv", "", "time,wx,wy,wz,ax,ay,az", "{t}," + SIX, "plain_imu"),
     "plain with units": (
-        "imu.csv",
-        table(
-            "timestamp (ms),acc_x (g),acc_y (g),acc_z (g),gyr_x (deg/s),gyr_y (deg/s),gyr_z (deg/s)",
-            "{ms},{ga},{gb},{gc},{dx},{dy},{dz}",
-        ),
-        "plain_imu",
+        "imu.csv", "",
+        "timestamp (ms),acc_x (g),acc_y (g),acc_z (g),gyr_x (deg/s),gyr_y (deg/s),gyr_z (deg/s)",
+        "{ms},{ga},{gb},{gc},{dx},{dy},{dz}", "plain_imu",
     ),
     "rostopic": (
-        "imu.csv",
-        table(
-            "%time,field.header.seq,field.header.stamp,field.header.frame_id,field.orientation.x,"
-            "field.angular_velocity.x,field.angular_velocity.y,field.angular_velocity.z,"
-            "field.linear_acceleration.x,field.linear_acceleration.y,field.linear_acceleration.z",
-            "{ns},{k},{ns},imu_link,0.0," + SIX,
-        ),
-        "rostopic_imu",
+        "imu.csv", "", f"%time,field.header.seq,field.header.stamp,field.header.frame_id,{ROSTOPIC}",
+        "{ns},{k},{ns},imu_link," + SIX, "rostopic_imu",
     ),
     "rostopic without header stamp": (
-        "imu.csv",
-        table(
-            "%time,field.header.stamp,field.angular_velocity.x,field.angular_velocity.y,"
-            "field.angular_velocity.z,field.linear_acceleration.x,field.linear_acceleration.y,"
-            "field.linear_acceleration.z",
-            "{ns},0," + SIX,
-        ),
-        "rostopic_imu",
+        "imu.csv", "", f"%time,field.header.stamp,{ROSTOPIC}", "{ns},0," + SIX, "rostopic_imu",
     ),
     "Xsens MT": (
-        "MT_0080003F51.txt",
-        "// Start Time: Unknown\n// Sample rate: 100.0Hz\n// Firmware: 2.6.0\n"
-        + table(
-            "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X",
-            "{k}\t{tick}\t".replace("{tick}", "{k}00") + ACC_FIRST.replace(",", "\t") + "\t0.5",
-        ),
-        "xsens_mt",
+        "MT_0080003F51.txt", XSENS,
+        "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X",
+        "{k}\t{k}00\t" + ACC_FIRST.replace(",", "\t") + "\t0.5", "xsens_mt",
     ),
     "Xsens DOT": (
-        "D1.csv",
-        "sep=,\nDeviceTag:,D1\nOutputRate:,100Hz\n\n"
-        + table(
-            "PacketCounter,SampleTimeFine,Euler_X,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z,",
-            "{k},{us},0.1,{ax},{ay},{az},{dx},{dy},{dz},",
-        ),
-        "xsens_dot",
+        "D1.csv", DOT, "PacketCounter,SampleTimeFine,Euler_X,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z,",
+        "{k},{us},0.1,{ax},{ay},{az},{dx},{dy},{dz},", "xsens_dot",
     ),
-    "EuRoC": (
-        "data.csv",
-        table(
-            "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
-            "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]",
-            "{ns}," + SIX,
-        ),
-        "euroc",
-    ),
+    "EuRoC": ("data.csv", "", f"#timestamp [ns],{EUROC}", "{ns}," + SIX, "euroc"),
     "VESC": (
-        "vesc.csv",
-        table(
-            "ms_today;input_voltage;current_motor;erpm;tachometer;speed_meters_per_sec;accX;accY;accZ;gyroX;"
-            "gyroY;gyroZ;",
-            "{ms};40.1;8.0;1000;5;0.0;{ga};{gb};{gc};{dx};{dy};{dz};",
-        ),
-        "vesc",
+        "vesc.csv", "",
+        "ms_today;input_voltage;current_motor;erpm;tachometer;speed_meters_per_sec;accX;accY;accZ;gyroX;gyroY;gyroZ;",
+        "{ms};40.1;8.0;1000;5;0.0;{ga};{gb};{gc};{dx};{dy};{dz};", "vesc",
     ),
 }  # fmt: skip
+IMUS = {case: (name, above + table(*rows), layout) for case, (name, above, *rows, layout) in WRITTEN.items()}
 
 
 def read(folder: Path, name: str, content: str, **options: Any) -> Trial:
