@@ -157,67 +157,43 @@ class Written(NamedTuple):
     failures: tuple[str, ...] = ()
 
 
-def write(result: StudyResult, options: Options, folder: Path, jobs: int = 1) -> Written:
+def write(
+    result: StudyResult,
+    options: Options,
+    folder: Path,
+    jobs: int = 1,
+    searched: Sequence[tuple[Trial, Motion]] = (),
+) -> Written:
     """Write the report of a study, and the model with what was found; what fails costs nothing of the others.
 
     Args:
-        result: the study.
+        result: the study; of a search alone one without trials.
         options: of it.
         folder: to write into.
         jobs: number of processes that draw.
+        searched: trials of a search alone, with their motion.
     """
     from granite_lab.reporting import write_finding, write_report  # noqa: PLC0415, heavy
 
-    guard = Guard(folder)
-    finding, known, model = result.finding, library(options.effects), None
-    if finding is not None:
-        trials = [r.trial for r in result.trials]
-        motions = [r.comparison.motion for r in result.trials]
-        model = save_found(finding, options, trials, motions, guard)
-        finding = replace(finding, failures=(*finding.failures, *guard.lines))
-        result = replace(result, finding=finding)
-    name = model.name if model else None
-    page = guard.run("report", lambda: write_report(result, folder, model=name, effects=known, jobs=jobs))
-    if page is None and finding is not None:
+    guard, known, model = Guard(folder), library(options.effects), None
+    found = result.finding
+    if found is not None:
+        pairs = searched or [(r.trial, r.comparison.motion) for r in result.trials]
+        trials, motions = [trial for trial, _ in pairs], [motion for _, motion in pairs]
+        model = save_found(found, options, trials, motions, guard)
+    name = model.name if model and result.trials else model
+
+    def told() -> Finding | None:
+        return found and replace(found, failures=(*found.failures, *guard.lines))
+
+    page = guard.run(
+        "report",
+        lambda: write_report(replace(result, finding=told()), folder, model=name, effects=known, jobs=jobs),
+    )
+    if page is None and (finding := told()):
         guard.run("finding", lambda: write_finding(finding, folder, name))
         alone = replace(result, finding=None, unsearched="the search could not be shown; see finding.json")
-        page = guard.run("rest", lambda: write_report(alone, folder, jobs=jobs))
-    return Written(page, model, finding, tuple(guard.lines))
-
-
-def write_found(
-    finding: Finding,
-    options: Options,
-    trials: Sequence[Trial],
-    motions: Sequence[Motion],
-    folder: Path,
-    source: Source,
-    jobs: int = 1,
-) -> Written:
-    """Write model, design and report of a search; what fails costs nothing of the others.
-
-    Args:
-        finding: of the search.
-        options: of it.
-        trials, motions: that were searched.
-        folder: to write into.
-        source: where the finding comes from.
-        jobs: number of processes that draw.
-    """
-    from granite_lab.reporting import write_finding, write_report  # noqa: PLC0415, heavy
-
-    guard = Guard(folder)
-    known, model = library(options.effects), save_found(finding, options, trials, motions, guard)
-
-    def told() -> Finding:
-        return replace(finding, failures=(*finding.failures, *guard.lines))
-
-    def alone() -> StudyResult:
-        return StudyResult(folder.resolve().name, (), (), None, source, told())
-
-    page = guard.run("report", lambda: write_report(alone(), folder, model=model, effects=known, jobs=jobs))
-    if page is None:
-        guard.run("finding", lambda: write_finding(told(), folder, model))
+        page = guard.run("rest", lambda: write_report(alone, folder, jobs=jobs)) if result.trials else None
     return Written(page, model, told(), tuple(guard.lines))
 
 

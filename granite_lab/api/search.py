@@ -14,11 +14,12 @@ from granite_lab.api.records import Origin, sifted
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library
 from granite_lab.errors import InputError
+from granite_lab.reporting.content import StudyResult
 from granite_lab.running import each_trial
 from granite_lab.running.output import claimed
 from granite_lab.running.reading import corrected
 from granite_lab.running.search import search
-from granite_lab.study import Written, source_of, write_found
+from granite_lab.study import Written, source_of, write
 
 if TYPE_CHECKING:
     from granite_lab.planning.plan import Plan
@@ -54,7 +55,8 @@ def discovered(logs: Logs, out: str | Path | None, said: Mapping[str, Any]) -> D
     if out is not None:
         progress("writing the report", 0)
         with claimed(Path(out)):
-            written = write_found(finding, options, trials, motions, Path(out), source, execution.jobs)
+            alone = StudyResult(Path(out).resolve().name, (), (), None, source, finding)
+            written = write(alone, options, Path(out), execution.jobs, read)
         finding = written.finding or finding
     lines = (f"{trial.name}: {line}" for trial in trials for line in trial.warnings)
     warnings = (*lines, *execution.tidied())

@@ -55,8 +55,13 @@ def study(found: Finding) -> StudyResult:
     return replace(made_up_study(speeds=(0.5,), repetitions=2), finding=found)
 
 
-def parts(study: StudyResult) -> tuple[list[Trial], list[Motion]]:
-    return [r.trial for r in study.trials], [r.comparison.motion for r in study.trials]
+def parts(study: StudyResult) -> list[tuple[Trial, Motion]]:
+    return [(r.trial, r.comparison.motion) for r in study.trials]
+
+
+def alone(study: StudyResult) -> StudyResult:
+    """As `discover` has it: a search without trials."""
+    return replace(study, trials=(), a_theta=None)
 
 
 def test_what_was_commanded_is_recognised_and_remembered(
@@ -79,7 +84,7 @@ def test_what_was_commanded_is_recognised_and_remembered(
 def test_a_plan_can_start_from_trials_whose_command_was_recognised(
     tmp_path: Path, study: StudyResult, found: Finding
 ) -> None:
-    trials, motions = parts(study)
+    trials, motions = zip(*parts(study), strict=True)
     silent = [replace(t, info=replace(t.info, v_desired=None)) for t in trials]
     assert {r.trial for r in found.residuals} <= {t.name for t in silent}
     guard = Guard(tmp_path)
@@ -91,9 +96,9 @@ def test_a_plan_can_start_from_trials_whose_command_was_recognised(
 
 
 def test_study_and_discover_leave_the_same_for_a_plan_and_a_simulation(
-    tmp_path: Path, study: StudyResult, found: Finding
+    tmp_path: Path, study: StudyResult
 ) -> None:
-    chain.write_found(found, Options(), *parts(study), tmp_path / "discover", study.source)
+    chain.write(alone(study), Options(), tmp_path / "discover", 1, parts(study))
     chain.write(study, Options(), tmp_path / "study")
     for name in ("design.json", "model.toml"):
         assert (tmp_path / "discover" / name).read_bytes() == (tmp_path / "study" / name).read_bytes()
@@ -203,7 +208,7 @@ def test_a_search_keeps_all_but_the_part_that_fails(
     part: str, tmp_path: Path, study: StudyResult, found: Finding, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(PARTS[part], broken, raising=False)
-    written = chain.write_found(found, Options(), *parts(study), tmp_path, study.source)
+    written = chain.write(alone(study), Options(), tmp_path, 1, parts(study))
     (line,) = written.failures
     assert line.startswith(f"{part}: ValueError: mean of an empty slice; the traceback is in ")
     there = {path.name for path in tmp_path.iterdir()}
