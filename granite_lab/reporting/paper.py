@@ -118,8 +118,8 @@ def wrapped(text: str, width: float, size: float, *, bold: bool = False) -> list
     """Break a text into lines of at most so many points; a longer word is cut."""
     lines = [""]
     for word in re.findall(r"[^ ]+ *", re.sub(r"[\x00-\x1f]+", " ", text)):
-        for piece in [word] if width_of(word.rstrip(), size, bold) <= width else list(word):
-            if lines[-1] and width_of((lines[-1] + piece).rstrip(), size, bold) > width:
+        for piece in [word] if width_of(word.rstrip(), size, bold) <= width + 0.01 else list(word):
+            if lines[-1] and width_of((lines[-1] + piece).rstrip(), size, bold) > width + 0.01:
                 lines.append("")
             lines[-1] += piece
     return [line.rstrip() for line in lines]
@@ -273,7 +273,7 @@ class Page:
 
 
 def _widths(table: Table) -> list[float]:
-    """Return the width of each column: as its texts need, all that can wrap narrower until they fit [pt]."""
+    """Return the width of each column: as its texts need, the widest ones wrapped until all fit [pt]."""
     natural, least = [], []
     for k, column in enumerate(table.columns):
         texts = [row[k].text for row in table.rows]
@@ -281,10 +281,13 @@ def _widths(table: Table) -> list[float]:
         natural.append(max([head, *(width_of(t, SMALL) for t in texts)]))
         least.append(max([head, *(width_of(w, SMALL) for t in texts for w in t.split(" "))]))
     room = WIDTH - 2 * MARGIN - PAD * (len(natural) - 1)
-    if sum(least) > room:
-        return [low * room / sum(least) for low in least]
-    share = min((room - sum(least)) / max(sum(natural) - sum(least), 1e-9), 1.0)
-    widths = [low + share * (n - low) for low, n in zip(least, natural, strict=True)]
+    most = max(natural)
+    widths = natural
+    while sum(widths) > room and most > 0:
+        most -= 2.0
+        widths = [max(low, min(n, most)) for low, n in zip(least, natural, strict=True)]
+    if sum(widths) > room:  # even single words are too long
+        return [w * room / sum(widths) for w in widths]
     return [w + min((room - sum(widths)) / len(widths), 14.0) for w in widths]
 
 

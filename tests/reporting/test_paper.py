@@ -10,7 +10,7 @@ from pypdf import PdfReader
 
 from granite_lab.reporting import write_report
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.paper import HEIGHT, MARGIN, WIDTH, Page, width_of, wrapped
+from granite_lab.reporting.paper import HEIGHT, MARGIN, SMALL, WIDTH, Page, _widths, width_of, wrapped
 from granite_lab.reporting.report import study_report
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
@@ -58,6 +58,14 @@ def test_no_line_is_longer_than_it_may_be() -> None:
         lines = wrapped(text, 120, 9)
         assert max(width_of(line, 9) for line in lines) <= 120
         assert "".join(lines).replace(" ", "") == text.replace(" ", "")
+
+
+def test_no_word_of_a_printed_table_is_broken(twelve: StudyResult) -> None:
+    printed = ("slip_by_speed", "channels", "found_effects")
+    for table in (t for t in study_report(twelve).tables if t.name in printed):
+        for row in table.rows:
+            for cell, wide in zip(row, _widths(table), strict=True):
+                assert " ".join(wrapped(cell.text, wide, SMALL)) == cell.text
 
 
 def test_nothing_is_written_below_the_margin(study: StudyResult) -> None:
