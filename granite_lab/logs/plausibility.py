@@ -32,11 +32,21 @@ FASTEST = 60.0
 
 
 class Windows(NamedTuple):
-    """K windows: mean specific force (K, 3) [m/s^2], its spread (K,), turning between them (K-1, 3) [rad]."""
+    """What K windows of an IMU show.
 
+    Attributes:
+        period: of the samples [s].
+        mean: (K, 3) specific force [m/s^2].
+        spread: (K,) of the specific force [m/s^2].
+        turned: (K-1, 3) turning from one window to the next [rad].
+        noise: (K,) spread of the rates [rad/s].
+    """
+
+    period: float
     mean: Array
     spread: Array
     turned: Array
+    noise: Array
 
 
 def check_imu(
@@ -57,8 +67,10 @@ def check_imu(
     Raises:
         InputError: an accelerometer in no unit that fits gravity.
     """
-    imu = _acceleration(imu, where, declared[0], doubts)
-    imu = _rate(imu, robot, declared[1], doubts)
+    seen = _windows(imu)
+    if seen is not None:
+        imu = _acceleration(imu, seen, where, declared[0], doubts)
+    imu = _rate(imu, seen, robot, declared[1], doubts)
     doubts += _rails(imu, robot)
     return imu
 
@@ -75,14 +87,12 @@ def _windows(imu: ImuStream) -> Windows | None:
     rate = rate - np.median(rate, axis=0)
     angle = np.cumsum(rate, axis=0) * dt
     middle = angle[n // 2 : count * n : n][:count]
-    return Windows(force.mean(axis=1), force.std(axis=1).max(axis=1), np.diff(middle, axis=0))
+    noise = rate[: count * n].reshape(count, n, 3).std(axis=1).mean(axis=1)
+    return Windows(dt, force.mean(axis=1), force.std(axis=1).max(axis=1), np.diff(middle, axis=0), noise)
 
 
-def _acceleration(imu: ImuStream, where: str, declared: str, doubts: list[str]) -> ImuStream:
+def _acceleration(imu: ImuStream, seen: Windows, where: str, declared: str, doubts: list[str]) -> ImuStream:
     """Compare the mean specific force with gravity."""
-    seen = _windows(imu)
-    if seen is None:
-        return imu
     norm = np.linalg.norm(seen.mean, axis=1)
     calm = seen.spread <= np.quantile(seen.spread, 0.3)
     g, spread = float(np.median(norm[calm])), float(np.median(seen.spread[calm]))
@@ -117,17 +127,17 @@ def _acceleration(imu: ImuStream, where: str, declared: str, doubts: list[str]) 
     )
 
 
-def _rate(imu: ImuStream, robot: Robot, declared: str, doubts: list[str]) -> ImuStream:
+def _rate(imu: ImuStream, seen: Windows | None, robot: Robot, declared: str, doubts: list[str]) -> ImuStream:
     """Compare the gyroscope with the turning of the gravity vector and with the grade's noise."""
     if np.isnan(imu.angular_rate).all():
         return imu
     peak = float(np.nanmax(np.abs(imu.angular_rate)))
-    turning = math.nan if imu.gravity_removed else _turning_ratio(imu)
+    turning = math.nan if imu.gravity_removed or seen is None else _turning_ratio(seen)
     # The turning of the gravity vector, as the accelerometer sees it, contains all of the true turning:
     # a ratio beyond 1 is impossible. Vibration and acceleration lower it to a few hundredths on flat ground
     # (0.06 to 1.1 in logs of a rover on sand, a Husky on sand and snow, and a car).
     too_large = turning > TURNS or (math.isnan(turning) and peak > FASTEST)
-    too_small = turning < TURNS / 100 and not _noise_ratio(imu, robot) > 1 / 15
+    too_small = turning < TURNS / 100 and seen is not None and not _noise_ratio(seen, robot) > 1 / 15
     why = f"it turns {turning:.3g} times as far as gravity does"
     why = f"it reads up to {peak:.0f} rad/s" if math.isnan(turning) else why
     if (too_large and declared == "rad/s") or (too_small and declared == "deg/s"):
@@ -139,15 +149,12 @@ def _rate(imu: ImuStream, robot: Robot, declared: str, doubts: list[str]) -> Imu
     return imu
 
 
-def _turning_ratio(imu: ImuStream) -> float:
+def _turning_ratio(seen: Windows) -> float:
     """Return how far the gyroscope turns relative to the gravity vector, NaN if unknown.
 
     The larger of two comparisons, by root mean square and by median: on smooth ground a few ramps
     would drown the turning in the first, while the noise of rest and steady drive rules the second.
     """
-    seen = _windows(imu)
-    if seen is None or np.isnan(imu.angular_rate).all():
-        return math.nan
     up = seen.mean / np.linalg.norm(seen.mean, axis=1, keepdims=True)
     moved = np.diff(up, axis=0)
     # Only turning about axes across gravity moves the gravity vector.
@@ -159,22 +166,15 @@ def _turning_ratio(imu: ImuStream) -> float:
     return max(by_square, float(np.median(turned) / np.median(tilted)))
 
 
-def _noise_ratio(imu: ImuStream, robot: Robot) -> float:
+def _noise_ratio(seen: Windows, robot: Robot) -> float:
     """Return the gyroscope's noise at rest over that of the robot's grade, NaN without a rest."""
-    grade = robot.imu_grade
-    dt = float(np.median(np.diff(imu.t)))
-    n = max(int(WINDOW / dt), 3)
-    count = len(imu.t) // n
-    rate = imu.angular_rate
-    if grade is None or count < 4 or grade.gyro_noise == 0 or np.isnan(rate).any():
-        return math.nan
-    spread = rate[: count * n].reshape(count, n, -1).std(axis=1).mean(axis=1)
-    quietest, usual = float(np.quantile(spread, 0.1)), float(np.median(spread))
+    grade, quietest = robot.imu_grade, float(np.quantile(seen.noise, 0.1))
     # Without a rest the quietest windows are hardly quieter than the others.
-    if quietest == 0 or quietest > 0.3 * usual:
+    if grade is None or grade.gyro_noise == 0 or not 0 < quietest <= 0.3 * float(np.median(seen.noise)):
         return math.nan
-    expected = math.hypot(grade.gyro_noise * math.sqrt(0.5 / dt), grade.gyro_step / math.sqrt(12))
-    return quietest / expected
+    return quietest / math.hypot(
+        grade.gyro_noise * math.sqrt(0.5 / seen.period), grade.gyro_step / math.sqrt(12)
+    )
 
 
 def _rails(imu: ImuStream, robot: Robot) -> list[str]:
