@@ -22,6 +22,7 @@ def check(
         Path,
         typer.Argument(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP).", callback=o.there),
     ],
+    *,
     about: o.About,
     as_json: o.Json = False,
 ) -> None:
@@ -86,7 +87,6 @@ def inspect(
 
 @o.spread
 def ingest(
-    about: o.About,
     trials: o.Trials = None,
     imu: Annotated[
         Path | None, typer.Option(help="File with the IMU, where sensors were logged apart.")
@@ -121,6 +121,8 @@ def ingest(
         Path | None, typer.Option(help="Folder for the motion tables.", show_default="reports/ingest")
     ] = None,
     table_format: o.Format = None,
+    *,
+    about: o.About,
     jobs: o.Jobs = 0,
     quiet: o.Quiet = False,
     as_json: o.Json = False,

@@ -32,12 +32,13 @@ MOST = 20
 
 @o.spread
 def fit_k92(
-    about: o.About,
-    work: o.Work,
     trials: o.Trials = None,
     model: o.Model = None,
     out: Table = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print the notes of the fits.")] = False,
+    *,
+    about: o.About,
+    work: o.Work,
 ) -> None:
     """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory."""
     logs = o.named(trials)
@@ -89,12 +90,13 @@ def _fit_as_json(fit: K92Fit) -> dict[str, Any]:
 
 @o.spread
 def fit_atheta(
-    about: o.About,
-    work: o.Work,
     trials: o.Trials = None,
     published: Annotated[bool, typer.Option("--published", help="Use Table 3 of the paper.")] = False,
     model: o.Model = None,
     out: Table = None,
+    *,
+    about: o.About,
+    work: o.Work,
 ) -> None:
     """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws."""
     if published and trials:
@@ -145,13 +147,14 @@ def _a_theta_as_json(fit: AThetaFit) -> dict[str, Any]:
 
 @o.spread
 def compare(
-    about: o.About,
-    work: o.Work,
     trials: o.Trials = None,
     model: o.Model = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for tables and figures.", show_default="reports/compare")
     ] = None,
+    *,
+    about: o.About,
+    work: o.Work,
 ) -> None:
     """Hold measurement against simulation: velocity, wheel speed, slip, torques and pitch."""
     logs = o.named(trials)
@@ -183,9 +186,6 @@ def compare(
 
 @o.spread
 def study(
-    about: o.About,
-    work: o.Work,
-    search: o.Search,
     trials: o.Trials = None,
     out: Annotated[
         Path | None,
@@ -200,6 +200,10 @@ def study(
         Path | None,
         typer.Option("--verify", metavar="REPORT", help="Compute a report again and say what differs."),
     ] = None,
+    *,
+    about: o.About,
+    search: o.Search,
+    work: o.Work,
 ) -> None:
     """Run the whole chain over trials, from raw logs to a report and Rerun timelines."""
     if check is not None:
@@ -299,9 +303,6 @@ def compare_studies(
 
 @o.spread
 def discover(
-    about: o.About,
-    work: o.Work,
-    search: o.Search,
     trials: o.Trials = None,
     out: Annotated[
         Path | None,
@@ -309,6 +310,10 @@ def discover(
             help="Folder of the report, finding.json and model.toml.", show_default="reports/discover"
         ),
     ] = None,
+    *,
+    about: o.About,
+    search: o.Search,
+    work: o.Work,
 ) -> None:
     """Find the physical effect that the model lacks; write the case for it and the model with it."""
     logs = o.named(trials)
