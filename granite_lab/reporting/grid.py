@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from rich import box
 from rich.console import Console
@@ -33,7 +33,9 @@ def grid(*titles: str, words: Sequence[int] = ()) -> Grid:
     )
     for i, title in enumerate(titles):
         left = i in words
-        table.add_column(Text(title), justify="left" if left else "right", overflow="fold", no_wrap=not left)
+        least = max(map(len, title.split()), default=0)  # no heading is cut inside a word
+        justify: Literal["left", "right"] = "left" if left else "right"
+        table.add_column(Text(title), justify=justify, overflow="fold", no_wrap=not left, min_width=least)
     return table
 
 
@@ -61,8 +63,10 @@ def show_table(table: Table, console: Console, *, only: Sequence[str] = ()) -> N
         only: names of the columns to print, in the order of the table; all by default.
     """
     kept = [i for i, c in enumerate(table.columns) if not only or c.name in only]
-    titles = [table.columns[i].title for i in kept]
-    heads = [textwrap.fill(t, max(9, len(t) // 2), break_long_words=False) for t in titles]
+    heads = []
+    for name, unit in ((table.columns[i].name.replace(" %", "\u00a0%"), table.columns[i].unit) for i in kept):
+        lines = textwrap.wrap(name, max(9, len(name) // 2), break_long_words=False)
+        heads.append("\n".join([*lines, f"[{unit}]"] if unit else lines))
     shown = grid(*heads, words=[k for k, i in enumerate(kept) if not table.columns[i].number])
     for row in table.rows:
         shown.add_row(*(clean(row[i].text, TONES.get(row[i].tone, "")) for i in kept))
