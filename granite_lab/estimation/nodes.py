@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
-from scipy.signal import savgol_filter
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
@@ -17,6 +16,7 @@ from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.nominal import Nominal, Sideways, roll_angle
 from granite_lab.estimation.rest import COAST, Interval
+from granite_lab.estimation.spectrum import slope
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
@@ -175,8 +175,8 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     if grid.size <= 3 * window:
         return Pace(speed, speed, np.zeros(t.size), np.zeros(t.size), np.zeros(t.size, dtype=bool))
     path = np.interp(grid, stamps, rolling.mean[known])
-    growth = savgol_filter(path, window, 3, deriv=2, delta=GRID, mode="nearest")
-    calm = savgol_filter(path, 3 * window, 1, deriv=1, delta=GRID, mode="nearest")
+    growth = slope(path, window, 3, GRID, 2)
+    calm = slope(path, 3 * window, 1, GRID)
     pace = np.interp(grid, stamps, rolling.speed[known])
     growth = np.where(pace < 0, -growth, growth)
     # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
@@ -192,7 +192,7 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     near = maximum_filter1d(busy.astype(float), 3 * window)
     quick = speed
     if rolling.by_rate:
-        quick = np.interp(t, grid, savgol_filter(path, window, 2, deriv=1, delta=GRID, mode="nearest"))
+        quick = np.interp(t, grid, slope(path, window, 2, GRID))
     steady = np.interp(t, grid, near) == 0
     return Pace(
         speed=speed,
