@@ -18,7 +18,7 @@ from tests.truth.trials import TruthTrial, generate
 
 Fault = Callable[[TruthTrial], Trial]
 
-KINDS = (("industrial", 0.3), ("consumer", 0.5), ("industrial", 0.7), ("consumer", 0.2))
+KINDS = (("industrial", 0.3), ("consumer", 0.5))
 """Grade and velocity of the trials that each fault is injected into."""
 
 
@@ -128,18 +128,18 @@ def test_ramps_cut_at_a_rail_grow_the_std() -> None:
 
 def test_rail_known_from_the_grade_is_recognised() -> None:
     """One axis of an accelerometer, cut off at the range that the grade gives."""
-    truth = good(2)
+    truth = good(0)
     limit = 0.7 * truth.trial.info.a_max
     imu = truth.trial.imu
     force = np.full_like(imu.specific_force, np.nan)
     force[:, 0] = np.clip(imu.specific_force[:, 0], -limit, limit)
-    low = robot(2)
+    low = robot(0)
     low = replace(low, imu_grade=replace(low.imu_grade, accel_range=limit))
     motion = estimate(replace(truth.trial, imu=replace(imu, specific_force=force)), low)
     error, std = errors(truth, motion)
     assert motion.health.plateaus
     assert np.mean(np.abs(error) < 2 * std) >= 0.9
-    assert np.mean(std) > 3 * np.mean(errors(truth, plain(2))[1])
+    assert np.mean(std) > 3 * np.mean(errors(truth, plain(0))[1])
 
 
 def test_readings_thrown_off_are_replaced() -> None:
@@ -172,7 +172,7 @@ def test_encoder_that_never_counts_is_left_out() -> None:
 
 @pytest.mark.parametrize("wheels", [("fl",), ("fl", "rl"), ("fr", "rr"), ("fr", "rl"), WHEELS])
 def test_encoders_that_count_backwards_are_turned(wheels: tuple[str, ...]) -> None:
-    for i in (0, 3):
+    for i in (0, 1):
         motion = estimate(faults.flipped(good(i).trial, *wheels), robot(i))
         assert np.array_equal(motion.v, plain(i).v)
         assert np.array_equal(motion.v_wheel, plain(i).v_wheel, equal_nan=True)
