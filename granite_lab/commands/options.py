@@ -85,7 +85,7 @@ Map = Annotated[
     str | None,
     typer.Option(
         "--map",
-        help="Column map: a name of the catalogue or a .toml file.",
+        help="Column map: a name of the catalogue, a .toml file, or a folder of these.",
         autocompletion=_complete("loggers"),
     ),
 ]

@@ -143,7 +143,9 @@ def _refuse_dead(imu: ImuStream, log: _Log) -> None:
                 "cut the log there",
             )
         constant = np.array([np.isfinite(v).all() and np.ptp(v) == 0 for v in values.T])
-        if constant.all() and (np.isnan(other).all() or not np.ptp(other, axis=0).any()):
+        if constant[np.isfinite(values).any(axis=0)].all() and (
+            np.isnan(other).all() or not np.ptp(other, axis=0).any()
+        ):
             return  # nothing is connected: the rails' warning says so
         for j in np.flatnonzero(constant):
             if log.robot.imu.forward == "find" or any(turn[row, j] for row in rows):
