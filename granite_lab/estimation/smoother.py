@@ -108,7 +108,8 @@ class Solution:
 def forward(nodes: Nodes) -> tuple[Array, Array, Innovations]:
     """Filter over all nodes; states (K, 14) and covariances (K, 14, 14) after each, innovations as they came.
 
-    Measurements are scalar, so no matrix is inverted, and the covariance stays symmetric by construction.
+    Measurements are scalar, so no matrix is inverted. Rounding makes the covariance unsymmetric, more
+    so with each node, and after half an hour indefinite, unless it is made symmetric again.
     """
     n = nodes.t.size
     x, P = nodes.x0[:, 0].copy(), nodes.P0.copy()
@@ -120,6 +121,7 @@ def forward(nodes: Nodes) -> tuple[Array, Array, Innovations]:
             F = nodes.F[k]
             x = F @ x
             P = F @ P @ F.T + nodes.Q[k]
+            P = 0.5 * (P + P.T)
         for update in nodes.updates[k]:
             h = update.H[0]
             Ph = P @ h
