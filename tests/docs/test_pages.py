@@ -175,13 +175,15 @@ def follow(
 
 
 def missing(shown: str, printed: str) -> list[str]:
-    """Return the words of a page that were not printed; numbers may differ in their last digits."""
+    """Return the words of a page that were not printed; numbers may differ in their last digit or by 5 %."""
     number = re.compile(r"−?\d+\.?\d*")
     values = np.array([float(x.replace("−", "-")) for x in number.findall(printed)])
     lost = []
     for word in re.sub(r"\[…\]|…|─+", " ", shown).split():
-        size = number.fullmatch(word) and float(word.replace("−", "-"))
-        known = word in printed if size is None else (abs(values - size) <= 0.02 + 0.05 * abs(size)).any()
+        known = word in printed
+        if number.fullmatch(word):
+            size, digits = float(word.replace("−", "-")), len(word.partition(".")[2])
+            known = (abs(values - size) <= max(0.05 * abs(size), 2.01 * 10.0**-digits)).any()
         lost += [] if known else [word]
     return lost
 
