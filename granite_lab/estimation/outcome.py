@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.budget import slip_parts
 from granite_lab.estimation.clock import LATENCY
@@ -38,7 +39,11 @@ def motion_of(
     variants: Sequence[Variant],
     warnings: tuple[str, ...],
 ) -> Motion:
-    """Add the smoothed drift to the nominal motion and derive slip, phases and variant."""
+    """Add the smoothed drift to the nominal motion and derive slip, phases and variant.
+
+    Raises:
+        EstimateError: the velocity or its std is not a number somewhere.
+    """
     nodes, found, nominal = solution.nodes, solution.smoothed, solution.nominal
     t, rolling, offset = nominal.t, problem.rolling, solution.offset
 
@@ -56,6 +61,11 @@ def motion_of(
     v_std = np.hypot(spread(std_of(found.P, {V: 1.0, PD: -1.0})), extra)
     x_std = np.hypot(spread(std_of(found.P, {X: 1.0, P: -1.0})), extra / omega)
     v_std = np.hypot(v_std, _by_latency(t, v, problem, offset))
+    if not np.isfinite(v + v_std).all():
+        raise EstimateError(
+            f"trial '{trial.name}': the filter has become numerically unstable",
+            "cut the log with --from and --to",
+        )
     u = nodes.w * (nodes.mean_slip + found.x[:, S] + found.x[:, G])
     u_std = np.abs(nodes.w) * std_of(found.P, {S: 1.0, G: 1.0})
     v_wheel, v_wheel_std = wheels_at(t, rolling, offset.value)

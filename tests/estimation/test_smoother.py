@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
+from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import Motion, estimate, smoother
 from granite_lab.estimation.error_model import BA, SIZE, TH, TINY, D, G, P, S, Update, V, X
@@ -92,6 +93,26 @@ def batch(nodes: Nodes) -> tuple[np.ndarray, np.ndarray]:
     inverse = np.linalg.solve(r, np.eye(n * SIZE))
     std = np.linalg.norm(inverse, axis=1)
     return (solution * np.tile(scale, n)).reshape(n, SIZE), (std * np.tile(scale, n)).reshape(n, SIZE)
+
+
+def test_covariances_stay_symmetric() -> None:
+    """Asymmetry grows with each node; after half an hour without a stop the covariance was indefinite."""
+    _, covariances, _ = smoother.forward(captured())
+    std = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    asymmetry = np.abs(covariances - covariances.transpose(0, 2, 1)) / (std[:, :, None] * std[:, None, :])
+    assert asymmetry[np.isfinite(asymmetry)].max() < 1e-15
+
+
+def test_a_velocity_that_is_no_number_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = smoother.run
+
+    def broken(nodes: Nodes) -> smoother.Smoothed:
+        found = original(nodes)
+        return dataclasses.replace(found, x=np.where(np.arange(SIZE) == V, np.nan, found.x))
+
+    monkeypatch.setattr(smoother, "run", broken)
+    with pytest.raises(EstimateError, match="numerically unstable"):
+        estimate(truth().trial, load_robot("granite", "industrial"))
 
 
 def test_smoother_agrees_with_batch_least_squares() -> None:
