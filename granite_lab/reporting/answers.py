@@ -210,9 +210,8 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
         f"{plural(len(fit.points), 'trial')}."
     )
     if agrees is None:
-        text += (
-            f" The law k_92 = exp(−a_θ v) is tested with {SPEEDS} speeds or more; here are {_speeds_of(fit)}."
-        )
+        least = f"A test of the law k_92 = exp(−a_θ v) needs {SPEEDS} speeds"
+        text += f" {least}; these trials have {_speeds_of(fit)}."
         return Answer("a_theta", question, "Not tested", text)
     if agrees:
         return Answer("a_theta", question, "Yes", text, "good")
