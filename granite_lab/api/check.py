@@ -214,11 +214,11 @@ def _motion(motion: Motion, trial: Trial) -> Iterator[Check]:
     yield Check(
         "slip",
         bool(low <= SLIP[1] and high >= SLIP[0]),
-        f"λ_R {100 * slip.value:.1f} ± {100 * slip.std:.1f} %, usual: {SLIP[0]:.0%} to {SLIP[1]:.0%}"
+        f"λ_R {100 * slip.value:.1f} ± {100 * slip.std:.1f} %, "
+        f"usual: {100 * SLIP[0]:.0f} to {100 * SLIP[1]:.0f} %"
         if math.isfinite(slip.value)
         else "not known",
         "check wheel radius, unit of the encoders and mounting of the IMU",
     )
     health = motion.health
-    found = f"{health.grade}: {health.verdict}"
-    yield Check("estimate", health.grade != "poor", found, "look at the report of granite-lab study")
+    yield Check("estimate", health.grade != "poor", health.verdict, "look at the report of granite-lab study")

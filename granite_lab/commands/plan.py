@@ -86,7 +86,7 @@ def show_plan(plan: Plan, most: int, shown: Console) -> None:
     say(shown, _now(plan))
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
-        say(shown, f"No trial is worth it: {why}.", "bold")
+        say(shown, f"No trial is recommended: {why}.", "bold")
     table = grid("", "next trial", "std" if sharpens else "log Bayes\nfactor", "because", words=(1, 3))
     for k, p in enumerate(plan.proposals[:most], 1):
         table.add_row(*row_of(str(k), trial(p), _change(plan, p), because(plan, p)))
@@ -105,10 +105,10 @@ def asked(plan: Plan) -> str:
     """Return the question."""
     rivals = plan.question.rivals
     if plan.question.kind == "apart":
-        return f"What would tell {', '.join(rivals[:-1])} and {rivals[-1]} apart?"
+        return f"Which trial distinguishes {', '.join(rivals[:-1])} and {rivals[-1]}?"
     if plan.question.kind == "show":
-        return f"What would show {' or '.join(rivals)}, if it is there?"
-    return "What would sharpen the number that is known worst?"
+        return f"Which trial shows {' or '.join(rivals)}, if it is present?"
+    return "Which trial lowers the largest relative standard deviation?"
 
 
 def trial(proposal: Proposal) -> str:

@@ -259,7 +259,9 @@ def _verify(report: Path, logs: list[Path], work: o.Work) -> None:
         same = not found.differences
         print_json({"schema": "granite-lab/verify/1", "same": same} | jsonable(found))
     elif not found.differences:
-        show(f"{found.report}: the same again, from {found.trials} log{'s' if found.trials > 1 else ''}")
+        show(
+            f"{found.report}: identical, recomputed from {found.trials} log{'s' if found.trials > 1 else ''}"
+        )
     else:
         for line in found.differences[:MOST]:
             show(line)
@@ -293,8 +295,10 @@ def compare_studies(
         return
     shown = console()
     say(shown, f"A: {found.names[0]}; B: {found.names[1]}")
-    show_table(compared_table(found), shown, only=("quantity", "unit", "B − A, 95 %", "seen from", "verdict"))
-    say(shown, "B − A: 95 % interval. Seen from: this difference is seen with a probability of 80 %.")
+    show_table(
+        compared_table(found), shown, only=("quantity", "unit", "B − A, 95 %", "detectable", "verdict")
+    )
+    say(shown, "B − A: 95 % interval. Detectable: difference that is found with a probability of 80 %.")
     for note in found.notes:
         say(shown, note)
     if page is not None:

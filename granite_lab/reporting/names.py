@@ -335,7 +335,7 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple
             "--variant 0.5"
         )
     if not twins:
-        steps.append(f"Plan the trial that would sharpen the sizes most: {plan}")
+        steps.append(f"Plan the trial that lowers the largest std: {plan}")
     return tuple(steps)
 
 

@@ -134,9 +134,9 @@ def what_to_see(imprint: Imprint) -> str:
     share = 100 * imprint.share
     left = f"{share:.0f} %" if share >= 10 else f"{significant(share, 2)} %"
     return (
-        f"It shows most in the {CHANNELS[channel]} {when}, in the run at "
-        f"{seen.observation.variant.velocity:g} m/s; {left} of the whole change, against the sensors' noise, "
-        "is left when sand, start and the sensors' offsets are fitted anew (blue)."
+        f"Largest change relative to the noise: {CHANNELS[channel]} {when}, at "
+        f"{seen.observation.variant.velocity:g} m/s. {left} of the change remains after sand, start time and "
+        "offsets of the sensors are fitted again (blue)."
     )
 
 

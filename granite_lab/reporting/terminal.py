@@ -257,7 +257,7 @@ def show_effects(effects: Sequence[Effect], console: Console) -> None:
 def show_effect(effect: Effect, console: Console) -> None:
     """Print what an effect is: equation, source, what an observer sees, parameters."""
     say(console, f"{effect.id}: {effect.title}", "bold")
-    texts = {"equation": effect.equation, "source": effect.source, "seen as": effect.signature}
+    texts = {"equation": effect.equation, "source": effect.source, "signature": effect.signature}
     for label, text in texts.items():
         console.print(Text.assemble(clean(f"{label}: ", "dim"), clean(text)))
     table = grid("parameter", "unit", "neutral", "allowed", "expected", "meaning", words=(0, 1, 3, 4, 5))

@@ -187,7 +187,7 @@ def _notes(a: Mapping[str, Any], b: Mapping[str, Any], rows: Sequence[Row]) -> I
     first, second = ({i["sha256"] for i in d["provenance"]["inputs"]} for d in (a, b))
     if first & second:
         yield f"{len(first & second)} files are read by both studies; the intervals take them as independent."
-    yield "Errors that both studies share, as of the wheel radius, cancel in a difference only in part."
+    yield "Errors that both studies share, such as that of the wheel radius, cancel only partly."
     p, q = ({(p["key"], p["value"]) for p in d["provenance"]["parameters"]} for d in (a, b))
     other = sorted({key for key, _ in p ^ q})
     if other:
@@ -208,8 +208,8 @@ def compared_table(found: Compared) -> Table:
     tones = {DIFFERS: "fair", ALIKE: "good"}
     return tabulate(
         "differences", f"{found.names[1]} minus {found.names[0]}",
-        f"A: {found.names[0]}; B: {found.names[1]}. B − A: 95 % interval of the difference. Seen from: the "
-        "smallest difference that would have been seen with a probability of 80 %.",
+        f"A: {found.names[0]}; B: {found.names[1]}. B − A: 95 % interval of the difference. Detectable: "
+        "the smallest difference that is found with a probability of 80 %.",
         found.rows,
         [
             ("quantity", "", lambda r: r.quantity),
@@ -218,7 +218,7 @@ def compared_table(found: Compared) -> Table:
             ("B", "b b_low95 b_high95", lambda r: value(r.b)),
             ("B − A, 95 %", "difference difference_low95 difference_high95",
              lambda r: Cell(interval(r.difference.low, r.difference.high), r.difference)),
-            ("seen from", "smallest_seen", lambda r: number(r.smallest, 2)),
+            ("detectable", "smallest_seen", lambda r: number(r.smallest, 2)),
             ("verdict", "", lambda r: words(r.verdict, tones.get(r.verdict, ""))),
         ],
         virtual=found.virtual,
@@ -234,8 +234,8 @@ def compared_figure(found: Compared) -> Figure | None:
     title = f"{len(differ)} of {len(rows)} quantities differ" if differ else "No difference is seen"
     return Figure(
         "differences", title,
-        f"{found.names[1]} minus {found.names[0]}, over half the width of its 95 % interval. Bars that miss "
-        "the line at 0 differ.",
+        f"{found.names[1]} minus {found.names[0]}, divided by half the width of its 95 % interval. Bars "
+        "that do not include 0 are significant.",
         partial(_draw, rows), found.virtual,
     )  # fmt: skip
 

@@ -257,7 +257,7 @@ def test_the_table_fits_80_columns_and_says_what_to_do_and_why() -> None:
         virtual=True,
     )
     words = shown(design)
-    assert words.startswith("What would tell ground_slope and imu_tilt apart? (virtual data)")
+    assert words.startswith("Which trial distinguishes ground_slope and imu_tilt? (virtual data)")
     assert "Expected log Bayes factors with the 3 trials at hand: imu_tilt from ground_slope" in words
     assert "slope with opposite sign" in words
     assert "First choice: turn the robot round" in words
@@ -267,7 +267,7 @@ def test_the_table_fits_80_columns_and_says_what_to_do_and_why() -> None:
 def test_where_much_is_known_no_trial_is_worth_it() -> None:
     many = tuple(driven_of(v, count=12) for v in load_variants()[:2])
     words = shown(design_of(*many, verdict="named", named=(SURE,)), max_speed=0.3)
-    assert "No trial is worth it: none lowers the std by a fifth." in words
+    assert "No trial is recommended: none lowers the std by a fifth." in words
     assert "First choice" not in words
 
 

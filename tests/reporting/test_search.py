@@ -322,7 +322,7 @@ def test_names_to_type_do_not_stand_in_sentences(note: str, said: str, findings:
     ("finding", "said"),
     [
         (made_up_finding(), "granite-lab simulate --model 'reports/my sand/model.toml' --variant 0.5"),
-        (made_up_finding(), "sharpen the sizes"),
+        (made_up_finding(), "lowers the largest std"),
         (made_up_finding(twins=("slip_sinkage",)), "tells multi pass from slip sinkage"),
         (naming(found("clock_offset", offset=(0.01, 0.001))),
          "Clock offset is an error of the measurement, not of the model"),

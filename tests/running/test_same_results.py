@@ -71,7 +71,7 @@ def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path, s
     for name in ("logs", "report"):
         shutil.copytree(studied.folder / name, tmp_path / name)
     output, _ = study(tmp_path, "--verify", "report")
-    assert output.strip() == "report/report.json: the same again, from 2 logs"
+    assert output.strip() == "report/report.json: identical, recomputed from 2 logs"
 
     edited = tmp_path / "report" / "report.json"
     document = json.loads(edited.read_bytes())
