@@ -132,6 +132,7 @@ def _shares(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> di
     gains = _filter_gains(nodes)
     shares: dict[str, float] = defaultdict(float)
     c = np.zeros(SIZE)  # weight of the error of the filtered state
+    noise = np.zeros((nodes.t.size, SIZE))  # and of the noise of the step that leads to each node
     for k in range(nodes.t.size - 1, -1, -1):
         c = c + weights[k]
         for update, gain in zip(reversed(nodes.updates[k]), reversed(gains[k]), strict=True):
@@ -139,10 +140,11 @@ def _shares(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> di
             shares[MEASURED[update.kind]] += w * w * update.R
             c = c - update.H[0] * w
         if k:
-            _add_step(shares, nodes, behind[k] - c, k)
+            noise[k] = behind[k] - c
             c = nodes.F[k].T @ c
     for place, variance in enumerate(np.diagonal(nodes.P0)):
         shares[BEGUN[place]] += float(c[place] ** 2 * variance)
+    _add_steps(shares, nodes, noise)
     return shares
 
 
@@ -180,36 +182,42 @@ def _filter_gains(nodes: Nodes) -> list[list[Array]]:
     return gains
 
 
-def _add_step(shares: dict[str, float], nodes: Nodes, c: Array, k: int) -> None:
-    """Add the shares of one step's noise, whose blocks are independent of each other."""
-    Q, dt = nodes.Q[k], float(nodes.t[k] - nodes.t[k - 1])
+def _add_steps(shares: dict[str, float], nodes: Nodes, c: Array) -> None:
+    """Add the shares of the noise of all steps, whose blocks are independent of each other.
+
+    Args:
+        shares: by source.
+        nodes: K of them.
+        c: (K, 14) weights of the noise of the steps that lead to them.
+    """
+    Q, dt = nodes.Q, np.diff(nodes.t, prepend=nodes.t[0])
 
     def share(*states: int) -> float:
-        return float(c[list(states)] @ Q[np.ix_(states, states)] @ c[list(states)])
+        own = c[:, states]
+        return float(np.einsum("ki,kij,kj->", own, Q[:, states][:, :, states], own))
 
     for place, name in WALKING.items():
         shares[name] += share(place)
     shares[SHAKING] += share(P, PD)
     # the distance that wheels turn ahead of the body is independent of the slip ratio
-    by_slip = float(abs(Q[D, S]) + abs(Q[D, G])) * 2.0 / 3.0 * abs(nodes.w[k]) * dt
-    ahead = float(c[D] ** 2 * max(float(Q[D, D]) - by_slip, 0.0))
+    by_slip = (np.abs(Q[:, D, S]) + np.abs(Q[:, D, G])) * 2.0 / 3.0 * np.abs(nodes.w) * dt
+    ahead = float(np.sum(c[:, D] ** 2 * np.fmax(Q[:, D, D] - by_slip, 0.0)))
     shares[SOFT] += ahead
     shares[VARYING] += share(D, S, G) - ahead
-    turning = _gyro(Q, nodes.F[k], dt)
-    by_gyro = float(c[[X, V, TH]] @ turning @ c[[X, V, TH]])
+    own = c[:, [X, V, TH]]
+    by_gyro = float(np.einsum("ki,kij,kj->", own, _gyro(Q, nodes.F, dt), own))
     shares[RATE] += by_gyro
     shares[WHITE] += share(X, V, TH) - by_gyro
 
 
-def _gyro(Q: Array, F: Array, dt: float) -> Array:
-    """Return the (3, 3) noise of distance, velocity and pitch in a step that the gyro makes."""
-    if dt <= 0.0:
-        return np.zeros((3, 3))
-    density = max(float(Q[TH, TH]) - float(model.TINY[TH]) ** 2, 0.0) / dt
-    coupling = float(F[V, TH]) / dt
-    g = np.array([coupling * dt**2.5 / 6.0, coupling * dt**1.5 / 2.0, dt**0.5])
-    block: Array = density * np.outer(g, g)
-    block[0, 0] = density * coupling**2 * dt**5 / 20
-    block[1, 1] = density * coupling**2 * dt**3 / 3
-    block[0, 1] = block[1, 0] = density * coupling**2 * dt**4 / 8
-    return block
+def _gyro(Q: Array, F: Array, dt: Array) -> Array:
+    """Return the (K, 3, 3) noise of distance, velocity and pitch in each step that the gyro makes."""
+    h = np.where(dt > 0.0, dt, 1.0)
+    density = np.where(dt > 0.0, np.fmax(Q[:, TH, TH] - model.TINY[TH] ** 2, 0.0) / h, 0.0)
+    a = F[:, V, TH] / h
+    block: Array = np.empty((dt.size, 3, 3))
+    block[:, 0, 0], block[:, 1, 1], block[:, 2, 2] = a**2 * h**5 / 20, a**2 * h**3 / 3, h
+    block[:, 0, 1] = block[:, 1, 0] = a**2 * h**4 / 8
+    block[:, 0, 2] = block[:, 2, 0] = a * h**3 / 6
+    block[:, 1, 2] = block[:, 2, 1] = a * h**2 / 2
+    return density[:, None, None] * block
