@@ -248,6 +248,7 @@ def show_parameters(rows: Sequence[Provenance], variants: Sequence[Variant], con
 def show_effects(effects: Sequence[Effect], console: Console) -> None:
     """Print one line per effect."""
     table = grid("effect", "what it is", "parameters", words=(0, 1, 2))
+    table.columns[0].no_wrap = True  # an id is there to be copied
     for effect in effects:
         named = [f"{p.name} [{tidy_unit(p.unit)}]" if p.unit else p.name for p in effect.parameters]
         table.add_row(*row_of(effect.id, effect.title, ", ".join(named)))
