@@ -94,12 +94,12 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         ci95 = a_theta_interval(fits, points.v, fit.own, fit.common, a_theta, quantile)
     if ci95 != linear:
         notes.append(
-            f"the interval of a_θ is by the likelihood; by the covariance it is {linear[0]:.3f} to "
-            f"{linear[1]:.3f} s/m"
+            f"The interval of a_θ follows from the likelihood; from the covariance it is {linear[0]:.3f} to "
+            f"{linear[1]:.3f} s/m."
         )
     left_out = inner & (points.k <= 0)
     if left_out.any():
-        notes.append(f"{int(left_out.sum())} k_92 <= 0 cannot enter the fit on log k_92")
+        notes.append(f"{int(left_out.sum())} values of k_92 <= 0 cannot enter the fit of log k_92.")
     laws, remarks = fit_laws(points)
     published = load_paper().a_theta
     found = iter(fit.sensitivity.tolist())
@@ -156,7 +156,7 @@ def _unweighted(points: Points) -> tuple[_Weighted, list[str]]:
     scatter = math.sqrt(float(((y + a * v) ** 2).sum()) / dof) if dof else math.nan
     std = scatter / math.sqrt(v @ v)
     parts = (Part("residuals of ln k_92", "A", "normal", "1", scatter, std),)
-    note = "k_92 without stated uncertainties: the interval follows from the residuals alone"
+    note = "k_92 has no stated uncertainties: the interval follows from the residuals."
     nothing = np.zeros(0)
     return _Weighted(a, std, scatter, dof, parts, nothing, nothing, nothing), [note]
 
@@ -168,12 +168,12 @@ def _weighted(points: Points) -> tuple[_Weighted, list[str]]:
     within, p_value = _scatter_and_lack_of_fit(points, groups, fit.a)
     if p_value < LACK_OF_FIT:
         notes.append(
-            f"the speeds deviate from (27) by more than their repetitions scatter (p = {p_value:.2g}): "
-            f"the interval of a_θ is over {len(groups)} speeds, not {points.v.size} trials"
+            f"The speeds deviate from (27) by more than their repetitions scatter (p = {p_value:.2g}). "
+            f"The interval of a_θ is over {len(groups)} speeds, not {points.v.size} trials."
         )
         fit = _over_speeds(points, groups, fit.a, within)
     if not fit.dof:
-        notes.append("one trial only: the interval holds no scatter between trials")
+        notes.append("There is one trial only: the interval holds no scatter between trials.")
     return fit, notes
 
 

@@ -169,12 +169,14 @@ def fit_k92(
         beyond = abs(measured.value - curve[k92]) / measured.std if measured.std > 0 else math.inf
         notes.append(
             f"k_92 {status.replace('_', ' ')}: λ_R = {measured.value:.2%} is {side} the "
-            f"{low:.2%} to {high:.2%} that the model attains ({beyond:.1f} std)"
+            f"{low:.2%} to {high:.2%} that the model attains ({beyond:.1f} std)."
         )
     if math.isfinite(std_measurement):
-        notes.append(f"std of k_92: {std_measurement:.4f} from λ_R, {std_sand:.4f} from the sand's scatter")
+        notes.append(
+            f"Std of k_92: {std_measurement:.4f} from λ_R, {std_sand:.4f} from the scatter of the sand."
+        )
     else:
-        notes.append("std of k_92 unknown: λ_R has none")
+        notes.append("The std of k_92 is unknown: λ_R has none.")
     # the likelihood of k_92 needs the curve near the root
     near = [k92 + n * std for n in (-4, -2, -1, 1, 2, 4)] if math.isfinite(std) else []
     for_likelihood = (*curve, *(min(max(k, K92_BOUNDS[0]), K92_BOUNDS[1]) for k in near))

@@ -104,7 +104,7 @@ def gather(items: Sequence[K92Fit | PointRow]) -> tuple[Points, list[str]]:
     notes = []
     kept = [item for item in items if usable(row_of(item))]
     if len(kept) < len(items):
-        notes.append(f"{len(items) - len(kept)} of {len(items)} trials have no k_92 and are left out")
+        notes.append(f"{len(items) - len(kept)} of {len(items)} trials have no k_92 and are left out.")
     if not kept:
         raise EstimateError("no trial has a k_92, so there is no a_θ", "look at the fits of the trials first")
     trials, v, k92, slip = zip(*map(row_of, kept), strict=True)
@@ -114,7 +114,7 @@ def gather(items: Sequence[K92Fit | PointRow]) -> tuple[Points, list[str]]:
         sigma = np.zeros(sigma.size)
     elif not stated.all():
         sigma = np.where(stated, sigma, np.median(sigma[stated]))
-        notes.append(f"{int((~stated).sum())} k_92 without std are given the median of the others'")
+        notes.append(f"{int((~stated).sum())} values of k_92 have no std; they get the median of the others.")
     status = [item.status if isinstance(item, K92Fit) else "ok" for item in kept]
     points = Points(
         v=np.array(v),
@@ -127,8 +127,8 @@ def gather(items: Sequence[K92Fit | PointRow]) -> tuple[Points, list[str]]:
     bound = [name for name, inner in zip(trials, points.inner, strict=True) if not inner]
     if bound:
         notes.append(
-            f"k_92 of {', '.join(bound)} ended at a bound: it enters the weighted fit as 'beyond it' "
-            "(censored), and not the unweighted ones"
+            f"k_92 of {', '.join(bound)} ended at a bound. The weighted fit takes it as censored, the "
+            "unweighted fits leave it out."
         )
     return points, notes
 
@@ -169,15 +169,15 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
         rivals.append(_linear(points))
         if any(group.size == 1 for group in points.by_speed()):
             notes.append(
-                "where a speed has one trial only, the line over λ_R is given that trial's own λ_R, from "
-                "which its k_92 was computed: it fits there by construction"
+                "Some speeds have one trial. Their k_92 was computed from the λ_R that the line uses, so the "
+                "line over λ_R fits them exactly."
             )
     else:
-        notes.append("no line over λ_R: the slip ratios are missing or all alike")
+        notes.append("The line over λ_R was not fitted: slip ratios are missing or equal.")
     laws = [_fit(rival, points) for rival in rivals if len(rival.names) <= points.v.size]
     few = [law.id for law in laws if math.isnan(law.aicc)]
     if few:
-        notes.append(f"{points.v.size} points are too few for an AICc of: {', '.join(few)}")
+        notes.append(f"{points.v.size} values of k_92 are too few for the AICc of {len(few)} of the laws.")
     known = [law.aicc for law in laws if math.isfinite(law.aicc)]
     best = min(known, default=math.nan)
     total = sum(math.exp(-(aicc - best) / 2) for aicc in known) if len(known) > 1 else math.nan

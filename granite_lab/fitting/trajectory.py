@@ -86,13 +86,13 @@ def fit_trajectory(
     louder = [f"{c} {value:.2f}" for c, value in fit.scales.louder.items() if value > 1.0]
     most = ", ".join(off) or f"less than {TOLERANCE:.0%}"
     notes = [
-        f"trajectory: the model is off, over a channel's rms in motion: {most}",
-        f"trajectory: IMU {abs(1e3 * latency.value):.1f} ± {1e3 * latency.std:.1f} ms {side} the encoders",
+        f"Trajectory: discrepancy of the model, as a share of a channel's rms in motion: {most}.",
+        f"Trajectory: IMU {abs(1e3 * latency.value):.1f} ± {1e3 * latency.std:.1f} ms {side} the encoders.",
     ]
     if louder:
-        notes.append(f"trajectory: residuals louder than the noise by a factor of: {', '.join(louder)}")
+        notes.append(f"Trajectory: residuals over the noise: {', '.join(louder)}.")
     if status != "ok":
-        notes.append(f"trajectory fit {status.replace('_', ' ')}")
+        notes.append(f"Trajectory: fit {status.replace('_', ' ')}.")
     return Trajectory(
         Estimate(a_theta, a_theta * log.std),
         Estimate(problem.trials[0].observation.t_start + start.value, start.std),

@@ -69,7 +69,7 @@ def test_four_points_are_too_few_to_weigh_the_laws_and_it_is_said():
     fit = published_fit()
     assert math.isnan(law(fit, "linear_slip").aicc)
     assert all(math.isnan(law.weight) for law in fit.laws)
-    assert any("too few for an AICc" in note for note in fit.notes)
+    assert any("too few for the AICc" in note for note in fit.notes)
 
 
 def test_equal_errors_without_scatter_give_least_squares_on_k92():
