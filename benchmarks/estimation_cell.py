@@ -195,6 +195,6 @@ def together(cells: list[Summary]) -> str:
             f"{name}: {100 * mean:.1f} % ({100 * low:.1f}–{100 * high:.1f}), p = {alike(shares, trials):.2f}"
         )
     return (
-        f"2σ coverage over all cells, with its 95 % interval: {'; '.join(told)}. p is how likely the cells\n"
-        "would scatter as much if one coverage were behind them all."
+        f"2σ coverage over all cells, with its 95 % interval: {'; '.join(told)}\n"
+        "  (p: probability of the scatter between cells if all have the same coverage)."
     )

@@ -27,19 +27,18 @@ AREAS = {
 HEAD = """\
 # Effects
 
-An effect is a physical cause that the paper's model leaves out, a module in `granite_lab/effects/`. With
-neutral parameter values the model equals the paper's. Symbols and equation numbers are those of the
-paper.
+An effect is a physical cause that the paper's model leaves out, one module in `granite_lab/effects/`. With
+all parameters at 0 the model is the paper's. Symbols and equation numbers are those of the paper.
 
-Each parameter has its unit, meaning, expected range (from the source) and physical bounds; the neutral value
-is 0. A *shape* has no influence while the other parameters are neutral. *Per trial*: a new value in each
-trial; a cosine and a sine part describe one amplitude, the same in all trials, and a phase that changes.
+Each parameter has its unit, meaning and the expected range from the source. A *shape* has no influence while
+the other parameters are 0. *Per trial*: a new value in each trial; a cosine and a sine part describe one
+amplitude, the same in all trials, and a phase that differs.
 
-`granite-lab effects show ID` prints the description and draws the change of the sensor readings
-(`reports/effects/ID.png`): orange with all other parameters fixed, blue after sand, start time and
-sensor errors are refitted. Where blue is flat, sand or a sensor error can imitate the effect.
+`granite-lab effects show ID` prints an effect with its bounds and draws how it changes the sensor readings
+(`reports/effects/ID.png`): orange with all other parameters fixed, blue after sand, start time and sensor
+errors are refitted. Where blue is zero, sand or a sensor error can imitate the effect.
 
-This page is written by `python -m granite_lab.effects.documentation`.
+Written by `python -m granite_lab.effects.documentation`.
 """
 
 HOOKS = """\
@@ -107,9 +106,8 @@ def _line(alike: Sequence[EffectParameter]) -> str:
         meaning = meaning.replace("cosine part", "cosine and sine parts").replace("front", "front and rear")
     names = ", ".join(f"`{q.name}`" for q in alike)
     unit = p.unit if p.unit not in ("", "-") else "–"
-    return (
-        f"- {names} [{unit}]: {meaning}; expected {p.prior_low:g} to {p.prior_high:g}, "
-        f"bounds {p.low:g} to {p.high:g}" + ("" if p.shape or p.neutral == 0 else f", neutral {p.neutral:g}")
+    return f"- {names} [{unit}]: {meaning}; {p.prior_low:g} to {p.prior_high:g}" + (
+        "" if p.shape or p.neutral == 0 else f", neutral {p.neutral:g}"
     )
 
 

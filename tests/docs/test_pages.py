@@ -33,7 +33,6 @@ STUDIED = ("docs/tutorial.md", "README.md", "docs/paper.md", "docs/strangers.md"
 ELSEWHERE = {
     "make study": "installs, then runs the study of the tutorial",
     ". .venv/bin/activate": "the tests run in an environment already",
-    "$EDITOR my_logger.toml": "the edited map of how-to-logger.md is used",
     "granite-lab study runs": "tests/logs/test_other_files.py",
     "granite-lab study runs --map maps": "tests/logs/test_other_files.py",
     "granite-lab view reports/my-sand": "opens a window: tests/recording",
@@ -102,9 +101,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def write_logs_of_other_loggers(folder: Path) -> None:
     """Write the sample as docs/logs.md supposes it: by other names, in several files, as a bag."""
-    shutil.copy("run.csv", "my_log.csv")
-    save_files("docs/how-to-robot.md", folder)
-    shutil.copy("rover.toml", "my_robot.toml")
     table = pd.read_csv(LOG, comment="#")
     stamp = table[["t_s"]]
     for name, start in (("imu", "imu_"), ("wheels", "enc_"), ("motors", "cur_")):
@@ -227,15 +223,13 @@ def test_the_lines_of_the_page_on_the_model(folder: Path) -> None:
 
 def test_the_lines_of_the_page_on_logs(folder: Path) -> None:
     write_logs_of_other_loggers(folder)
-    several, one_of_them, draft, mapped, seen, bag, params = quick("docs/logs.md", folder)
+    several, one_of_them, seen, bag = quick("docs/logs.md", folder)
     sample = measured("trial.csv")
-    for done, name in ((several, "imu"), (one_of_them, "runs"), (mapped, "my_log"), (bag, "drive")):
+    for done, name in ((several, "imu"), (one_of_them, "runs"), (bag, "drive")):
         found = re.search(rf"{name} .* (\d+\.\d+) ± \d\.\d+ ", done.out)
         assert found, done.out
         assert float(found[1]) == pytest.approx(sample, abs=0.3), name
-    assert "my_logger.toml" in draft.out
     assert "/imu/raw" in seen.out
-    assert "18 " in params.out
 
 
 def test_a_robot_by_the_page_simulates_and_its_log_is_read(folder: Path) -> None:
@@ -291,8 +285,6 @@ def prepare(line: str) -> None:
         for path in Path("mylab").iterdir():
             if path.stem not in ("run04", "run07"):
                 path.unlink()
-    if line.endswith("--write-map my_logger.toml"):  # the draft is edited
-        save_files("docs/how-to-logger.md", Path())
     if line == "granite-lab kit my-kit":
         for path in Path("mylab").glob("run*"):
             shutil.copy(path, "my-kit/trials")
