@@ -308,8 +308,10 @@ def every_row(results: Results) -> str:
             std = f" ± {row.pull_std:.1f}" if math.isfinite(row.pull_std) else ""
             cells = [s.title, number(row.slip, 2), number(row.load)]
             for c, digits in ((0, 1), (1, 2), (2, 1)):
-                cells.append(number(float(measured(row)[c]), digits) + (std if c == 0 else ""))
-                cells.append(" / ".join(number(float(way[k][c]), digits) for way in ways))
+                value = float(measured(row)[c])
+                both = " / ".join(number(float(way[k][c]), digits) for way in ways)
+                cells.append(number(value, digits) + std * (c == 0) if math.isfinite(value) else "")
+                cells.append(both if math.isfinite(value) else "")
             rows.append(cells)
     head = ["wheel", "λ", "load [N]", "pull [N]", "model", "torque [N m]", "model", "sinkage [mm]", "model"]
     return table(head, rows)

@@ -38,7 +38,7 @@ def hide(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder of the trials and the sealed answer.")],
-    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
     strength: Annotated[float, typer.Option(min=0.001, max=1000, help="Factor on the effect's size.")] = 1.0,
     size: Annotated[
         list[str] | None, typer.Option(help="A parameter of the effect: name=value, or id.name=value.")
@@ -61,7 +61,10 @@ def hide(
     quiet: o.Quiet = False,
     as_json: o.Json = False,
 ) -> None:
-    """Write virtual trials in which an effect is hidden, by an independent simulator; seal the answer."""
+    """Write virtual trials with a hidden effect.
+
+    An independent simulator writes them; the answer is sealed.
+    """
     from granite_lab.api.hidden import hide as run
     from granite_lab.parameters import load_variants
 
@@ -99,7 +102,7 @@ def reveal(
     jobs: o.Jobs = 0,
     as_json: o.Json = False,
 ) -> None:
-    """Open the sealed answer of a hidden set or a kit, and judge a discovery by it.
+    """Open a sealed answer and judge a discovery.
 
     A kit without a discovery in its folder `finding` is searched first.
     """
@@ -170,7 +173,10 @@ def kit(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="New folder of the kit.")],
     as_json: o.Json = False,
 ) -> None:
-    """Write an empty kit: what another laboratory fills in so that `discover` can be judged blind."""
+    """Write a template for a blind test.
+
+    Another laboratory fills it in, and `reveal` judges `discover`.
+    """
     from granite_lab.api.hidden import kit as write
 
     made = write(out)

@@ -26,7 +26,10 @@ def check(
     about: o.About,
     as_json: o.Json = False,
 ) -> None:
-    """Say after a run in the field whether the log is good: exit code 3 if it cannot be used, 4 if poor."""
+    """Check whether a log is usable.
+
+    The exit code is 3 if it cannot be used and 4 if it is poor.
+    """
     from granite_lab.api.check import check as run
     from granite_lab.reporting.grid import clean, grid, row_of, say
 
@@ -64,7 +67,10 @@ def inspect(
     ] = None,
     as_json: o.Json = False,
 ) -> None:
-    """Say what is recognised in unknown logs: columns, units, clocks, rates, gaps, variant."""
+    """Show what is recognised in a log.
+
+    Columns, units, clocks, rates, gaps, standstills and the variant of motion.
+    """
     from granite_lab.api.logs import inspect as run
     from granite_lab.files import write_text
     from granite_lab.reporting.terminal import show_inspection
@@ -88,11 +94,9 @@ def inspect(
 @o.spread
 def ingest(
     trials: o.Trials = None,
-    imu: Annotated[
-        Path | None, typer.Option(help="File with the IMU, where sensors were logged apart.")
-    ] = None,
+    imu: Annotated[Path | None, typer.Option(help="File with the IMU, if each sensor has its own.")] = None,
     encoders: Annotated[
-        Path | None, typer.Option(help="File with the encoders, where sensors were logged apart.")
+        Path | None, typer.Option(help="File with the encoders, if each sensor has its own.")
     ] = None,
     currents: Annotated[Path | None, typer.Option(help="File with the motor currents.")] = None,
     reference: Annotated[
@@ -112,7 +116,7 @@ def ingest(
     ] = None,
     against: Annotated[
         str | None,
-        typer.Option(help="'ref': judge the estimate by the log's reference, which the filter never sees."),
+        typer.Option(help="'ref': judge the estimate by the log's reference, which the filter does not use."),
     ] = None,
     reference_std: Annotated[
         float, typer.Option(help="Std of the reference's own velocity [m/s], as 0.25 of GPS.", min=0.0)
@@ -127,7 +131,7 @@ def ingest(
     quiet: o.Quiet = False,
     as_json: o.Json = False,
 ) -> None:
-    """Estimate body velocity, slip and their uncertainty from logs."""
+    """Estimate velocity and slip with their uncertainty."""
     from granite_lab.api.logs import ingest as run
     from granite_lab.api.project import choose
     from granite_lab.files import ending_of, write_table
@@ -220,7 +224,7 @@ def view(
     soil: o.Soil = None,
     column_map: o.Map = None,
 ) -> None:
-    """Open a timeline in the Rerun viewer, in a browser, or as a picture."""
+    """Open a recording in the viewer."""
     from granite_lab.api.logs import view as run
 
     run(

@@ -49,7 +49,10 @@ def simulate(
     table_format: o.Format = None,
     as_json: o.Json = False,
 ) -> None:
-    """Simulate one run: equations (1)-(26), with k_92 = exp(-a_θ v) unless --k92 is given."""
+    """Simulate one run.
+
+    Equations (1)-(26) with k_92 = exp(-a_θ v) unless --k92 is given.
+    """
     from granite_lab.api.model import simulate as run_model
     from granite_lab.files import ending_of, write_table
 
@@ -137,7 +140,10 @@ def wheel(
     table_format: o.Format = None,
     as_json: o.Json = False,
 ) -> None:
-    """Roll one wheel on one soil: drawbar pull, torque, sinkage and stresses, equations (4), (6)-(17)."""
+    """Compute one wheel on the soil.
+
+    Drawbar pull, torque, sinkage and stresses by equations (4), (6)-(17).
+    """
     from math import radians
 
     from granite_lab.api.model import wheel as run_wheel
@@ -222,14 +228,17 @@ def _show_wheel(run: WheelRun) -> None:
 
 def params(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Folder of logs whose granite-lab.toml holds.")
+        Path, typer.Argument(metavar="FOLDER", help="Folder whose granite-lab.toml applies.")
     ] = Path(),
     robot: o.Robot = None,
     soil: o.Soil = None,
     grade: Annotated[str | None, typer.Option(help="IMU grade instead of the robot's.")] = None,
     as_json: o.Json = False,
 ) -> None:
-    """Print the parameters in force, with unit, allowed range and origin."""
+    """Print the parameters in force.
+
+    Each with unit, allowed range and origin.
+    """
     from granite_lab.api.model import chosen_in
     from granite_lab.api.model import params as run
     from granite_lab.parameters import load_paper, load_variants, names
@@ -255,7 +264,7 @@ def params(
 
 
 effects_app = typer.Typer(
-    help="The physical effects that can be added to the paper's model.",
+    help="List, describe and check effects.",
     invoke_without_command=True,
     rich_markup_mode=None,
 )
@@ -292,7 +301,7 @@ def show_effect(
     picture: Annotated[
         Path | None,
         typer.Option(
-            help="PNG or SVG file for the picture of what the sensors read more or less with the effect "
+            help="PNG or SVG file for the change of the sensor readings by the effect "
             "over the four variants.",
             show_default="reports/effects/ID.png",
         ),
@@ -301,7 +310,10 @@ def show_effect(
     effects: o.Effects = None,
     as_json: o.Json = False,
 ) -> None:
-    """Explain one effect: equation, source, parameters and what an observer sees, with a picture."""
+    """Describe an effect.
+
+    Equation, source, parameters, and a picture of how sensor readings change.
+    """
     from granite_lab.api.model import show_effect as run
     from granite_lab.reporting import terminal
 
@@ -324,11 +336,14 @@ def show_effect(
 @effects_app.command("check")
 def check(
     effect: Annotated[
-        str, typer.Argument(metavar="FILE", help="Your effect file (.py), which is run; or an id.")
+        str, typer.Argument(metavar="FILE", help="Effect file (.py), which is executed, or an id.")
     ],
     as_json: o.Json = False,
 ) -> None:
-    """Check that an effect keeps to what every effect must: exit code 3 if it does not."""
+    """Check an effect file.
+
+    The exit code is 3 if a check fails.
+    """
     from granite_lab.effects import get
     from granite_lab.effects.contract import contract, refuse_failed
     from granite_lab.effects.library import read_effects

@@ -94,7 +94,7 @@ Model = Annotated[
 ]
 Effects = Annotated[
     Path | None,
-    typer.Option("--effects", help="Your own effect file (.py). It is run: use only code you trust."),
+    typer.Option("--effects", help="Effect file (.py). It is executed: use only code you trust."),
 ]
 Format = Annotated[
     str | None,
@@ -114,11 +114,9 @@ class About:
     column_map: Map = None
     topic: Topic = None
     start: Annotated[
-        float | None, typer.Option("--from", help="Take every log from here on [s of the log].")
+        float | None, typer.Option("--from", help="Begin of the part to use [s of the log].")
     ] = None
-    end: Annotated[float | None, typer.Option("--to", help="Take every log up to here [s of the log].")] = (
-        None
-    )
+    end: Annotated[float | None, typer.Option("--to", help="End of the part to use [s of the log].")] = None
 
     def said(self) -> dict[str, Any]:
         """Return it as keywords of the API.
@@ -142,7 +140,7 @@ class Work:
     soil: Soil = None
     effects: Effects = None
     strict: Annotated[
-        bool, typer.Option("--strict", help="A trial that fails ends it all; else it is left out.")
+        bool, typer.Option("--strict", help="Stop at a trial that fails; by default it is left out.")
     ] = False
     jobs: Jobs = 0
     scheduler: Annotated[
@@ -150,7 +148,7 @@ class Work:
         typer.Option("--scheduler", metavar="ADDRESS", help="Work on the Dask cluster with this scheduler."),
     ] = None
     cache: Annotated[
-        bool, typer.Option("--cache/--no-cache", help="Remember results, and take those that still hold.")
+        bool, typer.Option("--cache/--no-cache", help="Store results and reuse those with the same inputs.")
     ] = True
     quiet: Quiet = False
     as_json: Json = False
@@ -166,11 +164,11 @@ class Search:
 
     tolerance: Annotated[
         float,
-        typer.Option(help="Discrepancy that does not matter, as a share of a channel's rms in motion."),
+        typer.Option(help="Accepted discrepancy, as a share of a channel's rms in motion."),
     ] = 0.02
     latency: Annotated[
         float,
-        typer.Option(help="Largest delay between the stamps of two sensors that passes for latency [ms]."),
+        typer.Option(help="Largest delay between two sensors that counts as latency [ms]."),
     ] = 20.0
 
     def said(self) -> dict[str, Any]:

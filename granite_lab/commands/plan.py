@@ -34,7 +34,7 @@ def plan_next(
     quiet: o.Quiet = False,
     as_json: o.Json = False,
 ) -> None:
-    """Propose the next trial: the one that best answers what the trials so far left open."""
+    """Propose the most useful next trial."""
     from granite_lab.api.search import plan_next as run
 
     with progress(quiet, "looking at trials") as shown:

@@ -40,7 +40,10 @@ def fit_k92(
     about: o.About,
     work: o.Work,
 ) -> None:
-    """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory."""
+    """Fit k_92 of each trial.
+
+    By the steady slip ratio, as in the paper, and by the whole trajectory.
+    """
     logs = o.named(trials)
     from granite_lab.api.trials import fit_k92 as run
     from granite_lab.files import write_text
@@ -98,7 +101,10 @@ def fit_atheta(
     about: o.About,
     work: o.Work,
 ) -> None:
-    """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws."""
+    """Estimate a_θ of k_92 = exp(-a_θ v).
+
+    The result is compared with the paper's 4.919 s/m and with other laws.
+    """
     if published and trials:
         raise UsageError("--published takes no trials", "leave out one of the two")
     logs = [] if published else o.named(trials)
@@ -156,7 +162,10 @@ def compare(
     about: o.About,
     work: o.Work,
 ) -> None:
-    """Hold measurement against simulation: velocity, wheel speed, slip, torques and pitch."""
+    """Compare measured and simulated motion.
+
+    Velocity, wheel speed, slip, torques and pitch.
+    """
     logs = o.named(trials)
     from granite_lab.api.project import choose
     from granite_lab.api.trials import compare as run
@@ -198,14 +207,17 @@ def study(
     discover: Annotated[bool, typer.Option(help="Search for an effect that the model lacks.")] = True,
     check: Annotated[
         Path | None,
-        typer.Option("--verify", metavar="REPORT", help="Compute a report again and say what differs."),
+        typer.Option("--verify", metavar="REPORT", help="Compute a report again and print the differences."),
     ] = None,
     *,
     about: o.About,
     search: o.Search,
     work: o.Work,
 ) -> None:
-    """Run the whole chain over trials, from raw logs to a report and Rerun timelines."""
+    """Analyse trials and write a report.
+
+    All steps, from logs to the report and recordings.
+    """
     if check is not None:
         _verify(check, trials or [], work)
         return
@@ -276,13 +288,16 @@ def _verify(report: Path, logs: list[Path], work: o.Work) -> None:
 
 def compare_studies(
     first: Annotated[Path, typer.Argument(metavar="A", help="Folder written by `study`.", callback=o.there)],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.", callback=o.there)],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Folder of the other study.", callback=o.there)],
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write a page, a figure and a table into this folder.")
     ] = None,
     as_json: o.Json = False,
 ) -> None:
-    """Compare two studies, such as sand A and B, or before and after a change."""
+    """Compare two studies.
+
+    For example of sand A and B, or before and after a change.
+    """
     from granite_lab.reporting import write_compared
     from granite_lab.reporting.grid import say, show_table
     from granite_lab.reporting.two_studies import compare_studies as run
@@ -319,7 +334,10 @@ def discover(
     search: o.Search,
     work: o.Work,
 ) -> None:
-    """Find the physical effect that the model lacks; write the case for it and the model with it."""
+    """Find the effect that the model lacks.
+
+    Writes a report, finding.json and the corrected model.toml.
+    """
     logs = o.named(trials)
     from granite_lab.api.project import choose
     from granite_lab.api.search import discovered

@@ -198,7 +198,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(
 def test_the_user_s_own_code_is_said_to_be_run_and_nothing_else_is(tmp_path: Path) -> None:
     for name in ("simulate", "effects", "study", "fit-k92", "discover"):
         shown = " ".join(lab(name, "--help").out.replace("│", " ").split())
-        assert "It is run: use only code you trust" in shown, name
+        assert "It is executed: use only code you trust" in shown, name
     trace = tmp_path / "was_run"
     code = f"import pathlib\npathlib.Path({str(trace)!r}).touch()\n"
     for kind, args in {
