@@ -152,8 +152,15 @@ def pathfinder(data: Path) -> LogSet:
     trial = read_trial(imu, encoders=wheels, reference=gps, robot=robot, map=columns)
     found.add("Pathfinder", trial, robot)
     (run,) = found.runs
-    found.runs[:] = [only(replace(run, t=run.t - run.t[0]), run.truth > GPS_MOVES)]
+    run = only(replace(run, t=run.t - run.t[0]), run.truth > GPS_MOVES)
+    found.runs[:] = [replace(run, truth_std=gps_noise(run))]
     return found
+
+
+def gps_noise(run: Velocities) -> float:
+    """Std of a speed by GPS [m/s], from its changes against the wheels: a steady slip leaves none in them."""
+    beside = (run.truth - run.wheels)[::WINDOW]  # windows that share no fix are WINDOW samples apart
+    return float(1.4826 * np.median(np.abs(np.diff(beside))) / np.sqrt(2.0))
 
 
 def husky(data: Path) -> LogSet:
@@ -162,9 +169,7 @@ def husky(data: Path) -> LogSet:
     trial = read_trial(folder / "imu.csv", encoders=folder / "odom.csv", reference=folder / "fix.csv")
     found.add("Husky", trial, "husky_gps")
     (run,), (motion,) = found.runs, found.motions.values()
-    beside = run.truth - run.wheels
-    # a steady slip leaves nothing in the changes; windows that share no fix are WINDOW samples apart
-    noise = float(1.4826 * np.median(np.abs(np.diff(beside[::WINDOW]))) / np.sqrt(2.0))
+    noise = gps_noise(run)
 
     def smoothed(t: Array, velocity: Array) -> Array:
         way = np.cumsum(velocity * np.diff(t, prepend=t[0]))

@@ -142,7 +142,7 @@ def correct(
             slip = replace(slip, walk=max(slip.walk, SPIN))
         problem = replace(problem, slip=slip)
     solution = replace(solve(problem, offset, distance=distance_measured), offset=clock.found)
-    health = assess(solution, imu.t, still, faults)
+    health = assess(solution, imu.t, still, faults, problem.noise)
     motion = motion_of(trial, problem, solution, health, known, tuple(warnings))
     motion = replace(motion, clock_applied=0.0 if far else clock.applied.value)
     clean = clean_trial(

@@ -10,6 +10,7 @@ from scipy.special import gammaincc
 from granite_lab.estimation.error_model import BA, BG, V
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.motion import Grade, Health
+from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.rest import Interval
 from granite_lab.estimation.smoother import Solution, usual
 from granite_lab.logs.trial import Array
@@ -48,7 +49,7 @@ class Consistency:
     wild: float
 
 
-def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Faults) -> Health:
+def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Faults, noise: Noise) -> Health:
     """Build the health record.
 
     Args:
@@ -56,6 +57,7 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         t: (N,) the IMU's stamps, at which the biases are wanted [s].
         rests: standstills [s].
         faults: gaps and plateaus.
+        noise: that the filter worked with.
     """
     nodes, found, nominal = solution.nodes, solution.smoothed, solution.nominal
     came = found.innovations
@@ -79,6 +81,7 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         kinds, rests, faults, ends=(float(std[0, V]), float(std[-1, V])),
         pace=float(np.max(np.abs(nodes.w))),
         middle=float(np.median(std[nodes.moving, V])) if nodes.moving.any() else 0.0,
+        shaken=noise.gyro_motion / noise.gyro if noise.gyro > 0 else 0.0,
     )  # fmt: skip
     return Health(
         t=nodes.t[came.node],
@@ -124,7 +127,7 @@ def ljung_box(ratio: Array, lags: int = 10) -> float:
 
 def judge_health(
     kinds: dict[str, Consistency], rests: tuple[Interval, ...], faults: Faults, *,
-    ends: tuple[float, float], pace: float, middle: float,
+    ends: tuple[float, float], pace: float, middle: float, shaken: float,
 ) -> tuple[Grade, str]:  # fmt: skip
     """Return a grade, and one sentence that says why.
 
@@ -138,6 +141,7 @@ def judge_health(
         ends: std of the velocity at the start and at the end [m/s].
         pace: of the wheels at their fastest [m/s].
         middle: median std of the velocity in motion [m/s].
+        shaken: white noise of the pitch gyro that motion adds, over that at rest.
     """
     complaints = []
     for kind, one in kinds.items():
@@ -150,6 +154,8 @@ def judge_health(
             complaints.append(f"{WHAT[kind]} has {100 * one.wild:.0f} % outliers")
         elif kind == "wheel" and one.white > 0.5 and one.nis > 1.0:
             complaints.append(f"{WHAT[kind]} wander in a way that the slip model does not know")
+    if shaken > 1.0:
+        complaints.append(f"motion makes the pitch gyro {shaken:.0f} times as noisy as it is at rest")
     lost = sum(end - begin for begin, end in faults.gaps)
     if lost > 0:
         complaints.append(f"{lost:.2f} s of IMU samples are missing")

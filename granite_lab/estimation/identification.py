@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.nodes import Problem, build, pace_of
 from granite_lab.estimation.noise import Noise, vibration
 from granite_lab.estimation.rest import Interval, inside
-from granite_lab.estimation.smoother import log_likelihood, nominal_of
+from granite_lab.estimation.smoother import log_likelihood, nominal_of, usual
 from granite_lab.estimation.spectrum import blackman_harris, spectral_density
 from granite_lab.estimation.wheels import runs
 from granite_lab.logs.trial import Array
@@ -67,6 +68,9 @@ HEIGHTS = np.geomspace(1e-2, 1e6, 81)
 NONE = 0.8
 """Probability, before the trial is seen, that motion adds nothing."""
 
+SHAKEN = 1.0
+"""A motion shorter than this [s] does not tell how far shaking turns the gyro's pitch."""
+
 LISTEN = 6.0
 """Length of a window of motion that is listened to [s]; the IMU is precise over these few seconds."""
 
@@ -97,6 +101,7 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
     if 0.5 / imu.period < 2.0 * HIGH:
         force, rate = (folded(problem, signal) for signal in (imu.forward, imu.pitch_rate))
         return replace(noise, accel_motion=force, gyro_motion=rate)
+    noise = replace(noise, gyro_motion=lost_pitch(problem, offset))
     frequency, density = spectrum(problem, offset)
     density = density / (2.0 * noise.accel**2)
     low = frequency < min(HIGH, BELOW * noise.vibration_frequency)
@@ -129,6 +134,42 @@ def folded(problem: Problem, signal: Array) -> float:
     if bend.size < 8:
         return 0.0
     return float(np.sqrt(np.mean(bend**2) / 6.0 * problem.imu.period))
+
+
+def lost_pitch(problem: Problem, offset: float) -> float:
+    """White noise density of the pitch rate [rad/s sqrt(s)] by which the gyro loses the pitch in motion.
+
+    From one standstill to the next, the gyro's angle and the accelerometer's level must change alike. On
+    rough ground they do not: a gyro that is shaken errs by its scale, its axes and its sensitivity to
+    acceleration, far beyond its noise at rest. Motion over faults, whose noise grows anyway, is left out.
+
+    Returns:
+        what is beyond the noise known from the standstills; 0 within chance.
+    """
+    imu, noise, faults = problem.imu, problem.noise, problem.faults
+    nominal = nominal_of(problem, offset)
+    rested = sum(end - begin for begin, end in problem.rests)
+    broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
+    found = []
+    for (a, b), (c, d) in pairwise(problem.rests):
+        if c - b < SHAKEN or any(begin < c and end > b for begin, end in broken):
+            continue
+        before, after = ((imu.t >= begin) & (imu.t <= end) for begin, end in ((a, b), (c, d)))
+        level = [
+            np.arcsin(np.clip(np.nanmean(imu.forward[at]) / imu.gravity, -1, 1)) for at in (before, after)
+        ]
+        angle = [float(np.mean(nominal.pitch[at])) for at in (before, after)]
+        # the specific force of a body that stands is -g sin(pitch)
+        missed = angle[1] - angle[0] + float(level[1] - level[0])
+        by_gyro = noise.gyro**2 * (c - b) * (1 + (c - b) / rested) + noise.gyro_walk**2 * (c - b) ** 3 / 3
+        by_level = noise.accel**2 * (1 / (b - a) + 1 / (d - c)) + noise.accel_walk**2 * (c - b)
+        found.append((missed**2, by_gyro + by_level / imu.gravity**2, c - b))
+    if not found:
+        return 0.0
+    square, known, length = np.array(found).T
+    if float(np.mean(square / known)) <= usual(square.size):
+        return 0.0
+    return float(np.sqrt(max(np.sum(square - known), 0.0) / np.sum(length)))
 
 
 def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
