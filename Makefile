@@ -6,7 +6,7 @@ BIN := .venv/bin
 USE := .venv/.use-installed
 DEV := .venv/.dev-installed
 
-.PHONY: help study test lint types bench bench-simulator bench-estimation bench-many blind outside validation soak samples clean
+.PHONY: help study test lint types bench bench-simulator bench-estimation bench-many blind outside outside-variants validation soak samples clean
 
 help:
 	@echo "make study             analyse data/samples, write reports/samples/index.html"
@@ -15,6 +15,7 @@ help:
 	@echo "make soak              the tests whose long parts are only sampled by make test, whole"
 	@echo "make blind             hidden sets of a frozen range for discover (two hours), write docs/blind.md"
 	@echo "make outside DIR=...   judge discover by trials of other programs"
+	@echo "make outside-variants  the same trials as other loggers would have written them (an hour)"
 	@echo "make validation        hold the contact model against measured wheels, write docs/validation.md"
 	@echo "make samples           write the virtual sample trials again"
 	@echo "make clean             remove .venv and all caches"
@@ -66,6 +67,11 @@ DIR ?= ../shared/outside
 
 outside: $(DEV)
 	$(BIN)/python -m benchmarks.outside $(DIR) --jobs 2
+
+outside-variants: $(DEV)
+	rm -rf build/outside-variants
+	$(BIN)/python -m benchmarks.outside_variants build/outside-variants $(DIR)
+	$(BIN)/python -m benchmarks.outside build/outside-variants --jobs 2
 
 validation: $(USE)
 	$(BIN)/python -m benchmarks.validation --out docs/validation.md

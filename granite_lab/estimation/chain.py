@@ -13,7 +13,7 @@ from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock import ClockOffset, find_offset, slow_offset
 from granite_lab.estimation.error_model import SlipModel
-from granite_lab.estimation.faults import Faults, despike, find_faults, find_restarts, without_steps
+from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.identification import identify_scatter, with_motion_noise
 from granite_lab.estimation.motion import Motion
@@ -24,6 +24,7 @@ from granite_lab.estimation.referenced import refer
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.smoother import solve
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
+from granite_lab.logs.lies import despike
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
 from granite_lab.parameters import Robot, Variant, load_variants
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
@@ -16,9 +15,6 @@ from granite_lab.parameters import ImuGrade
 
 UNSEEN = 1.5
 """Acceleration that may go unseen while samples are missing and no wheel tells [m/s^2]."""
-
-SPIKE = (1.0, 0.3)
-"""A single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,31 +44,6 @@ class Faults:
         return replace(
             self, doubt=self.doubt[keep], rate_doubt=self.rate_doubt[keep], spikes=self.spikes[keep]
         )
-
-
-def despike(stream: ImuStream) -> tuple[ImuStream, np.ndarray]:
-    """Replace single readings far off both neighbours; a knock lasts longer than one or two samples.
-
-    Returns:
-        the stream, and (N,) True for the samples that were replaced in any axis. Where more than one
-        sample in a hundred would go, the frame really shakes like that, and none is touched.
-    """
-    hit = np.zeros(stream.t.size, dtype=bool)
-    clean: list[Array] = []
-    for values, least in ((stream.specific_force, SPIKE[0]), (stream.angular_rate, SPIKE[1])):
-        clean.append(values.copy())
-        for axis in range(3):
-            signal = values[:, axis]
-            if stream.t.size < 50 or not np.isfinite(signal).all():
-                continue
-            middle = median_filter(signal, 5, mode="nearest")
-            off = np.abs(signal - middle)
-            spike = off > max(least, 5.0 * float(np.percentile(off, 90)))
-            clean[-1][spike, axis] = middle[spike]
-            hit |= spike
-    if not hit.any() or hit.mean() > 0.01:
-        return stream, np.zeros(stream.t.size, dtype=bool)
-    return replace(stream, specific_force=clean[0], angular_rate=clean[1]), hit
 
 
 def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.ndarray) -> Faults:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.fit import FORMULAS, SHARES, Fit, under
@@ -55,8 +54,8 @@ def discrepancies(problem: Problem, fit: Fit, *, formulas: bool = True) -> list[
             amplitude, _ = c.amplitudes(step[part.place_in(step.size)], fit.scales)
             own = np.flatnonzero((c.kind == MOTION) | ((c.kind == FORMULA) & formulas))
             columns = c.columns[:, own]
-            root, L, _ = c.factor(fit.scales)
-            spread = solve_triangular(L, (root[:, None] * np.eye(root.size))[:, own], lower=True)
+            root, inverse, _ = c.factor(fit.scales)
+            spread = inverse[:, own] * root[own]
             variance = ((columns @ spread.T) ** 2).sum(axis=1)
             louder = fit.scales.louder.get(c.name, 1.0)
             value = (columns @ amplitude[own]) * (moving > 0)
@@ -135,6 +134,5 @@ def beyond(problem: Problem, fit: Fit, tolerance: float) -> tuple[float, float]:
 
 def held(channel: ChannelPart, scales: Scales) -> float:
     """Return the number of directions along which the discrepancy of a channel is held by its prior."""
-    _, L, _ = channel.factor(scales)
-    inverse = solve_triangular(L, np.eye(L.shape[0]), lower=True, check_finite=False)
+    _, inverse, _ = channel.factor(scales)
     return float((inverse**2).sum())

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import cholesky, solve_toeplitz, toeplitz
+from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import nnls
 
@@ -51,9 +52,18 @@ class Whitener:
 
     def __call__(self, columns: Array) -> Array:
         """Return the whitened (n,) or (n, k) columns; zero where nothing was measured."""
+        whole = bool(self.known.all())
+        own = columns if whole else columns[self.known]
+        if self.inverse.ndim == 1:
+            found = (own.T * self.inverse).T
+        elif own.ndim == 1:
+            found = self.inverse @ own
+        else:  # half the work of a full matrix
+            found = dtrmm(1.0, self.inverse.T, own.T, side=1, lower=0).T
+        if whole:
+            return np.asarray(found)
         out = np.zeros_like(columns)
-        own = columns[self.known]
-        out[self.known] = (own.T * self.inverse).T if self.inverse.ndim == 1 else self.inverse @ own
+        out[self.known] = found
         return out
 
 

@@ -7,12 +7,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dtrtri
 
 from granite_lab.inference.discrepancy import variances
 from granite_lab.logs.trial import Array
 
 Places = npt.NDArray[np.int64]
+
+Factor = tuple[Array, Array, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,19 +87,29 @@ class ChannelPart:
     gram: Array
     basis: Array
     across: Array
+    _known: dict[tuple[float, float, float], Factor] = field(default_factory=dict, repr=False)
 
-    def factor(self, scales: Scales) -> tuple[Array, Array, float]:
-        """Return sqrt(Λ), the Cholesky factor of 1 + sqrt(Λ) G sqrt(Λ), and its log determinant."""
-        root = np.sqrt(variances(self.kind, scales.share_of(self.name), scales.formula))
-        root = root / scales.louder.get(self.name, 1.0)
+    def factor(self, scales: Scales) -> Factor:
+        """Return sqrt(Λ), the inverse Cholesky factor of 1 + sqrt(Λ) G sqrt(Λ), and log det of the latter.
+
+        The last one is remembered, as each step of a fit asks for it several times.
+        """
+        louder = scales.louder.get(self.name, 1.0)
+        key = scales.share_of(self.name), scales.formula, louder
+        if (found := self._known.get(key)) is not None:
+            return found
+        root = np.sqrt(variances(self.kind, scales.share_of(self.name), scales.formula)) / louder
         M = np.eye(root.size) + root[:, None] * self.basis * root
-        L = np.asarray(np.linalg.cholesky(M), dtype=np.float64)
-        return np.asarray(root), L, 2 * float(np.log(np.diag(L)).sum())
+        L = np.linalg.cholesky(M)
+        inverse = np.asarray(dtrtri(L.T, lower=0)[0].T)
+        self._known.clear()
+        self._known[key] = root, inverse, 2 * float(np.log(np.diag(L)).sum())
+        return self._known[key]
 
     def marginal(self, scales: Scales) -> tuple[Array, float]:
         """Return the (a, a) matrix with the discrepancy integrated out, and the log determinant it brings."""
-        root, L, logdet = self.factor(scales)
-        X = solve_triangular(L, root[:, None] * self.across, lower=True, check_finite=False)
+        root, inverse, logdet = self.factor(scales)
+        X = inverse @ (root[:, None] * self.across)
         return (self.gram - X.T @ X) / scales.louder.get(self.name, 1.0) ** 2, logdet
 
     def amplitudes(self, step: Array, scales: Scales) -> tuple[Array, Array]:
@@ -106,18 +119,17 @@ class ChannelPart:
             step: (a,) change of each column's parameter with its sign turned, 1 for the residual.
             scales: learnt.
         """
-        root, L, _ = self.factor(scales)
+        root, inverse, _ = self.factor(scales)
         left = root * (self.across @ step)
-        inverse = solve_triangular(L, np.eye(root.size), lower=True, check_finite=False)
         mean = root * (inverse.T @ (inverse @ left))
         louder = scales.louder.get(self.name, 1.0)
         return np.asarray(mean), np.asarray((louder * root) ** 2 * (inverse**2).sum(axis=0))
 
     def misfit(self, white: Sequence[Array], scales: Scales) -> float:
         """Return the sum of squares of other whitened residuals once the discrepancy is refitted."""
-        root, L, _ = self.factor(scales)
+        root, inverse, _ = self.factor(scales)
         b = np.sum([r.basis.T @ white[r.trial][r.bins] for r in self.rows], axis=0)
-        x = solve_triangular(L, root * b, lower=True, check_finite=False)
+        x = inverse @ (root * b)
         squares = sum(float(w @ w) for w in (white[r.trial][r.bins] for r in self.rows))
         return (squares - float(x @ x)) / scales.louder.get(self.name, 1.0) ** 2
 
@@ -181,24 +193,23 @@ class Normal:
         Returns:
             the (size, size) matrix, and the log determinant of what was integrated out.
         """
-        learnt = (*scales.louder.items(), *scales.shares.items())
-        key = scales.share, scales.formula, learnt, only and tuple(only)
-        if key in self._known:
-            return self._known[key]
         M = np.zeros((self.size, self.size))
         logdet = 0.0
-        for number, part in enumerate(self.parts):
-            if only is not None and number not in only:
-                continue
-            G = np.zeros((part.place.size, part.place.size))
-            for channel in part.channels:
-                own, more = channel.marginal(scales)
-                G += own
-                logdet += more
-            M[np.ix_(part.place, part.place)] += G
-        M.flags.writeable = False
-        self._known[key] = M, logdet
+        for number in range(len(self.parts)) if only is None else only:
+            place = self.parts[number].place
+            own, more = self._of_part(number, scales)
+            M[np.ix_(place, place)] += own
+            logdet += more
         return M, logdet
+
+    def _of_part(self, number: int, scales: Scales) -> tuple[Array, float]:
+        """Return the matrix and the log determinant of one part; they are remembered."""
+        learnt = (*scales.louder.items(), *scales.shares.items())
+        key = number, scales.share, scales.formula, learnt
+        if key not in self._known:
+            found = [channel.marginal(scales) for channel in self.parts[number].channels]
+            self._known[key] = sum(M for M, _ in found), sum(logdet for _, logdet in found)  # type: ignore[assignment]
+        return self._known[key]
 
     def misfits(self, white: Sequence[Array], scales: Scales) -> dict[str, float]:
         """Return channel to the misfit of other whitened residuals, the discrepancy refitted."""

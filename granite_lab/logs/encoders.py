@@ -126,14 +126,33 @@ def convert(
 
 
 def _without_jumps(t: Array, angle: Array, doubts: list[str]) -> Array:
-    """Take out steps that no wheel can make: the counter was reset, or a sample is wrong."""
-    steps = np.diff(angle)
-    wild = np.abs(steps) > FASTEST * np.diff(t)
-    if not wild.any() or np.count_nonzero(wild) > 0.01 * len(steps) + 2:
+    """Take out steps that no wheel can make: the counter was reset, or a sample is wrong.
+
+    A single sample from which the next one returns is replaced by the line between its neighbours. After a
+    reset the wheel goes on at the rate between those before and after it.
+    """
+
+    def too_fast(step: Array, time: Array) -> np.ndarray:
+        return np.abs(step) > FASTEST * time
+
+    wild = too_fast(np.diff(angle), np.diff(t))
+    if not wild.any() or np.count_nonzero(wild) > 0.01 * len(wild) + 2:
         return angle
-    at = ", ".join(f"{t[i + 1]:.3f}" for i in np.flatnonzero(wild)[:3])
-    doubts.append(f"the counter jumps {np.count_nonzero(wild)} times (t = {at} s); steps taken out")
-    return angle - np.concatenate(([0.0], np.cumsum(np.where(wild, steps, 0.0))))
+    alone = np.zeros(len(angle), dtype=bool)
+    alone[1:-1] = wild[:-1] & wild[1:] & ~too_fast(angle[2:] - angle[:-2], t[2:] - t[:-2])
+    angle = np.interp(t, t[~alone], angle[~alone])
+    steps, times = np.diff(angle), np.diff(t)
+    wild = too_fast(steps, times)
+    middle = (t[1:] + t[:-1]) / 2
+    usual = np.interp(middle, middle[~wild], (steps / times)[~wild]) * times
+    for found, what, done in (
+        (alone[1:], "thrown off", "replaced by their neighbours"),
+        (wild, "from which the counter starts anew", "joined to what was before"),
+    ):
+        if found.any():
+            at = ", ".join(f"{x:.3f}" for x in t[1:][found][:3])
+            doubts.append(f"{np.count_nonzero(found)} readings {what} (t = {at} s); {done}")
+    return angle - np.concatenate(([0.0], np.cumsum(np.where(wild, steps - usual, 0.0))))
 
 
 def quantum(raw: Array) -> float:

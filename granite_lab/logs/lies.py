@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import InputError
@@ -30,7 +31,35 @@ FREE = (1.3, 0.05, 0.3)
 HANGS = 0.5
 """All axes of a sensor that repeat themselves for longer [s] hang."""
 
+SPIKE = (1.0, 0.3)
+"""A single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]."""
+
 OUT = "to = [] in a column map (inspect --write-map) leaves it out"
+
+
+def despike(stream: ImuStream) -> tuple[ImuStream, np.ndarray]:
+    """Replace single readings far off both neighbours; a knock lasts longer than one or two samples.
+
+    Returns:
+        the stream, and (N,) True for the samples that were replaced in any axis. Where more than one
+        sample in a hundred would go, the frame really shakes like that, and none is touched.
+    """
+    hit = np.zeros(stream.t.size, dtype=bool)
+    clean: list[Array] = []
+    for values, least in ((stream.specific_force, SPIKE[0]), (stream.angular_rate, SPIKE[1])):
+        clean.append(values.copy())
+        for axis in range(3):
+            signal = values[:, axis]
+            if stream.t.size < 50 or not np.isfinite(signal).all():
+                continue
+            middle = median_filter(signal, 5, mode="nearest")
+            off = np.abs(signal - middle)
+            spike = off > max(least, 5.0 * float(np.percentile(off, 90)))
+            clean[-1][spike, axis] = middle[spike]
+            hit |= spike
+    if not hit.any() or hit.mean() > 0.01:
+        return stream, np.zeros(stream.t.size, dtype=bool)
+    return dataclasses.replace(stream, specific_force=clean[0], angular_rate=clean[1]), hit
 
 
 @dataclass(frozen=True)
@@ -75,7 +104,8 @@ def check_sensors(
     Raises:
         InputError: a column that would carry a wrong result, with what it looks like and what to write.
     """
-    log, imu, wheels = _Log(robot, where, names, doubts), trial.imu, trial.wheels
+    log, wheels = _Log(robot, where, names, doubts), trial.wheels
+    imu = None if trial.imu is None else despike(trial.imu)[0]
     if wheels is not None:
         called = [name for channel, name in names.items() if channel.startswith("imu_")]
         if imu is None and called:

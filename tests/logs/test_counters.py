@@ -46,10 +46,18 @@ def test_a_reset_is_not_taken_for_a_wrap_but_taken_out_and_said() -> None:
     assert unwrap(counts, [2.0**16, 2.0**32])[1] == 0
     t = np.arange(len(counts)) / 100
     wheel = convert(t, counts, COUNTS, scale=1, wrap=0, per_rev=10_000, radius=0.1, increment=False)
-    assert any("jumps" in doubt for doubt in wheel.doubts)
-    steps = np.diff(wheel.angle)
-    assert steps.max() == pytest.approx(50 * 2 * np.pi / 10_000)
-    assert steps.min() >= 0
+    assert any("starts anew" in doubt for doubt in wheel.doubts)
+    np.testing.assert_allclose(np.diff(wheel.angle), 50 * 2 * np.pi / 10_000)
+
+
+def test_a_reading_thrown_off_leaves_the_angle_after_it_as_it_was() -> None:
+    true = np.arange(0, 60_000, 50.0)
+    counts = true.copy()
+    counts[[300, 700]] += 40_000, -25_000
+    t = np.arange(len(counts)) / 100
+    wheel = convert(t, counts, COUNTS, scale=1, wrap=0, per_rev=10_000, radius=0.1, increment=False)
+    np.testing.assert_allclose(wheel.angle, true * 2 * np.pi / 10_000)
+    assert any("2 readings thrown off" in doubt for doubt in wheel.doubts)
 
 
 @pytest.mark.parametrize("width", [2 * np.pi, 2**16 * 2 * np.pi / 106_000], ids=["a turn", "counts"])
