@@ -24,7 +24,7 @@ from granite_lab.estimation.referenced import refer
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.smoother import solve
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
-from granite_lab.logs.lies import despike
+from granite_lab.logs.imu_checks import despike
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
 from granite_lab.parameters import Robot, Variant, load_variants
 

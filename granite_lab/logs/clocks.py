@@ -29,6 +29,11 @@ def runs(flags: Mask) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(np.flatnonzero(edges == 1), ends, strict=True)]
 
 
+def integral(t: Array, x: Array) -> Array:
+    """Integrate samples (N,) over their stamps (N,) by trapezoids, from 0 at the first."""
+    return np.concatenate(([0.0], np.cumsum(np.diff(t) * (x[1:] + x[:-1]) / 2)))
+
+
 def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
     """Check the declared unit of stamps against their values.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from granite_lab.logs.clocks import integral
 from granite_lab.logs.trial import Array
 from granite_lab.logs.units import Unit
 
@@ -121,8 +122,7 @@ def convert(
     step = (1.0 if counted else quantum(raw)) * abs(factor)
     if is_angle:
         return Wheel(_without_jumps(t, si, doubts), None, step, tuple(doubts))
-    angle = np.concatenate(([0.0], np.cumsum(np.diff(t) * (si[1:] + si[:-1]) / 2)))
-    return Wheel(angle, si, step, tuple(doubts))
+    return Wheel(integral(t, si), si, step, tuple(doubts))
 
 
 def _without_jumps(t: Array, angle: Array, doubts: list[str]) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from granite_lab.errors import InputError
 from granite_lab.logs.clocks import SECONDS, unit_factor
 from granite_lab.logs.layouts import ACCELERATION, CHANNELS, ENCODERS, RATE
 from granite_lab.logs.trial import Array
-from granite_lab.logs.units import DATE, STANDARD_GRAVITY, Unit, find_unit
+from granite_lab.logs.units import DATE, Unit, find_unit, gravity_unit, si_unit
 from granite_lab.parameters import WHEELS
 
 
@@ -41,46 +41,21 @@ UNKNOWN = Guess((), "", 0.0, "not recognised")
 _PAIRS = {"fl": "fl lf", "fr": "fr rf", "rl": "rl lr bl lb", "rr": "rr br rb"}
 _AXLES = {"f": {"front", "fore", "f"}, "r": {"rear", "back", "hind", "aft", "b"}}
 _SIDES = {"l": {"left", "l"}, "r": {"right", "r"}}
-_TIME = ("time", "timestamp", "stamp", "t", "seconds", "millis", "micros", "sec", "clock", "ts")
-_KINDS = {  # order matters: the more telling words first
-    "cur": ("current", "cur", "amps", "curr", "iq", "amp"),
-    "a": ("accelerometer", "acceleration", "accel", "acc", "a", "linacc", "force"),
-    "g": ("gyroscope", "gyro", "gyr", "omega", "angular", "w", "rate", "g", "rot"),
-    "enc": (
-        "encoder",
-        "enc",
-        "ticks",
-        "tick",
-        "wheel",
-        "odo",
-        "pos",
-        "counts",
-        "count",
-        "vel",
-        "speed",
-        "rpm",
-    ),
+_TIME = {"time", "timestamp", "stamp", "t", "seconds", "millis", "micros", "sec", "clock", "ts"}
+_SENSORS = {  # order matters: the more telling words first
+    "cur": "current cur amps curr iq amp",
+    "imu_a": "accelerometer acceleration accel acc a linacc force",
+    "imu_g": "gyroscope gyro gyr omega angular w rate g rot",
+    "enc": "encoder enc ticks tick wheel odo pos counts count vel speed rpm",
 }
 _TURNS = {"x": "roll", "y": "pitch", "z": "yaw"}
 _ATTITUDE = {"roll", "pitch", "yaw", "heading", "euler", "quat", "quaternion", "orientation", "attitude"}
 _NUMBERED = {"enc", "encoder", "wheel", "motor", "cur", "current", "count", "counts", "tick", "ticks"}
+_COUNTED = {"count", "counts", "tick", "ticks"}
 _RATES = {"vel", "speed", "rate", "v", "rpm"}
 _COMMAND = {"cmd", "command", "desired", "setpoint", "setspeed", "target"}
 _REFERENCE = {"ref", "mocap", "vicon", "optitrack", "gps", "truth", "groundtruth"}
 _GLOBE = {"ref_lat": {"lat", "latitude"}, "ref_lon": {"lon", "long", "lng", "longitude"}}
-_DEFAULT = {
-    "t": "s",
-    "a": "m/s^2",
-    "g": "rad/s",
-    "cur": "A",
-    "enc": "rad",
-    "v_cmd": "m/s",
-    "ref_v": "m/s",
-    "ref_x": "m",
-    "ref_y": "m",
-    "ref_lat": "deg",
-    "ref_lon": "deg",
-}
 
 
 def words(name: str) -> tuple[list[str], str]:
@@ -116,62 +91,56 @@ def wheels_named(parts: Collection[str]) -> tuple[str, ...]:
 
 
 def by_name(name: str) -> Guess:
-    """Guess from the name alone."""
+    """Guess from the name alone; a unit of the wrong quantity lowers the confidence."""
     parts, unit_text = words(name)
     unit = find_unit(unit_text) if unit_text else None
-    to, kind, confidence = _named(parts, unit)
-    if to:
-        return _checked(to, unit, kind, confidence)
-    if _ATTITUDE & set(parts) or re.fullmatch(r".*(^|[^A-Za-z])q[wxyz0-4]", name.strip(), re.IGNORECASE):
-        return Guess((), unit.name if unit else "", 0.0, "attitude: recognised, not used")
-    return UNKNOWN
+    to, confidence = _named(parts, unit)
+    if not to:
+        attitude = _ATTITUDE & set(parts) or re.fullmatch(r"(?i).*(^|[^A-Za-z])q[wxyz0-4]", name.strip())
+        why = "attitude: recognised, not used" if attitude else UNKNOWN.why
+        return Guess((), unit.name if unit and attitude else "", 0.0, why)
+    if unit is not None and unit.quantity in CHANNELS[to[0]]:
+        return Guess(to, unit.name, min(confidence + 0.1, 0.98), "name and unit in it", assumed=False)
+    usual = "deg" if to[0] in _GLOBE else si_unit(CHANNELS[to[0]][0])
+    return Guess(to, usual, confidence * (0.6 if unit else 0.9), "name; unit assumed")
 
 
-def _named(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], str, float]:
-    """Return channels that the words of a name mean, what kind they are of, and how sure that is."""
+def _named(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float]:
+    """Return channels that the words of a name mean, and how sure that is."""
     said = set(parts)
-    globe = next((channel for channel, known in _GLOBE.items() if known & said), "")
     if said & _COMMAND:
-        return ("v_cmd",), "v_cmd", 0.7
-    if globe:
-        return (globe,), globe, 0.8
+        return ("v_cmd",), 0.7
+    for channel, known in _GLOBE.items():
+        if known & said:
+            return (channel,), 0.8
     if said & _REFERENCE:
         speed = (unit is not None and unit.quantity == "speed") or said & {"v", "vel"}
-        channel = "ref_v" if speed else "ref_y" if "y" in said else "ref_x"
-        return () if "z" in said else (channel,), channel, 0.5
+        return () if "z" in said else ("ref_v" if speed else "ref_y" if "y" in said else "ref_x",), 0.5
     sensor = _sensor(parts, unit)
     if sensor[0] and "covariance" not in said:
         return sensor
-    if parts and (parts[0] in _TIME or parts[-1] in _TIME):
-        return ("t",), "t", 0.9
-    return (), "", 0.0
+    return (("t",), 0.9) if {*parts[:1], *parts[-1:]} & _TIME else ((), 0.0)
 
 
-def _sensor(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], str, float]:
+def _sensor(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float]:
     """Return the same for the channels of a sensor."""
     joined = "".join(parts)
     wheels = wheels_named(parts)
     if not wheels and _NUMBERED & set(parts):
         wheels = tuple(wheel for number, wheel in enumerate(WHEELS, 1) if str(number) in parts)
-    for kind, hints in _KINDS.items():
+    for sensor, text in _SENSORS.items():
+        hints = text.split()
         # `ax`, `gyrx`, `accz`: the axis may hang on to the word.
         axis = next((a for a in "xyz" if a in parts or any(joined.endswith(h + a) for h in hints)), "")
         named = any(h in parts or (axis and h + axis in parts) or (len(h) > 2 and h in joined) for h in hints)
-        if kind == "g" and not axis:
+        if sensor == "imu_g" and not axis:
             axis = next((a for a, turn in _TURNS.items() if turn in parts), "")
-        if named and kind in ("a", "g") and axis:
-            return (f"imu_{kind}{axis}",), kind, 0.9
-        turning = kind == "enc" and unit is not None and unit.name == "rpm"
-        if wheels and kind in ("cur", "enc") and (named or turning):
-            return tuple(f"{kind}_{wheel}" for wheel in wheels), kind, 0.8
-    return (), "", 0.0
-
-
-def _checked(to: tuple[str, ...], unit: Unit | None, kind: str, confidence: float) -> Guess:
-    """Make a guess; a unit of the wrong quantity lowers the confidence."""
-    if unit is not None and unit.quantity in CHANNELS[to[0]]:
-        return Guess(to, unit.name, min(confidence + 0.1, 0.98), "name and unit in it", assumed=False)
-    return Guess(to, _DEFAULT[kind], confidence * (0.6 if unit else 0.9), "name; unit assumed")
+        if named and axis and sensor.startswith("imu"):
+            return (f"{sensor}{axis}",), 0.9
+        turning = sensor == "enc" and unit is not None and unit.name == "rpm"
+        if wheels and sensor in ("cur", "enc") and (named or turning):
+            return tuple(f"{sensor}_{wheel}" for wheel in wheels), 0.8
+    return (), 0.0
 
 
 def guess(
@@ -269,37 +238,28 @@ def _time(found: dict[int, Guess], columns: Mapping[int, Array]) -> None:
 def _triples(found: dict[int, Guess], columns: Mapping[int, Array]) -> None:
     """Find an accelerometer by gravity, and set its unit and the gyroscope's by the values."""
     places = {channel: place for place, one in found.items() for channel in one.to}
-    if not any(channel in places for channel in ACCELERATION):
-        free = [place for place, one in found.items() if not one.to]
-        for trio in zip(free, free[1:], free[2:], strict=False):
-            unit = _gravity_unit(np.column_stack([columns[place] for place in trio]))
-            if unit:
-                for place, channel in zip(trio, ACCELERATION, strict=True):
-                    found[place] = Guess((channel,), unit, 0.5, "three columns that add up to gravity")
-                break
-    elif all(channel in places for channel in ACCELERATION):
-        named = [places[channel] for channel in ACCELERATION]
-        unit = _gravity_unit(np.column_stack([columns[place] for place in named]))
-        for place in named:
+    free = [place for place, one in found.items() if not one.to]
+    if all(channel in places for channel in ACCELERATION):
+        trios = [tuple(places[channel] for channel in ACCELERATION)]
+    else:
+        trios = [] if set(places) & set(ACCELERATION) else [*zip(free, free[1:], free[2:], strict=False)]
+    for trio in trios:
+        values = np.column_stack([columns[place] for place in trio])
+        whole = values[np.isfinite(values).all(axis=1)]
+        size = float(np.median(np.linalg.norm(whole, axis=1))) if len(whole) >= 5 else np.nan
+        unit = gravity_unit(size, 0.1)
+        for place, channel in zip(trio, ACCELERATION, strict=True):
             one = found[place]
-            if unit and unit != one.unit and one.assumed:
-                found[place] = Guess(one.to, unit, one.confidence, "name; unit by gravity")
-    for channel in RATE:
-        if channel in places:
-            one = found[places[channel]]
-            peak = float(np.nanmax(np.abs(columns[places[channel]]), initial=0.0))
-            if one.unit == "rad/s" and one.assumed and peak > 20:
-                found[places[channel]] = Guess(one.to, "deg/s", one.confidence, "name; too fast for rad/s")
-
-
-def _gravity_unit(values: Array) -> str:
-    """Return the unit in which the vector is gravity most of the time."""
-    whole = values[np.isfinite(values).all(axis=1)]
-    if len(whole) < 5:
-        return ""
-    norm = float(np.median(np.linalg.norm(whole, axis=1)))
-    sizes = {"m/s^2": STANDARD_GRAVITY, "g": 1.0, "mg": 1000.0}
-    return next((unit for unit, size in sizes.items() if abs(norm / size - 1) < 0.1), "")
+            if unit and not one.to:
+                found[place] = Guess((channel,), unit, 0.5, "three columns that add up to gravity")
+            elif unit and unit != one.unit and one.assumed:
+                found[place] = replace(one, unit=unit, why="name; unit by gravity")
+        if unit:
+            break
+    for place in (places[channel] for channel in RATE if channel in places):
+        one, peak = found[place], float(np.nanmax(np.abs(columns[place]), initial=0.0))
+        if one.unit == "rad/s" and one.assumed and peak > 20:
+            found[place] = replace(one, unit="deg/s", why="name; too fast for rad/s")
 
 
 def _encoders(found: dict[int, Guess], names: Mapping[int, str], columns: Mapping[int, Array]) -> None:
@@ -311,12 +271,13 @@ def _encoders(found: dict[int, Guess], names: Mapping[int, str], columns: Mappin
         values = [columns[place][np.isfinite(columns[place])] for place in members]
         if not members or min(map(len, values)) < 5:
             continue
-        whole = all((v == np.rint(v)).all() for v in values) and max(map(np.ptp, values)) > 5
         if rate:
             unit = "rad/s" if max(np.abs(v).max() for v in values) > 3 else "m/s"
         else:
-            counted = whole or any(said[place] & {"count", "counts", "tick", "ticks"} for place in members)
-            unit = "counts" if counted else "rad"
+            whole = all((v == np.rint(v)).all() for v in values) and max(map(np.ptp, values)) > 5
+            unit = "counts" if whole or any(said[place] & _COUNTED for place in members) else "rad"
         for place in members:
             one = found[place]
-            found[place] = Guess(one.to, unit, one.confidence * 0.9, "name; unit by the values")
+            found[place] = replace(
+                one, unit=unit, confidence=one.confidence * 0.9, why="name; unit by the values"
+            )

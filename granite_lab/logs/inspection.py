@@ -20,13 +20,19 @@ from granite_lab.logs.dialect import Table, is_number
 from granite_lab.logs.guess import by_name, guess
 from granite_lab.logs.layouts import Column, Layout, Maps, given_maps
 from granite_lab.logs.matching import Match, choose
+from granite_lab.logs.motion import MotionGuess, look, rests
 from granite_lab.logs.named import is_bag, name_of, parts_of
 from granite_lab.logs.reader import assemble
 from granite_lab.logs.source import Source, open_source
-from granite_lab.logs.stretches import MotionGuess, look, rests
 from granite_lab.logs.table import is_dated, load, open_table
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import load_robot
+
+KNOWN = 0.95
+"""How sure a recognised layout is."""
+
+PLAIN, SETTINGS = Column(to=()), ("scale", "wrap", "counts_per_rev", "increment")
+"""A column without settings, and the keys that may be set."""
 
 
 @dataclass(frozen=True)
@@ -139,31 +145,21 @@ class FileReport:
         for column in columns:
             del column["settings"]
         return {
-            "path": str(self.path),
-            "layout": self.layout or None,
-            "confidence": self.confidence,
-            "text": table
-            and {
-                "encoding": table.encoding,
-                "delimiter": table.delimiter_name,
-                "decimal": table.decimal,
-                "header_line": table.header_line,
-                "first_row": table.data_line,
+            "path": str(self.path), "layout": self.layout or None, "confidence": self.confidence,
+            "text": table and {
+                "encoding": table.encoding, "delimiter": table.delimiter_name, "decimal": table.decimal,
+                "header_line": table.header_line, "first_row": table.data_line,
             },
             "columns": columns,
             "streams": [dataclasses.asdict(stream) for stream in self.streams],
             "standstills_s": [list(interval) for interval in self.rests],
-            "motion": motion
-            and {
-                "velocity_mps": motion.velocity,
-                "acceleration_mps2": motion.acceleration,
-                "distance_m": motion.distance,
+            "motion": motion and {
+                "velocity_mps": motion.velocity, "acceleration_mps2": motion.acceleration,
+                "distance_m": motion.distance, "confidence": motion.confidence,
                 "variant_mps": motion.variant.velocity if motion.variant else None,
-                "confidence": motion.confidence,
             },
-            "doubts": list(self.doubts),
-            "problem": self.problem or None,
-        }
+            "doubts": list(self.doubts), "problem": self.problem or None,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -279,43 +275,33 @@ def _doubtful(report: FileReport, error: InputError) -> FileReport:
 def _described(report: FileReport, table: Table, found: Match | None) -> FileReport:
     """Say what every column is: by its layout, or else by guess."""
     columns, doubts = _numbers(table)
-    if found is not None:
-        used = _recognised(found, columns)
-        head = [(key, getattr(found.layout, key)) for key in ("robot", "rows", "split", "gravity_removed")]
-        confidence = 0.95
-    else:
-        used, head = _guessed(table, columns), []
-        confidence = min((column.confidence for column in used if column.to), default=0.0)
-    places = {column.place for column in used}
-    entries = used + [_unused(table, columns, p) for p in range(table.width) if p not in places]
+    entries = _recognised(found) if found is not None else _guessed(table, columns)
+    places = {column.place for column in entries}
+    entries += [_unused(table, columns, place) for place in range(table.width) if place not in places]
+    entries = [_ranged(column, columns.get(column.place, np.zeros(0))) for column in entries]
+    keys = ("robot", "rows", "split", "gravity_removed") if found is not None else ()
+    guessed = min((column.confidence for column in entries if column.to), default=0.0)
     return replace(
         report,
         dialect=table if table.data_line else None,
         layout=found.layout.name if found else "",
-        confidence=confidence,
+        confidence=KNOWN if found else guessed,
         columns=tuple(sorted(entries, key=lambda column: column.place)),
         entries=tuple(entries),
-        head=tuple((key, value) for key, value in head if value),
+        head=tuple((key, value) for key in keys if (value := getattr(found.layout, key))) if found else (),
         doubts=tuple(doubts),
     )
 
 
 def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
     """Read every column that holds numbers or dates; a faulty one becomes a doubt."""
-    doubts: list[str] = []
     dates = [place for place in range(table.width) if is_dated(table, place)]
-    wanted = list(dates) if table.data_line else list(range(table.width))
-    for place in range(table.width):
-        cells = [row[place].strip() for row in table.sample if row[place].strip()]
-        if place not in dates and sum(is_number(cell, table.decimal) for cell in cells) > 0.5 * len(cells):
-            wanted.append(place)
-    wanted.sort()
-    if not wanted:
-        return {}, doubts
+    wanted = [place for place in range(table.width) if place in dates or _is_numeric(table, place)]
     try:
-        return load(table, wanted, dates)
+        return load(table, wanted, dates)[0] if wanted else {}, []
     except InputError:
         columns: dict[int, Array] = {}
+        doubts: list[str] = []
         for place in wanted:
             try:
                 columns |= load(table, [place], [place] if place in dates else [])[0]
@@ -324,69 +310,74 @@ def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
         return columns, doubts
 
 
-def _range(values: Array) -> tuple[float, float, float]:
-    """Return lowest and highest value and the filled share of a column."""
+def _is_numeric(table: Table, place: int) -> bool:
+    """Say whether more than half of a column's first filled cells are numbers."""
+    cells = [row[place].strip() for row in table.sample if row[place].strip()]
+    numbers = sum(is_number(cell, table.decimal) for cell in cells)
+    return not table.data_line or numbers > 0.5 * len(cells)
+
+
+def _ranged(column: ColumnReport, values: Array) -> ColumnReport:
+    """Add lowest and highest value and the filled share of a column."""
     seen = values[np.isfinite(values)]
     if len(seen) == 0:
-        return math.nan, math.nan, 0.0
-    return float(seen.min()), float(seen.max()), len(seen) / len(values)
+        return replace(column, filled=0.0)
+    return replace(column, low=float(seen.min()), high=float(seen.max()), filled=len(seen) / len(values))
 
 
-def _recognised(found: Match, columns: Mapping[int, Array]) -> list[ColumnReport]:
+def _recognised(found: Match) -> list[ColumnReport]:
     """Report the columns of a known layout, in the order of its map."""
-    defaults = {f.name: f.default for f in dataclasses.fields(Column)}
     clocks = sum(b.channel == "t" for b in found.bindings)
     reports = []
     for place in dict.fromkeys(b.place for b in found.bindings):
         bound = [b for b in found.bindings if b.place == place]
         spec, to = bound[0].spec, tuple(b.channel for b in bound)
-        keys = ("scale", "wrap", "counts_per_rev", "increment")
-        settings = [(k, getattr(spec, k)) for k in keys if getattr(spec, k) != defaults[k]]
-        if "t" in to and clocks > 1:
-            settings.append(("optional", True))
-        reports.append(
-            ColumnReport(
-                bound[0].name, place, to, bound[0].unit.name, 0.95, f"layout '{found.layout.name}'",
-                *_range(columns.get(place, np.zeros(0))), settings=tuple(settings),
-            )
-        )  # fmt: skip
+        settings = [
+            (key, getattr(spec, key)) for key in SETTINGS if getattr(spec, key) != getattr(PLAIN, key)
+        ]
+        settings += [("optional", True)] if "t" in to and clocks > 1 else []
+        why = f"layout '{found.layout.name}'"
+        unit = bound[0].unit.name
+        reports.append(ColumnReport(bound[0].name, place, to, unit, KNOWN, why, settings=tuple(settings)))
     return reports
 
 
 def _guessed(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
     """Report the columns of an unknown layout."""
     names = {place: table.name(place) for place in columns}
-    guesses = guess(names, columns, [place for place in columns if is_dated(table, place)])
     reports = []
-    for place, one in guesses.items():
-        name = table.headers[0][place] if table.headers else names[place]
+    for place, one in guess(names, columns, [p for p in columns if is_dated(table, p)]).items():
+        name = _header(table, place)
         # Two columns of one name cannot be told apart by a map.
         clear = not table.headers or table.headers[0].count(name) == 1
         to, why = (one.to, one.why) if clear else ((), f"{one.why}; the name stands there twice")
-        reports.append(ColumnReport(name, place, to, one.unit, one.confidence, why, *_range(columns[place])))
+        reports.append(ColumnReport(name, place, to, one.unit, one.confidence, why))
     return reports
 
 
 def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnReport:
     """Report a column that nothing is taken from, with what it may be."""
-    name = table.headers[0][place] if table.headers else table.name(place)
+    name = _header(table, place)
     if place not in columns:
-        return ColumnReport(name, place, (), "", 0.0, "not used; texts or empty", filled=0.0)
+        return ColumnReport(name, place, (), "", 0.0, "not used; texts or empty")
     one = by_name(name)
-    why = (
-        f"not used; its name suggests {', '.join(one.to)} [{one.unit}]" if one.to else f"not used; {one.why}"
-    )
-    return ColumnReport(name, place, (), one.unit, 0.0, why, *_range(columns[place]))
+    what = f"its name suggests {', '.join(one.to)} [{one.unit}]" if one.to else one.why
+    return ColumnReport(name, place, (), one.unit, 0.0, f"not used; {what}")
+
+
+def _header(table: Table, place: int) -> str:
+    """Return a column's name as it stands in the file; a map needs it so."""
+    return table.headers[0][place] if table.headers else table.name(place)
 
 
 def _guessed_layout(report: FileReport) -> Layout:
     """Make a layout of guessed columns."""
-    columns = tuple(
+    columns = (
         Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit)
         for e in report.entries
         if e.to
     )
-    return Layout(name=report.path.stem, column=columns)
+    return Layout(name=report.path.stem, column=tuple(columns))
 
 
 def _sampled(report: FileReport, source: Source, robot: str | Path | None) -> FileReport:

@@ -13,14 +13,21 @@ from granite_lab.errors import InputError
 from granite_lab.files import sha256
 from granite_lab.logs.canonical import collect, fill, trial_info
 from granite_lab.logs.clocks import describe_gaps
-from granite_lab.logs.layouts import Maps, given_maps
-from granite_lab.logs.lies import check_sensors
+from granite_lab.logs.imu_checks import check_units, refuse_axes
+from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE, Maps, given_maps
+from granite_lab.logs.log import Log
+from granite_lab.logs.matching import Binding
+from granite_lab.logs.motion import look, rests
 from granite_lab.logs.named import name_of, parts_of, sidecar
-from granite_lab.logs.plausibility import check_imu
 from granite_lab.logs.source import Source, open_source, refuse_unused
 from granite_lab.logs.streams import Parts, interval, read_streams
-from granite_lab.logs.stretches import check_wheels, look, rests
-from granite_lab.logs.trial import ImuStream, InputFile, Trial, TrialInfo
+from granite_lab.logs.trial import Array, ImuStream, InputFile, Trial, TrialInfo
+from granite_lab.logs.wheel_checks import (
+    check_currents,
+    check_wheels,
+    refuse_counts_and_speed,
+    without_free_wheels,
+)
 from granite_lab.parameters import Robot, load_robot
 
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -31,7 +38,17 @@ _ROLES: dict[str, tuple[str, ...]] = {
 }
 """What is taken from a file that was given for one purpose."""
 
-_KINDS = tuple(dict.fromkeys(kind for kinds in _ROLES.values() for kind in kinds))
+_KINDS: dict[str, tuple[str, ...]] = {
+    "acceleration": ACCELERATION,
+    "rate": RATE,
+    "wheels": ENCODERS,
+    "currents": CURRENTS,
+    "command": ("v_cmd",),
+    "reference_x": ("ref_x",),
+    "reference_v": ("ref_v",),
+}
+"""What a file may hold, and the channels of each."""
+
 _STREAMS = ("imu", "wheels", "currents", "command", "reference_x", "reference_v")
 
 BRIDGED = 0.5
@@ -135,23 +152,19 @@ def assemble(
     sources = [source for _, source in files]
     name, the_robot = _robot(sources, robot, info, doubts)
     parts = [read_streams(source, the_robot, window) for source in sources]
-    for one in parts:
-        doubts += one.doubts
-    merged = _merge(files, parts)
+    doubts += [doubt for one in parts for doubt in one.doubts]
+    merged, columns = _merge(files, parts)
+    log = Log(the_robot, str(path), columns, doubts)
     said = [dataclasses.replace(s.metadata, soil=_beside(s, s.metadata.soil)) for s in sources]
-    stream = _imu(merged, path, doubts)
-    if stream is not None:
-        units = merged.declared.get("acceleration", "m/s^2"), merged.declared.get("rate", "rad/s")
-        stream = check_imu(stream, the_robot, str(path), units, doubts)
-    wheels = merged.wheels
-    if wheels is not None:
-        wheels = check_wheels(wheels, stream, the_robot, str(path), merged.declared["wheels"], doubts)
-    if whole and stream is None and wheels is None:
+    imu, wheels = _imu(merged, path, doubts), merged.wheels
+    imu = None if imu is None else check_units(imu, log)
+    wheels = None if wheels is None else check_wheels(wheels, imu, log)
+    if whole and imu is None and wheels is None:
         raise InputError(f"{path}: neither IMU nor encoder samples", "a trial needs at least one of them")
     trial = Trial(
         name=name_of(path),
         info=trial_info(fill(said), info, name),
-        imu=stream,
+        imu=imu,
         wheels=wheels,
         currents=merged.currents,
         command=merged.command,
@@ -160,16 +173,33 @@ def assemble(
         inputs=tuple(dict.fromkeys(file for source in sources for file in source.inputs)),
         layout=" + ".join(dict.fromkeys(source.match.layout.name for source in sources)),
     )
-    if whole:
-        names: dict[str, str] = {}
-        for source in sources:
-            for binding in source.match.bindings:
-                names.setdefault(binding.channel, binding.name)
-        trial = check_sensors(trial, the_robot, str(path), names, doubts)
+    trial = _checked(trial, log) if whole else trial
     doubts += _across(trial)
-    if whole:
-        trial = _longest_stretch(trial, the_robot, doubts)
+    trial = _longest_stretch(trial, the_robot, doubts) if whole else trial
     return dataclasses.replace(trial, warnings=tuple(dict.fromkeys(doubts)))
+
+
+def _checked(trial: Trial, log: Log) -> Trial:
+    """Refuse columns that cannot be what they are called, and correct what is beyond doubt.
+
+    Returns:
+        the trial with currents in amperes, without the stretches of a wheel that turns freely.
+
+    Raises:
+        InputError: a column that would carry a wrong result.
+    """
+    imu, wheels, currents = trial.imu, trial.wheels, trial.currents
+    if wheels is not None:
+        called = tuple(channel for channel in log.columns if channel.startswith("imu_"))
+        if imu is None and called:
+            raise log.refuse(called, ": every cell is empty, expected an IMU's samples")
+        refuse_counts_and_speed(wheels, log)
+        angle = wheels.angle[np.isfinite(wheels.angle)]
+        if imu is not None and len(imu.t) > 100 and len(angle) and np.ptp(angle) > 1.0:
+            refuse_axes(imu, rests(trial, log.robot), log)
+        wheels = without_free_wheels(wheels, log)
+    currents = None if currents is None else check_currents(currents, trial.wheels, log)
+    return dataclasses.replace(trial, wheels=wheels, currents=currents)
 
 
 def _robot(
@@ -193,9 +223,9 @@ def _beside(source: Source, name: str) -> str:
     return str(path) if name.endswith(".toml") and path.is_file() else name
 
 
-def _merge(files: Files, parts: Sequence[Parts]) -> Parts:
+def _merge(files: Files, parts: Sequence[Parts]) -> tuple[Parts, dict[str, Binding]]:
     """Take each sensor from the file that was given for it, else from the first file that has it."""
-    merged = Parts()
+    merged, columns = Parts(), {b.channel: b for _, s in reversed(files) for b in reversed(s.match.bindings)}
     for (role, source), one in zip(files, parts, strict=True):
         found = [kind for kind in _ROLES.get(role, _KINDS) if getattr(one, kind) is not None]
         if role and not found:
@@ -208,41 +238,48 @@ def _merge(files: Files, parts: Sequence[Parts]) -> Parts:
             better = kind == "acceleration" and merged.gravity_removed and not one.gravity_removed
             if role or better or getattr(merged, kind) is None:
                 setattr(merged, kind, getattr(one, kind))
-                merged.declared[kind] = one.declared.get(kind, "")
+                columns |= {b.channel: b for b in reversed(source.bindings(*_KINDS[kind]))}
                 if kind == "acceleration":
                     merged.gravity_removed = one.gravity_removed
-    return merged
+    return merged, columns
 
 
 def _imu(parts: Parts, path: Path, doubts: list[str]) -> ImuStream | None:
     """Put accelerometer and gyroscope on common stamps."""
-    acc, gyro, removed = parts.acceleration, parts.rate, parts.gravity_removed
-    if acc is None or gyro is None:
-        present = acc or gyro
-        if present is None:
-            return None
-        doubts.append(f"no {'gyroscope' if gyro is None else 'accelerometer'} in the log")
-        nothing = np.full_like(present.values, np.nan)
-        force, rate = (nothing, present.values) if acc is None else (present.values, nothing)
-        return ImuStream(present.t, force, rate, removed)
-    for what, samples in (("accelerometer", acc), ("gyroscope", gyro)):
-        absent = [axis for axis, v in zip("xyz", samples.values.T, strict=True) if np.isnan(v).all()]
-        if absent:
+    sensors = {"accelerometer": parts.acceleration, "gyroscope": parts.rate}
+    present = {what: samples for what, samples in sensors.items() if samples is not None}
+    if not present:
+        return None
+    for what, samples in sensors.items():
+        if samples is None:
+            doubts.append(f"no {what} in the log")
+        elif absent := [axis for axis, v in zip("xyz", samples.values.T, strict=True) if np.isnan(v).all()]:
             doubts.append(f"{what}: no axis {', '.join(absent)} in the log")
+    acc, gyro = (sensors[what] or next(iter(present.values())) for what in sensors)
     both, a, g = np.intersect1d(acc.t, gyro.t, assume_unique=True, return_indices=True)
     if len(both) > 0.5 * min(len(acc.t), len(gyro.t)):
-        return ImuStream(both, acc.values[a], gyro.values[g], removed)
-    inside = (acc.t >= gyro.t[0]) & (acc.t <= gyro.t[-1])
-    if np.count_nonzero(inside) < 2:
-        raise InputError(
-            f"{path}: accelerometer ({acc.t[0]:.3f} to {acc.t[-1]:.3f} s) and gyroscope ({gyro.t[0]:.3f} to "
-            f"{gyro.t[-1]:.3f} s) have no time in common",
-            "both need stamps of the same clock",
-        )
-    doubts.append("the gyroscope has stamps of its own; interpolated to the accelerometer's")
-    t = acc.t[inside]
-    rate = np.column_stack([np.interp(t, gyro.t, column) for column in gyro.values.T])
-    return ImuStream(t, acc.values[inside], rate, removed)
+        t, force, rate = both, acc.values[a], gyro.values[g]
+    else:
+        inside = (acc.t >= gyro.t[0]) & (acc.t <= gyro.t[-1])
+        if np.count_nonzero(inside) < 2:
+            raise _nothing_in_common(path, "accelerometer", acc.t, "gyroscope", gyro.t)
+        doubts.append("the gyroscope has stamps of its own; interpolated to the accelerometer's")
+        t, force = acc.t[inside], acc.values[inside]
+        rate = np.column_stack([np.interp(t, gyro.t, column) for column in gyro.values.T])
+    force, rate = (
+        values if what in present else np.full_like(values, np.nan)
+        for what, values in zip(sensors, (force, rate), strict=True)
+    )
+    return ImuStream(t, force, rate, parts.gravity_removed)
+
+
+def _nothing_in_common(path: Path, one: str, t: Array, other: str, s: Array) -> InputError:
+    """Return the error of two sensors that were never logged at the same time."""
+    return InputError(
+        f"{path}: {one} ({t[0]:.3f} to {t[-1]:.3f} s) and {other} ({s[0]:.3f} to {s[-1]:.3f} s) have no time "
+        "in common",
+        "both need stamps of the same clock; correct one in its file or choose another time column",
+    )
 
 
 def _across(trial: Trial) -> list[str]:
@@ -254,17 +291,13 @@ def _across(trial: Trial) -> list[str]:
     streams = {"IMU": trial.imu, "encoders": trial.wheels, "motor currents": trial.currents}
     found = {what: stream.t for what, stream in streams.items() if stream is not None}
     doubts = [text for what, t in found.items() if (text := describe_gaps(t, what))]
-    base = next(iter(found.items()), ("", np.zeros(0)))
-    for what, t in list(found.items())[1:]:
-        shared = min(t[-1], base[1][-1]) - max(t[0], base[1][0])
+    (first, base), *others = list(found.items()) or [("", np.zeros(0))]
+    for what, t in others:
+        shared = min(t[-1], base[-1]) - max(t[0], base[0])
         if shared <= 0:
-            raise InputError(
-                f"{trial.inputs[0].path}: {base[0]} ({base[1][0]:.3f} to {base[1][-1]:.3f} s) and {what} "
-                f"({t[0]:.3f} to {t[-1]:.3f} s) have no time in common",
-                "both need stamps of the same clock; correct one in its file or choose another time column",
-            )
-        if shared < 0.5 * min(np.ptp(t), np.ptp(base[1])):
-            doubts.append(f"{base[0]} and {what} have only {shared:.2f} s in common")
+            raise _nothing_in_common(trial.inputs[0].path, first, base, what, t)
+        if shared < 0.5 * min(np.ptp(t), np.ptp(base)):
+            doubts.append(f"{first} and {what} have only {shared:.2f} s in common")
     return doubts
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clocks import Mask, Rows, runs, stray, tidy, unit_factor
+from granite_lab.logs.clocks import Mask, Rows, integral, runs, stray, tidy, unit_factor
 from granite_lab.logs.encoders import convert, unwrap
 from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.matching import Binding
@@ -58,7 +58,6 @@ class Parts:
     reference_x: Series | None = None
     reference_v: Series | None = None
     gravity_removed: bool = False
-    declared: dict[str, str] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
 
 
@@ -84,7 +83,6 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
     ):
         samples = _samples(source, t, channels, what, parts.doubts)
         if samples is not None and (samples := _measured(source, samples, channels, what, parts.doubts)):
-            parts.declared[name] = source.bindings(*channels)[0].unit.name
             setattr(parts, name, _whole(source, samples, channels, what, parts.doubts))
     parts.wheels = _wheels(source, t, robot, parts)
     currents = _samples(source, t, CURRENTS, "motor currents", parts.doubts)
@@ -251,7 +249,6 @@ def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream
     angle = np.full(samples.values.shape, np.nan)
     rate = np.full(samples.values.shape, np.nan)
     steps: list[float] = []
-    parts.declared["wheels"] = source.bindings(*ENCODERS)[0].unit.name
     for binding in source.bindings(*ENCODERS):
         where = f"{source.path.name}: column '{binding.name}'"
         wheel = ENCODERS.index(binding.channel)
@@ -310,8 +307,8 @@ def _reference(source: Source, t: Array, parts: Parts) -> None:
             x, y = _metres(latitude=x, longitude=y)
         # Speed over a few samples in each direction: the noise of places at rest adds up to no distance.
         along = np.hypot(slope(stamps, x), slope(stamps, y))
-        distance = np.concatenate(([0.0], np.cumsum(np.diff(stamps) * (along[1:] + along[:-1]) / 2)))
-        parts.reference_x, parts.reference_v = Series(stamps, distance), Series(stamps, along)
+        parts.reference_x = Series(stamps, integral(stamps, along))
+        parts.reference_v = Series(stamps, along)
     elif plane is not None:
         parts.reference_x = Series(plane.t, plane.values[:, 0])
         if speed is None and len(plane.t) > WINDOW:
@@ -321,7 +318,7 @@ def _reference(source: Source, t: Array, parts: Parts) -> None:
 
 
 def slope(t: Array, x: Array, window: int = WINDOW) -> Array:
-    """Return the slope of a line through `window` neighbouring samples, fewer at the ends.
+    """Return the slope of a line through `window` neighbouring samples; at the ends the last counts again.
 
     Args:
         t: (N,) stamps [s].
@@ -331,13 +328,9 @@ def slope(t: Array, x: Array, window: int = WINDOW) -> Array:
     Returns:
         (N,) slope [1/s]; it has the noise and the smoothing of the window.
     """
-    places = np.arange(len(t))[:, None] + np.arange(-(window // 2), window // 2 + 1)
-    use = (places >= 0) & (places < len(t))
-    places = np.clip(places, 0, len(t) - 1)
-    n, dt, dx = use.sum(axis=1), use * (t[places] - t[:, None]), use * (x[places] - x[:, None])
-    st, sx, stt, stx = dt.sum(axis=1), dx.sum(axis=1), (dt * dt).sum(axis=1), (dt * dx).sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray((n * stx - st * sx) / (n * stt - st * st))
+    weights = np.arange(window // 2, -(window // 2) - 1, -1)
+    rise, run = (np.convolve(np.pad(values, window // 2, "edge"), weights, "valid") for values in (x, t))
+    return np.asarray(rise / run)
 
 
 def _metres(latitude: Array, longitude: Array) -> tuple[Array, Array]:

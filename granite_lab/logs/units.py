@@ -93,6 +93,11 @@ def factors(quantity: str) -> dict[str, float]:
     return {name: factor for name, (factor, _) in _TABLE[quantity].items()}
 
 
+def si_unit(quantity: str) -> str:
+    """Return the SI unit of a quantity."""
+    return next(iter(_TABLE[quantity]))
+
+
 def spellings(*quantities: str) -> str:
     """List how the units of some quantities are written, for messages."""
     names = [name for quantity in quantities for name in _TABLE[quantity]]
@@ -104,3 +109,15 @@ def resembling(text: str, *quantities: str) -> str:
     known = [spelling for spelling, unit in _UNITS.items() if unit.quantity in quantities]
     close = difflib.get_close_matches(text, known, n=1, cutoff=0.5)
     return close[0] if close else ""
+
+
+def gravity_unit(size: float, within: float) -> str:
+    """Return the unit in which a specific force of this size is gravity, or nothing.
+
+    Args:
+        size: of the specific force at rest, as logged.
+        within: relative deviation from gravity that is allowed.
+    """
+    sizes = factors("acceleration")
+    ratios = {unit: size * sizes[unit] / STANDARD_GRAVITY for unit in ("m/s^2", "g", "mg")}
+    return next((unit for unit, ratio in ratios.items() if abs(ratio - 1) < within), "")

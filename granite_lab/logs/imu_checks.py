@@ -1,0 +1,348 @@
+"""Do the inertial samples look like what their columns say they are?
+
+A unit is judged by physics: gravity fixes the accelerometer's, and the turning of the gravity
+vector fixes the gyroscope's. Unmistakable evidence corrects the unit, with a warning; the rest is
+refused or reported. An axis is judged by the other sensors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from granite_lab.errors import InputError
+from granite_lab.logs.clocks import Mask, integral, runs
+from granite_lab.logs.layouts import ACCELERATION, RATE
+from granite_lab.logs.log import Log
+from granite_lab.logs.trial import Array, ImuStream
+from granite_lab.logs.units import STANDARD_GRAVITY, factors, gravity_unit
+from granite_lab.parameters import GRAVITY, Robot
+
+WINDOW = 0.5
+"""Length [s] of the windows over which vibration is averaged away."""
+
+TURNS = 2.0
+"""A gyroscope turns at most so many times as far as gravity; a hundredth of it is read as rad/s in deg/s."""
+
+FASTEST = 60.0
+"""No ground robot's gyroscope reads more [rad/s]."""
+
+OFF_AXIS = 45.0
+"""Gravity at rest farther than this [deg] from the robot's z axis stands on another axis."""
+
+MISSED, BETTER = 0.12, 4.0
+"""A pitch rate leaves more velocity than this [m/s] at rest, and another one this many times less."""
+
+HANGS = 0.5
+"""All axes of a sensor that repeat themselves for longer [s] hang."""
+
+SPIKE = (1.0, 0.3)
+"""A single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]."""
+
+Spans = list[tuple[float, float]]
+
+
+class Windows(NamedTuple):
+    """What K windows of an IMU show.
+
+    Attributes:
+        period: of the samples [s].
+        mean: (K, 3) specific force [m/s^2].
+        spread: (K,) of the specific force [m/s^2].
+        turned: (K-1, 3) turning from one window to the next [rad].
+        noise: (K,) spread of the rates [rad/s].
+    """
+
+    period: float
+    mean: Array
+    spread: Array
+    turned: Array
+    noise: Array
+
+
+def check_units(imu: ImuStream, log: Log) -> ImuStream:
+    """Check units, rails and dead axes of an IMU; return the stream with corrected units.
+
+    Raises:
+        InputError: an accelerometer in no unit that fits gravity.
+    """
+    seen = _windows(imu)
+    if seen is not None:
+        imu = _acceleration(imu, seen, log)
+    imu = _rate(imu, seen, log)
+    _report_rails(imu, log)
+    return imu
+
+
+def despike(stream: ImuStream) -> tuple[ImuStream, Mask]:
+    """Replace single readings far off both neighbours; a knock lasts longer than one or two samples.
+
+    Returns:
+        the stream, and (N,) True for the samples that were replaced in any axis. Where more than one
+        sample in a hundred would go, the frame really shakes like that, and none is touched.
+    """
+    hit = np.zeros(stream.t.size, dtype=bool)
+    clean: list[Array] = []
+    for values, least in ((stream.specific_force, SPIKE[0]), (stream.angular_rate, SPIKE[1])):
+        clean.append(values.copy())
+        for axis in range(3):
+            signal = values[:, axis]
+            if stream.t.size < 50 or not np.isfinite(signal).all():
+                continue
+            middle = median_filter(signal, 5, mode="nearest")
+            off = np.abs(signal - middle)
+            spike = off > max(least, 5.0 * float(np.percentile(off, 90)))
+            clean[-1][spike, axis] = middle[spike]
+            hit |= spike
+    if not hit.any() or hit.mean() > 0.01:
+        return stream, np.zeros(stream.t.size, dtype=bool)
+    return dataclasses.replace(stream, specific_force=clean[0], angular_rate=clean[1]), hit
+
+
+def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
+    """Refuse axes that are dead, exchanged or turned; the wheels move in this log.
+
+    Args:
+        imu: as read, in units that were checked.
+        still: standstills [s].
+        log: where it stood.
+
+    Raises:
+        InputError: a column that would carry a wrong result, with what it looks like and what to write.
+    """
+    imu = despike(imu)[0]
+    _refuse_dead(imu, log)
+    known = not np.isnan(imu.specific_force).any()
+    if known and not imu.gravity_removed and log.robot.imu.forward != "find":
+        _refuse_gravity(imu, still, log)
+        _refuse_pitch_rate(imu, still, log)
+
+
+def _windows(imu: ImuStream) -> Windows | None:
+    """Average the stream over windows; None where it is too short or an axis is missing."""
+    dt = float(np.median(np.diff(imu.t)))
+    n = max(int(WINDOW / dt), 3)
+    count = len(imu.t) // n
+    if count < 4 or np.isnan(imu.specific_force).any():
+        return None
+    force = imu.specific_force[: count * n].reshape(count, n, 3)
+    rate = np.nan_to_num(imu.angular_rate)
+    rate = rate - np.median(rate, axis=0)
+    angle = np.cumsum(rate, axis=0) * dt
+    middle = angle[n // 2 : count * n : n][:count]
+    noise = rate[: count * n].reshape(count, n, 3).std(axis=1).mean(axis=1)
+    return Windows(dt, force.mean(axis=1), force.std(axis=1).max(axis=1), np.diff(middle, axis=0), noise)
+
+
+def _acceleration(imu: ImuStream, seen: Windows, log: Log) -> ImuStream:
+    """Compare the mean specific force with gravity."""
+    norm = np.linalg.norm(seen.mean, axis=1)
+    calm = seen.spread <= np.quantile(seen.spread, 0.3)
+    g, spread = float(np.median(norm[calm])), float(np.median(seen.spread[calm]))
+    if abs(g / STANDARD_GRAVITY - 1) < 0.12:
+        if imu.gravity_removed:
+            log.doubts.append("gravity was said to be removed, but the accelerometer shows it; it is used")
+        elif abs(g / STANDARD_GRAVITY - 1) > 0.06:
+            log.doubts.append(f"the accelerometer reads {g:.2f} m/s^2 at rest, expected 9.81: scale error?")
+        return dataclasses.replace(imu, gravity_removed=False)
+    if imu.gravity_removed:
+        return imu
+    declared, sizes = log.unit(*ACCELERATION), factors("acceleration")
+    raw = g / sizes[declared]
+    unit = gravity_unit(raw, 0.08)
+    change = sizes[unit or declared] / sizes[declared]
+    # In the right unit vibration at the calmest stays below gravity.
+    if unit and spread * change < 0.5 * STANDARD_GRAVITY:
+        log.doubts.append(
+            f"the accelerometer, declared in {declared}, reads {raw:.4g} at rest: it is in {unit}; converted"
+        )
+        return dataclasses.replace(imu, specific_force=imu.specific_force * change)
+    if g < 0.8:
+        log.doubts.append(
+            f"the accelerometer reads {g:.2g} m/s^2 at rest: the logger has removed gravity, "
+            "so that pitch cannot be levelled"
+        )
+        return dataclasses.replace(imu, gravity_removed=True)
+    raise InputError(
+        f"{log.where}: the accelerometer, declared in {declared}, reads {raw:.4g} at rest, expected "
+        "9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0",
+        "correct the unit in the column's name, or give its scale in a column map",
+    )
+
+
+def _rate(imu: ImuStream, seen: Windows | None, log: Log) -> ImuStream:
+    """Compare the gyroscope with the turning of the gravity vector and with the grade's noise."""
+    if np.isnan(imu.angular_rate).all():
+        return imu
+    declared = log.unit(*RATE)
+    peak = float(np.nanmax(np.abs(imu.angular_rate)))
+    turning = math.nan if imu.gravity_removed or seen is None else _turning_ratio(seen)
+    # The turning of the gravity vector, as the accelerometer sees it, contains all of the true turning:
+    # a ratio beyond 1 is impossible. Vibration and acceleration lower it to a few hundredths on flat ground
+    # (0.06 to 1.1 in logs of a rover on sand, a Husky on sand and snow, and a car).
+    too_large = turning > TURNS or (math.isnan(turning) and peak > FASTEST)
+    too_small = turning < TURNS / 100 and seen is not None and not _noise_ratio(seen, log.robot) > 1 / 15
+    why = f"it turns {turning:.3g} times as far as gravity does"
+    why = f"it reads up to {peak:.0f} rad/s" if math.isnan(turning) else why
+    if (too_large and declared == "rad/s") or (too_small and declared == "deg/s"):
+        sizes, found = factors("angular rate"), "deg/s" if too_large else "rad/s"
+        log.doubts.append(f"the gyroscope, declared in {declared}, is in {found} ({why}); converted")
+        return dataclasses.replace(imu, angular_rate=imu.angular_rate * (sizes[found] / sizes[declared]))
+    if too_large:
+        log.doubts.append(f"the gyroscope, declared in {declared}, is far too lively ({why}): wrong unit?")
+    return imu
+
+
+def _turning_ratio(seen: Windows) -> float:
+    """Return how far the gyroscope turns relative to the gravity vector, NaN if unknown.
+
+    The larger of two comparisons, by root mean square and by median: on smooth ground a few ramps
+    would drown the turning in the first, while the noise of rest and steady drive rules the second.
+    """
+    up = seen.mean / np.linalg.norm(seen.mean, axis=1, keepdims=True)
+    moved = np.diff(up, axis=0)
+    # Only turning about axes across gravity moves the gravity vector.
+    across = np.cross(seen.turned, (up[1:] + up[:-1]) / 2)
+    turned, tilted = np.linalg.norm(across, axis=1), np.linalg.norm(moved, axis=1)
+    if np.median(tilted) < 1e-6 or np.median(turned) < 1e-12:
+        return math.nan  # a dead sensor says nothing about units
+    by_square = float(np.sqrt((turned**2).mean() / (tilted**2).mean()))
+    return max(by_square, float(np.median(turned) / np.median(tilted)))
+
+
+def _noise_ratio(seen: Windows, robot: Robot) -> float:
+    """Return the gyroscope's noise at rest over that of the robot's grade, NaN without a rest."""
+    grade, quietest = robot.imu_grade, float(np.quantile(seen.noise, 0.1))
+    # Without a rest the quietest windows are hardly quieter than the others.
+    if grade is None or grade.gyro_noise == 0 or not 0 < quietest <= 0.3 * float(np.median(seen.noise)):
+        return math.nan
+    return quietest / math.hypot(
+        grade.gyro_noise * math.sqrt(0.5 / seen.period), grade.gyro_step / math.sqrt(12)
+    )
+
+
+def _report_rails(imu: ImuStream, log: Log) -> None:
+    """Report axes that stay at the end of their range, and axes that never change."""
+    grade = log.robot.imu_grade
+    for what, unit, values, limit in (
+        ("accelerometer", "m/s^2", imu.specific_force, grade.accel_range if grade else math.inf),
+        ("gyroscope", "rad/s", imu.angular_rate, grade.gyro_range if grade else math.inf),
+    ):
+        for axis, column in zip("xyz", values.T, strict=True):
+            if np.isnan(column).all():
+                continue
+            if np.ptp(column) == 0 and len(column) > 10:
+                log.doubts.append(f"{what} {axis}: constant at {column[0]:g} {unit}: not connected?")
+                continue
+            at_rail = _rail(column, limit)
+            if at_rail.any():
+                log.doubts.append(
+                    f"{what} {axis}: saturated at {column[at_rail][0]:.4g} {unit} in {int(at_rail.sum())} "
+                    f"samples, first at t = {imu.t[int(np.argmax(at_rail))]:.3f} s"
+                )
+
+
+def _rail(column: Array, limit: float) -> Mask:
+    """Return which samples sit at a rail: the known one, or an extreme value held for a while."""
+    at_rail = np.abs(column) >= 0.999 * limit
+    low, middle, high = np.quantile(column, [0.16, 0.5, 0.84])
+    for extreme in (column.max(), column.min()):
+        held = column == extreme
+        longest = max((b + 1 - a for a, b in runs(held)), default=0)
+        if longest >= 3 and abs(extreme - middle) > 4 * (high - low) / 2 and high > low:
+            at_rail |= held
+    return np.asarray(at_rail)
+
+
+def _refuse_dead(imu: ImuStream, log: Log) -> None:
+    """Refuse an axis that never changes and that velocity or pitch need."""
+    turn = np.abs(log.mounting) > 0.5
+    for what, channels, values, other, rows in (
+        ("accelerometer", ACCELERATION, imu.specific_force, imu.angular_rate, (0, 2)),
+        ("gyroscope", RATE, imu.angular_rate, imu.specific_force, (1,)),
+    ):
+        same = runs((np.diff(values, axis=0) == 0).all(axis=1))
+        first, last = max(same, key=lambda run: run[1] - run[0], default=(0, -1))
+        begin, end = float(imu.t[first]), float(imu.t[last + 1])
+        if end - begin > HANGS and 50 < last + 1 - first < 0.9 * len(imu.t):
+            raise log.refuse(
+                channels,
+                f": every sample from t = {begin:.3f} s to {end:.3f} s is the same, expected readings of the "
+                f"{what} that change: the sensor hangs",
+                "cut the log there",
+            )
+        constant = np.array([np.isfinite(v).all() and np.ptp(v) == 0 for v in values.T])
+        if constant[np.isfinite(values).any(axis=0)].all() and (
+            np.isnan(other).all() or not np.ptp(other, axis=0).any()
+        ):
+            return  # nothing is connected: the rails' warning says so
+        for j in np.flatnonzero(constant):
+            if log.robot.imu.forward == "find" or any(turn[row, j] for row in rows):
+                raise log.refuse(
+                    channels[j],
+                    f": every sample is {values[0, j]:.6g}, expected readings of the {what} that change: the "
+                    "sensor hangs or is not connected",
+                )
+
+
+def _refuse_gravity(imu: ImuStream, still: Spans, log: Log) -> None:
+    """Refuse an accelerometer whose gravity at rest is not on the robot's z axis."""
+    rest = np.zeros(len(imu.t), dtype=bool)
+    for begin, end in still:
+        rest |= (imu.t > begin + 0.1) & (imu.t < end - 0.1)
+    mean = imu.specific_force[rest].mean(axis=0) if rest.any() else np.zeros(3)
+    size = float(np.linalg.norm(mean))
+    up = log.mounting @ mean / max(size, 1e-9)
+    if 0.5 * GRAVITY < size < 1.5 * GRAVITY and up[2] < np.cos(np.radians(OFF_AXIS)):
+        j, expected = int(np.argmax(np.abs(mean))), int(np.argmax(np.abs(log.mounting[2])))
+        raise log.refuse(
+            ACCELERATION[j],
+            f" reads {mean[j]:+.2f} m/s^2 at rest: gravity is on it, expected on "
+            f"'{log.name(ACCELERATION[expected])}' upwards",
+            "exchange the axes in a column map (or scale = -1), or give [imu] rotation in the robot's file",
+        )
+
+
+def _refuse_pitch_rate(imu: ImuStream, still: Spans, log: Log) -> None:
+    """Refuse a pitch rate with which the velocity does not return to zero, where another one does that.
+
+    Between two rests velocity is the integral of specific force less gravity's part by pitch, and pitch
+    is the integral of the pitch rate; both are levelled and unbiased at the rests.
+    """
+    matrix = log.mounting
+    force, rate = imu.specific_force @ matrix.T, np.nan_to_num(imu.angular_rate) @ matrix.T
+    left: dict[str, list[float]] = {}
+    for one, other in pairwise(still):
+        a, b, c, d = np.searchsorted(imu.t, np.add([*one, *other], [0.1, -0.1, 0.1, -0.1]))
+        first, last, motion = slice(a, b), slice(c, d), slice(b, c)
+        few = min(part.stop - part.start for part in (first, last, motion)) < 10
+        if few or other[0] - one[1] > 60:
+            continue
+        t = imu.t[motion]
+        level = [np.arcsin(np.clip(force[rest, 0].mean() / -GRAVITY, -1, 1)) for rest in (first, last)]
+        for j, axis in enumerate("xyz"):
+            bias = (rate[first, j].mean() + rate[last, j].mean()) / 2
+            turned = integral(t, rate[motion, j] - bias)
+            for sign in (1.0, -1.0):
+                # the end is levelled, too: what is left over is drift
+                drift = level[1] - level[0] - sign * turned[-1]
+                pitch = level[0] + sign * turned + (t - t[0]) / (t[-1] - t[0]) * drift
+                speed = np.trapezoid(force[motion, 0] + GRAVITY * np.sin(pitch), t)
+                left.setdefault(f"{'+' if sign > 0 else '-'}{axis}", []).append(abs(float(speed)))
+    missed = {which: float(np.median(found)) for which, found in left.items()}
+    best = min(missed, key=lambda which: missed[which], default="+y")
+    if best != "+y" and missed["+y"] > max(MISSED, BETTER * missed[best]):
+        forward = log.name(ACCELERATION[int(np.argmax(np.abs(matrix[0])))])
+        sign_of = f"its sign or that of '{forward}' is wrong"
+        what = sign_of if best == "-y" else f"the rate about {best[1]} fits: axes exchanged"
+        raise log.refuse(
+            RATE[int(np.argmax(np.abs(matrix[1])))],
+            f": with it as pitch rate {missed['+y']:.2f} m/s are left at standstill, with {best} "
+            f"{missed[best]:.2f} m/s: {what}",
+            "scale = -1 in a column map turns a sign, 'to' exchanges axes; pitch rate is positive nose down",
+        )

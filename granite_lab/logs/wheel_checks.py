@@ -1,0 +1,199 @@
+"""Do the samples of wheels and motors look like what their columns say they are?"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from granite_lab.errors import InputError
+from granite_lab.logs.clocks import runs
+from granite_lab.logs.encoders import quantum
+from granite_lab.logs.layouts import CURRENTS, ENCODERS
+from granite_lab.logs.log import Log
+from granite_lab.logs.motion import mean_speed
+from granite_lab.logs.trial import Array, CurrentStream, ImuStream, WheelStream
+from granite_lab.logs.units import factors
+from granite_lab.parameters import WHEELS
+
+TOO_FAST = 30.0
+"""No ground robot drives faster [m/s]."""
+
+FREE = (1.3, 0.05, 0.3)
+"""A wheel that turns this many times as fast as the others, which agree to this share, for so long [s]."""
+
+
+def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelStream:
+    """Check the wheels' unit against the speed that the IMU gains while the robot drives off.
+
+    Args:
+        wheels: as read.
+        imu: the IMU, if there is one; only how fast it accelerates is used, in any direction.
+        log: where they stood.
+
+    Returns:
+        the stream with a corrected unit.
+
+    Raises:
+        InputError: wheels faster than any ground robot's.
+    """
+    t, speed = mean_speed(wheels, log.robot)
+    if len(t) < 10:
+        return wheels
+    _report_dead(wheels, imu, log)
+    ratio = _ratio(t, speed, imu) if imu is not None else math.nan
+    if not 0.3 < ratio < 8:
+        declared = log.unit(*ENCODERS)
+        kinds = [factors("angle"), factors("angular rate")]
+        sizes = next((kind for kind in kinds if declared in kind), {})
+        changes = {unit: size / sizes[declared] for unit, size in sizes.items() if unit != declared}
+        fits = [(unit, change) for unit, change in changes.items() if 0.7 < ratio * change < 3]
+        if len(fits) == 1:
+            unit, factor = fits[0]
+            log.doubts.append(
+                f"the encoders, declared in {declared}, gain {ratio:.3g} times the speed that the IMU gains: "
+                f"they are in {unit}; converted"
+            )
+            rate = None if wheels.rate is None else wheels.rate * factor
+            angle, step = wheels.angle * factor, wheels.step * factor
+            return dataclasses.replace(wheels, angle=angle, rate=rate, step=step)
+        if not math.isnan(ratio):
+            log.doubts.append(
+                f"the wheels gain {ratio:.3g} times the speed that the IMU gains: check wheel radius, counts "
+                "per revolution and units"
+            )
+    top = float(np.quantile(np.abs(speed), 0.95))
+    if top > TOO_FAST:
+        raise InputError(
+            f"{log.where}: the wheels' circumference moves at {top:.4g} m/s, expected at most "
+            f"{TOO_FAST:g} m/s",
+            "correct the encoders' unit, the counts per revolution or the wheel radius",
+        )
+    return wheels
+
+
+def _ratio(t: Array, speed: Array, imu: ImuStream) -> float:
+    """Return speed gained by the wheels over speed gained by the IMU on driving off, NaN if unknown."""
+    plateau = float(np.quantile(np.abs(speed), 0.9))
+    moving = np.abs(speed) > 0.1 * plateau
+    if plateau == 0 or moving[:3].any() or not moving.any():
+        return math.nan
+    start = float(t[int(np.argmax(moving))])
+    fast = np.abs(speed) > 0.8 * plateau
+    reached = float(t[int(np.argmax(fast & (t >= start)))])
+    begin, end = start - 0.3, reached + 0.3  # the two clocks may be apart
+    force = imu.specific_force
+    if reached - start > 3 or begin - imu.t[0] < 0.2 or end > imu.t[-1] or np.isnan(force).any():
+        return math.nan
+    rest = force[imu.t < begin].mean(axis=0)
+    ramp = (imu.t >= begin) & (imu.t <= end)
+    size = float(np.linalg.norm(np.trapezoid(force[ramp] - rest, imu.t[ramp], axis=0)))
+    # What a tilt by one degree or the bias could feign must stay far below.
+    feigned = 0.17 * (end - begin)
+    return plateau / size if size > max(0.08, 0.5 * feigned) else math.nan
+
+
+def _report_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> None:
+    """Report wheels that stand while the others turn; a whole side may, where the robot turns about it."""
+    spans = np.array([np.ptp(a[np.isfinite(a)]) if np.isfinite(a).any() else np.nan for a in wheels.angle.T])
+    if not np.nanmax(spans) > 1.0:
+        return
+    still = (spans < 0.01 * np.nanmax(spans)).tolist()
+    yaw = np.nan_to_num(imu.angular_rate) if imu is not None else np.zeros((1, 3))
+    turned = float(np.abs(np.median(yaw, axis=0) - yaw).max())
+    if turned > 0.2 and still in ([True, False, True, False], [False, True, False, True]):
+        return
+    for name, stands in zip(WHEELS, still, strict=True):
+        if stands:
+            log.doubts.append(f"encoder {name} stands still while the others turn: not connected?")
+
+
+def refuse_counts_and_speed(wheels: WheelStream, log: Log) -> None:
+    """Refuse an angle [rad] in whole numbers, and wheels faster than the motors at their highest voltage."""
+    drive, radius = log.robot.drive, log.robot.wheels.radius
+    top = drive.voltage_max / (drive.emf_constant * drive.gear_ratio) if drive else np.inf
+    for channel, logged in zip(ENCODERS, wheels.angle.T, strict=True):
+        known = np.isfinite(logged)
+        angle, t = logged[known], wheels.t[known]
+        if len(angle) < 20:
+            continue
+        whole = wheels.rate is None and (angle == np.rint(angle)).all() and len(np.unique(angle)) > 20
+        if whole and quantum(angle) >= 1:
+            raise log.refuse(
+                channel,
+                f": only whole numbers up to {np.abs(angle).max():.0f}, expected an angle in rad: they look "
+                "like counts",
+                'unit = "counts" and counts_per_rev = … in a column map',
+            )
+        fast = float(np.quantile(np.abs(np.diff(angle) / np.diff(t)), 0.75))
+        if fast > 1.5 * top:
+            raise log.refuse(
+                channel,
+                f": the wheel turns with {fast:.3g} rad/s ({fast * radius:.2g} m/s), expected at most "
+                f"{top:.3g} rad/s of {log.robot.name}'s motors",
+                'counts need unit = "counts" and counts_per_rev = … in a column map; or name the robot',
+            )
+
+
+def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
+    """Leave a wheel out where it turns much faster than the other three, which agree."""
+    dt = float(np.median(np.diff(wheels.t)))
+    n = max(round(0.1 / dt), 1)
+    if wheels.rate is not None or not np.isfinite(wheels.angle).all() or len(wheels.t) < 4 * n:
+        return wheels
+    span = wheels.t[n:] - wheels.t[:-n]
+    speed = np.abs(wheels.angle[n:] - wheels.angle[:-n]) / span[:, None]
+    angle = wheels.angle.copy()
+    for i, channel in enumerate(ENCODERS):
+        others = np.delete(speed, i, axis=1)
+        middle = np.median(others, axis=1)
+        free = (speed[:, i] > FREE[0] * middle) & (np.ptp(others, axis=1) < FREE[1] * middle)
+        free &= middle > 0.1 * float(np.quantile(middle, 0.95))
+        long = [(a, b) for a, b in runs(free) if (b + 1 - a) * dt >= FREE[2]]
+        for a, b in long:
+            angle[a : b + 1 + n, i] = np.nan
+        if long:
+            ratio = float(np.median(speed[free, i] / middle[free]))
+            log.doubts.append(
+                f"{log.column(channel)}: the wheel turns {ratio:.2g} times as fast as "
+                f"the others from t = {wheels.t[long[0][0]]:.2f} s on: off the ground? left out there"
+            )
+    return dataclasses.replace(wheels, angle=angle)
+
+
+def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log) -> CurrentStream:
+    """Convert currents beyond what the motors can draw from mA; name one that flows against the others."""
+    drive = log.robot.drive
+    limit = drive.voltage_max / drive.resistance if drive else 300.0
+    shown = np.abs(currents.current[np.isfinite(currents.current)])
+    if len(shown) and (high := float(np.quantile(shown, 0.95))) > 3 * limit:
+        first = next((channel for channel in CURRENTS if channel in log.columns), "currents")
+        log.doubts.append(
+            f"{log.column(first)} and its like: {high:.4g} A, more than the motors can draw ({limit:.3g} A): "
+            'they are in mA; converted (say unit = "mA" in a column map)'
+        )
+        currents = CurrentStream(currents.t, currents.current / 1000)
+    known = np.isfinite(wheels.angle).any(axis=1) if wheels is not None else np.zeros(0, dtype=bool)
+    if wheels is None or np.count_nonzero(known) < 20:
+        return currents
+    mean = np.nanmean(wheels.angle[known], axis=1)
+    speed = np.interp(currents.t, wheels.t[known], np.gradient(mean, wheels.t[known]))
+    going = np.abs(speed) > 0.3 * float(np.abs(speed).max())
+    values = currents.current
+    live = [
+        i for i in range(4) if np.isfinite(values[:, i]).sum() > 20 and np.isfinite(values[going, i]).any()
+    ]
+    if len(live) < 3 or not np.ptp(values[:, live], axis=0).all():
+        return currents
+    power = {i: float(np.nanmean(values[going, i] * np.sign(speed[going]))) for i in live}
+    for i in live:
+        others = [j for j in live if j != i]
+        like = np.nan_to_num(values[:, others]).mean(axis=1)
+        against = power[i] < 0 < min(power[j] for j in others)
+        if against and np.corrcoef(np.nan_to_num(values[:, i]), like)[0, 1] < -0.5:
+            log.doubts.append(
+                f"{log.column(CURRENTS[i])}: the current flows against the other motors': its sign is wrong; "
+                "say scale = -1 in a column map"
+            )
+    return currents
