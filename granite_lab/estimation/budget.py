@@ -38,6 +38,7 @@ from granite_lab.estimation.error_model import (
 )
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
+from granite_lab.estimation.referenced import UNKNOWN
 from granite_lab.estimation.smoother import Smoothed, forward, widening
 from granite_lab.logs.trial import Array
 
@@ -46,6 +47,7 @@ WHITE, RATE, COUNTS = "accelerometer noise", "gyro noise", "encoder counts and s
 VARYING, SHAKING = "slip that varies along the way", "vibration of the frame"
 SOFT, SCALE = "compliance between wheels and body", "scale error of the accelerometer"
 LATE = "time offset of encoders and IMU"
+STEADY = "steady slip that no standstill shows"
 
 MEASURED = {
     "specific_force": WHITE, "zero_rate": RATE, "wheel": COUNTS, "zero_velocity": "standstill not perfect",
@@ -91,12 +93,13 @@ def slip_parts(
     towards[[D, X, P]] = (1.0 - slip) / length, -slip / length, slip / length
     widened = widening(found.innovations)  # as `solve` did
     variances = {name: widened * v for name, v in _shares(nodes, found, towards, i, j).items()}
+    variances[STEADY] = float(towards @ (found.common[j] - found.common[i])) ** 2
     sources = _sources(nodes, noise, scatter)
     parts = []
     for name, variance in sorted(variances.items(), key=lambda item: -item[1]):
         if variance > 1e-6 * sum(variances.values()):
             kind, unit, std = sources[name]
-            shape = "rectangular" if name == COUNTS else "normal"
+            shape = "rectangular" if name in (COUNTS, STEADY) else "normal"
             parts.append(Part(name, kind, shape, unit, std, math.sqrt(variance)))
     return tuple(parts)
 
@@ -114,6 +117,7 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
         RATE: ("A", "rad/s/√Hz", math.hypot(noise.gyro, noise.gyro_motion)),
         COUNTS: ("B", "m", float(np.median(ticks)) if ticks else 0.0),
         VARYING: ("A", "1", scatter),
+        STEADY: ("B", "1", UNKNOWN),
         SHAKING: ("A", "m/s²", noise.vibration),
         LATE: ("B", "s", float(start[TAU])),
         SOFT: ("B", "s²", float(start[C])),

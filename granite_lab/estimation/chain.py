@@ -20,9 +20,9 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
-from granite_lab.estimation.referenced import refer
+from granite_lab.estimation.referenced import UNKNOWN, refer, steady_slip
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
-from granite_lab.estimation.smoother import solve
+from granite_lab.estimation.smoother import solve, with_error
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
@@ -134,7 +134,7 @@ def correct(
     warnings = [*signs, *_complain(problem, offset)]
     if far:
         problem = refer(problem, offset, slip_std)
-        warnings.append(_reliance(problem))
+        warnings.append(_reliance(problem, slip_std))
     else:
         if rolling is not None and imu.has_pitch_rate and imu.gravity:
             problem = replace(problem, noise=with_motion_noise(problem, offset.value))
@@ -143,6 +143,9 @@ def correct(
             slip = replace(slip, walk=max(slip.walk, SPIN))
         problem = replace(problem, slip=slip)
     solution = replace(solve(problem, offset, distance=distance_measured), offset=clock.found)
+    if far and slip_std is None:
+        error = steady_slip(solution.nodes, UNKNOWN)
+        solution = replace(solution, smoothed=with_error(solution.nodes, solution.smoothed, error))
     health = assess(solution, imu.t, still, faults, problem.noise)
     motion = motion_of(trial, problem, solution, health, known, tuple(warnings))
     motion = replace(motion, clock_applied=0.0 if far else clock.applied.value)
@@ -208,13 +211,13 @@ def _far_from_rest(still: Sequence[Interval], imu: mounting.BodyImu) -> bool:
     return bool(max(b - a for a, b in zip(edges[::2], edges[1::2], strict=True)) > LONG)
 
 
-def _reliance(problem: Problem) -> str:
+def _reliance(problem: Problem, slip_std: float | None) -> str:
     """Say what the velocity rests on far from any standstill."""
-    slip = problem.slip
     where = "far from standstills" if problem.rests else "no standstill"
+    said = "0 to 100 %" if slip_std is None else f"± {100 * slip_std:.0f} %"
     return (
         f"{where}: velocity rests on the wheels and an assumed slip ratio of "
-        f"{100 * slip.steady:.0f} ± {100 * slip.limit:.0f} %, steady slip itself is not measured there"
+        f"{100 * problem.slip.steady:.0f} %; steady slip is not measured there, the std allows for {said}"
     )
 
 

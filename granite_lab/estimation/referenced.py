@@ -23,9 +23,9 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import SlipModel
+from granite_lab.estimation.error_model import SIZE, D, S, SlipModel
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.nodes import Problem, build, push
+from granite_lab.estimation.nodes import Nodes, Problem, build, push
 from granite_lab.estimation.nominal import Sideways
 from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import log_likelihood, nominal_of
@@ -55,6 +55,11 @@ FIRM = SlipModel(
 )  # fmt: skip
 """Slip of wheels away from standstills: 3 % in steady motion with a std of 15 points, which takes in
 sand; a tyre that needs 2 % of slip for a thrust of a tenth of its weight."""
+
+UNKNOWN = float(np.sqrt(1 / 3 - FIRM.steady + FIRM.steady**2))
+"""Root mean square distance of a slip ratio that is anywhere from 0 to 100 %, on ground of which nothing is
+known, from the steady one of `FIRM`, by which the estimate goes. It is in the std only: in the estimate it
+would give way to every drift of the pitch."""
 
 TAKEN = 6000
 """Nodes on which the figures are tuned."""
@@ -108,6 +113,14 @@ def refer(problem: Problem, offset: Estimate, slip_std: float | None = None) -> 
         if problem.aside is None:
             break
     return problem
+
+
+def steady_slip(nodes: Nodes, std: float) -> Array:
+    """(K, 14) states that a steady slip ratio of one std makes, beside those that the filter models."""
+    error = np.zeros((nodes.t.size, SIZE))
+    error[:, S] = std
+    error[:, D] = std * np.cumsum(np.where(nodes.moving, nodes.w, 0.0) * np.diff(nodes.t, prepend=nodes.t[0]))
+    return error
 
 
 def shaking(problem: Problem) -> tuple[float, float]:

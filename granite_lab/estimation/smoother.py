@@ -72,21 +72,24 @@ class Smoothed:
         x: (K, 14) smoothed states.
         P: (K, 14, 14) their covariance.
         gains: (K, 14, 14) smoother gains; the covariance of nodes i < j is
-            gains[i] ... gains[j - 1] P[j].
+            gains[i] ... gains[j - 1] P[j], but for `common`.
         innovations: of the filter.
+        common: (K, 14) one std of an error that all nodes share and the filter does not know; in P already.
     """
 
     x: Array
     P: Array
     gains: Array
     innovations: Innovations
+    common: Array
 
     def cross(self, i: int, j: int) -> Array:
         """(14, 14) covariance of the states at nodes i <= j."""
         total = np.eye(SIZE)
         for k in range(i, j):
             total = total @ self.gains[k]
-        return np.asarray(total @ self.P[j])
+        one, other = self.common[i], self.common[j]
+        return np.asarray(total @ (self.P[j] - np.outer(other, other)) + np.outer(one, other))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +163,26 @@ def run(nodes: Nodes) -> Smoothed:
             gain = gains[k]
             x[k] += gain @ (x[k + 1] - predicted[k - begin])
             P[k] += gain @ (P[k + 1] - ahead[k - begin]) @ gain.T
-    return Smoothed(x=x, P=P, gains=gains, innovations=innovations)
+    return Smoothed(x=x, P=P, gains=gains, innovations=innovations, common=np.zeros_like(x))
+
+
+def with_error(nodes: Nodes, found: Smoothed, error: Array) -> Smoothed:
+    """Add what an error does to the estimate that the filter's model leaves out (Schmidt 1966).
+
+    The estimate is linear in its measurements: it is made again from those that the error alone would give,
+    and what it misses of the error is added to the covariance.
+
+    Args:
+        nodes: of the filter.
+        found: what the smoother made of them.
+        error: (K, 14) states, one std of the error.
+    """
+    updates = tuple(
+        tuple(replace(update, z=float(update.H[0] @ state)) for update in several)
+        for several, state in zip(nodes.updates, error, strict=True)
+    )
+    missed = run(replace(nodes, updates=updates, x0=np.zeros((SIZE, 1)))).x - error
+    return replace(found, P=found.P + missed[:, :, None] * missed[:, None, :], common=missed)
 
 
 def first_velocity(problem: Problem, offset: float) -> float:

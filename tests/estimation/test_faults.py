@@ -212,6 +212,22 @@ def test_end_without_standstill_is_warned_of_and_grows_the_std(cut: dict[str, fl
     assert not motion.health.good
 
 
+@pytest.mark.parametrize("slip", [0.3, 0.6, 0.9])
+def test_without_any_standstill_a_steady_slip_of_any_size_is_inside_the_std(slip: float) -> None:
+    truth = generate(7, velocity=0.3, slip=slip)
+    trial = faults.cut(truth.trial, start=4.0, stop=9.0)
+    motion = estimate(trial, load_robot("granite", "industrial"))
+    v = truth.at(motion.t, "v")
+    assert np.mean(np.abs(motion.v - v) < 2 * motion.v_std) > 0.9
+    true = truth.slip_ratio_between(*motion.steady)
+    assert abs(motion.slip_ratio.value - true) < 2 * motion.slip_ratio.std
+    parts = sum(part.contribution**2 for part in motion.slip_parts)
+    assert np.sqrt(parts) == pytest.approx(motion.slip_ratio.std, rel=0.01)
+    # ground that is known to slip little is believed
+    firm = estimate(trial, load_robot("granite", "industrial"), slip_std=0.05)
+    assert np.median(firm.v_std) < 0.3 * np.median(motion.v_std)
+
+
 def test_without_any_standstill_the_estimate_leans_on_the_wheels_and_says_so() -> None:
     inside = []
     for i in range(len(KINDS)):
