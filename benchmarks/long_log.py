@@ -123,8 +123,7 @@ time includes the start of Python ({platform.machine()}, Python {platform.python
 standstills (second and third log) the velocity follows the wheels less an assumed slip; coverage there is of
 one slip ratio.
 
-Motion is stated at each stamp of the IMU. In motion of more than five minutes the filter of the integration's
-*drift* has 60 000 nodes, for an hour one every 60 ms: drift changes over seconds.
+In motion of more than five minutes the filter of the drift has 60 000 nodes, for an hour one every 60 ms.
 
 Written by `python -m benchmarks.long_log --minutes {minutes:g} --out FILE`, code {commit()}.
 """

@@ -78,7 +78,7 @@ def test_figures_outside_the_aim_are_bold() -> None:
     bad = summarise([made_up(0.009, 0.001)])
     assert "**9.00**" in main_row(cell, bad)
     assert "**81.00**" in main_row(cell, bad)
-    assert "**9.00**" in offset_row(cell, bad)
+    assert "**9.00**" in offset_row(0.02, [bad])
 
 
 def test_correlation_of_innovations() -> None:
