@@ -92,11 +92,10 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
 
     * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
       likeliest model says, and that model changes no channel by more than the tolerance.
-    * Effects of the likeliest set are named that close at least `LEAST_SHARE` of the gap, or make that share
-      of what the set changes in a channel, and more than the tolerance; of several, trials left out must show
-      each. Alone, or with at most two others
-      that cannot be told from them, they must have a posterior probability of `CREDIBLE`; together they must
-      close more than half of the gap.
+    * Effects of the likeliest set are named that trials left out show, and that close at least `LEAST_SHARE`
+      of the gap or make that share of what the set changes in a channel, and more than the tolerance. Alone,
+      or with at most two others that cannot be told from them, they must have a posterior probability of
+      `CREDIBLE`; together they must leave less than `LEFT` of the gap, as an rms.
     * ``unknown`` otherwise.
     """
     alone = search.model(())
@@ -176,9 +175,9 @@ def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
 def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance: float) -> Named:
     """Return what speaks for one effect of the best set: its rivals, and what it closes.
 
-    Rivals in its place are twins where the posterior does not exclude them. They are, too, where they leave
-    less than twice what the best set leaves of the gap: a formula that is off by that much cannot exclude
-    another that is off by as much more.
+    Rivals in its place are twins where the posterior does not exclude them. They are, too, where they could
+    be named themselves and leave less than twice what the best set leaves of the gap, both as an rms: a
+    formula that is off by that much cannot exclude another that is off by as much more.
     """
     best = search.best
     rest = tuple(e for e in best.effects if e != id_)
@@ -199,7 +198,8 @@ def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance:
     for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
         likely = probability < 0.95 and share >= 0.01
         if not likely and not is_empirical(rival) and whole.remainder > 0:
-            likely = 1 - closed(whole.base, left_by(model), whole.gap).value < 2 * whole.remainder
+            left = 1 - closed(whole.base, left_by(model), whole.gap).value
+            likely = left < min(4 * whole.remainder, LEFT**2)
         if likely:
             twins.append(rival)
             probability += share

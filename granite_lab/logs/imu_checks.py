@@ -71,7 +71,7 @@ def check_units(imu: ImuStream, log: Log) -> ImuStream:
     Raises:
         InputError: an accelerometer in no unit that fits gravity.
     """
-    seen = _windows(imu)
+    seen = _windows(despike(imu)[0])
     if seen is not None:
         imu = _acceleration(imu, seen, log)
     imu = _rate(imu, seen, log)
@@ -180,7 +180,7 @@ def _rate(imu: ImuStream, seen: Windows | None, log: Log) -> ImuStream:
     if np.isnan(imu.angular_rate).all():
         return imu
     declared = log.unit(*RATE)
-    peak = float(np.nanmax(np.abs(imu.angular_rate)))
+    peak = float(np.nanmax(np.abs(despike(imu)[0].angular_rate)))
     turning = math.nan if imu.gravity_removed or seen is None else _turning_ratio(seen)
     # The turning of the gravity vector, as the accelerometer sees it, contains all of the true turning:
     # a ratio beyond 1 is impossible. Vibration and acceleration lower it to a few hundredths on flat ground

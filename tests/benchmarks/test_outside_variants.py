@@ -46,3 +46,15 @@ def test_only_what_a_variant_names_is_changed(source: Path) -> None:
     assert not changed_rows(VARIANTS["noisy"][0], log)[~imu].any()
     assert changed_rows(VARIANTS["spikes"][0], log).sum() == 5
     assert len(VARIANTS["slow"][0](log, np.random.default_rng(1))[IMU].dropna()) == imu.sum() // 2
+
+
+def test_readings_thrown_off_change_no_unit_and_no_other_reading(source: Path, tmp_path: Path) -> None:
+    for seed in range(5):
+        write(source, tmp_path / source.name, VARIANTS["spikes"][0], np.random.default_rng(seed))
+        before, after = read_trial(source), read_trial(tmp_path / source.name)
+        assert before.imu is not None
+        assert after.imu is not None
+        for name in ("specific_force", "angular_rate"):
+            apart = np.abs(getattr(after.imu, name) - getattr(before.imu, name)).max(axis=1)
+            assert np.count_nonzero(apart > 1e-6) <= 3
+        assert not any("converted" in warning for warning in after.warnings)
