@@ -1,9 +1,13 @@
-"""How records show themselves in a notebook: as a table, and as a figure on request."""
+"""How records show themselves: as JSON, in a notebook as a table, and as a figure on request."""
 
 from __future__ import annotations
 
+import dataclasses
 import html
+import math
+from collections.abc import Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -27,3 +31,22 @@ class Shown:
         # By name: a record is known to all stages, and what draws it is one of the last.
         figure: Figure = import_module("granite_lab.api.plots").plot(self)
         return figure
+
+
+def jsonable(value: Any) -> Any:
+    """Return the value as JSON can hold it: NaN and infinity become null, records become objects."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: jsonable(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(k): jsonable(v) for k, v in value.items()}
+    if isinstance(value, str) or value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, Sequence):
+        return [jsonable(v) for v in value]
+    if hasattr(value, "tolist"):
+        return jsonable(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

@@ -11,15 +11,11 @@ from typing import Any
 
 from granite_lab import __version__
 from granite_lab.errors import InputError
-from granite_lab.files import readable
 from granite_lab.logs.named import name_of, trial_files
-from granite_lab.reporting.content import Failure
-from granite_lab.reporting.crate import changed_files
-from granite_lab.reporting.json_report import SCHEMA
+from granite_lab.reporting.content import Failure, load_report
 from granite_lab.running import Execution, Options
 from granite_lab.running.cache import code, fingerprint
 from granite_lab.running.output import tell
-from granite_lab.study import study, write
 
 
 @dataclass(frozen=True)
@@ -62,7 +58,10 @@ def verify(
         LabError: of `study`.
     """
     path = report / "report.json" if report.is_dir() else report
-    old = _load(path)
+    old = load_report(path)
+    from granite_lab.reporting.crate import changed_files  # noqa: PLC0415, heavy
+    from granite_lab.study import study, write  # noqa: PLC0415, heavy
+
     origin = old["provenance"]
     excluded = tuple(f for f in (Failure(**f) for f in old["failures"]) if f.excluded)
     left_out = {failure.trial for failure in excluded}
@@ -79,7 +78,7 @@ def verify(
     with tempfile.TemporaryDirectory(prefix="granite-lab-verify-") as temporary:
         folder = Path(temporary) / "report"
         tell(write(result, options, folder).failures)
-        differences += _differences(_results(old), _results(_load(folder / "report.json")))
+        differences += _differences(_results(old), _results(load_report(folder / "report.json")))
         differences += _tables(path.parent / "tables", folder / "tables")
     notes = []
     if origin["version"] != __version__ or origin["code_sha256"] != code(search=True):
@@ -88,21 +87,6 @@ def verify(
             f"those of this {__version__}"
         )
     return Verification(path, len(files), tuple(differences), tuple(notes))
-
-
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_bytes())
-    except OSError as error:
-        raise readable(error, path) from None
-    except ValueError:
-        raise InputError(f"{path}: is not JSON", "give the folder of a report") from None
-    origin = document.get("provenance") if isinstance(document, dict) else None
-    if origin is None or document.get("schema") != SCHEMA or "options" not in origin:
-        raise InputError(
-            f"{path}: is not a report that can be made again", "give a folder that 'granite-lab study' wrote"
-        )
-    return dict(document)
 
 
 def _recorded(document: dict[str, Any], left_out: Collection[str], report: Path) -> Iterator[Path]:

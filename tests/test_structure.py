@@ -130,3 +130,39 @@ def test_what_a_command_does_not_need_is_not_imported(code: str, heavy: tuple[st
     shown = f"import sys; import {code}; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "simulate --variant 9",
+        "wheel --k92 2",
+        "params --robot nope",
+        "effects show nope",
+        "hide --effect nope --out nope",
+        "reveal nope",
+        "check nope",
+        "ingest nope",
+        "fit-k92 nope",
+        "fit-atheta nope",
+        "fit-k92 . --soil nope",
+        "compare . --model nope",
+        "discover . --map nope",
+        "study --verify nope",
+        "plan-next nope",
+        "view nope",
+        "compare-studies nope nope",
+    ],
+)
+def test_a_command_that_fails_early_imports_little(tmp_path: Path, command: str) -> None:
+    """Wrong names and missing files are told within half a second: before anything heavy is imported."""
+    (tmp_path / "log.csv").write_text("t\n0\n", encoding="utf-8")
+    heavy = ("scipy.optimize", "scipy.signal", "scipy.stats", "pandas", "matplotlib", "rerun", "loky")
+    shown = (
+        "import sys; from granite_lab.cli import app; from granite_lab.errors import LabError\n"
+        "try:\n    app(sys.argv[1:])\n"
+        f"except LabError as error:\n    print(error.exit_code > 1, [m for m in {heavy} if m in sys.modules])"
+    )
+    argv = [sys.executable, "-c", shown, *command.split()]
+    done = subprocess.run(argv, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.strip() == "True []", done.stderr

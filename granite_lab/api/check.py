@@ -15,11 +15,9 @@ from granite_lab.api.project import About, choose
 from granite_lab.errors import EstimateError, InputError, LabError, UsageError
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs.named import is_bag
-from granite_lab.logs.streams import ZERO
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.processes import one_thread
-from granite_lab.running.reading import estimate, read
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,6 +98,8 @@ def check(log: str | Path, **about: Unpack[About]) -> Checked:
     choice = choose(log, about, everything=True)
     if len(choice.files) > 1:
         raise UsageError(f"{log}: {len(choice.files)} logs", "check one after the other")
+    from granite_lab.running.reading import estimate, read  # noqa: PLC0415, heavy
+
     path, options = choice.files[0], choice.options
     try:
         trial, robot = read(path, options)
@@ -123,6 +123,8 @@ def check(log: str | Path, **about: Unpack[About]) -> Checked:
 
 
 def _log(trial: Trial, path: Path) -> Check:
+    from granite_lab.logs.streams import ZERO  # noqa: PLC0415, heavy
+
     spans = [s.t for s in (trial.imu, trial.wheels, trial.currents) if s is not None and len(s.t) > 1]
     seconds = max(t[-1] for t in spans) - min(t[0] for t in spans) if spans else 0.0
     dead = [line for line in trial.warnings if line.endswith(ZERO)]

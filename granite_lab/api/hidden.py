@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granite_lab.api.calls import checked
-from granite_lab.effects import library
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import sha256, write_bytes, write_text
 from granite_lab.hidden import kit_check
 from granite_lab.hidden.kit_check import ALLOWED, ANSWER, SCHEMA
 from granite_lab.hidden.lab import lab_of
-from granite_lab.hidden.making import make_set
 from granite_lab.hidden.scoring import Score, read_finding, score
 from granite_lab.hidden.sealed import NAME, open_answer, seal
 from granite_lab.hidden.wish import Wish
@@ -127,6 +125,8 @@ def hide(
         LabError: a file cannot be written.
     """
     folder = Path(out)
+    from granite_lab.hidden.making import make_set  # noqa: PLC0415, heavy
+
     old = [*folder.glob(f"{label}_v*_r*.csv"), *folder.glob(NAME)]
     if old and not overwrite:
         raise UsageError(f"{folder}: holds a hidden set already", "choose another folder, or add --overwrite")
@@ -246,6 +246,8 @@ class Kit:
 
 def _allowed() -> dict[str, Any]:
     """Return the effects that an answer may name, with unit, meaning and bounds of their parameters."""
+    from granite_lab.effects import library  # noqa: PLC0415, heavy, and nothing to `hide`
+
     return {
         effect.id: {
             "title": effect.title,

@@ -12,19 +12,18 @@ from granite_lab.api.project import About, Logs, choose
 from granite_lab.api.records import Origin, Records, sifted
 from granite_lab.errors import InputError, UsageError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation import judge
 from granite_lab.estimation.motion import Motion
-from granite_lab.files import is_folder
-from granite_lab.logs import Inspection, inspect_logs
+from granite_lab.files import is_folder, refuse_special
 from granite_lab.logs.named import is_log, name_of
 from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.parameters import Robot
 from granite_lab.running import Options, each_trial
-from granite_lab.running.reading import estimate, read
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from granite_lab.logs import Inspection
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +56,8 @@ class Ingested(Shown):
 
 
 def _ingest(path: Path, options: Options) -> Ingested:
+    from granite_lab.running.reading import estimate, read  # noqa: PLC0415, heavy
+
     logged, robot = read(path, options)
     trial, motion = estimate(logged, robot, options)
     return Ingested(trial, robot, motion)
@@ -118,6 +119,8 @@ def ingest(
     outcomes = each_trial(_ingest, choice.files, options, execution=choice.execution, done=done)
     found, _ = sifted(choice.files, outcomes, strict=True)
     if against_reference:
+        from granite_lab.estimation import judge  # noqa: PLC0415, heavy
+
         found = [replace(i, judgement=judge(i.motion, i.trial, reference_std)) for i in found]
     warnings = tuple(f"{item.name}: {line}" for item in found for line in item.motion.warnings)
     origin = Origin(excluded=choice.excluded, warnings=warnings)
@@ -149,6 +152,8 @@ def inspect(
     paths = [logs] if isinstance(logs, (str, Path)) else list(logs)
     if not paths:
         raise UsageError("no log given", "name the files of one trial")
+    from granite_lab.logs import inspect_logs  # noqa: PLC0415, heavy
+
     return inspect_logs(paths, map=column_map, robot=robot, topics=topics)
 
 
@@ -181,17 +186,18 @@ def view(
         UsageError: `web` and `screenshot` together, `at` alone or outside of the recording.
         LabError: there is no display, viewer or graphics driver.
     """
-    from granite_lab.reporting.recording import open_viewer, save_picture, serve  # noqa: PLC0415, heavy
-
     if web and screenshot is not None:
         raise UsageError("--web and --screenshot: one of them at a time", "run the command twice")
     if at is not None and screenshot is None:
         raise UsageError("--at: only a picture has a time", "add --screenshot FILE.png")
     path = Path(what)
+    refuse_special(path)
     if is_folder(path) and not is_log(path):
         path = _recording_in(path, trial)
     elif path.suffix != ".rrd":
         path = _recorded(path, {"robot": robot, "soil": soil, "column_map": column_map})
+    from granite_lab.reporting.recording import open_viewer, save_picture, serve  # noqa: PLC0415, heavy
+
     if screenshot is not None:
         save_picture(path, Path(screenshot), at)
     elif web:
@@ -202,10 +208,11 @@ def view(
 
 def _recorded(log: Path, said: Mapping[str, Any]) -> Path:
     """Make a recording of a log below ``reports/view``."""
+    options = choose(log, said, everything=True).options
     from granite_lab.reporting.recording import record_trial  # noqa: PLC0415, heavy
     from granite_lab.study import analyse  # noqa: PLC0415, heavy
 
-    result = analyse(log, choose(log, said, everything=True).options)
+    result = analyse(log, options)
     made = Path("reports") / "view" / f"{name_of(log)}.rrd"
     return record_trial(result.trial, result.comparison, made)
 

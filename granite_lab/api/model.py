@@ -22,7 +22,6 @@ from granite_lab.model import Accuracy, Run
 from granite_lab.model import simulate as run_model
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, acts, rolling
-from granite_lab.model.virtual import Scatter, rake, virtual_trial
 from granite_lab.parameters import (
     GRAVITY,
     Robot,
@@ -138,6 +137,8 @@ def simulate(
     it = _model(robot, soil, model, effects, active, k92, a_theta, grade)
     ground, a_theta = it.soil, it.a_theta
     if scatter:
+        from granite_lab.model.virtual import Scatter, rake  # noqa: PLC0415, heavy
+
         exponent = load_paper().a_theta if a_theta is None else a_theta
         ground, a_theta = rake(ground, exponent, Scatter(), np.random.default_rng([seed, 1]))
     run = run_model(
@@ -146,6 +147,8 @@ def simulate(
         accuracy=Accuracy(1e-6, 1e-8, 0.0025) if log else Accuracy(),
     )  # fmt: skip
     if log:
+        from granite_lab.model.virtual import virtual_trial  # noqa: PLC0415, heavy
+
         trial, true = virtual_trial(run, seed, Path(log).stem, repetition=repetition)
         write_canonical(Path(log), trial)
         if truth:

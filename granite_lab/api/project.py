@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict
 
 from granite_lab.errors import InputError, UsageError
+from granite_lab.files import refuse_special
 from granite_lab.logs.named import is_log, name_of, trial_files
-from granite_lab.parameters.catalogue import find, forget
+from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
 from granite_lab.parameters.quantity import build, read_toml
 from granite_lab.running import Cache, Execution, Options
 from granite_lab.running.each import HERE
@@ -154,11 +156,13 @@ def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **m
         **more: further fields of the options.
 
     Raises:
-        UsageError: no log, all of them excluded, or files of several folders that disagree.
-        InputError: the file beside the logs is wrong.
+        UsageError: no log, all of them excluded, files of several folders that disagree, or an unknown name.
+        InputError: no log is there, or a file of robot, soil, map, model or effects is wrong.
     """
     forget()
     files = trial_files(logs)
+    if not any(map(os.path.exists, files)):
+        refuse_special(files[0])  # which says what is wrong with it
     projects = {folder: project_in(folder) for folder in dict.fromkeys(path.parent for path in files)}
     names: dict[str, str | None] = {}
     for key in ("robot", "soil", "map", "out"):
@@ -178,6 +182,7 @@ def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **m
             f"{files[0].parent / FILE}: excludes {'all trials' if len(files) > 1 else files[0].name}",
             f"reason given: {excluded[0].reason}",
         )
+    _refuse_unknown(names, said.get("model"), said.get("effects"))
     named = {key: said.get(key) for key in ("model", "effects")}
     paths: dict[str, Any] = {key: Path(path) for key, path in named.items() if path is not None}
     plain = {key: said[key] for key in ("tolerance", "latency", "window") if key in said}
@@ -186,3 +191,25 @@ def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **m
     cache = Cache() if said.get("cache", True) else None
     execution = Execution(said.get("jobs", 0), said.get("scheduler"), cache)
     return Chosen(taken, options, Path(names["out"] or "reports"), excluded, execution)
+
+
+def _refuse_unknown(
+    names: Mapping[str, str | None], model: str | Path | None, effects: str | Path | None
+) -> None:
+    """Read all files that were named once, so that a wrong one is told before any work."""
+    if names["robot"]:
+        load_robot(names["robot"])
+    if names["soil"]:
+        load_soil(names["soil"])
+    if names["map"]:
+        from granite_lab.logs.layouts import given_maps  # noqa: PLC0415, heavy
+
+        given_maps(names["map"])
+    if model or effects:
+        from granite_lab.effects.library import library  # noqa: PLC0415, heavy
+        from granite_lab.effects.model_file import load_model  # noqa: PLC0415, heavy
+
+        own = Path(effects) if effects else None
+        library(own)
+        if model:
+            load_model(Path(model), own)

@@ -11,18 +11,16 @@ from typing import TYPE_CHECKING, Any, Unpack
 from granite_lab.api.calls import DEFAULTS, checked
 from granite_lab.api.project import Logs, Search, choose
 from granite_lab.api.records import Origin, sifted
-from granite_lab.discovery.finding import Finding
-from granite_lab.effects import library
+from granite_lab.discovery.finding import DESIGN, Finding
 from granite_lab.errors import InputError
+from granite_lab.files import refuse_special
 from granite_lab.reporting.content import StudyResult
 from granite_lab.running import each_trial
 from granite_lab.running.output import claimed
-from granite_lab.running.reading import corrected
-from granite_lab.running.search import search
-from granite_lab.study import Written, source_of, write
 
 if TYPE_CHECKING:
     from granite_lab.planning.plan import Plan
+    from granite_lab.study import Written
 
 
 @dataclass(frozen=True)
@@ -43,6 +41,10 @@ class Discovered:
 def discovered(logs: Logs, out: str | Path | None, said: Mapping[str, Any]) -> Discovered:
     """Run `discover`, and say what was written."""
     choice, progress = choose(logs, said), said.get("progress", DEFAULTS["progress"])
+    from granite_lab.running.reading import corrected  # noqa: PLC0415, heavy
+    from granite_lab.running.search import search  # noqa: PLC0415, heavy
+    from granite_lab.study import source_of, write  # noqa: PLC0415, heavy
+
     execution, options = choice.execution, choice.options
     outcomes = each_trial(corrected, choice.files, options, execution=execution)
     read, failed = sifted(choice.files, outcomes, strict=said.get("strict", False))
@@ -123,15 +125,17 @@ def plan_next(
         UsageError: a named effect is neither in the library nor in the effect file.
         EstimateError: the trials at hand cannot be simulated.
     """
-    from granite_lab.planning.design import NAME, load_design  # noqa: PLC0415, heavy
-    from granite_lab.planning.plan import plan_next as rank  # noqa: PLC0415, heavy
-
-    path = Path(folder) / NAME
+    refuse_special(Path(folder))
+    path = Path(folder) / DESIGN
     if not path.is_file():
         raise InputError(
-            f"{folder}: holds no search for a missing effect ('{NAME}' is missing)",
+            f"{folder}: holds no search for a missing effect ('{DESIGN}' is missing)",
             f"run 'granite-lab discover TRIALS… --out {folder}', or 'study' without --no-discover, first",
         )
+    from granite_lab.effects import library  # noqa: PLC0415, heavy
+    from granite_lab.planning.design import load_design  # noqa: PLC0415, heavy
+    from granite_lab.planning.plan import plan_next as rank  # noqa: PLC0415, heavy
+
     return rank(
         load_design(path), library(effects),
         room=room, max_speed=max_speed, jobs=jobs or os.cpu_count() or 1, progress=progress,

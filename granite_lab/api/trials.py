@@ -6,34 +6,31 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from granite_lab.api.calls import DEFAULTS, checked
 from granite_lab.api.project import Chain, Fit, Logs, choose
 from granite_lab.api.records import Origin, Records, sifted
 from granite_lab.comparison.record import Comparison
+from granite_lab.discovery.finding import MODEL
 from granite_lab.errors import UsageError
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.reporting.content import EXCLUDED, Failure, StudyResult, TrialResult
 from granite_lab.running import each_trial
 from granite_lab.running.cache import code, content, digest_of
 from granite_lab.running.output import Guard, Stamp, claimed, tell
-from granite_lab.running.search import MODEL
-from granite_lab.study import Written, analyse, source_of, write
-from granite_lab.study import record as record_all
-from granite_lab.study import study as run
+
+if TYPE_CHECKING:
+    from granite_lab.study import Written
 
 
 def _analysed(command: str, logs: Logs, said: Mapping[str, Any]) -> tuple[list[TrialResult], Origin]:
     """Return the trials that went through the chain, and what is to be said of all."""
     choice = choose(logs, said)
-    outcomes = each_trial(
-        analyse,
-        choice.files,
-        choice.options,
-        execution=choice.execution,
-        done=said.get("done", DEFAULTS["done"]),
-    )
+    from granite_lab.study import analyse, source_of  # noqa: PLC0415, heavy
+
+    done = said.get("done", DEFAULTS["done"])
+    outcomes = each_trial(analyse, choice.files, choice.options, execution=choice.execution, done=done)
     found, failed = sifted(choice.files, outcomes, strict=said.get("strict", False))
     lines = [f"{r.trial.name}: {line}" for r in found for line in r.comparison.motion.warnings]
     source = source_of(command, choice.files, [r.trial for r in found], choice.options)
@@ -89,11 +86,11 @@ def fit_a_theta(
         UsageError: both or neither of `logs` and `published`.
         InputError, EstimateError: as in `fit_k92`, or the trials do not allow the fit.
     """
+    if published == (logs is not None):
+        raise UsageError("fit_a_theta takes trials or published=True", "give one of the two")
     from granite_lab.fitting import fit_a_theta as fit_over_trials  # noqa: PLC0415, heavy
     from granite_lab.fitting import published_fit  # noqa: PLC0415, heavy
 
-    if published == (logs is not None):
-        raise UsageError("fit_a_theta takes trials or published=True", "give one of the two")
     if logs is None:
         return published_fit()
     if not isinstance(logs, (str, Path)) and all(isinstance(item, K92Fit) for item in logs) and len(logs):
@@ -158,6 +155,9 @@ def studied(
 ) -> Studied:
     """Run `study`, and say what was written; what could not be written is no error here."""
     choice, progress = choose(logs, said), said.get("progress", DEFAULTS["progress"])
+    from granite_lab.study import Written, record, write  # noqa: PLC0415, heavy
+    from granite_lab.study import study as run  # noqa: PLC0415, heavy
+
     folder = None if out is None else Path(out)
     with claimed(folder) if folder else nullcontext():
         result = run(
@@ -178,7 +178,7 @@ def studied(
         failed = []
         if recordings:
             guard = Guard(folder)
-            guard.run("recordings", lambda: record_all(result, folder / "recordings", progress=progress))
+            guard.run("recordings", lambda: record(result, folder / "recordings", progress=progress))
             failed = guard.lines
         progress("report", 0)
         written = write(result, choice.options, folder, choice.execution.jobs)
@@ -231,6 +231,8 @@ def record(result: StudyResult, folder: str | Path) -> tuple[Path, ...]:
     Raises:
         LabError: a file cannot be written.
     """
+    from granite_lab.study import record as record_all  # noqa: PLC0415, heavy
+
     return tuple(record_all(result, Path(folder)))
 
 

@@ -89,9 +89,7 @@ def hide(
 def reveal(
     folder: Annotated[
         Path,
-        typer.Argument(
-            metavar="DIR", help="Folder written by `hide`, or a kit that was filled in.", callback=o.there
-        ),
+        typer.Argument(metavar="DIR", help="Folder written by `hide`, or a kit that was filled in."),
     ],
     finding: Annotated[
         Path | None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,14 +13,13 @@ from granite_lab.errors import UsageError
 
 if TYPE_CHECKING:
     from granite_lab.estimate import Estimate
-    from granite_lab.estimation.motion import Motion
 
 
 @o.spread
 def check(
     trial: Annotated[
         Path,
-        typer.Argument(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP).", callback=o.there),
+        typer.Argument(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP)."),
     ],
     *,
     about: o.About,
@@ -73,7 +72,6 @@ def inspect(
     """
     from granite_lab.api.logs import inspect as run
     from granite_lab.files import write_text
-    from granite_lab.reporting.terminal import show_inspection
 
     inspection = run(logs or [], column_map=column_map, topics=o.topics_of(topic), robot=robot)
     if write_map:
@@ -85,6 +83,8 @@ def inspect(
     if as_json:
         print_json({"schema": "granite-lab/inspect/1", **inspection.as_json()})
         return
+    from granite_lab.reporting.terminal import show_inspection
+
     show_inspection(inspection, console())
     for what, path in (("column map", write_map), ("plot", plot)):
         if path:
@@ -135,7 +135,6 @@ def ingest(
     from granite_lab.api.logs import ingest as run
     from granite_lab.api.project import choose
     from granite_lab.files import ending_of, write_table
-    from granite_lab.reporting.terminal import show_motions
 
     if against not in (None, "ref"):
         raise UsageError(f"--against {against}: not known", "use --against ref")
@@ -156,30 +155,20 @@ def ingest(
         write_table(path, item.to_frame(), ending)
     excluded = warn_of(found.origin)
     if as_json:
+        from granite_lab.reporting.json_report import motion_as_json
+
         judged = [{"judgement": item.judgement} if against else {} for item in found]
-        rows_ = [_as_json(i.motion, path) | j for i, path, j in zip(found, paths, judged, strict=True)]
-        print_json({"schema": "granite-lab/ingest/1", "trials": rows_} | excluded)
+        documents = [
+            {"name": i.name, "virtual": i.motion.virtual, "warnings": i.motion.warnings, "motion": path}
+            | motion_as_json(i.motion)
+            | j
+            for i, path, j in zip(found, paths, judged, strict=True)
+        ]
+        print_json({"schema": "granite-lab/ingest/2", "trials": documents} | excluded)
     else:
+        from granite_lab.reporting.terminal import show_motions
+
         show_motions([(i.motion, path, i.judgement) for i, path in zip(found, paths, strict=True)], console())
-
-
-def _as_json(motion: Motion, path: Path) -> dict[str, Any]:
-    return {
-        "name": motion.trial,
-        "virtual": motion.virtual,
-        "variant_mps": motion.variant.velocity,
-        "variant_source": motion.variant_source,
-        "slip_ratio": motion.slip_ratio.as_json(),
-        "distance_m": motion.distance.as_json(),
-        "distance_wheels_m": motion.distance_wheels.as_json(),
-        "steady_s": motion.steady,
-        "t_start_s": motion.t_start.as_json(),
-        "clock_offset_s": motion.clock_offset.as_json(),
-        "noise": motion.noise,
-        "health": {"verdict": motion.health.verdict, "good": motion.health.good, "nis": motion.health.nis},
-        "warnings": list(motion.warnings),
-        "motion": path,
-    }
 
 
 def _interval(text: str) -> tuple[float, float]:
@@ -209,7 +198,7 @@ def _measured(text: str) -> Estimate:
 def view(
     what: Annotated[
         Path,
-        typer.Argument(help="A recording (.rrd), a report folder, or a log (CSV).", callback=o.there),
+        typer.Argument(help="A recording (.rrd), a report folder, or a log (CSV)."),
     ],
     trial: Annotated[str | None, typer.Option(help="With a report folder: the trial to open.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Serve the viewer to a browser until Ctrl+C.")] = False,

@@ -242,7 +242,6 @@ def params(
     from granite_lab.api.model import chosen_in
     from granite_lab.api.model import params as run
     from granite_lab.parameters import load_paper, load_variants, names
-    from granite_lab.reporting.terminal import show_parameters
 
     chosen = chosen_in(folder, robot, soil)
     rows = [one.of for one in run(chosen["robot"]["value"], chosen["soil"]["value"], grade)]
@@ -258,6 +257,8 @@ def params(
             }
         )
     else:
+        from granite_lab.reporting.terminal import show_parameters
+
         for key, value in chosen.items():
             show(f"{key}: {value['value']} ({value['origin']})")
         show_parameters(rows, load_variants(), console())
@@ -286,12 +287,13 @@ def listing(
     if context.invoked_subcommand is not None:
         return
     from granite_lab.api.model import list_effects
-    from granite_lab.reporting.terminal import show_effects
 
     known = [one.effect for one in list_effects(effects)]
     if as_json:
         print_json({"schema": "granite-lab/effects/1", "effects": [_described(e) for e in known]})
     else:
+        from granite_lab.reporting.terminal import show_effects
+
         show_effects(known, console())
 
 
@@ -315,13 +317,14 @@ def show_effect(
     Equation, source, parameters, and a picture of how sensor readings change.
     """
     from granite_lab.api.model import show_effect as run
-    from granite_lab.reporting import terminal
 
     if picture and no_picture:
         raise UsageError("--picture and --no-picture exclude each other", "give one of the two")
     o.picture_of("--picture", picture)
     effect = run(effect_id, effects).effect
     if not as_json:
+        from granite_lab.reporting import terminal
+
         terminal.show_effect(effect, console())
         picture = picture or (None if no_picture else Path("reports") / "effects" / f"{effect.id}.png")
     sentence = _draw(effect, picture) if picture else None

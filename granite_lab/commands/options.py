@@ -8,7 +8,6 @@ import inspect
 import math
 import typing
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,43 +26,6 @@ def _complete(kind: str) -> Any:
     return names
 
 
-def there(path: Path) -> Path:
-    """Refuse a path where nothing is, before a command imports anything heavy.
-
-    Raises:
-        InputError: there is no file or folder.
-    """
-    from granite_lab.files import refuse_special
-
-    refuse_special(path)
-    return path
-
-
-def _there(paths: list[Path]) -> list[Path]:
-    """Refuse logs of which none is there, before a command imports anything heavy.
-
-    Raises:
-        InputError: none of the paths exists.
-    """
-    with suppress(OSError):  # of a place that may not be searched, the refusal below says so
-        if not paths or any(path.exists() for path in paths):
-            return paths
-    there(paths[0])
-    return paths
-
-
-def named(trials: list[Path] | None) -> list[Path]:
-    """Return the trials that were named, before a command imports anything heavy.
-
-    Raises:
-        UsageError: there are none, or a folder holds no log.
-    """
-    from granite_lab.logs.named import trial_files
-
-    trial_files(trials or [])
-    return list(trials or [])
-
-
 LOGS = "Logs (CSV, ROS bag, MCAP), or folders of them."
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
@@ -71,7 +33,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress display.
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=0, help="Processes; 0 means one per core.")]
 Trials = Annotated[
     list[Path] | None,
-    typer.Argument(metavar="TRIALS…", help=LOGS, show_default=False, callback=_there),
+    typer.Argument(metavar="TRIALS…", help=LOGS, show_default=False),
 ]
 Robot = Annotated[
     str | None,

@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 
 
 def plan_next(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder written by `discover` or `study`.", callback=o.there)
-    ],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder written by `discover` or `study`.")],
     room: Annotated[
         float | None,
         typer.Option(min=0.1, help="Longest way the sand allows [m].", show_default="the longest so far"),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,30 +10,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, cast
 
+from granite_lab.shown import jsonable
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
 
     from granite_lab.api.records import Origin
-
-
-def jsonable(value: Any) -> Any:
-    """Return the value as JSON can hold it: NaN and infinity become null, records become objects."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: jsonable(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(k): jsonable(v) for k, v in value.items()}
-    if isinstance(value, str) or value is None or isinstance(value, bool):
-        return value
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, Sequence):
-        return [jsonable(v) for v in value]
-    if hasattr(value, "tolist"):
-        return jsonable(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
 
 
 def print_json(document: Mapping[str, Any]) -> None:

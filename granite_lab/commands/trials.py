@@ -11,7 +11,6 @@ import typer
 from granite_lab.commands import options as o
 from granite_lab.commands.printing import (
     console,
-    jsonable,
     print_json,
     progress,
     show,
@@ -22,7 +21,6 @@ from granite_lab.errors import LabError, UsageError
 
 if TYPE_CHECKING:
     from granite_lab.api.records import Origin
-    from granite_lab.fitting.fit import AThetaFit, K92Fit
 
 Table = Annotated[Path | None, typer.Option(help="Write the table here, too (CSV).")]
 
@@ -44,20 +42,27 @@ def fit_k92(
 
     By the steady slip ratio, as in the paper, and by the whole trajectory.
     """
-    logs = o.named(trials)
     from granite_lab.api.trials import fit_k92 as run
+
+    with progress(work.quiet, "fitting") as shown:
+        fits = run(trials or [], model=model, done=shown.done, **about.said(), **work.said())
     from granite_lab.files import write_text
+    from granite_lab.reporting.json_report import k92_as_json
     from granite_lab.reporting.tables import k92_table
     from granite_lab.reporting.terminal import show_k92_fits
 
-    with progress(work.quiet, "fitting") as shown:
-        fits = run(logs, model=model, done=shown.done, **about.said(), **work.said())
     excluded = warn_of(fits.origin)
     if out is not None:
         write_text(out, k92_table(list(fits)).to_csv())
     if work.as_json:
-        document = {"fits": [_fit_as_json(fit) for fit in fits], "provenance": _provenance(fits.origin)}
-        print_json({"schema": "granite-lab/fit-k92/1"} | document | excluded)
+        rows = [
+            {"trial": fit.trial, "virtual": fit.virtual, "speed_mps": fit.variant.velocity}
+            | {"slip_ratio": fit.slip_measured.as_json()}
+            | k92_as_json(fit)
+            for fit in fits
+        ]
+        document = {"fits": rows, "provenance": _provenance(fits.origin)}
+        print_json({"schema": "granite-lab/fit-k92/2"} | document | excluded)
     else:
         show_k92_fits(list(fits), console(), notes=verbose)
 
@@ -71,24 +76,6 @@ def _provenance(origin: Origin, command: str = "") -> dict[str, Any]:
     return provenance_as_json(
         replace(origin.source, command=said.replace("fit-k92", command, 1) if command else said)
     )
-
-
-def _fit_as_json(fit: K92Fit) -> dict[str, Any]:
-    return {
-        "trial": fit.trial,
-        "virtual": fit.virtual,
-        "variant_mps": fit.variant.velocity,
-        "k92": fit.k92.as_json(),
-        "k92_trajectory": fit.k92_trajectory.as_json(),
-        "slip_ratio": {
-            "measured": fit.slip_measured.value,
-            "measured_std": fit.slip_measured.std,
-            "simulated": fit.slip_simulated,
-        },
-        "status": fit.status,
-        "status_trajectory": fit.status_trajectory,
-        "notes": list(fit.notes),
-    }
 
 
 @o.spread
@@ -107,48 +94,33 @@ def fit_atheta(
     """
     if published and trials:
         raise UsageError("--published takes no trials", "leave out one of the two")
-    logs = [] if published else o.named(trials)
     from granite_lab.api.trials import fit_a_theta
     from granite_lab.api.trials import fit_k92 as run
-    from granite_lab.files import write_table
-    from granite_lab.reporting.answers import a_theta_of
-    from granite_lab.reporting.grid import say
-    from granite_lab.reporting.terminal import show_a_theta
 
     origin: dict[str, Any] = {"provenance": None}
     if published:
         fit = fit_a_theta(published=True)
     else:
         with progress(work.quiet, "fitting") as shown:
-            fits = run(logs, model=model, done=shown.done, **about.said(), **work.said())
+            fits = run(trials or [], model=model, done=shown.done, **about.said(), **work.said())
         origin = warn_of(fits.origin) | {"provenance": _provenance(fits.origin, "fit-atheta")}
         fit = fit_a_theta(list(fits))
+    from granite_lab.files import write_table
+    from granite_lab.reporting.answers import a_theta_of
+    from granite_lab.reporting.grid import say
+    from granite_lab.reporting.json_report import a_theta_as_json
+    from granite_lab.reporting.terminal import show_a_theta
+
     if out is not None:
         table = fit.to_frame()
         write_table(out, table.assign(data="virtual") if fit.virtual else table)
     if work.as_json:
-        print_json(_a_theta_as_json(fit) | {"agrees": a_theta_of(fit)[1]} | origin)
+        judged = {"agrees": a_theta_of(fit)[1]}
+        print_json({"schema": "granite-lab/fit-atheta/2"} | (a_theta_as_json(fit) or {}) | judged | origin)
     else:
         show_a_theta(fit, console())
         what = "Rows of Table 3" if published else "Virtual trials" if fit.virtual else "Trials"
         say(console(), f"{what}: {', '.join(point[0] for point in fit.points)}.")
-
-
-def _a_theta_as_json(fit: AThetaFit) -> dict[str, Any]:
-    return {
-        "schema": "granite-lab/fit-atheta/1",
-        "a_theta": fit.a_theta.as_json() | {"ci95": fit.ci95},
-        "log_linear": fit.log_linear,
-        "ordinary": fit.ordinary,
-        "scatter": fit.scatter,
-        "published": fit.published,
-        "laws": fit.laws,
-        "points": [
-            {"trial": trial, "variant_mps": v, "k92": k.as_json(), "slip_ratio": slip.as_json()}
-            for trial, v, k, slip in fit.points
-        ],
-        "notes": fit.notes,
-    }
 
 
 @o.spread
@@ -166,12 +138,10 @@ def compare(
 
     Velocity, wheel speed, slip, torques and pitch.
     """
-    logs = o.named(trials)
     from granite_lab.api.project import choose
     from granite_lab.api.trials import compare as run
-    from granite_lab.reporting.terminal import show_misfits
 
-    said = about.said() | work.said()
+    logs, said = trials or [], about.said() | work.said()
     out = out or choose(logs, said).out / "compare"
     with progress(work.quiet, "fitting") as shown:
         found = run(logs, out=out, model=model, done=shown.done, **said)
@@ -189,6 +159,8 @@ def compare(
         document = {"trials": rows, "files": found.origin.written, "provenance": _provenance(found.origin)}
         print_json({"schema": "granite-lab/compare/1"} | document | excluded)
     else:
+        from granite_lab.reporting.terminal import show_misfits
+
         show_misfits(list(found), console())
         show(f"figures and tables: {out}")
 
@@ -221,13 +193,11 @@ def study(
     if check is not None:
         _verify(check, trials or [], work)
         return
-    logs = o.named(trials)
     from granite_lab.api.project import choose
     from granite_lab.api.trials import studied
-    from granite_lab.discovery.as_json import finding_as_json
-    from granite_lab.reporting.terminal import show_study
     from granite_lab.running.output import tell
 
+    logs = trials or []
     said = about.said() | work.said() | search.said() | {"model": model}
     out = out or choose(logs, said).out / "study"
     with progress(work.quiet, "trials") as shown:
@@ -240,6 +210,8 @@ def study(
     warn(found.warnings)
     finding = result.finding
     if work.as_json:
+        from granite_lab.discovery.as_json import finding_as_json
+
         print_json(
             {
                 "schema": "granite-lab/study/1",
@@ -252,6 +224,8 @@ def study(
             }
         )
     else:
+        from granite_lab.reporting.terminal import show_study
+
         show_study(result, console(), str(out), written.model.name if written.model else None)
         if written.page is not None:
             kept = " (unchanged: logs, options and code are those it was written from)"
@@ -269,7 +243,7 @@ def _verify(report: Path, logs: list[Path], work: o.Work) -> None:
     warn(found.notes)
     if work.as_json:
         same = not found.differences
-        print_json({"schema": "granite-lab/verify/1", "same": same} | jsonable(found))
+        print_json({"schema": "granite-lab/verify/1", "same": same} | vars(found))
     elif not found.differences:
         show(
             f"{found.report}: identical, recomputed from {found.trials} log{'s' if found.trials > 1 else ''}"
@@ -287,8 +261,8 @@ def _verify(report: Path, logs: list[Path], work: o.Work) -> None:
 
 
 def compare_studies(
-    first: Annotated[Path, typer.Argument(metavar="A", help="Folder written by `study`.", callback=o.there)],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Folder of the other study.", callback=o.there)],
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder written by `study`.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Folder of the other study.")],
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write a page, a figure and a table into this folder.")
     ] = None,
@@ -298,12 +272,13 @@ def compare_studies(
 
     For example of sand A and B, or before and after a change.
     """
-    from granite_lab.reporting import write_compared
-    from granite_lab.reporting.grid import say, show_table
     from granite_lab.reporting.two_studies import compare_studies as run
-    from granite_lab.reporting.two_studies import compared_as_json, compared_table
 
     found = run(first, second)
+    from granite_lab.reporting import write_compared
+    from granite_lab.reporting.grid import say, show_table
+    from granite_lab.reporting.two_studies import compared_as_json, compared_table
+
     page = write_compared(found, out) if out is not None else None
     if as_json:
         print_json(compared_as_json(found) | {"page": page})
@@ -338,13 +313,11 @@ def discover(
 
     Writes a report, finding.json and the corrected model.toml.
     """
-    logs = o.named(trials)
     from granite_lab.api.project import choose
     from granite_lab.api.search import discovered
-    from granite_lab.discovery.as_json import finding_as_json
-    from granite_lab.reporting.terminal import show_finding
     from granite_lab.running.output import tell
 
+    logs = trials or []
     said = about.said() | work.said() | search.said()
     out = out or choose(logs, said).out / "discover"
     with progress(work.quiet, "discovering") as shown:
@@ -352,8 +325,12 @@ def discover(
     finding, written, excluded = found.finding, found.written, warn_of(found.origin)
     assert written is not None
     if work.as_json:
+        from granite_lab.discovery.as_json import finding_as_json
+
         print_json(finding_as_json(finding, written.model) | excluded)
     else:
+        from granite_lab.reporting.terminal import show_finding
+
         show_finding(finding, console(), str(out), written.model)
         for what, path in (("report", written.page), ("model with what was found", written.model)):
             if path is not None:

@@ -16,6 +16,9 @@ from granite_lab.shown import Shown
 if TYPE_CHECKING:
     import pandas as pd
 
+MODEL, DESIGN = "model.toml", "design.json"
+"""Files beside a report: the model with what was found, and what a plan needs of the search."""
+
 Verdict = Literal["none", "named", "unknown"]
 Status = Literal["named", "twin", "small", "less likely", "screened", "at a bound"]
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import pandas as pd
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.logs.trial import Array, Series, Trial
 from granite_lab.parameters import WHEELS, Variant
 from granite_lab.shown import Shown
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Grade = Literal["good", "fair", "poor"]
 
@@ -151,6 +153,8 @@ class Motion(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """Return the motion as a table, one row an IMU stamp, units in the column names."""
+        import pandas as pd  # noqa: PLC0415, heavy
+
         columns: dict[str, object] = {
             "t_s": self.t,
             "x_m": self.x,

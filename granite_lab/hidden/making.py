@@ -7,10 +7,9 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
 from multiprocessing import get_context
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from granite_lab import __version__
 from granite_lab.errors import EstimateError
@@ -23,6 +22,9 @@ from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
 from granite_lab.parameters import Robot, Soil, Variant, load_variants
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 RELATIVE, ABSOLUTE = 3e-6, 1e-7
 """Tolerances of the integration: the velocity is then within 0.002 mm/s of that at 1e-8."""
@@ -182,6 +184,8 @@ def true_motion(plan: Plan, command: Trapezoid, body: Body) -> pd.DataFrame:
 
     The slip ratio (2) is that of the second half of the constant desired velocity.
     """
+    import pandas as pd  # noqa: PLC0415, heavy
+
     front, rear = body.v_wheel[:, 0], body.v_wheel[:, 2]
     start = body.start + command.ramp + np.array([0.5, 1.0]) * command.hold
     rolled = np.cumsum((front + rear) / 2) * DT

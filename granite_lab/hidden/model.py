@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from math import cos, sin
 
 import numpy as np
-from scipy.optimize import brentq, fsolve, root
+import scipy
 
 from granite_lab.hidden.contact import (
     FLOOR,
@@ -262,7 +262,7 @@ class Truth:
                 contact(self.ground, v_o=still, v=still, z0=still + z0, dz0=still, k92=1.0).W[0] - wanted
             )
 
-        z0 = [float(brentq(excess, 1e-6, 0.9 * self.r, args=(wanted,))) for wanted in load]
+        z0 = [float(scipy.optimize.brentq(excess, 1e-6, 0.9 * self.r, args=(wanted,))) for wanted in load]
         y = self.at_rest()
         pitch = float(np.arcsin((z0[0] - z0[1]) / (fore - aft)))
         height = self.r - z0[0] + np.sin(pitch) * fore - np.cos(pitch) * self.arm_z
@@ -276,7 +276,7 @@ class Truth:
         def unbalanced(u: Array) -> Array:
             return self.derivative(-1.0, standing(u))[[VZ, Q]]
 
-        found = root(unbalanced, [height, pitch], options={"xtol": 1e-13})
+        found = scipy.optimize.root(unbalanced, [height, pitch], options={"xtol": 1e-13})
         if np.abs(found.fun).max() > 1e-6:
             raise RuntimeError(f"no equilibrium at rest: {found.message}")
         return standing(found.x)
@@ -296,5 +296,6 @@ class Truth:
             state[[Z, PITCH, VX]] = u
             return self.derivative(t, state)[[VZ, Q, VX]]
 
-        y[[Z, PITCH, VX]] = fsolve(unbalanced, [y[Z] - 0.004, y[PITCH], 0.85 * v_d], xtol=1e-13)
+        start = [y[Z] - 0.004, y[PITCH], 0.85 * v_d]
+        y[[Z, PITCH, VX]] = scipy.optimize.fsolve(unbalanced, start, xtol=1e-13)
         return y, 1.0 - float(y[VX]) / v_d

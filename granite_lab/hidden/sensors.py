@@ -9,8 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.signal import fftconvolve, lfilter
+import scipy
 
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.parts import Misreading
@@ -27,7 +26,7 @@ def wander(rng: np.random.Generator, size: int, step: float, length: float) -> A
     reach = max(1, int(np.ceil(4 * length / step)))
     kernel = np.exp(-((np.arange(-reach, reach + 1) * step / length) ** 2))
     kernel /= np.sqrt((kernel**2).sum())
-    return np.asarray(fftconvolve(rng.standard_normal(size + 2 * reach), kernel, mode="valid"))
+    return np.asarray(scipy.signal.fftconvolve(rng.standard_normal(size + 2 * reach), kernel, mode="valid"))
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> Array:
@@ -63,7 +62,8 @@ def resonance(rng: np.random.Generator, size: int, frequency: float, quality: fl
     w = 2 * np.pi * frequency * DT
     rho = np.exp(-0.5 * w / quality)
     warm_up = int(10 * quality / (frequency * DT))
-    found = lfilter([1.0], [1.0, -2 * rho * np.cos(w), rho**2], rng.standard_normal(size + warm_up))[warm_up:]
+    shocks = rng.standard_normal(size + warm_up)
+    found = scipy.signal.lfilter([1.0], [1.0, -2 * rho * np.cos(w), rho**2], shocks)[warm_up:]
     return np.asarray(found / found.std())
 
 
@@ -93,7 +93,7 @@ def vibration(rng: np.random.Generator, body: Body, robot: Robot) -> tuple[Array
 
 def averaged(signal: Array, t: Array, instants: Array, window: float) -> Array:
     """Return the mean of a signal (N, 3) over a window around each instant, as integrating sensors do."""
-    whole = cumulative_trapezoid(signal, t, axis=0, initial=0)
+    whole = scipy.integrate.cumulative_trapezoid(signal, t, axis=0, initial=0)
     ends = [
         np.stack([np.interp(instants + shift, t, column) for column in whole.T], axis=1)
         for shift in (-0.5 * window, 0.5 * window)
@@ -107,7 +107,7 @@ def drifting(rng: np.random.Generator, size: int, dt: float, std: float, time: f
     first = std * rng.standard_normal(3)
     shocks = std * np.sqrt(1 - keep**2) * rng.standard_normal((size, 3))
     shocks[0] = first
-    return np.asarray(lfilter([1.0], [1.0, -keep], shocks, axis=0))
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -keep], shocks, axis=0))
 
 
 def stamped(rng: np.random.Generator, instants: Array, jitter: float) -> Array:
@@ -177,7 +177,7 @@ def read_wheels(
     """Return the encoders' samples, stamped by their own clock, angles times `gain`."""
     enc = robot.encoders
     instants = np.arange(rng.uniform(0, 1) / enc.rate, body.t[-1], 1 / enc.rate)
-    angle = cumulative_trapezoid(body.v_wheel, dx=DT, axis=0, initial=0) / robot.wheels.radius
+    angle = scipy.integrate.cumulative_trapezoid(body.v_wheel, dx=DT, axis=0, initial=0) / robot.wheels.radius
     sampled = gain * np.stack([np.interp(instants, body.t, column) for column in angle.T], axis=1)
     step = 2 * np.pi / enc.counts if enc.counts else 0.0
     if step:

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
+import scipy
 
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.model import CURRENT, PITCH, VX, VZ, Q, Truth, X
@@ -62,7 +62,7 @@ def solve(truth: Truth, t: Array, *, rtol: float = 1e-7, atol: float = 1e-9) -> 
     # restarted at each corner of the command: the error control of a multistep method ends there
     for start, stop in pairwise(edges):
         inside = t[(t >= start) & (t < stop)]
-        part = solve_ivp(
+        part = scipy.integrate.solve_ivp(
             truth.derivative, (start, stop), y, method=truth.method, rtol=rtol, atol=atol,
             t_eval=np.append(inside, stop), max_step=0.05, **implicit,
         )  # fmt: skip

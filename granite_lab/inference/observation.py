@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
+import scipy
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import SIGNALS
@@ -145,7 +145,7 @@ def _streams(trial: Trial, robot: Robot) -> dict[str, Stream]:
     found: dict[str, Stream] = {}
     if trial.imu is not None:
         rotation = (0.0, 0.0, 0.0) if trial.imu.robot_axes else robot.imu.rotation
-        mounting = Rotation.from_euler("XYZ", rotation, degrees=True)
+        mounting = scipy.spatial.transform.Rotation.from_euler("XYZ", rotation, degrees=True)
         force = mounting.apply(np.nan_to_num(trial.imu.specific_force))
         rate = mounting.apply(np.nan_to_num(trial.imu.angular_rate))
         if trial.imu.gravity_removed:

@@ -10,16 +10,18 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from granite_lab.errors import InputError, at
 from granite_lab.files import write_text, writing
 from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.trial import Array, Trial, TrialInfo
 from granite_lab.parameters.quantity import build, key_of, parse_toml, quantity, read_toml
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _LINE = re.compile(r'\s*(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*")\s*=')
 
@@ -195,6 +197,8 @@ def _key(key: str) -> str:
 
 def _table(trial: Trial) -> pd.DataFrame:
     """Merge all streams into one table, a row per stamp of any of them."""
+    import pandas as pd  # noqa: PLC0415, heavy
+
     streams: list[tuple[Array, Array, Sequence[str], str]] = []
     if trial.imu is not None:
         streams.append((trial.imu.t, trial.imu.specific_force, ACCELERATION, "_mps2"))

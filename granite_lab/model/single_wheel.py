@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
+import scipy
 
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.model.command import V_FLOOR, contact_angle_ratio
@@ -216,7 +216,7 @@ class SingleWheel:
         def missing(z: float) -> float:
             return float(self._forces(z, self._settled(z, vector, start), vector)[0]) - load
 
-        z = high if low == 0 else float(optimize.brentq(missing, low, high, xtol=1e-12, rtol=1e-12))
+        z = high if low == 0 else float(scipy.optimize.brentq(missing, low, high, xtol=1e-12, rtol=1e-12))
         return self.at_sinkage(z, motion, ratio)
 
     def at_sinkage(self, sinkage: float, motion: Rolling, ratio: Ratio) -> WheelPoint:
@@ -284,7 +284,7 @@ class SingleWheel:
             changes: Array = rates(sinkage, x, vector).full()[:, 0]
             return changes
 
-        found = optimize.root(unbalanced, start)
+        found = scipy.optimize.root(unbalanced, start)
         if not found.success:
             raise EstimateError("the effects have no steady state on a single wheel", "use fewer effects")
         settled: Array = found.x

@@ -26,9 +26,6 @@ from granite_lab.parameters.quantity import build, key_of, quantity
 
 SCHEMA = "granite-lab/design/2"
 
-NAME = "design.json"
-"""Name of the file, beside the report."""
-
 FREQUENCIES = 33
 """Number of frequencies, from 0 to half the rate of the bins, at which a spectrum is stored."""
 

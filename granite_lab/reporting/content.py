@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
-from granite_lab.errors import LabError
+from granite_lab.errors import InputError, LabError
+from granite_lab.files import readable
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.logs.named import trial_files
 from granite_lab.logs.trial import InputFile, Trial
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+SCHEMA = "granite-lab/report/2"
+"""Of ``report.json``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,3 +130,27 @@ class StudyResult:
                 }
             )
         return pd.DataFrame(rows)
+
+
+def load_report(path: Path) -> dict[str, Any]:
+    """Return the numbers of a study's report.
+
+    Args:
+        path: of ``report.json``, or of the folder that holds it.
+
+    Raises:
+        InputError: there is none, or it is not that of a study by this version.
+    """
+    file = path / "report.json" if path.is_dir() else path
+    try:
+        document = json.loads(file.read_bytes())
+    except OSError as error:
+        raise readable(error, file) from None
+    except ValueError:
+        raise InputError(f"{file}: is not JSON", "give the folder of a study") from None
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        raise InputError(
+            f"{file}: is not the report of a study of this version",
+            "give a folder that 'granite-lab study' wrote, or run the study again",
+        )
+    return document

@@ -24,9 +24,6 @@ from granite_lab.reporting.report import Report
 
 NAME = "ro-crate-metadata.json"
 
-BESIDE = ("model.toml", "design.json")
-"""Files that a study writes before its report."""
-
 _CONTEXT = ["https://w3id.org/ro/crate/1.1/context", {"sha256": "https://schema.org/sha256"}]
 _TYPES = {".md": "text/markdown", ".toml": "application/toml", ".tex": "text/x-tex", ".csv": "text/csv"}
 

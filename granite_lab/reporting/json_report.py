@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from granite_lab.discovery.as_json import finding_as_json
+from granite_lab.estimation.motion import Motion
+from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.reporting.answers import Answers
-from granite_lab.reporting.content import Source, StudyResult, TrialResult, shown_path
+from granite_lab.reporting.content import SCHEMA, Source, StudyResult, TrialResult, shown_path
 from granite_lab.reporting.report import Report
 from granite_lab.reporting.summary import gaps
-
-SCHEMA = "granite-lab/report/2"
+from granite_lab.shown import jsonable
 
 
 def to_json(result: StudyResult, report: Report, model: Path | str | None = None) -> str:
@@ -32,11 +31,11 @@ def to_json(result: StudyResult, report: Report, model: Path | str | None = None
         "name": result.name,
         "virtual": result.virtual,
         "answers": answers_as_json(report.answers),
-        "a_theta": _a_theta(result),
-        "misfits": [dataclasses.asdict(g) for g in gaps([r.comparison for r in result.trials]).values()],
+        "a_theta": a_theta_as_json(result.a_theta),
+        "misfits": list(gaps([r.comparison for r in result.trials]).values()),
         "discovery": finding_as_json(finding, model) if finding is not None else None,
         "trials": [_trial(r) for r in result.trials],
-        "failures": [dataclasses.asdict(f) for f in result.failures],
+        "failures": result.failures,
         "figures": [
             {"id": f.name, "title": f.title, "caption": f.caption, "svg": f"figures/{f.name}.svg",
              "png": f"figures/{f.name}.png", "pdf": f"figures/{f.name}.pdf"}
@@ -68,7 +67,7 @@ def answers_as_json(answers: Answers) -> dict[str, Any]:
         if answers.a_theta is None
         else answers.a_theta.as_json()
         | {"paper": answers.a_theta_paper, "paper_inside_interval": answers.a_theta_agrees},
-        "channels": [dataclasses.asdict(c) for c in answers.channels],
+        "channels": answers.channels,
         "questions": [
             {"id": q.id, "question": q.question, "verdict": q.verdict or None, "text": q.text}
             for q in answers.questions
@@ -91,8 +90,8 @@ def provenance_as_json(source: Source) -> dict[str, Any]:
     }
 
 
-def _a_theta(result: StudyResult) -> dict[str, Any] | None:
-    fit = result.a_theta
+def a_theta_as_json(fit: AThetaFit | None) -> dict[str, Any] | None:
+    """Return the fit of a_θ over trials as plain objects; None where there is none."""
     if fit is None:
         return None
     return {
@@ -108,19 +107,15 @@ def _a_theta(result: StudyResult) -> dict[str, Any] | None:
             {"trial": trial, "speed_mps": v, "k92": k92.as_json(), "slip_ratio": slip.as_json()}
             for trial, v, k92, slip in fit.points
         ],
-        "laws": [dataclasses.asdict(law) for law in fit.laws],
+        "laws": fit.laws,
         "notes": fit.notes,
     }
 
 
-def _trial(r: TrialResult) -> dict[str, Any]:
-    m, fit = r.comparison.motion, r.comparison.fit
+def motion_as_json(m: Motion) -> dict[str, Any]:
+    """Return what was estimated of a trial as plain objects, without its time histories."""
     return {
-        "name": r.trial.name,
-        "virtual": r.trial.info.virtual or m.virtual,
-        "layout": r.trial.layout,
-        "repetition": r.trial.info.repetition,
-        "variant": dataclasses.asdict(m.variant) | {"source": m.variant_source},
+        "variant": vars(m.variant) | {"source": m.variant_source},
         "slip_ratio": m.slip_ratio.as_json(),
         "distance_m": m.distance.as_json(),
         "distance_wheels_m": m.distance_wheels.as_json(),
@@ -128,10 +123,6 @@ def _trial(r: TrialResult) -> dict[str, Any]:
         "t_start_s": m.t_start.as_json(),
         "clock_offset_s": m.clock_offset.as_json(),
         "noise": m.noise,
-        "k92": fit.k92.as_json() | {"status": fit.status},
-        "k92_trajectory": fit.k92_trajectory.as_json() | {"status": fit.status_trajectory},
-        "slip_ratio_simulated": fit.slip_simulated,
-        "effects": r.comparison.run.effects,
         "health": {
             "good": m.health.good,
             "verdict": m.health.verdict,
@@ -140,26 +131,35 @@ def _trial(r: TrialResult) -> dict[str, Any]:
             "ljung_box": m.health.ljung_box,
             "rests_s": m.health.rests,
         },
-        "misfits": [dataclasses.asdict(x) for x in r.comparison.misfits],
-        "warnings": list(dict.fromkeys((*r.trial.warnings, *m.warnings))),
-        "notes": list(fit.notes),
     }
+
+
+def k92_as_json(fit: K92Fit) -> dict[str, Any]:
+    """Return both fits of k_92 of a trial as plain objects."""
+    return {
+        "k92": fit.k92.as_json() | {"status": fit.status},
+        "k92_trajectory": fit.k92_trajectory.as_json() | {"status": fit.status_trajectory},
+        "slip_ratio_simulated": fit.slip_simulated,
+        "notes": fit.notes,
+    }
+
+
+def _trial(r: TrialResult) -> dict[str, Any]:
+    motion = r.comparison.motion
+    about = {
+        "name": r.trial.name,
+        "virtual": r.trial.info.virtual or motion.virtual,
+        "layout": r.trial.layout,
+        "repetition": r.trial.info.repetition,
+    }
+    found = {
+        "effects": r.comparison.run.effects,
+        "misfits": r.comparison.misfits,
+        "warnings": list(dict.fromkeys((*r.trial.warnings, *motion.warnings))),
+    }
+    return about | motion_as_json(motion) | k92_as_json(r.comparison.fit) | found
 
 
 def dumps(document: Mapping[str, Any]) -> str:
     """Write JSON; NaN and infinity become null."""
-    return json.dumps(_plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, str) or value is None or isinstance(value, bool):
-        return value
-    if isinstance(value, Sequence):
-        return [_plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+    return json.dumps(jsonable(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -12,21 +12,13 @@ References:
 from __future__ import annotations
 
 import io
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from matplotlib.figure import Figure as Canvas
-
-from granite_lab.errors import InputError
-from granite_lab.files import readable
-from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Figure
-from granite_lab.reporting.json_report import SCHEMA
+from granite_lab.reporting.content import load_report
 from granite_lab.reporting.names import plain
 from granite_lab.reporting.rounding import interval, tidy_unit
 from granite_lab.reporting.table import Cell, Table, number, tabulate, words
@@ -121,7 +113,7 @@ def compare_studies(first: Path | str, second: Path | str) -> Compared:
     Raises:
         InputError: one of them is no report of a study.
     """
-    a, b = _load(Path(first)), _load(Path(second))
+    a, b = load_report(Path(first)), load_report(Path(second))
     names = (str(a["name"]), str(b["name"]))
     if names[0] == names[1]:
         names = (f"{names[0]} (A)", f"{names[1]} (B)")
@@ -135,22 +127,6 @@ def compare_studies(first: Path | str, second: Path | str) -> Compared:
         values = [one[1] if one else Value() for one in found]
         rows.append(Row(quantity, unit, values[0], values[1], only))
     return Compared(names, tuple(rows), tuple(_notes(a, b, rows)), bool(a["virtual"] or b["virtual"]))
-
-
-def _load(given: Path) -> Mapping[str, Any]:
-    path = given / "report.json" if given.is_dir() else given
-    try:
-        document = json.loads(path.read_bytes())
-    except OSError as error:
-        raise readable(error, path) from None
-    except ValueError:
-        raise InputError(f"{path}: is not JSON", "give the folder of a study") from None
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        raise InputError(
-            f"{path}: is not the report of a study of this version",
-            "give a folder that 'granite-lab study' wrote, or run the study again",
-        )
-    return document
 
 
 def _quantities(document: Mapping[str, Any], *, effects: bool) -> Iterator[tuple[str, tuple[str, Value]]]:
@@ -223,34 +199,6 @@ def compared_table(found: Compared) -> Table:
         ],
         virtual=found.virtual,
     )  # fmt: skip
-
-
-def compared_figure(found: Compared) -> Figure | None:
-    """Draw the differences over half of their intervals; None without any."""
-    rows = [r for r in found.rows if r.verdict in (DIFFERS, ALIKE)]
-    if not rows:
-        return None
-    differ = [r.quantity for r in rows if r.verdict == DIFFERS]
-    title = f"{len(differ)} of {len(rows)} quantities differ" if differ else "No difference is seen"
-    return Figure(
-        "differences", title,
-        f"{found.names[1]} minus {found.names[0]}, divided by half the width of its 95 % interval. Bars "
-        "that do not include 0 are significant.",
-        partial(_draw, rows), found.virtual,
-    )  # fmt: skip
-
-
-def _draw(rows: Sequence[Row]) -> Canvas:
-    figure, (axis,) = canvas.named_rows([r.quantity for r in rows], left=2.1)
-    for k, row in enumerate(rows):
-        d = row.difference
-        half = (d.high - d.low) / 2 or 1.0
-        color = canvas.SIMULATED if row.verdict == DIFFERS else canvas.MEASURED
-        bars = [[(d.value - d.low) / half], [(d.high - d.value) / half]]
-        axis.errorbar(d.value / half, k, xerr=bars, color=color, marker="o", markersize=3.5, capsize=2)
-    axis.axvline(0, color=canvas.INK, linewidth=0.8)
-    axis.set_xlabel("(B − A) over half its 95 % interval [–]")
-    return figure
 
 
 def compared_as_json(found: Compared) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.as_json import finding_as_json
-from granite_lab.discovery.finding import Finding
+from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.files import readable, write_text
 from granite_lab.model.effect import Effect
 from granite_lab.reporting import crate
@@ -21,6 +21,7 @@ from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.paper import report_pdf
 from granite_lab.reporting.plot_motion import comparison_figure, misfit_figure
+from granite_lab.reporting.plot_results import compared_figure
 from granite_lab.reporting.render import to_html, to_latex, to_markdown
 from granite_lab.reporting.report import (
     LIBRARIES,
@@ -34,7 +35,7 @@ from granite_lab.reporting.report import (
 from granite_lab.reporting.summary import channels_of, gaps
 from granite_lab.reporting.table import Table
 from granite_lab.reporting.tables import channel_table, misfit_table
-from granite_lab.reporting.two_studies import Compared, compared_figure, compared_table
+from granite_lab.reporting.two_studies import Compared, compared_table
 
 INLINE = 120
 """So many figures stand in the page itself; further ones it loads from their files when one looks at them."""
@@ -87,7 +88,7 @@ def _finish(result: StudyResult, report: Report, folder: Path, new: Path) -> Non
     """Add ``report.pdf`` and the provenance of all files to a new report."""
     drawn = {f.name: (new / "figures" / f"{f.name}.pdf").read_bytes() for f in report.figures}
     (new / "report.pdf").write_bytes(report_pdf(result, report, made_by(result.source), drawn))
-    for name in crate.BESIDE:
+    for name in (MODEL, DESIGN):
         if (folder / name).is_file():
             shutil.copyfile(folder / name, new / name)  # so that report and record belong together
     files = [path for path in new.rglob("*") if path.is_file()]

@@ -14,7 +14,7 @@ from typing import Any
 from granite_lab import __version__
 from granite_lab.discovery.discover import discover
 from granite_lab.discovery.empirical import EmpiricalLaw
-from granite_lab.discovery.finding import Finding
+from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.effects import library
 from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
 from granite_lab.errors import LabError, UsageError
@@ -30,9 +30,6 @@ from granite_lab.running.codec import decode, encode
 from granite_lab.running.each import HERE, Execution
 from granite_lab.running.options import Options
 from granite_lab.running.output import Guard
-
-MODEL = "model.toml"
-"""Name of the file with what was found."""
 
 
 def search(
@@ -140,12 +137,12 @@ def save_found(
     Returns:
         path of the model file, None where it could not be written.
     """
-    from granite_lab.planning.design import NAME, save_design  # noqa: PLC0415, a defect there is guarded
+    from granite_lab.planning.design import save_design  # noqa: PLC0415, a defect there is guarded
 
     path = guard.folder / MODEL
     saved = guard.run("model", lambda: _save_model(finding, options, trials, path))
     said = [_saying(trial, motion.variant) for trial, motion in zip(trials, motions, strict=True)]
-    guard.run("design", lambda: save_design(finding, said, guard.folder / NAME))
+    guard.run("design", lambda: save_design(finding, said, guard.folder / DESIGN))
     if finding.tracebacks:
         text = "\n".join(finding.tracebacks)
         guard.run("tracebacks", lambda: write_text(guard.folder / "failure-search.txt", text))

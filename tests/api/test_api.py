@@ -287,7 +287,7 @@ def test_hide_and_reveal(tmp_path: Path) -> None:
 
 def test_discover_takes_the_command_s_path(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search itself is tested elsewhere; here, that both hand it the same."""
-    import granite_lab.api.search as home
+    import granite_lab.running.search as home
 
     calls = []
 

@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 import granite_lab as gl
 from granite_lab.cli import main
 from granite_lab.commands.plan import show_plan
-from granite_lab.discovery.finding import Finding, Residual
+from granite_lab.discovery.finding import DESIGN, Finding, Residual
 from granite_lab.effects import library
 from granite_lab.errors import InputError
 from granite_lab.inference.conditions import PLAIN, Conditions
@@ -27,7 +27,6 @@ from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.model.command import duration, peak_velocity, phase_of
 from granite_lab.parameters import Variant, load_robot, load_soil, load_variants
 from granite_lab.planning.design import (
-    NAME,
     Design,
     Driven,
     Figure,
@@ -71,7 +70,7 @@ def saved(finding: Finding, path: Path, trials: list[Trial] | None = None) -> De
 
 def test_what_a_search_found_survives_the_file(tmp_path: Path) -> None:
     finding = made_up_finding("named", twins=("com_offset",))
-    design = saved(finding, tmp_path / NAME)
+    design = saved(finding, tmp_path / DESIGN)
     assert design.verdict == "named"
     assert design.named == (Named(id="multi_pass", values=finding.active[0].values, twins=("com_offset",)),)
     assert design.robot == ROBOT
@@ -89,25 +88,25 @@ def test_what_a_search_found_survives_the_file(tmp_path: Path) -> None:
 
 def test_a_discrepancy_beyond_the_tolerance_is_planned_with(tmp_path: Path) -> None:
     finding = replace(made_up_finding("named"), discrepancy=0.07)
-    assert saved(finding, tmp_path / NAME).share == 0.07
+    assert saved(finding, tmp_path / DESIGN).share == 0.07
 
 
 def test_trials_of_one_command_under_other_conditions_are_another_command(tmp_path: Path) -> None:
     finding = made_up_finding("named", speeds=(0.5,), repetitions=2)
     first, second = trials_of(finding)
     turned = replace(second, info=replace(second.info, extra={"turned": "true"}))
-    design = saved(finding, tmp_path / NAME, [first, turned])
+    design = saved(finding, tmp_path / DESIGN, [first, turned])
     assert {d.conditions for d in design.driven} == {PLAIN, Conditions(turned=True)}
 
 
 def test_without_a_command_nothing_is_written_and_an_older_file_goes(tmp_path: Path) -> None:
     finding = made_up_finding("named")
-    saved(finding, tmp_path / NAME)
+    saved(finding, tmp_path / DESIGN)
     off = replace(
         finding, residuals=tuple(replace(r, variant=0.123) for r in finding.residuals)
     )  # no row of Table 2
-    save_design(off, [Trial(t.name, TrialInfo()) for t in trials_of(finding)], tmp_path / NAME)
-    assert not (tmp_path / NAME).exists()
+    save_design(off, [Trial(t.name, TrialInfo()) for t in trials_of(finding)], tmp_path / DESIGN)
+    assert not (tmp_path / DESIGN).exists()
 
 
 def shaken_finding(rng: np.random.Generator, repetitions: int = 8) -> tuple[Finding, Variant]:
@@ -132,7 +131,7 @@ def test_the_noise_of_a_trial_to_come_is_that_of_the_trials_driven_and_vibration
 ) -> None:
     rng = np.random.default_rng(0)
     finding, command = shaken_finding(rng)
-    design = saved(finding, tmp_path / NAME)
+    design = saved(finding, tmp_path / DESIGN)
     (noise,) = design.driven[0].noise
     assert noise.rest == pytest.approx(0.02, rel=0.15)
     for speed in (0.5, 0.25):
@@ -166,7 +165,7 @@ def test_logs_that_begin_driving_and_end_soon_after_the_stop_give_a_plan(
     for r in whole.residuals:
         measured = np.where((r.t > 0.1) & (r.t < end), r.measured, np.nan)
         cut.append(replace(r, measured=measured))
-    design = saved(replace(whole, residuals=tuple(cut)), tmp_path / NAME)
+    design = saved(replace(whole, residuals=tuple(cut)), tmp_path / DESIGN)
     (driven,) = design.driven
     assert driven.before < 0
     assert driven.after == pytest.approx(0.4, abs=0.03)
@@ -285,7 +284,7 @@ def test_the_document_and_the_table_carry_the_figures_of_the_folder(
 ) -> None:
     """The folder holds what `discover` and `study` both write, and no log."""
     finding = made_up_finding("named", speeds=(0.2,), repetitions=2)
-    save_design(finding, trials_of(finding), tmp_path / NAME)
+    save_design(finding, trials_of(finding), tmp_path / DESIGN)
     told = ("--room", "1", "--max-speed", "0.2", "--jobs", "1")
     assert run(monkeypatch, str(tmp_path), "--json", *told) == 0
     document = json.loads(capsys.readouterr().out)
@@ -313,7 +312,7 @@ def test_a_folder_without_a_search_is_refused(
     content: str | None, says: str,
 ) -> None:  # fmt: skip
     if content is not None:
-        (tmp_path / NAME).write_text(content)
+        (tmp_path / DESIGN).write_text(content)
     assert run(monkeypatch, str(tmp_path)) == 3
     assert says in capsys.readouterr().err
 

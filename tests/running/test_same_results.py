@@ -98,8 +98,8 @@ def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path, s
     [
         (None, "does not exist"),
         ("{", "is not JSON"),
-        ("[]", "is not a report"),
-        ('{"schema": "granite-lab/report/1"}', "is not a report"),
+        ("[]", "is not the report of a study"),
+        ('{"schema": "granite-lab/report/1"}', "is not the report of a study"),
     ],
 )
 def test_verify_refuses_what_is_no_report(
