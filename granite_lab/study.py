@@ -10,7 +10,6 @@ from typing import NamedTuple
 from granite_lab import __version__
 from granite_lab.comparison.compare import compare
 from granite_lab.discovery.finding import Finding
-from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError
 from granite_lab.estimation.motion import Motion
@@ -175,7 +174,7 @@ def write(
     """
     from granite_lab.reporting import write_finding, write_report  # noqa: PLC0415, heavy
 
-    guard, known, model = Guard(folder), library(options.effects), None
+    guard, model = Guard(folder), None
     found = result.finding
     if found is not None:
         pairs = searched or [(r.trial, r.comparison.motion) for r in result.trials]
@@ -188,7 +187,7 @@ def write(
 
     page = guard.run(
         "report",
-        lambda: write_report(replace(result, finding=told()), folder, model=name, effects=known, jobs=jobs),
+        lambda: write_report(replace(result, finding=told()), folder, model=name, jobs=jobs),
     )
     if page is None and (finding := told()):
         guard.run("finding", lambda: write_finding(finding, folder, name))

@@ -12,6 +12,8 @@ class AccelScaleError(Effect):
     """Scale factors of the two axes that see the planar motion."""
 
     id = "accel_scale_error"
+    name = "accelerometer scale error"
+    fault = True
     title = "scale factor error of the accelerometer"
     equation = "a_x' = (1 + x) a_x, a_z' = (1 + z) a_z"
     source = (
@@ -23,9 +25,11 @@ class AccelScaleError(Effect):
         "g, also at standstill."
     )
     parameters = (
-        EffectParameter("x", "", "relative error of the longitudinal axis", -0.3, 0.3, 0.0, -0.03, 0.03),
-        EffectParameter("z", "", "relative error of the vertical axis", -0.3, 0.3, 0.0, -0.03, 0.03),
-    )
+        EffectParameter("x", "", "relative error of the longitudinal axis",
+                        -0.3, 0.3, 0.0, -0.03, 0.03, relative=True),
+        EffectParameter("z", "", "relative error of the vertical axis",
+                        -0.3, 0.3, 0.0, -0.03, 0.03, relative=True),
+    )  # fmt: skip
 
     def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Scale both axes."""

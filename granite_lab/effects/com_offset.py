@@ -12,6 +12,7 @@ class ComOffset(Effect):
     """Shift along the robot."""
 
     id = "com_offset"
+    name = "centre-of-mass offset"
     title = "centre of mass shifted along the robot"
     equation = "x_CM + forward in (22)"
     source = "(22); range: weighing both axles leaves 2-8 mm; equipment on top adds more"
@@ -21,7 +22,8 @@ class ComOffset(Effect):
     )
     parameters = (
         EffectParameter("forward", "m", "shift of the centre of mass, forward positive",
-                        -0.15, 0.15, 0.0, -0.04, 0.04),
+                        -0.15, 0.15, 0.0, -0.04, 0.04,
+                        signs=("centre of mass shifted to the front", "centre of mass shifted to the rear")),
     )  # fmt: skip
 
     def system(self, p: ModelParameters, own: Own) -> ModelParameters:

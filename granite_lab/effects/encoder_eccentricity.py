@@ -15,6 +15,7 @@ class EncoderEccentricity(Effect):
     """
 
     id = "encoder_eccentricity"
+    fault = True
     title = "eccentric encoder discs"
     equation = "enc = θ + c sin θ + s (cos θ − 1), for the controller (25), (26), too; amplitude e/R"
     source = (

@@ -15,6 +15,8 @@ class ImuTilt(Effect):
     """Tilt in pitch; roll and yaw act on the planar motion in second order only."""
 
     id = "imu_tilt"
+    name = "IMU tilt"
+    fault = True
     title = "mounting tilt of the IMU"
     equation = "a_x' = a_x cos β − a_z sin β, a_z' = a_x sin β + a_z cos β"
     source = "rotation (19); range: brackets and cases align an IMU to 0.2-2°"
@@ -23,8 +25,9 @@ class ImuTilt(Effect):
         "ground_slope also changes slip and currents."
     )
     parameters = (
-        EffectParameter("tilt", "deg", "tilt of the IMU, nose down positive", -20.0, 20.0, 0.0, -2.0, 2.0),
-    )
+        EffectParameter("tilt", "deg", "tilt of the IMU, nose down positive", -20.0, 20.0, 0.0, -2.0, 2.0,
+                        signs=("IMU mounted nose down", "IMU mounted nose up")),
+    )  # fmt: skip
 
     def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Turn the specific force into the axes of the sensor."""

@@ -48,6 +48,14 @@ def library(own: Path | str | None = None) -> dict[str, Effect]:
     return _library() | (load_effects(own) if own else {})
 
 
+_met: dict[str, Effect] = {}
+
+
+def met(effect_id: str) -> Effect | None:
+    """Return an effect of the package or of a user's file that this process has read, for the words in it."""
+    return _library().get(effect_id) or _met.get(effect_id)
+
+
 def get(effect_id: str, known: Mapping[str, Effect] | None = None) -> Effect:
     """Return one effect.
 
@@ -80,6 +88,7 @@ def load_effects(path: Path | str) -> dict[str, Effect]:
     effects = read_effects(path)
     for effect in effects.values():
         _check_neutral(effect, str(Path(path)))
+    _met.update(effects)
     return effects
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +14,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.files import write_text
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.parameters import load_robot, load_soil
-from granite_lab.parameters.quantity import check_number, read_toml, unknown_key
+from granite_lab.parameters.quantity import check_number, read_toml, toml_line, unknown_key
 
 SCHEMA = "granite-lab/model/1"
 LAWS = ("exponential", "constant")
@@ -197,47 +195,29 @@ def save_model(model: ModelFile, path: Path | str) -> None:
     """
     lines = [
         "# The paper's model with effects switched on. Use it with --model.",
-        f"schema = {_toml(SCHEMA)}",
-        f"robot = {_toml(model.robot)}",
-        f"soil = {_toml(model.soil)}",
+        toml_line("schema", SCHEMA),
+        toml_line("robot", model.robot),
+        toml_line("soil", model.soil),
         "",
         "[k92]",
-        f"law = {_toml(model.law)}",
-        *_estimate_lines(model.law_value),
+        toml_line("law", model.law),
+        *(toml_line(k, v) for k, v in _number(model.law_value).items()),
     ]
     if model.provenance:
         lines += ["", "[provenance]"]
-        lines += [f"{_key(k)} = {_toml(v)}" for k, v in model.provenance.items() if v is not None]
+        lines += [toml_line(k, v) for k, v in model.provenance.items() if v is not None]
     for item in model.fitted:
-        lines += ["", "[[effect]]", f"id = {_toml(item.effect.id)}  # {item.effect.title}"]
+        lines += ["", "[[effect]]", f"{toml_line('id', item.effect.id)}  # {item.effect.title}"]
         if item.twins:
-            lines.append(f"indistinguishable_from = {_toml(list(item.twins))}")
+            lines.append(toml_line("indistinguishable_from", item.twins))
         lines.append("[effect.parameters]")
         for p in item.effect.parameters:
             if p.name in item.values:
-                body = ", ".join([*_estimate_lines(item.values[p.name]), f"unit = {_toml(p.unit)}"])
-                lines.append(f"{_key(p.name)} = {{ {body} }}  # {p.meaning}")
+                body = _number(item.values[p.name]) | {"unit": p.unit}
+                lines.append(f"{toml_line(p.name, body)}  # {p.meaning}")
     write_text(Path(path), "\n".join(lines) + "\n")
 
 
-def _estimate_lines(e: Estimate) -> list[str]:
-    std = [f"std = {_toml(float(e.std))}"] if math.isfinite(e.std) else []
-    return [f"value = {_toml(float(e.value))}", *std]
-
-
-def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml(key)
-
-
-def _toml(value: Any) -> str:
-    """Return a value as TOML text: text, number, truth value, list or inline table."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (int, float)):
-        return repr(value)
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(_toml(v) for v in value)}]"
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(str(k))} = {_toml(v)}" for k, v in value.items()) + " }"
-    # JSON's escapes are TOML's, but for DEL, which TOML wants escaped, too
-    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+def _number(e: Estimate) -> dict[str, float]:
+    """Return value and std as they stand in the file; no std that is not known."""
+    return {"value": float(e.value)} | ({"std": float(e.std)} if math.isfinite(e.std) else {})

@@ -22,7 +22,11 @@ class TorqueConstantError(Effect):
         "All currents differ by the same factor in all phases and at all speeds. The motion is unchanged. "
         "A gain error of the current sensors looks identical."
     )
-    parameters = (EffectParameter("error", "", "relative error of k_m η_d", -0.5, 0.5, 0.0, -0.15, 0.15),)
+    parameters = (
+        EffectParameter("error", "", "relative error of k_m η_d", -0.5, 0.5, 0.0, -0.15, 0.15, relative=True,
+                        signs=("torque constant or gear efficiency above that of the robot's file",
+                               "torque constant or gear efficiency below that of the robot's file")),
+    )  # fmt: skip
 
     def system(self, p: ModelParameters, own: Own) -> ModelParameters:
         """Scale k_m in the torque; the back-EMF keeps its own constant k_e."""

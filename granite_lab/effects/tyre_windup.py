@@ -29,6 +29,7 @@ class TyreWindup(Effect):
     """
 
     id = "tyre_windup"
+    name = "tyre wind-up"
     title = "torsion of the tyre between rim and tread"
     equation = "J_t (ω̇ − κ ü) = u + T_r u̇ + M_ω(ω − κ u̇); ψ = κ u, stiffness k = 1/κ, damping c = T_r/κ"
     source = (

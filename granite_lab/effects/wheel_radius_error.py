@@ -12,6 +12,7 @@ class WheelRadiusError(Effect):
     """Angles that were computed from a distance with a wrong radius, or with a wrong number of counts."""
 
     id = "wheel_radius_error"
+    fault = True
     title = "scale error of the wheel angles"
     equation = "enc' = (1 + error) enc"
     source = (
@@ -21,7 +22,10 @@ class WheelRadiusError(Effect):
     signature = (
         "Encoders and body disagree by the same factor at every speed: slip appears even without torque."
     )
-    parameters = (EffectParameter("error", "", "relative error of the reading", -0.2, 0.2, 0.0, -0.04, 0.04),)
+    parameters = (
+        EffectParameter("error", "", "relative error of the reading", -0.2, 0.2, 0.0, -0.04, 0.04,
+                        relative=True, signs=("wheel angles read too large", "wheel angles read too small")),
+    )  # fmt: skip
 
     def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Scale the angles."""

@@ -7,7 +7,6 @@ the analysis can do.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
@@ -19,7 +18,7 @@ from granite_lab.hidden.contact import FLOOR, V_FLOOR, NearRest
 from granite_lab.hidden.model import Truth
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.parameters import Robot, Soil, load_paper
-from granite_lab.parameters.quantity import key_of
+from granite_lab.parameters.quantity import key_of, toml_line
 
 LABS = ("bench", "wild")
 
@@ -138,7 +137,7 @@ def toml_of(record: Any, table: str = "") -> str:
             name = f"{table}.{key}" if table else key
             tables.append(f"\n[{name}]\n{toml_of(value, name)}")
         elif value is not None:
-            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}\n")
+            lines.append(f"{toml_line(key, value)}\n")
     return "".join(lines + tables)
 
 

@@ -12,13 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from granite_lab.errors import InputError, at
 from granite_lab.files import write_text, writing
 from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.trial import Array, Trial, TrialInfo
-from granite_lab.parameters.quantity import build, key_of, parse_toml, quantity, read_toml
+from granite_lab.parameters.quantity import build, key_of, parse_toml, quantity, read_toml, toml_line
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -174,25 +172,8 @@ def _comments(trial: Trial) -> list[str]:
     }
     if wheels is not None and wheels.step > 0:
         known["enc_step_rad" if wheels.rate is None else "enc_step_radps"] = wheels.step
-    lines = [f"{key} = {toml(value)}" for key, value in known.items() if value is not None]
-    return lines + [f"{_key(key)} = {toml(value)}" for key, value in info.extra.items()]
-
-
-def toml(value: object) -> str:
-    """Write a number, flag, text or list of texts as TOML."""
-    if isinstance(value, str):
-        # JSON escapes what TOML wants escaped, except DEL.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(toml(item) for item in value)}]"
-    return repr(int(value)) if isinstance(value, (int, np.integer)) else repr(float(str(value)))
-
-
-def _key(key: str) -> str:
-    """Write a key, in quotes where it needs them."""
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else toml(key)
+    said = {key: value for key, value in known.items() if value is not None}
+    return [toml_line(key, value) for key, value in (*said.items(), *info.extra.items())]
 
 
 def _table(trial: Trial) -> pd.DataFrame:

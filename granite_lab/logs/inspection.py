@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 
 from granite_lab.errors import InputError
-from granite_lab.logs.canonical import toml
 from granite_lab.logs.clocks import GAP_PERIODS
 from granite_lab.logs.dialect import Table, is_number
 from granite_lab.logs.guess import by_name, guess
@@ -27,6 +26,7 @@ from granite_lab.logs.source import Source, open_source
 from granite_lab.logs.table import is_dated, load, open_table
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import load_robot
+from granite_lab.parameters.quantity import toml
 
 KNOWN = 0.95
 """How sure a recognised layout is."""

@@ -33,6 +33,8 @@ class EffectParameter:
         per_trial: True where the value changes from trial to trial, as a phase of the wheels does.
         moving: True where the trace of another size comes at another time, so that sizes are probed closely.
         linear: True where the effect is proportional to it, so that one size tells what others do.
+        relative: True for a relative error, which a reader gets in percent.
+        signs: the effect in words where the value is above and below zero; empty where a sign tells nothing.
     """
 
     name: str
@@ -47,6 +49,8 @@ class EffectParameter:
     per_trial: bool = False
     moving: bool = False
     linear: bool = False
+    relative: bool = False
+    signs: tuple[str, str] = ("", "")
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,8 @@ class Effect:
     Class attributes:
         id: name in files and on the command line.
         title: a few words.
+        name: as a sentence calls it, where the id with spaces does not read as words.
+        fault: True for an error of the measurement, which no model lacks.
         equation: the formula, as text.
         source: where the formula comes from.
         signature: what an observer sees, in words.
@@ -121,6 +127,8 @@ class Effect:
     source: ClassVar[str]
     signature: ClassVar[str]
     parameters: ClassVar[tuple[EffectParameter, ...]]
+    name: ClassVar[str] = ""
+    fault: ClassVar[bool] = False
     states: ClassVar[tuple[str, ...]] = ()
     circles: ClassVar[tuple[tuple[str, str], ...]] = ()
 

@@ -1,15 +1,18 @@
-"""Numbers with unit and bounds, and their reading from TOML: the only place that reads TOML."""
+"""Numbers with unit and bounds, and TOML: the only place that reads it, and that writes its values."""
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
 import hashlib
+import json
 import math
+import numbers
+import re
 import tomllib
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -111,6 +114,27 @@ def parse_toml(text: str, path: Path | str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}", "see https://toml.io for the syntax") from None
+
+
+def toml(value: object) -> str:
+    """Return a number, flag, text, list or dictionary as TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, numbers.Integral):
+        return repr(int(value))
+    if isinstance(value, numbers.Real):
+        return repr(float(str(value)))  # a number of single precision keeps its digits
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(toml, value))}]"
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(toml_line(str(k), v) for k, v in value.items())} }}"
+    # JSON escapes what TOML wants escaped, except DEL.
+    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def toml_line(key: str, value: object) -> str:
+    """Return ``key = value`` as TOML, the key in quotes where it needs them."""
+    return f"{key if re.fullmatch(r'[A-Za-z0-9_-]+', key) else toml(key)} = {toml(value)}"
 
 
 def unknown_key(where: str, key: str, known: list[str]) -> InputError:

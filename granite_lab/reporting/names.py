@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +13,9 @@ import numpy as np
 
 from granite_lab.discovery.empirical import TARGETS
 from granite_lab.discovery.finding import Candidate, Finding, FoundEffect, FoundParameter
+from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
-from granite_lab.model.effect import Effect
+from granite_lab.model.effect import EffectParameter
 from granite_lab.reporting.rounding import decided, plus_minus, tidy_unit, with_unit
 
 CHANNELS = {
@@ -78,42 +79,11 @@ SAND = {
 }  # fmt: skip
 """Parameters of the sand."""
 
-NAMES = {
-    "accel_scale_error": "accelerometer scale error", "com_offset": "centre-of-mass offset",
-    "imu_tilt": "IMU tilt", "tyre_windup": "tyre wind-up",
-}  # fmt: skip
-"""Effects whose id alone does not read as words."""
-
 PREFIXED = ("s", "m", "rad", "m/N", "rad/(N m)")
 """Units that take a milli or a micro in front."""
 
-RELATIVE = {
-    ("accel_scale_error", "x"), ("accel_scale_error", "z"), ("torque_constant_error", "error"),
-    ("wheel_radius_error", "error"),
-}  # fmt: skip
-"""Effect and number that are relative errors, said in percent."""
-
-DIRECTIONS = {
-    "clock_offset": (
-        "offset", "stamps of encoders and currents late against the IMU's",
-        "stamps of encoders and currents early against the IMU's",
-    ),
-    "com_offset": ("forward", "centre of mass shifted to the front", "centre of mass shifted to the rear"),
-    "ground_slope": ("slope", "ground that rises", "ground that falls"),
-    "imu_tilt": ("tilt", "IMU mounted nose down", "IMU mounted nose up"),
-    "torque_constant_error": (
-        "error", "torque constant or gear efficiency above that of the robot's file",
-        "torque constant or gear efficiency below that of the robot's file",
-    ),
-    "wheel_radius_error": ("error", "wheel angles read too large", "wheel angles read too small"),
-}  # fmt: skip
-"""Effect to the number whose sign has a direction, and the effect in words for either sign."""
-
 MUCH = 0.2
 """Share of the gap that is left from which on something else may be missing."""
-
-SENSORS = ("accel_scale_error", "clock_offset", "encoder_eccentricity", "imu_tilt", "wheel_radius_error")
-"""Effects that are errors of the measurement, not of the model."""
 
 
 def channel_name(channel: str) -> str:
@@ -139,7 +109,14 @@ def plain(effect_id: str) -> str:
     term = term_of(effect_id)
     if term is not None:
         return f"{LAW[term[0]].split(',')[0]}, {TERMS[term[1]][0]}"
-    return NAMES.get(effect_id, effect_id.replace("_", " "))
+    effect = met(effect_id)
+    return (effect.name if effect else "") or effect_id.replace("_", " ")
+
+
+def declared(effect_id: str, name: str) -> EffectParameter | None:
+    """Return a number of an effect as the effect declares it; None where nothing is known of either."""
+    effect = met(effect_id)
+    return next((p for p in effect.parameters if p.name == name), None) if effect else None
 
 
 def brief(effect_id: str) -> str:
@@ -161,10 +138,11 @@ def describe(effect: FoundEffect) -> str:
     title, sizes = effect.title, [f"{p.name.replace('_', ' ')} {amount(effect, p)}" for p in _shown(effect)]
     if effect.empirical:
         title, sizes = plain(effect.id), [amount(effect, p) for p in effect.parameters]
-    name, above, below = DIRECTIONS.get(effect.id, ("", "", ""))
-    for p in (p for p in effect.parameters if p.name == name and not p.per_trial):
-        away = replace(p, estimate=Estimate(abs(p.estimate.value), p.estimate.std))
-        title, sizes = above if p.estimate.value >= 0 else below, [f"by {amount(effect, away)}"]
+    for p in (p for p in effect.parameters if not p.per_trial):
+        known = declared(effect.id, p.name)
+        if known and known.signs[0]:
+            away = replace(p, estimate=Estimate(abs(p.estimate.value), p.estimate.std))
+            title, sizes = known.signs[p.estimate.value < 0], [f"by {amount(effect, away)}"]
     return f"{title} ({', '.join(sizes)})" if sizes else title
 
 
@@ -260,7 +238,8 @@ def scale_of(effect_id: str, name: str, unit: str, size: float) -> tuple[str, fl
 
     Relative errors are percent; small sizes of some units are thousandths, as ms for 0.027 s.
     """
-    if (effect_id, name) in RELATIVE:
+    known = declared(effect_id, name)
+    if known and known.relative:
         return "%", 100.0
     if unit not in PREFIXED or size == 0 or abs(size) >= 0.1:
         return tidy_unit(unit), 1.0
@@ -273,12 +252,13 @@ def amount(effect: FoundEffect, parameter: FoundParameter) -> str:
     return plus_minus(parameter.estimate, unit, scale)
 
 
-def meaning(effect_id: str, name: str, known: Mapping[str, Effect]) -> str:
+def meaning(effect_id: str, name: str) -> str:
     """Say what a number of an effect is, and which way its sign goes; empty where that is not known."""
-    effect = known.get(effect_id)
-    text = next((p.meaning for p in effect.parameters if p.name == name), "") if effect is not None else ""
-    directed, _, below = DIRECTIONS.get(effect_id, ("", "", ""))
-    return f"{text}; below zero: {below}" if text and name == directed and "positive" not in text else text
+    known = declared(effect_id, name)
+    if known is None:
+        return ""
+    told = "positive" in known.meaning or not known.signs[1]
+    return known.meaning if told else f"{known.meaning}; below zero: {known.signs[1]}"
 
 
 def law_formulas(finding: Finding) -> tuple[str, ...]:
@@ -318,7 +298,7 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple
     if finding.verdict == "unknown":
         look = "Look where the model disagrees, then test the suspected cause as an effect of your own"
         return (*steps, f"{look}: {own}", f"Plan the trial that would tell more: {plan}")
-    faults = [plain(e.id) for e in finding.effects if e.id in SENSORS]
+    faults = [plain(e.id) for e in finding.effects if (known := met(e.id)) and known.fault]
     if faults:
         steps.append(
             f"{capital(listed(faults))} is an error of the measurement, not of the model: correct it on the "

@@ -5,14 +5,12 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
 from granite_lab.discovery.finding import Finding
-from granite_lab.effects import library
-from granite_lab.model.effect import Effect
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
 from granite_lab.reporting import plot_motion, plot_results, plot_search, search_tables, tables
@@ -130,19 +128,12 @@ def _gallery(*figures: Figure | None) -> Gallery | None:
     return Gallery(there) if there else None
 
 
-def study_report(
-    result: StudyResult,
-    *,
-    model: Path | str | None = None,
-    effects: Mapping[str, Effect] | None = None,
-    folder: str = "",
-) -> Report:
+def study_report(result: StudyResult, *, model: Path | str | None = None, folder: str = "") -> Report:
     """Lay out the report of a study, or of a search alone, which is a study without trials.
 
     Args:
         result: the study.
         model: path of the model file with what was found, as the report names it.
-        effects: candidates of the search by id; those of the package by default.
         folder: of the report, as its commands name it.
     """
     decided = decide.of_study(result, model, folder)
@@ -155,7 +146,7 @@ def study_report(
     elif result.failures:
         sections = [Section("trials", "Trials that were left out", (_failures(result),))]
     if result.finding is not None:
-        sections.append(Section("missing", "What is missing", _kept(_missing(result.finding, effects))))
+        sections.append(Section("missing", "What is missing", _kept(_missing(result.finding))))
     if result.trials:
         sections.append(Section("trials", "Quality of the trials", _kept(_quality(result))))
     sections.append(_provenance(result.source, decided.steps[1:]))
@@ -200,8 +191,7 @@ def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     )
 
 
-def _missing(finding: Finding, effects: Mapping[str, Effect] | None) -> Iterator[Maybe]:
-    known = dict(library() if effects is None else effects) | {a.effect.id: a.effect for a in finding.active}
+def _missing(finding: Finding) -> Iterator[Maybe]:
     yield (
         "The model is fitted to the readings of the sensors, together with the sand of each trial, the "
         "time offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for "
@@ -210,7 +200,7 @@ def _missing(finding: Finding, effects: Mapping[str, Effect] | None) -> Iterator
         "are tolerated."
     )
     yield _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
-    yield search_tables.effects_table(finding, known, finding.effects) if finding.effects else None
+    yield search_tables.effects_table(finding, finding.effects) if finding.effects else None
     formulas = law_formulas(finding)
     yield LAW_NOTE if formulas else None
     yield list(formulas)
@@ -231,9 +221,9 @@ def _missing(finding: Finding, effects: Mapping[str, Effect] | None) -> Iterator
     )
     yield _fold(
         "Candidates, and what these trials could have shown of them",
-        search_tables.candidates_table(finding, known) if finding.candidates else None,
-        search_tables.effects_table(finding, known, finding.small, small=True) if finding.small else None,
-        search_tables.detectable_table(finding, known) if finding.detectable else None,
+        search_tables.candidates_table(finding) if finding.candidates else None,
+        search_tables.effects_table(finding, finding.small, small=True) if finding.small else None,
+        search_tables.detectable_table(finding) if finding.detectable else None,
         search_tables.confusion_table(finding),
     )
     yield _fold("Sand and sensors, as fitted", search_tables.fitted_table(finding))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from granite_lab.discovery.finding import Detectable, Finding, FoundEffect, FoundParameter
+from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import FORMULA_ERROR
-from granite_lab.model.effect import Effect
 from granite_lab.reporting import names
 from granite_lab.reporting.rounding import NONE, interval, percent, percent_of
 from granite_lab.reporting.table import Cell, Table, number, share, tabulate, words
@@ -22,14 +22,11 @@ SURE = 0.95
 """Share of sets from which on a candidate is told from all others."""
 
 
-def effects_table(
-    finding: Finding, known: Mapping[str, Effect], effects: Sequence[FoundEffect], *, small: bool = False
-) -> Table:
+def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bool = False) -> Table:
     """List effects, each number with its interval.
 
     Args:
         finding: the record.
-        known: candidates by id, for what their numbers mean.
         effects: of the finding, those that were named or the small ones.
         small: they are the small ones.
     """
@@ -63,7 +60,7 @@ def effects_table(
             ("effect", "", lambda r: once(r[2], words(names.plain(r[0].id)))),
             ("number", "", lambda r: "amount" if r[0].empirical else r[1].name.replace("_", " ")),
             ("what it is", "", lambda r: "term of an empirical law" if r[0].empirical
-             else names.meaning(r[0].id, r[1].name, known) or NONE),
+             else names.meaning(r[0].id, r[1].name) or NONE),
             ("value ± std", "value std unit",
              lambda r: Cell(names.amount(r[0], r[1]), (r[1].estimate.value, r[1].estimate.std, r[1].unit))),
             ("95 % interval", "low high", lambda r: bounds(r[0], r[1])),
@@ -115,7 +112,7 @@ def gaps_table(finding: Finding) -> Table:
     )  # fmt: skip
 
 
-def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table:
+def candidates_table(finding: Finding) -> Table:
     """List every candidate with its probability, the share of the gap it closes, and what became of it."""
     return tabulate(
         "found_candidates", "Every candidate",
@@ -124,7 +121,7 @@ def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table:
         names.shown_candidates(finding),
         [
             ("candidate", "", lambda c: names.plain(c.id)),
-            ("what it is", "", lambda c: known[c.id].title if c.id in known else NONE),
+            ("what it is", "", lambda c: getattr(met(c.id), "title", NONE)),
             ("probability", "probability", lambda c: share(c.probability)),
             # a fit to the noise closes no more than all of the gap
             ("closes alone", "closes", lambda c: Cell(percent(min(c.closes, 1.0)), (c.closes,))),
@@ -136,18 +133,20 @@ def candidates_table(finding: Finding, known: Mapping[str, Effect]) -> Table:
     )  # fmt: skip
 
 
-def detectable_table(finding: Finding, known: Mapping[str, Effect]) -> Table:
+def detectable_table(finding: Finding) -> Table:
     """List the smallest size of each candidate that these trials show, and what limits it."""
-    declared = {(e.id, p.name): (p.prior_low, p.prior_high) for e in known.values() for p in e.parameters}
+
+    def ends_of(d: Detectable) -> tuple[float, float] | None:
+        known = names.declared(d.effect, d.parameter)
+        return (known.prior_low, known.prior_high) if known else None
 
     def expected(d: Detectable) -> Cell:
-        ends = declared.get((d.effect, d.parameter))
+        ends = ends_of(d)
         text = " to ".join(f"{v * scale(d)[1]:.4g}".replace("-", "−") for v in ends) if ends else NONE
         return Cell(text, ends or (None, None))
 
     def scale(d: Detectable) -> tuple[str, float]:
-        ends = declared.get((d.effect, d.parameter), (d.size,))
-        return names.scale_of(d.effect, d.parameter, d.unit, max(map(abs, ends)))
+        return names.scale_of(d.effect, d.parameter, d.unit, max(map(abs, ends_of(d) or (d.size,))))
 
     def size(d: Detectable) -> Cell:
         seen = math.isfinite(d.size)

@@ -144,7 +144,7 @@ def show_finding(
         if effects:
             console.print()
             say(console, f"{title} effect{'s' if len(effects) > 1 else ''}", "bold")
-            table = search_tables.effects_table(finding, {}, effects, small=title == "small")
+            table = search_tables.effects_table(finding, effects, small=title == "small")
             show_table(table, console, only=("effect", "number", "value ± std", "probability"))
     if latency := latency_in_words(finding.latency):
         say(console, f"{latency}.")

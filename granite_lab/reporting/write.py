@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,7 +14,6 @@ from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.files import readable, write_text
-from granite_lab.model.effect import Effect
 from granite_lab.reporting import crate
 from granite_lab.reporting.canvas import Figure, on_page, rendered
 from granite_lab.reporting.content import StudyResult
@@ -46,7 +45,6 @@ def write_report(
     folder: Path,
     *,
     model: Path | str | None = None,
-    effects: Mapping[str, Effect] | None = None,
     jobs: int = 1,
 ) -> Path:
     """Write ``index.html``, ``report.md``, ``report.json``, ``report.pdf``, ``figures/``, ``tables/``
@@ -60,7 +58,6 @@ def write_report(
         result: the study, with what a search found.
         folder: of the report; made if it does not exist.
         model: path of the model file, as the numbers shall name it.
-        effects: the candidates by id; those of the package by default.
         jobs: processes that draw; 0 means one per core.
 
     Returns:
@@ -70,7 +67,7 @@ def write_report(
         LabError: a file cannot be written.
     """
     beside = Path(model).name if model is not None else None
-    report = study_report(result, model=beside, effects=effects, folder=_named(folder))
+    report = study_report(result, model=beside, folder=_named(folder))
     with _replacing(folder) as new:
         pictures = _write_figures(report.figures, new, jobs)
         _write_tables(report.tables, new)

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granite_lab.effects import get, load_effects
-from granite_lab.effects.model_file import FittedEffect, ModelFile, _toml, load_model, save_model
+from granite_lab.effects.model_file import FittedEffect, ModelFile, load_model, save_model
 from granite_lab.errors import InputError
 from granite_lab.estimate import Estimate
 from granite_lab.model import simulate
+from granite_lab.parameters.quantity import toml
 from tests.effects.example import EXAMPLE
 from tests.effects.runs import ROBOT, SOIL, variant_of
 
@@ -70,7 +71,7 @@ def test_a_loaded_model_simulates(tmp_path: Path) -> None:
     )
 )  # fmt: skip
 def test_every_value_is_read_back_from_the_toml_written(value: object) -> None:
-    assert tomllib.loads(f"v = {_toml(value)}")["v"] == value
+    assert tomllib.loads(f"v = {toml(value)}")["v"] == value
 
 
 def test_an_effect_of_one_s_own_needs_its_file(tmp_path: Path) -> None:

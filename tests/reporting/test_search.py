@@ -168,12 +168,12 @@ def test_a_discrepancy_is_a_share_of_the_rms_in_motion(findings: dict[str, Findi
 
 def test_effects_stand_with_size_twins_probability_and_share(findings: dict[str, Finding]) -> None:
     finding = findings["named"]
-    own = rows_of(search_tables.effects_table(finding, library(), finding.effects))[0]
+    own = rows_of(search_tables.effects_table(finding, finding.effects))[0]
     assert own["value ± std"] == "0.300 ± 0.004"
     assert own["cannot be told from"] == "slip sinkage"
     assert own["probability"] == "97 %"
     assert own["gap lost without it"] == "93.0 ± 2.0 %"
-    small = rows_of(search_tables.effects_table(finding, library(), finding.small, small=True))[0]
+    small = rows_of(search_tables.effects_table(finding, finding.small, small=True))[0]
     assert (small["effect"], small["gap lost without it"]) == ("clock offset", "2.0 ± 1.0 %")
 
 
@@ -190,7 +190,7 @@ def test_sand_and_scales_stand_in_units_of_a_reader(findings: dict[str, Finding]
 
 
 def test_what_limits_a_size_is_said_and_what_cannot_be_seen() -> None:
-    rows = rows_of(search_tables.detectable_table(made_up_finding(), library()))
+    rows = rows_of(search_tables.detectable_table(made_up_finding()))
     limits = {row["candidate"]: (row["smallest size"], row["limited by"]) for row in rows}
     assert limits["payload mass"][1] == "tolerance"
     assert limits["bulldozing"][1] == "noise"
@@ -205,9 +205,7 @@ def test_what_a_candidate_would_be_taken_for_stands_in_percent() -> None:
 
 def test_candidates_stand_with_probability_share_and_fate() -> None:
     finding = made_up_finding()
-    rows = {
-        r["candidate"]: [*r.values()][2:] for r in rows_of(search_tables.candidates_table(finding, library()))
-    }
+    rows = {r["candidate"]: [*r.values()][2:] for r in rows_of(search_tables.candidates_table(finding))}
     assert rows["multi pass"] == ["97 %", "93 %", "300", "named"]
     assert rows["gear backlash"][3] == "ended at a limit (backlash)"
     assert rows["payload mass"][1] == "–"
@@ -269,7 +267,7 @@ def test_cosine_and_sine_of_each_trial_are_said_as_the_amplitude_they_share() ->
 
 def test_the_table_keeps_sign_and_si_unit_and_says_which_way_it_goes() -> None:
     finding = naming(found("clock_offset", offset=(-0.0035, 0.0001)))
-    table = search_tables.effects_table(finding, library(), finding.effects)
+    table = search_tables.effects_table(finding, finding.effects)
     assert spaced(table.rows[0][3].text) == "−3.50 ± 0.10 ms"
     assert table.rows[0][3].raw == (-0.0035, 0.0001, "s")
     assert "below zero: stamps of encoders and currents early" in table.rows[0][2].text
