@@ -11,7 +11,7 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import SECONDS, unit_factor
-from granite_lab.logs.layouts import ACCELERATION, CHANNELS, ENCODERS, RATE
+from granite_lab.logs.sensors import ACCELERATION, CHANNELS, ENCODERS, RATE, SENSORS
 from granite_lab.logs.trial import Array
 from granite_lab.logs.units import DATE, Unit, find_unit, gravity_unit, si_unit
 from granite_lab.parameters import WHEELS
@@ -42,12 +42,6 @@ _PAIRS = {"fl": "fl lf", "fr": "fr rf", "rl": "rl lr bl lb", "rr": "rr br rb"}
 _AXLES = {"f": {"front", "fore", "f"}, "r": {"rear", "back", "hind", "aft", "b"}}
 _SIDES = {"l": {"left", "l"}, "r": {"right", "r"}}
 _TIME = {"time", "timestamp", "stamp", "t", "seconds", "millis", "micros", "sec", "clock", "ts"}
-_SENSORS = {  # order matters: the more telling words first
-    "cur": "current cur amps curr iq amp",
-    "imu_a": "accelerometer acceleration accel acc a linacc force",
-    "imu_g": "gyroscope gyro gyr omega angular w rate g rot",
-    "enc": "encoder enc ticks tick wheel odo pos counts count vel speed rpm",
-}
 _TURNS = {"x": "roll", "y": "pitch", "z": "yaw"}
 _ATTITUDE = {"roll", "pitch", "yaw", "heading", "euler", "quat", "quaternion", "orientation", "attitude"}
 _NUMBERED = {"enc", "encoder", "wheel", "motor", "cur", "current", "count", "counts", "tick", "ticks"}
@@ -128,18 +122,19 @@ def _sensor(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float
     wheels = wheels_named(parts)
     if not wheels and _NUMBERED & set(parts):
         wheels = tuple(wheel for number, wheel in enumerate(WHEELS, 1) if str(number) in parts)
-    for sensor, text in _SENSORS.items():
-        hints = text.split()
+    for sensor in SENSORS.values():
+        hints = sensor.words.split()
         # `ax`, `gyrx`, `accz`: the axis may hang on to the word.
         axis = next((a for a in "xyz" if a in parts or any(joined.endswith(h + a) for h in hints)), "")
         named = any(h in parts or (axis and h + axis in parts) or (len(h) > 2 and h in joined) for h in hints)
-        if sensor == "imu_g" and not axis:
+        if sensor.channels == RATE and not axis:
             axis = next((a for a, turn in _TURNS.items() if turn in parts), "")
-        if named and axis and sensor.startswith("imu"):
-            return (f"{sensor}{axis}",), 0.9
-        turning = sensor == "enc" and unit is not None and unit.name == "rpm"
-        if wheels and sensor in ("cur", "enc") and (named or turning):
-            return tuple(f"{sensor}_{wheel}" for wheel in wheels), 0.8
+        turning = sensor.channels == ENCODERS and unit is not None and unit.name == "rpm"
+        if hints and (named or turning):
+            ends = wheels if sensor.channels[0].endswith(WHEELS[0]) else tuple(axis)
+            found = tuple(channel for channel in sensor.channels if ends and channel.endswith(ends))
+            if found:
+                return found, 0.8 if ends == wheels else 0.9
     return (), 0.0
 
 

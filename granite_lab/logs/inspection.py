@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,11 @@ from granite_lab.parameters.quantity import toml
 
 KNOWN = 0.95
 """How sure a recognised layout is."""
+
+HEAD = """\
+# A column map: edit it, then read the log with --map THIS_FILE.
+# Channels: t, t_add, imu_ax … imu_az, imu_gx … imu_gz, enc_fl … enc_rr, cur_fl … cur_rr,
+# v_cmd, ref_x, ref_y, ref_v, ref_lat, ref_lon. A wrong sign is scale = -1."""
 
 PLAIN, SETTINGS = Column(to=()), ("scale", "wrap", "counts_per_rev", "increment")
 """A column without settings, and the keys that may be set."""
@@ -86,8 +91,7 @@ class FileReport:
         dialect: how its text is laid out; None if it is no text.
         layout: the column map that fits; "" if none does and columns were guessed.
         confidence: in the layout as a whole, 0 to 1.
-        columns: what the columns are.
-        entries: the same in the order of a column map, where of several clocks the first counts.
+        entries: what the columns are, in the order of a column map, where of several clocks the first counts.
         head: what a column map says about the file as a whole.
         streams: clocks of the sensors.
         rests: standstills [s].
@@ -101,7 +105,6 @@ class FileReport:
     dialect: Table | None = None
     layout: str = ""
     confidence: float = 0.0
-    columns: tuple[ColumnReport, ...] = ()
     entries: tuple[ColumnReport, ...] = ()
     head: tuple[tuple[str, object], ...] = ()
     streams: tuple[StreamReport, ...] = ()
@@ -111,6 +114,11 @@ class FileReport:
     problem: str = ""
     trial: Trial | None = field(default=None, compare=False, repr=False)
 
+    @property
+    def columns(self) -> tuple[ColumnReport, ...]:
+        """What the columns are, in the order of the file."""
+        return tuple(sorted(self.entries, key=lambda column: column.place))
+
     def to_map_toml(self) -> str:
         """Return a column map of what was recognised, which reads the file when given as ``--map``.
 
@@ -119,14 +127,11 @@ class FileReport:
         """
         if not self.entries:
             raise InputError(self.problem, "only a table of numbers can be mapped")
-        lines = [
-            "# A column map: edit it, then read the log with --map THIS_FILE.",
-            "# Channels: t, t_add, imu_ax … imu_az, imu_gx … imu_gz, enc_fl … enc_rr, cur_fl … cur_rr,",
-            "# v_cmd, ref_x, ref_y, ref_v, ref_lat, ref_lon. A wrong sign is scale = -1.",
-            f"name = {toml(re.sub(r'[^A-Za-z0-9_]+', '_', name_of(self.path)) or 'log')}",
-            f"title = {toml(f'written from {self.path.name}')}",
-            *_pairs(self.head),
-        ]
+        head = {
+            "name": re.sub(r"[^A-Za-z0-9_]+", "_", name_of(self.path)) or "log",
+            "title": f"written from {self.path.name}",
+        }
+        lines = [HEAD, *_pairs((*head.items(), *self.head))]
         if self.dialect is not None:
             said: list[tuple[str, object]] = [
                 ("delimiter", self.dialect.delimiter_name), ("decimal", self.dialect.decimal),
@@ -243,24 +248,23 @@ def _inspect(
     rows: str | None,
     topics: Mapping[str, str] | None,
 ) -> FileReport:
-    """Look at one file."""
+    """Look at one file: by its layout, or else by guess."""
     report = FileReport(path)
     try:
         if is_bag(path):
             source = open_source(path, maps, topics=topics)
-            report = _described(report, source.table, source.match)
-            return _sampled(report, source, robot)
+            return _sampled(_described(report, source.table, source.match), source, robot)
         table = open_table(path, maps[0].table if len(maps) == 1 else None)
     except InputError as error:
         return replace(report, problem=error.message)
     try:
         found = choose(table, maps)
-        report = _described(report, table, found)
+        report, layout = _described(report, table, found), found.layout
     except InputError as error:
         report = _described(replace(report, problem=error.message), table, None)
-    if not report.layout and not any("t" in column.to for column in report.entries):
-        return report
-    layout = found.layout if report.layout else _guessed_layout(report)
+        layout = _guessed_layout(report)
+        if not any("t" in column.to for column in layout.column):
+            return report
     try:
         return _sampled(report, open_source(path, [layout], rows), robot)
     except InputError as error:
@@ -279,18 +283,15 @@ def _described(report: FileReport, table: Table, found: Match | None) -> FileRep
     places = {column.place for column in entries}
     entries += [_unused(table, columns, place) for place in range(table.width) if place not in places]
     entries = [_ranged(column, columns.get(column.place, np.zeros(0))) for column in entries]
-    keys = ("robot", "rows", "split", "gravity_removed") if found is not None else ()
-    guessed = min((column.confidence for column in entries if column.to), default=0.0)
-    return replace(
-        report,
-        dialect=table if table.data_line else None,
-        layout=found.layout.name if found else "",
-        confidence=KNOWN if found else guessed,
-        columns=tuple(sorted(entries, key=lambda column: column.place)),
-        entries=tuple(entries),
-        head=tuple((key, value) for key in keys if (value := getattr(found.layout, key))) if found else (),
-        doubts=tuple(doubts),
+    report = replace(
+        report, dialect=table if table.data_line else None, entries=tuple(entries), doubts=tuple(doubts)
     )
+    if found is None:
+        sure = min((column.confidence for column in entries if column.to), default=0.0)
+        return replace(report, confidence=sure)
+    keys = ("robot", "rows", "split", "gravity_removed")
+    head = tuple((key, value) for key in keys if (value := getattr(found.layout, key)))
+    return replace(report, layout=found.layout.name, confidence=KNOWN, head=head)
 
 
 def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
@@ -397,26 +398,17 @@ def _sampled(report: FileReport, source: Source, robot: str | Path | None) -> Fi
     )
 
 
-def _streams(trial: Trial) -> list[StreamReport]:
+def _streams(trial: Trial) -> Iterator[StreamReport]:
     """Describe the clock of every sensor."""
     sensors = {
-        "imu": trial.imu,
-        "encoders": trial.wheels,
-        "motor currents": trial.currents,
-        "command": trial.command,
-        "reference": trial.reference_x or trial.reference_v,
-    }
-    reports = []
+        "imu": trial.imu, "encoders": trial.wheels, "motor currents": trial.currents,
+        "command": trial.command, "reference": trial.reference_x or trial.reference_v,
+    }  # fmt: skip
     for what, stream in sensors.items():
-        if stream is None:
-            continue
-        steps = np.diff(stream.t)
-        period = float(np.median(steps))
-        gap = steps > GAP_PERIODS * period
-        reports.append(
-            StreamReport(
-                what, len(stream.t), float(stream.t[0]), float(stream.t[-1]), 1 / period,
-                jitter=float(steps[~gap].std()), gaps=int(gap.sum()), longest_gap=float(steps.max()),
-            )
-        )  # fmt: skip
-    return reports
+        if stream is not None:
+            t, steps = stream.t, np.diff(stream.t)
+            period = float(np.median(steps))
+            gap = steps > GAP_PERIODS * period
+            jitter, longest = float(steps[~gap].std()), float(steps.max())
+            start, end = float(t[0]), float(t[-1])
+            yield StreamReport(what, len(t), start, end, 1 / period, jitter, int(gap.sum()), longest)

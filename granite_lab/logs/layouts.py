@@ -27,36 +27,14 @@ from pathlib import Path
 from granite_lab.errors import InputError
 from granite_lab.files import is_folder
 from granite_lab.logs.dialect import TableFormat
+from granite_lab.logs.sensors import CHANNELS
 from granite_lab.logs.units import Unit, find_unit, resembling, spellings
-from granite_lab.parameters import CATALOGUE, WHEELS, names
+from granite_lab.parameters import CATALOGUE, names
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml
 
 Maps = str | Path | Sequence[str | Path] | None
 """Column maps as a user gives them."""
-
-ACCELERATION = ("imu_ax", "imu_ay", "imu_az")
-RATE = ("imu_gx", "imu_gy", "imu_gz")
-ENCODERS = tuple(f"enc_{wheel}" for wheel in WHEELS)
-CURRENTS = tuple(f"cur_{wheel}" for wheel in WHEELS)
-
-CHANNELS: dict[str, tuple[str, ...]] = {
-    "t": ("time",),
-    "t_add": ("time",),
-    **dict.fromkeys(ACCELERATION, ("acceleration",)),
-    **dict.fromkeys(RATE, ("angular rate",)),
-    **dict.fromkeys(ENCODERS, ("angle", "angular rate", "speed", "length")),
-    **dict.fromkeys(CURRENTS, ("current",)),
-    "v_cmd": ("speed",),
-    "ref_x": ("length",),
-    "ref_y": ("length",),
-    "ref_v": ("speed",),
-    "ref_lat": ("angle",),
-    "ref_lon": ("angle",),
-}
-"""Channel to the quantities that may feed it. `t_add` is added to `t`, as nanoseconds beside seconds.
-`ref_x` alone is a distance along the path; with `ref_y`, or as latitude and longitude, it is a place in
-the plane whose path is followed."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,11 +14,12 @@ from granite_lab.files import sha256
 from granite_lab.logs.canonical import collect, fill, trial_info
 from granite_lab.logs.clocks import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
-from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE, Maps, given_maps
+from granite_lab.logs.layouts import Maps, given_maps
 from granite_lab.logs.log import Log
 from granite_lab.logs.matching import Binding
 from granite_lab.logs.motion import look, rests
 from granite_lab.logs.named import name_of, parts_of, sidecar
+from granite_lab.logs.sensors import SENSORS
 from granite_lab.logs.source import Source, open_source, refuse_unused
 from granite_lab.logs.streams import Parts, interval, read_streams
 from granite_lab.logs.trial import Array, ImuStream, InputFile, Trial, TrialInfo
@@ -38,17 +39,7 @@ _ROLES: dict[str, tuple[str, ...]] = {
 }
 """What is taken from a file that was given for one purpose."""
 
-_KINDS: dict[str, tuple[str, ...]] = {
-    "acceleration": ACCELERATION,
-    "rate": RATE,
-    "wheels": ENCODERS,
-    "currents": CURRENTS,
-    "command": ("v_cmd",),
-    "reference_x": ("ref_x",),
-    "reference_v": ("ref_v",),
-}
-"""What a file may hold, and the channels of each."""
-
+_KINDS = ("acceleration", "rate", "wheels", "currents", "command", "reference_x", "reference_v")
 _STREAMS = ("imu", "wheels", "currents", "command", "reference_x", "reference_v")
 
 BRIDGED = 0.5
@@ -238,7 +229,7 @@ def _merge(files: Files, parts: Sequence[Parts]) -> tuple[Parts, dict[str, Bindi
             better = kind == "acceleration" and merged.gravity_removed and not one.gravity_removed
             if role or better or getattr(merged, kind) is None:
                 setattr(merged, kind, getattr(one, kind))
-                columns |= {b.channel: b for b in reversed(source.bindings(*_KINDS[kind]))}
+                columns |= {b.channel: b for b in reversed(source.bindings(*SENSORS[kind].channels))}
                 if kind == "acceleration":
                     merged.gravity_removed = one.gravity_removed
     return merged, columns

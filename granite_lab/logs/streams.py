@@ -13,8 +13,8 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import Mask, Rows, integral, runs, stray, tidy, unit_factor
 from granite_lab.logs.encoders import convert, unwrap
-from granite_lab.logs.layouts import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.matching import Binding
+from granite_lab.logs.sensors import ENCODERS, SENSORS
 from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
 from granite_lab.parameters import Robot
@@ -24,9 +24,6 @@ ZERO = "every sample is 0: taken as not measured"
 
 WINDOW = 5
 """Samples through which a line is laid to get a speed."""
-
-_SLOWEST = {(*ACCELERATION, *RATE): 4.0, ENCODERS: 0.5}
-"""The lowest plausible sampling rate [Hz] of a sensor."""
 
 _MANY = 100
 """An axis that is zero in fewer samples than these may just be at rest."""
@@ -77,19 +74,14 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
     t = _clock(source, parts.doubts)
     if window is not None:
         source, t = _cut(source, t, window)
-    for name, channels, what in (
-        ("acceleration", ACCELERATION, "accelerometer"),
-        ("rate", RATE, "gyroscope"),
-    ):
-        samples = _samples(source, t, channels, what, parts.doubts)
-        if samples is not None and (samples := _measured(source, samples, channels, what, parts.doubts)):
-            setattr(parts, name, _whole(source, samples, channels, what, parts.doubts))
+    for kind in ("acceleration", "rate"):
+        samples = _samples(source, t, kind, parts.doubts)
+        if samples is not None and (samples := _measured(source, samples, kind, parts.doubts)):
+            setattr(parts, kind, _whole(source, samples, kind, parts.doubts))
     parts.wheels = _wheels(source, t, robot, parts)
-    currents = _samples(source, t, CURRENTS, "motor currents", parts.doubts)
-    if currents is not None:
+    if currents := _samples(source, t, "currents", parts.doubts):
         parts.currents = CurrentStream(currents.t, currents.values)
-    command = _samples(source, t, ("v_cmd",), "command", parts.doubts)
-    if command is not None:
+    if command := _samples(source, t, "command", parts.doubts):
         parts.command = Series(command.t, command.values[:, 0])
     _reference(source, t, parts)
     return parts
@@ -141,12 +133,12 @@ def _clock(source: Source, doubts: list[str]) -> Array:
     raw[seen], wraps, width = unwrap(logged[seen], ranges, slack=0.0)
     if wraps:
         doubts.append(f"{source.path.name}: the clock wrapped {wraps} times at {width:.0f}; unwrapped")
-    for channels, slowest in _SLOWEST.items():
-        rows = _sampled(source, channels) & np.isfinite(raw)
+    for kind in ("acceleration", "rate", "wheels"):
+        rows = _sampled(source, SENSORS[kind].channels) & np.isfinite(raw)
         if np.count_nonzero(rows) < 3:
             continue
         try:
-            factor, doubt = unit_factor(raw[rows], factor, slowest)
+            factor, doubt = unit_factor(raw[rows], factor, SENSORS[kind].slowest)
         except InputError as error:
             raise InputError(f"{source.path}: column '{binding.name}': {error.message}", error.hint) from None
         if doubt:
@@ -167,13 +159,12 @@ def _sampled(source: Source, channels: Sequence[str]) -> Mask:
     return rows
 
 
-def _samples(
-    source: Source, t: Array, channels: Sequence[str], what: str, doubts: list[str], si: bool = True
-) -> Samples | None:
-    """Return the samples of some channels in the order of time, NaN for what was not logged.
+def _samples(source: Source, t: Array, kind: str, doubts: list[str]) -> Samples | None:
+    """Return the samples of a sensor in the order of time, NaN for what was not logged.
 
-    Encoders stay in the file's units (`si` false), for a wrap is a number of counts.
+    Encoders stay in the file's units, for a wrap is a number of counts.
     """
+    what, channels = SENSORS[kind].name, SENSORS[kind].channels
     bindings = source.bindings(*channels)
     if not bindings:
         return None
@@ -184,7 +175,7 @@ def _samples(
     values = np.full((len(places), len(channels)), np.nan)
     for binding in bindings:
         column = source.columns[binding.place][places]
-        if si:
+        if kind != "wheels":
             column = column * (binding.unit.factor * binding.spec.scale)
             column = np.nancumsum(column) if binding.spec.increment else column
         values[:, channels.index(binding.channel)] = column
@@ -198,12 +189,11 @@ def _samples(
     return Samples(stamps, values[rows], places[rows])
 
 
-def _measured(
-    source: Source, samples: Samples, channels: Sequence[str], what: str, doubts: list[str]
-) -> Samples | None:
+def _measured(source: Source, samples: Samples, kind: str, doubts: list[str]) -> Samples | None:
     """Leave out what is zero from beginning to end: so messages of ROS say that it is not measured."""
+    what, channels = SENSORS[kind].name, SENSORS[kind].channels
     idle = [k for k, values in enumerate(samples.values.T) if (values == 0).all()]
-    if len(samples.t) < _MANY or not idle or (channels == ACCELERATION and len(idle) < len(channels)):
+    if len(samples.t) < _MANY or not idle or (kind == "acceleration" and len(idle) < len(channels)):
         return samples
     names = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
     doubts.append(f"{source.path.name}: {what}: {names}: {ZERO}")
@@ -212,10 +202,9 @@ def _measured(
     return Samples(samples.t, values, samples.rows) if len(idle) < len(channels) else None
 
 
-def _whole(
-    source: Source, samples: Samples, channels: Sequence[str], what: str, doubts: list[str]
-) -> Samples:
+def _whole(source: Source, samples: Samples, kind: str, doubts: list[str]) -> Samples:
     """Leave out the samples in which an axis is missing that is logged elsewhere."""
+    what, channels = SENSORS[kind].name, SENSORS[kind].channels
     t, values, rows = samples
     logged = np.isfinite(values).any(axis=0)
     holes = np.asarray(np.isnan(values[:, logged]).any(axis=1))
@@ -243,7 +232,7 @@ def _longest(flags: Mask, t: Array) -> tuple[int, int]:
 
 def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream | None:
     """Return wheel angles and rates."""
-    samples = _samples(source, t, ENCODERS, "encoders", parts.doubts, si=False)
+    samples = _samples(source, t, "wheels", parts.doubts)
     if samples is None:
         return None
     angle = np.full(samples.values.shape, np.nan)
@@ -293,9 +282,8 @@ def _counts(source: Source, binding: Binding, robot: Robot) -> float:
 
 def _reference(source: Source, t: Array, parts: Parts) -> None:
     """Return the external reference as distance and speed along the path."""
-    globe = _samples(source, t, ("ref_lat", "ref_lon"), "reference", parts.doubts)
-    plane = _samples(source, t, ("ref_x", "ref_y"), "reference", parts.doubts)
-    speed = _samples(source, t, ("ref_v",), "reference", parts.doubts)
+    kinds = ("globe", "reference_x", "reference_v")
+    globe, plane, speed = (_samples(source, t, kind, parts.doubts) for kind in kinds)
     place = globe or (plane if source.bindings("ref_y") else None)
     if place is not None:
         whole = np.isfinite(place.values).all(axis=1)

@@ -10,9 +10,9 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import runs
 from granite_lab.logs.encoders import quantum
-from granite_lab.logs.layouts import CURRENTS, ENCODERS
 from granite_lab.logs.log import Log
 from granite_lab.logs.motion import mean_speed
+from granite_lab.logs.sensors import CURRENTS, ENCODERS
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, WheelStream
 from granite_lab.logs.units import factors
 from granite_lab.parameters import WHEELS
