@@ -16,6 +16,7 @@ from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.identification import identify_scatter, with_motion_noise
+from granite_lab.estimation.jumps import with_jumps
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify
@@ -137,6 +138,7 @@ def correct(
         warnings.append(_reliance(problem, slip_std))
     else:
         if rolling is not None and imu.has_pitch_rate and imu.gravity:
+            problem = with_jumps(problem, offset.value)
             problem = replace(problem, noise=with_motion_noise(problem, offset.value))
         slip = identify_scatter(problem, offset.value)
         if _spun(problem, offset.value):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,7 +53,9 @@ CLEAR = 5.0
 
 UNUSUAL = 8.0
 """And where it makes the trial more likely by this factor's logarithm than an ordinary latency does: one
-logger in a hundred is that far off, by an amount anywhere in 0.4 s, against 0.01 s for the others."""
+logger in a hundred is that far off, by an amount anywhere in 0.4 s, against 0.01 s for the others. As unusual
+is a change of motion that tells nothing of the clock: a body that slides on when its wheels stand, stands
+while they turn, or sets off late on soft tyres."""
 
 
 def correlate(force: Array, wheel: Array, reach: int) -> tuple[Array, int, float]:
@@ -189,7 +192,7 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
     begin, end = problem.imu.t[0], problem.imu.t[-1]
     turning = problem.rolling.t[~wheels_still(problem.rolling)] + offset
     starts, stops = [], []
-    for a, b in problem.rests:
+    for a, b in bridged_rests(problem.rests, turning):
         if b - a < STILL:
             continue
         # the IMU may go on shaking for a while after the wheels have stopped, and never before
@@ -201,13 +204,30 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
     return starts[:most] + stops[:most]
 
 
+def bridged_rests(rests: Sequence[Interval], turning: Array) -> list[Interval]:
+    """Join standstills between which no wheel turned: their ends are no change of motion.
+
+    Args:
+        rests: standstills [s].
+        turning: (M,) instants at which wheels turn [s].
+    """
+    joined: list[Interval] = []
+    for a, b in rests:
+        if joined and not np.any((turning > joined[-1][1]) & (turning < a)):
+            joined[-1] = (joined[-1][0], b)
+        else:
+            joined.append((a, b))
+    return joined
+
+
 def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     """Refine an offset by the likelihood of the moments when the robot sets off and stops; None without any.
 
     The body lags the wheels while both move, so correlation is biased. But the body neither sets off
-    before the wheels do, nor goes on when they have stopped: the first bounds the offset from above,
+    before the wheels do, nor usually goes on when they have stopped: the first bounds the offset from above,
     the second from below. The filter's model of slip (any share of the wheel's speed, so none when
-    the wheels stand) holds both.
+    the wheels stand) holds both. Each change has its own likelihood, which an unusual change bounds from
+    below: one that contradicts the others is outvoted, and where none is, the std covers them all.
 
     Args:
         problem: the trial.
@@ -228,10 +248,12 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     nominal = [nominal_of(part, coarse.value) for part in parts]
 
     def posterior(candidates: Array) -> tuple[float, float]:
-        score = TEMPER * np.array([
-            sum(log_likelihood(build(p, n, float(c), 1e-6)) for p, n in zip(parts, nominal, strict=True))
-            for c in candidates
+        scores = TEMPER * np.array([
+            [log_likelihood(build(p, n, float(c), 1e-6)) for c in candidates]
+            for p, n in zip(parts, nominal, strict=True)
         ])  # fmt: skip
+        scores -= scores.max(axis=1, keepdims=True)
+        score = np.logaddexp(scores, -UNUSUAL).sum(axis=0)
         score -= 0.5 * ((candidates - coarse.value) / coarse.std) ** 2
         weight = np.exp(score - score.max())
         mean = float(weight @ candidates / weight.sum())

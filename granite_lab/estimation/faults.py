@@ -11,7 +11,7 @@ from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
 from granite_lab.estimation.wheels import bridged, runs
 from granite_lab.logs.trial import Array, ImuStream
-from granite_lab.parameters import ImuGrade
+from granite_lab.parameters import GRAVITY, ImuGrade
 
 UNSEEN = 1.5
 """Acceleration that may go unseen while samples are missing and no wheel tells [m/s^2]."""
@@ -175,6 +175,11 @@ def find_restarts(
         usual_turn = np.hypot(grade.gyro_noise * share, grade.gyro_instability * min(apart, 1.5))
         usual_size = np.hypot(grade.accel_noise * share, 2.0 * grade.accel_instability * min(apart, 1.5))
         usual_turn, usual_size = np.hypot(usual_turn, shaken[1]), np.hypot(usual_size, shaken[0])
+        # where the frame lies otherwise than before, the same bias has another share along gravity
+        sizes = np.linalg.norm([force, force_2], axis=1)
+        tilted = float(np.linalg.norm(force_2 / sizes[1] - force / sizes[0]))
+        bias = max(grade.accel_bias, float(np.abs(sizes - GRAVITY).max()))
+        usual_size = np.hypot(usual_size, bias * tilted)
         if np.abs(turn).max() < 6.0 * usual_turn and abs(size) < 6.0 * usual_size + 0.01:
             continue
         accel = max(grade.accel_bias, float(np.linalg.norm(force_2 - force)))

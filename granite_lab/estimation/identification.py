@@ -184,6 +184,8 @@ def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
     nominal, dt = nominal_of(problem, offset), imu.period
     pace = pace_of(rolling, offset, nominal.t)
     on = pace.steady & ~nominal.rest
+    if problem.jumps is not None:
+        on &= problem.jumps == 0.0
     on &= np.diff(nominal.t, prepend=nominal.t[0] - dt) < 3.0 * dt
     frequencies, densities = [np.empty(0)], [np.empty(0)]
     for a, b in zip(*runs(on), strict=True):

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TH, D, P, SlipModel, Update, V, X
+from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TH, D, P, S, SlipModel, Update, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
@@ -71,6 +71,7 @@ class Problem:
         soft: std of the compliance itself [s^2].
         louder: factors on the variance of kinds of measurements.
         coasts: the log ends while the wheels coast to rest.
+        jumps: (N,) square of the slip velocity's jumps per second, at the IMU's stamps [m^2/s^3].
     """
 
     imu: BodyImu
@@ -85,6 +86,7 @@ class Problem:
     soft: float = COMPLIANCE
     louder: Mapping[str, float] = field(default_factory=dict)
     coasts: bool = False
+    jumps: Array | None = None
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:
         """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""
@@ -96,6 +98,7 @@ class Problem:
         return replace(
             self, imu=self.imu.part(keep), rolling=rolling, rests=rests, faults=self.faults.part(keep),
             aside=None if self.aside is None else self.aside.part(keep), coasts=False,
+            jumps=None if self.jumps is None else self.jumps[keep],
         )  # fmt: skip
 
 
@@ -293,6 +296,8 @@ def build(
         dt, coupling, moving, accel=accel, gyro=gyro, accel_walk=noise.accel_walk, gyro_walk=noise.gyro_walk
     )
     model.add_slip(Q, dt, moving, onset, w, pace.unrest, slip)
+    if problem.jumps is not None:
+        Q[:, S, S] += moving * problem.jumps[index] * dt / w**2
     size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
     if nominal.vibration_left is not None:
         size = size * nominal.vibration_left[index]

@@ -1,0 +1,132 @@
+"""Where the slip velocity changes further than it usually does, by the IMU alone.
+
+Over a quarter of a second an IMU knows a change of velocity to a millimetre a second, whatever it drifts by
+over seconds. So the rolled distance less the one that the IMU alone finds shows each change of slip: wheels
+that slip through, that spin on while the body stands, or that stand while the body slides on. A change far
+beyond the usual ones is a jump: there the slip ratio may take any value, and elsewhere it scatters no more
+for it. Such breaks are looked for in the same way in economic time series [1].
+
+[1] A. Harvey, S. J. Koopman, Diagnostic checking of unobserved-components time series models, J. Business &
+Economic Statistics 10 (1992).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.error_model import P, V, X
+from granite_lab.estimation.nodes import Problem
+from granite_lab.estimation.rest import COAST
+from granite_lab.estimation.smoother import Solution, solve
+from granite_lab.estimation.wheels import Rolling, runs
+from granite_lab.logs.trial import Array
+
+BIN = 0.25
+"""Time over which slip is averaged [s]: the body follows the wheels on sand within it."""
+
+RARE = 3.0
+"""A change of slip this many std from none is a jump."""
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """Changes of slip from one bin of time to the next (J in all).
+
+    Attributes:
+        begin, end: (J,) of the two bins together [s].
+        slip: (J, 2) mean slip velocity in each [m/s].
+        wheel: (J, 2) mean wheel velocity in each [m/s], signed, at least `COAST`.
+        unsure: (J,) std of the body's velocity by the IMU alone, which both have in common [m/s].
+    """
+
+    begin: Array
+    end: Array
+    slip: Array
+    wheel: Array
+    unsure: Array
+
+    @property
+    def size(self) -> Array:
+        """(J,) change of the slip ratio, times the slower of the two wheel velocities [m/s]."""
+        ratio = self.slip / self.wheel
+        return np.asarray(np.abs(ratio[:, 1] - ratio[:, 0]) * self.slower)
+
+    @property
+    def slower(self) -> Array:
+        """(J,) magnitude of the slower of the two wheel velocities [m/s]."""
+        return np.asarray(np.abs(self.wheel).min(axis=1))
+
+
+def with_jumps(problem: Problem, offset: float) -> Problem:
+    """Return the problem with `jumps`: where and how far its slip velocity jumps.
+
+    Args:
+        problem: a trial with wheels.
+        offset: of the encoders' clock [s].
+    """
+    rolling = problem.rolling
+    assert rolling is not None
+    alone = solve(replace(problem, rolling=None), Estimate(offset), robust=False)
+    changes = slip_changes(alone, rolling, offset)
+    size = changes.size
+    jump = size > RARE * usual_size(problem, changes)
+    if not jump.any():
+        return problem
+    # the ratio to wheels that nearly stand says little of how far the slip velocity itself changed
+    far = np.maximum(size, np.abs(changes.slip[:, 1] - changes.slip[:, 0]))
+    t, rate = problem.imu.t, np.zeros(problem.imu.t.size)
+    for k in np.flatnonzero(jump):
+        # it may begin in the bin before and end in the one after, where it is too small to show
+        at = (t >= changes.begin[k] - BIN) & (t <= changes.end[k] + BIN)
+        rate[at] = np.maximum(rate[at], far[k] ** 2 / BIN)
+    return replace(problem, jumps=rate)
+
+
+def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
+    """Compare the rolled distance with the one that the IMU alone finds, bin by bin of each motion.
+
+    Args:
+        alone: the trial without its wheels.
+        rolling: its wheels.
+        offset: of the encoders' clock [s].
+    """
+    nodes, found = alone.nodes, alone.smoothed
+    travelled = np.interp(nodes.t, alone.nominal.t, alone.nominal.x) + found.x[:, X] - found.x[:, P]
+    spread = np.sqrt(np.maximum(found.P[:, V, V], 0.0))
+    known = np.isfinite(rolling.mean)
+    stamps, rolled = rolling.t[known] + offset, rolling.mean[known]
+    parts = [Changes(np.empty(0), np.empty(0), np.empty((0, 2)), np.empty((0, 2)), np.empty(0))]
+    for a, b in zip(*runs(nodes.moving), strict=True):
+        begin, end = nodes.t[max(a - 1, 0)], nodes.t[b - 1]
+        edges = np.linspace(begin, end, max(round((end - begin) / BIN), 1) + 1)
+        width = edges[1] - edges[0]
+        pace = np.diff(np.interp(edges, stamps, rolled)) / width
+        slip = pace - np.diff(np.interp(edges, nodes.t, travelled)) / width
+        wheel = np.where(pace < 0.0, -1.0, 1.0) * np.maximum(np.abs(pace), COAST)
+        parts.append(
+            Changes(
+                edges[:-2], edges[2:], np.stack([slip[:-1], slip[1:]], axis=1),
+                np.stack([wheel[:-1], wheel[1:]], axis=1), np.interp(edges[1:-1], nodes.t, spread),
+            )
+        )  # fmt: skip
+    names = ("begin", "end", "slip", "wheel", "unsure")
+    return Changes(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def usual_size(problem: Problem, changes: Changes) -> Array:
+    """(J,) std of the sizes of usual changes [m/s].
+
+    It is made of the scatter of the ratio, by the median of all changes; of what the slip model allows while
+    the wheels' speed changes; of the error of the body's velocity, which looks like a change of the ratio
+    where the wheels' speed changes; and of the IMU's white noise.
+    """
+    noise, wheel = problem.noise, np.abs(changes.wheel)
+    scatter = 1.4826 * float(np.median(changes.size / changes.slower)) if changes.unsure.size else 0.0
+    ramp = problem.slip.ramp * np.sqrt(np.abs(np.log(wheel[:, 1] / wheel[:, 0])))
+    level = changes.unsure * np.abs(1.0 / changes.wheel[:, 1] - 1.0 / changes.wheel[:, 0])
+    # means of a random walk over neighbouring bins differ by two thirds of its variance in a bin
+    white = np.hypot(noise.accel, noise.accel_motion) * np.sqrt(2.0 / 3.0 * BIN)
+    return np.asarray(np.hypot(np.sqrt(scatter**2 + ramp**2 + level**2) * changes.slower, white))
