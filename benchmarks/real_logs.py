@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.against_truth import Array, Velocities, draw, rms
-from benchmarks.real_logs_page import page
+from benchmarks.real_logs_page import Delay, Delays, page
 from granite_lab.errors import LabError
 from granite_lab.estimation import Motion, estimate
 from granite_lab.estimation.rest import Interval
@@ -120,14 +120,13 @@ def standstills(trial: Trial) -> list[Interval]:
 
 
 def car(data: Path) -> LogSet:
-    """Car on roads, against its fused position and velocity; samples at rest are left out."""
+    """Car on roads, against its fused velocity."""
     found, (robot, columns) = LogSet(), by_hand("zoe")
     for scene in SCENES:
         folder = data / "car" / f"scene-{scene}" / "CAN"
         imu, wheels, pose = (folder / f"{n}.csv" for n in ("imu_signal", "zoe_veh_signal", "gt_pose"))
         trial = read_trial(imu, imu=imu, encoders=wheels, reference=pose, robot=robot, map=columns)
         found.add(scene, trial, robot)
-    found.runs[:] = [only(run, run.truth > MOVES) for run in found.runs]
     return found
 
 
@@ -137,12 +136,27 @@ def only(run: Velocities, keep: NDArray[np.bool_]) -> Velocities:
     return replace(run, t=t, truth=truth, v=v, std=std, wheels=wheels)
 
 
-def reference_lag(run: Velocities) -> float:
-    """How far a reference lies behind the wheels [s]: the shift with which they agree best."""
+def delays(scenes: LogSet) -> Delays:
+    """How the reference's velocity is delayed: by scene, and by the low-pass that it decays with at rest."""
+    found = {run.name: (delay(run, run.v), delay(run, run.wheels)) for run in scenes.runs}
+    ratios, step = [], 0.0
+    for run in scenes.runs:
+        before, after = run.truth[:-1], run.truth[1:]
+        still = (run.wheels[1:] == 0.0) & (before > 0.0) & (before < MOVES)
+        ratios.append(after[still] / before[still])
+        step = float(np.median(np.diff(run.t)))
+    return Delays(found, -step / float(np.log(np.median(np.concatenate(ratios)))))
+
+
+def delay(run: Velocities, values: Array) -> Delay:
+    """The delay of the reference with which it agrees best with some velocity, and how well it does then."""
     shifts = np.linspace(-0.3, 0.3, 61)
-    inner = slice(20, -20)  # 0.4 s at 50 Hz: nothing is shifted in from outside
-    off = [rms((np.interp(run.t - s, run.t, run.wheels) - run.truth)[inner]) for s in shifts]
-    return float(shifts[int(np.argmin(off))])
+    keep = run.truth > MOVES
+    keep[:20] = keep[-20:] = False  # 0.4 s at 50 Hz: nothing is shifted in from outside
+    off = [(np.interp(run.t - s, run.t, values) - run.truth)[keep] for s in shifts]
+    best = int(np.argmin([rms(one) for one in off]))
+    std = np.interp(run.t - shifts[best], run.t, run.std)[keep]
+    return Delay(float(shifts[best]), rms(off[best]), float(np.mean(np.abs(off[best]) <= 2.0 * std)))
 
 
 def pathfinder(data: Path) -> LogSet:
@@ -226,11 +240,12 @@ def main() -> None:
         "small car": small_car(data),
         "boreal": boreal(data),
     }
-    lags = {run.name: reference_lag(run) for run in sets["car"].runs}
+    late = delays(sets["car"])
+    sets["car"].runs[:] = [only(run, run.truth > MOVES) for run in sets["car"].runs]
     draw(figures / "real_snow.png", [run for run in sets["snow, named"].runs if run.name[0] == "1"])
     draw(figures / "real_car.png", sets["car"].runs, columns=3)
     draw(figures / "real_others.png", [run for name in OTHERS for run in sets[name].runs])
-    write_text(given.out, page(sets, lags, sliding(data)))
+    write_text(given.out, page(sets, late, sliding(data)))
     print(given.out)
 
 

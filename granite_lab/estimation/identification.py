@@ -71,6 +71,9 @@ NONE = 0.8
 SHAKEN = 1.0
 """A motion shorter than this [s] does not tell how far shaking turns the gyro's pitch."""
 
+BLOCKS = 4
+"""Parts of a standstill whose levels are compared."""
+
 LISTEN = 6.0
 """Length of a window of motion that is listened to [s]; the IMU is precise over these few seconds."""
 
@@ -150,26 +153,44 @@ def lost_pitch(problem: Problem, offset: float) -> float:
     nominal = nominal_of(problem, offset)
     rested = sum(end - begin for begin, end in problem.rests)
     broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
+    places = [(imu.t >= begin) & (imu.t <= end) for begin, end in problem.rests]
+    white = noise.accel**2 / imu.period / imu.gravity**2
+    levels = [level(imu.forward[at] / imu.gravity, white) for at in places]
     found = []
-    for (a, b), (c, d) in pairwise(problem.rests):
-        if c - b < SHAKEN or any(begin < c and end > b for begin, end in broken):
+    for i, ((_, begin), (end, _)) in enumerate(pairwise(problem.rests)):
+        length = end - begin
+        if length < SHAKEN or any(one < end and other > begin for one, other in broken):
             continue
-        before, after = ((imu.t >= begin) & (imu.t <= end) for begin, end in ((a, b), (c, d)))
-        level = [
-            np.arcsin(np.clip(np.nanmean(imu.forward[at]) / imu.gravity, -1, 1)) for at in (before, after)
-        ]
-        angle = [float(np.mean(nominal.pitch[at])) for at in (before, after)]
+        (before, before_variance), (after, after_variance) = levels[i], levels[i + 1]
+        turned = float(np.mean(nominal.pitch[places[i + 1]]) - np.mean(nominal.pitch[places[i]]))
         # the specific force of a body that stands is -g sin(pitch)
-        missed = angle[1] - angle[0] + float(level[1] - level[0])
-        by_gyro = noise.gyro**2 * (c - b) * (1 + (c - b) / rested) + noise.gyro_walk**2 * (c - b) ** 3 / 3
-        by_level = noise.accel**2 * (1 / (b - a) + 1 / (d - c)) + noise.accel_walk**2 * (c - b)
-        found.append((missed**2, by_gyro + by_level / imu.gravity**2, c - b))
+        missed = turned + after - before
+        known = noise.gyro**2 * length * (1 + length / rested) + noise.gyro_walk**2 * length**3 / 3
+        known += before_variance + after_variance + noise.accel_walk**2 * length / imu.gravity**2
+        if np.isfinite(known):
+            found.append((missed**2, known, length))
     if not found:
         return 0.0
     square, known, length = np.array(found).T
     if float(np.mean(square / known)) <= usual(square.size):
         return 0.0
     return float(np.sqrt(max(np.sum(square - known), 0.0) / np.sum(length)))
+
+
+def level(force: Array, variance: float) -> tuple[float, float]:
+    """Angle [rad] that a standstill's specific force (N,) in g makes, and its variance.
+
+    A body that still rocks is levelled no better than the means of its blocks agree.
+
+    Args:
+        variance: of a sample, by the noise at rest.
+    """
+    force = force[np.isfinite(force)]
+    if force.size < 2 * BLOCKS:
+        return float(np.arcsin(np.clip(np.mean(force), -1, 1))) if force.size else 0.0, np.inf
+    means = [float(np.mean(part)) for part in np.array_split(force, BLOCKS)]
+    scatter = float(np.var(means, ddof=1)) / BLOCKS
+    return float(np.arcsin(np.clip(np.mean(force), -1, 1))), max(variance / force.size, scatter)
 
 
 def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:

@@ -14,9 +14,10 @@ from benchmarks.against_truth import Velocities, errors, inside, rms, slip_ratio
 from benchmarks.real_logs import (
     LogSet,
     boreal,
+    delay,
+    delays,
     husky,
     only,
-    reference_lag,
     sliding,
     small_car,
     standstills,
@@ -61,7 +62,10 @@ class TestWithTheLogs:
         assert run.truth_std == pytest.approx(0.18, abs=0.02)
         assert rms(errors([run])) < 0.30
         assert abs(np.mean(errors([run]))) < 0.10
-        assert 0.88 <= inside([run]) <= 0.98
+        assert inside([run]) >= 0.88
+        # the ground is not known, so two std reach from the wheels' speed to rest
+        moving = only(run, run.wheels > 0.3)
+        assert np.median(2.0 * moving.std / moving.wheels) == pytest.approx(1.0, abs=0.2)
 
     def test_the_husky_stands_still_when_gps_does(self) -> None:
         (run,) = the_husky().runs
@@ -85,8 +89,8 @@ class TestWithTheLogs:
         for name, motion in found.motions.items():
             assert not motion.health.good, name
             assert any("no standstill" in line for line in motion.warnings), name
-            # steady slip of up to 30 % is not excluded
-            assert motion.distance.std > 0.1 * motion.distance.value, name
+            # a steady slip of up to 100 % is not excluded
+            assert 0.4 < motion.distance.std / motion.distance.value < 0.7, name
             way = motion.distance.value - motion.distance_wheels.value
             assert abs(way) < 2 * motion.distance.std, name
 
@@ -108,7 +112,20 @@ def made_up(late: float = 0.0) -> Velocities:
 
 @pytest.mark.parametrize("late", [-0.1, 0.0, 0.12])
 def test_the_delay_of_a_reference_is_found(late: float) -> None:
-    assert reference_lag(made_up(late)) == pytest.approx(late, abs=0.006)
+    run = made_up(late)
+    found = delay(run, run.wheels)
+    assert found.by == pytest.approx(late, abs=0.006)
+    assert found.rmse < 0.01
+
+
+def test_a_low_pass_in_the_reference_is_found_from_how_it_comes_to_rest() -> None:
+    run = made_up()
+    for k in range(1, run.t.size):
+        run.truth[k] = run.truth[k - 1] + (1 - np.exp(-0.02 / 0.05)) * (run.wheels[k] - run.truth[k - 1])
+    late = delays(LogSet([run]))
+    assert late.decay == pytest.approx(0.05, rel=0.01)
+    estimate, wheels = late.scenes[""]
+    assert estimate.by != wheels.by == pytest.approx(0.05, abs=0.011)
 
 
 def test_standstills_are_the_ends_at_which_the_reference_stands() -> None:
