@@ -189,7 +189,7 @@ def view(
     if web and screenshot is not None:
         raise UsageError("--web and --screenshot: one of them at a time", "run the command twice")
     if at is not None and screenshot is None:
-        raise UsageError("--at: only a picture has a time", "add --screenshot FILE.png")
+        raise UsageError("--at is the time of a picture", "add --screenshot FILE.png")
     path = Path(what)
     refuse_special(path)
     if is_folder(path) and not is_log(path):

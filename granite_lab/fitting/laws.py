@@ -106,7 +106,9 @@ def gather(items: Sequence[K92Fit | PointRow]) -> tuple[Points, list[str]]:
     if len(kept) < len(items):
         notes.append(f"{len(items) - len(kept)} of {len(items)} trials have no k_92 and are left out.")
     if not kept:
-        raise EstimateError("no trial has a k_92, so there is no a_θ", "look at the fits of the trials first")
+        raise EstimateError(
+            "no trial has a k_92, so there is no a_θ", "granite-lab fit-k92 --verbose shows why"
+        )
     trials, v, k92, slip = zip(*map(row_of, kept), strict=True)
     sigma = np.array([k.std for k in k92])
     stated = np.isfinite(sigma) & (sigma > 0)

@@ -82,7 +82,7 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
         what = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(
             f"{path}: cannot be read as a ROS bag: {what}",
-            "is the recording complete? 'ros2 bag reindex' mends some",
+            "is the recording complete? 'ros2 bag reindex' may repair it",
         ) from None
     columns = {"t": _stamps(path, rows, doubts)}
     role_of = {name: role for role, name in chosen.items()}
@@ -151,7 +151,7 @@ def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str])
     topics = {topic for topic, _, _ in rows}
     bare = topics - {topic for (topic, _, _), stamp in zip(rows, stamps, strict=True) if stamp}
     for topic in sorted(bare):
-        doubts.append(f"{path.name}: messages of {topic} carry no stamps; taken when they arrived")
+        doubts.append(f"{path.name}: messages of {topic} have no stamps; the time of arrival is used")
     late = [arrival - s for (topic, arrival, _), s in zip(rows, stamps, strict=True) if topic not in bare]
     delay = int(np.median(late)) if bare and late else 0
     stamps = [

@@ -145,7 +145,7 @@ def _refuse_reset(stamps: Array, values: Array, where: Callable[[int], str]) -> 
     """Tell a clock that starts over from samples that merely arrived late.
 
     Late samples are few, or come as blocks that fit into holes of the time line. After a reset two
-    long stretches of the file claim the same time with different stamps.
+    long blocks of the file take turns on the time line.
     """
     cuts = np.flatnonzero(np.diff(stamps) < 0) + 1
     if len(cuts) > 0.5 * len(stamps):
@@ -153,26 +153,21 @@ def _refuse_reset(stamps: Array, values: Array, where: Callable[[int], str]) -> 
             f"{where(int(cuts[0]))}: time runs backwards, from {stamps[0]:.3f} s to {stamps[-1]:.3f} s",
             "stamps increase from row to row: sort the log, or correct its time column",
         )
-    latest = np.maximum.accumulate(stamps)
+    block = np.searchsorted(cuts, np.arange(len(stamps)), side="right")
+    order = np.argsort(stamps, kind="stable")
+    t, x, block = stamps[order], np.nan_to_num(values[order]), block[order]
+    again = (np.diff(t) == 0) & (x[1:] == x[:-1]).all(axis=1)  # written twice
+    block = block[np.concatenate(([True], ~again))]
+    turns = np.bincount(block[1:][np.diff(block) != 0], minlength=len(cuts) + 1)
+    jumps = np.maximum.accumulate(stamps)[cuts - 1] - stamps[cuts]
     period = float(np.median(np.abs(np.diff(stamps)))) or 1.0
-    for cut, end in zip(cuts.tolist(), [*cuts[1:], len(stamps)], strict=True):
-        jump = latest[cut - 1] - stamps[cut]
-        later = stamps[cut:end]
-        if jump < 20 * period or len(later) < 10:
-            continue
-        order = np.argsort(stamps[:cut], kind="stable")
-        earlier = stamps[:cut][order]
-        place = np.minimum(np.searchsorted(earlier, later), cut - 1)
-        old, new = values[order[place]], values[cut:end]
-        same = ((old == new) | (np.isnan(old) & np.isnan(new))).all(axis=1)
-        repeated = (earlier[place] == later) & same
-        # Consecutive new samples that fall between different old ones, or on them with other values.
-        claimed = (later > earlier[0]) & (later <= earlier[-1]) & ~repeated
-        if len(np.unique(place[claimed])) >= 10:
-            raise InputError(
-                f"{where(cut)}: time runs backwards by {jump:.3f} s and starts over at {stamps[cut]:.3f} s",
-                "the clock was reset: cut the file there and read the parts as separate trials",
-            )
+    reset = np.flatnonzero((turns[1:] >= 10) & (jumps >= 20 * period))
+    if len(reset):
+        cut, jump = int(cuts[reset[0]]), jumps[reset[0]]
+        raise InputError(
+            f"{where(cut)}: time runs backwards by {jump:.3f} s and starts over at {stamps[cut]:.3f} s",
+            "the clock was reset: cut the file there and read the parts as separate trials",
+        )
 
 
 def describe_gaps(t: Array, what: str) -> str:

@@ -204,7 +204,7 @@ def _first_only(found: dict[int, Guess], names: Mapping[int, str]) -> None:
     for place, one in sorted(found.items(), key=lambda item: -item[1].confidence):
         rival = next((taken[channel] for channel in one.to if channel in taken), None)
         if rival is not None:
-            found[place] = Guess((), "", 0.0, f"'{names[rival]}' seems to be the same")
+            found[place] = Guess((), "", 0.0, f"same quantity as '{names[rival]}'")
         else:
             taken.update(dict.fromkeys(one.to, place))
 

@@ -146,7 +146,7 @@ def _acceleration(imu: ImuStream, seen: Windows, log: Log) -> ImuStream:
     g, spread = float(np.median(norm[calm])), float(np.median(seen.spread[calm]))
     if abs(g / STANDARD_GRAVITY - 1) < 0.12:
         if imu.gravity_removed:
-            log.doubts.append("gravity was said to be removed, but the accelerometer shows it; it is used")
+            log.doubts.append("gravity is declared as removed, but the accelerometer measures it; it is used")
         elif abs(g / STANDARD_GRAVITY - 1) > 0.06:
             log.doubts.append(f"the accelerometer reads {g:.2f} m/s^2 at rest, expected 9.81: scale error?")
         return dataclasses.replace(imu, gravity_removed=False)
@@ -194,7 +194,7 @@ def _rate(imu: ImuStream, seen: Windows | None, log: Log) -> ImuStream:
         log.doubts.append(f"the gyroscope, declared in {declared}, is in {found} ({why}); converted")
         return dataclasses.replace(imu, angular_rate=imu.angular_rate * (sizes[found] / sizes[declared]))
     if too_large:
-        log.doubts.append(f"the gyroscope, declared in {declared}, is far too lively ({why}): wrong unit?")
+        log.doubts.append(f"the gyroscope, declared in {declared}, reads far too much ({why}): wrong unit?")
     return imu
 
 
@@ -274,7 +274,7 @@ def _refuse_dead(imu: ImuStream, log: Log) -> None:
                 channels,
                 f": every sample from t = {begin:.3f} s to {end:.3f} s is the same, expected readings of the "
                 f"{what} that change: the sensor hangs",
-                "cut the log there",
+                "cut the log there (--from, --to)",
             )
         constant = np.array([np.isfinite(v).all() and np.ptp(v) == 0 for v in values.T])
         if constant[np.isfinite(values).any(axis=0)].all() and (

@@ -351,7 +351,7 @@ def _guessed(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
         name = _header(table, place)
         # Two columns of one name cannot be told apart by a map.
         clear = not table.headers or table.headers[0].count(name) == 1
-        to, why = (one.to, one.why) if clear else ((), f"{one.why}; the name stands there twice")
+        to, why = (one.to, one.why) if clear else ((), f"{one.why}; two columns have this name")
         reports.append(ColumnReport(name, place, to, one.unit, one.confidence, why))
     return reports
 

@@ -98,7 +98,7 @@ def match(layout: Layout, table: Table) -> Match:
     """Try a layout on a table; of several header rows the best fitting one gives the names.
 
     Raises:
-        InputError: a needed column stands there twice, or its name carries an unknown unit.
+        InputError: a needed column occurs twice, or its name carries an unknown unit.
     """
     tries = [_match_row(layout, table, names) for names in table.headers]
     nothing = Match(layout, (), ("a header line",), 0)

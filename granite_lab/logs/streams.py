@@ -170,7 +170,7 @@ def _samples(source: Source, t: Array, kind: str, doubts: list[str]) -> Samples 
         return None
     places = np.flatnonzero(_sampled(source, channels))
     if len(places) == 0:
-        doubts.append(f"{source.path.name}: {what}: the columns are there but empty")
+        doubts.append(f"{source.path.name}: {what}: all cells are empty")
         return None
     values = np.full((len(places), len(channels)), np.nan)
     for binding in bindings:

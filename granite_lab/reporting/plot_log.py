@@ -72,7 +72,9 @@ def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Canva
     """
     panels = _panels(trial)
     if not panels:
-        raise InputError(f"{trial.name}: no samples, nothing to plot", "look at its columns with inspect")
+        raise InputError(
+            f"{trial.name}: no samples, nothing to plot", "granite-lab inspect lists its columns"
+        )
     start = min(float(trace.t[0]) for _, traces in panels for trace in traces)
     origin = float(np.floor(start)) if start > DATE else 0.0
     with canvas.styled():
