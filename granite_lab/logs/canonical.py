@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from granite_lab.errors import InputError, at
 from granite_lab.files import write_text, writing
-from granite_lab.logs.sensors import ACCELERATION, CURRENTS, ENCODERS, RATE
+from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.trial import Array, Trial, TrialInfo
 from granite_lab.parameters.quantity import build, key_of, parse_toml, quantity, read_toml, toml_line
 

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from granite_lab.errors import InputError
+from granite_lab.logs.quantities import DATE, factors
 from granite_lab.logs.trial import Array
-from granite_lab.logs.units import DATE, factors
 
 Rows = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]

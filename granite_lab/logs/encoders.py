@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.logs.clocks import integral
+from granite_lab.logs.quantities import Unit
 from granite_lab.logs.trial import Array
-from granite_lab.logs.units import Unit
 
 TURN = 2 * math.pi
 FASTEST = 300.0

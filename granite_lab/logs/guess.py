@@ -11,9 +11,19 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import SECONDS, unit_factor
-from granite_lab.logs.sensors import ACCELERATION, CHANNELS, ENCODERS, RATE, SENSORS
+from granite_lab.logs.quantities import (
+    ACCELERATION,
+    CHANNELS,
+    DATE,
+    ENCODERS,
+    RATE,
+    SENSORS,
+    Unit,
+    find_unit,
+    gravity_unit,
+    si_unit,
+)
 from granite_lab.logs.trial import Array
-from granite_lab.logs.units import DATE, Unit, find_unit, gravity_unit, si_unit
 from granite_lab.parameters import WHEELS
 
 

@@ -18,9 +18,8 @@ from scipy.ndimage import median_filter
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import Mask, integral, runs
 from granite_lab.logs.log import Log
-from granite_lab.logs.sensors import ACCELERATION, RATE
+from granite_lab.logs.quantities import ACCELERATION, RATE, STANDARD_GRAVITY, factors, gravity_unit
 from granite_lab.logs.trial import Array, ImuStream
-from granite_lab.logs.units import STANDARD_GRAVITY, factors, gravity_unit
 from granite_lab.parameters import GRAVITY, Robot
 
 WINDOW = 0.5

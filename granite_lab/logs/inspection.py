@@ -19,12 +19,12 @@ from granite_lab.logs.dialect import Table, is_number
 from granite_lab.logs.guess import by_name, guess
 from granite_lab.logs.layouts import Column, Layout, Maps, given_maps
 from granite_lab.logs.matching import Match, choose
-from granite_lab.logs.motion import MotionGuess, look, rests
 from granite_lab.logs.named import is_bag, name_of, parts_of
 from granite_lab.logs.reader import assemble
 from granite_lab.logs.source import Source, open_source
 from granite_lab.logs.table import is_dated, load, open_table
 from granite_lab.logs.trial import Array, Trial
+from granite_lab.logs.wheels import MotionGuess, look, rests
 from granite_lab.parameters import load_robot
 from granite_lab.parameters.quantity import toml
 

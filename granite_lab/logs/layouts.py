@@ -27,8 +27,7 @@ from pathlib import Path
 from granite_lab.errors import InputError
 from granite_lab.files import is_folder
 from granite_lab.logs.dialect import TableFormat
-from granite_lab.logs.sensors import CHANNELS
-from granite_lab.logs.units import Unit, find_unit, resembling, spellings
+from granite_lab.logs.quantities import CHANNELS, Unit, find_unit, resembling, spellings
 from granite_lab.parameters import CATALOGUE, names
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml

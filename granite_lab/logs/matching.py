@@ -12,8 +12,8 @@ from pathlib import Path
 from granite_lab.errors import InputError, at
 from granite_lab.logs.dialect import Table
 from granite_lab.logs.layouts import Column, Layout, all_layouts, check_unit
+from granite_lab.logs.quantities import DATE, Unit, find_unit
 from granite_lab.logs.table import is_dated, open_table
-from granite_lab.logs.units import DATE, Unit, find_unit
 
 
 @dataclass(frozen=True)

@@ -17,16 +17,17 @@ from granite_lab.logs.imu_checks import check_units, refuse_axes
 from granite_lab.logs.layouts import Maps, given_maps
 from granite_lab.logs.log import Log
 from granite_lab.logs.matching import Binding
-from granite_lab.logs.motion import look, rests
 from granite_lab.logs.named import name_of, parts_of, sidecar
-from granite_lab.logs.sensors import SENSORS
+from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, open_source, refuse_unused
 from granite_lab.logs.streams import Parts, interval, read_streams
 from granite_lab.logs.trial import Array, ImuStream, InputFile, Trial, TrialInfo
-from granite_lab.logs.wheel_checks import (
+from granite_lab.logs.wheels import (
     check_currents,
     check_wheels,
+    look,
     refuse_counts_and_speed,
+    rests,
     without_free_wheels,
 )
 from granite_lab.parameters import Robot, load_robot

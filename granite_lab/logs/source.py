@@ -18,10 +18,9 @@ from granite_lab.logs.guess import by_name
 from granite_lab.logs.layouts import Layout
 from granite_lab.logs.matching import Binding, Match, best, match, no_match, recognise
 from granite_lab.logs.named import is_bag, sidecar
-from granite_lab.logs.sensors import ENCODERS
+from granite_lab.logs.quantities import DATE, ENCODERS
 from granite_lab.logs.table import line_of, load
 from granite_lab.logs.trial import Array, InputFile
-from granite_lab.logs.units import DATE
 
 _ROWS = re.compile(r"\s*(?P<name>.+?)\s*==?\s*(?P<value>[^=]+?)\s*")
 

@@ -14,7 +14,7 @@ from granite_lab.errors import InputError
 from granite_lab.logs.clocks import Mask, Rows, integral, runs, stray, tidy, unit_factor
 from granite_lab.logs.encoders import convert, unwrap
 from granite_lab.logs.matching import Binding
-from granite_lab.logs.sensors import ENCODERS, SENSORS
+from granite_lab.logs.quantities import ENCODERS, SENSORS
 from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
 from granite_lab.parameters import Robot

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granite_lab.logs.encoders import convert, quantum, unwrap
-from granite_lab.logs.units import find_unit
+from granite_lab.logs.quantities import find_unit
 from tests.logs import make
 
 COUNTS = find_unit("counts")
