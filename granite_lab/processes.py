@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import TypeVar
+from functools import partial
+from typing import Any, TypeVar
 
 from granite_lab.errors import LabError
 
@@ -104,6 +105,42 @@ def spread(
         yield from answers
     except BrokenProcessPool:
         raise LabError(f"a process that {did} has died", SHORT_OF_MEMORY) from None
+
+
+_kept: list[Any] = []
+
+
+def shared_out(
+    call: Callable[[X, int], Y], given: X, count: int, did: str, *, jobs: int, few: int = 1
+) -> Iterator[Y]:
+    """Yield ``call(given, k)`` for k from 0 to `count` - 1, in this order, from processes that share `given`.
+
+    They are forked, for what is shared cannot always be sent to another process; where the system cannot
+    fork safely, this process does it all.
+
+    Args:
+        call: a module-level function.
+        given: its first argument.
+        count: number of items.
+        did: what the processes did, in the past tense.
+        jobs: number of processes; 0 means one per core, 1 means this process.
+        few: fewer items than this are not worth another process.
+
+    Raises:
+        LabError: a process died.
+    """
+    pool = forked(min(jobs or os.cpu_count() or 1, count // few), _kept.append, given)
+    if pool is None:
+        yield from (call(given, k) for k in range(count))
+        return
+    try:
+        yield from spread(pool, partial(_of_kept, call), range(count), did)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _of_kept(call: Callable[[X, int], Y], k: int) -> Y:
+    return call(_kept[-1], k)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from granite_lab.logs.trial import InputFile, Trial
 from granite_lab.model.effect import Active
 from granite_lab.parameters import load_soil
 from granite_lab.parameters.catalogue import in_force
+from granite_lab.processes import shared_out
 from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, Options, each_trial
 from granite_lab.running.cache import code, fingerprint
@@ -197,25 +198,39 @@ def write(
 
 
 def record(
-    result: StudyResult, folder: Path, *, progress: Callable[[str, int], None] = lambda *_: None
+    result: StudyResult,
+    folder: Path,
+    *,
+    jobs: int = 1,
+    progress: Callable[[str, int], None] = lambda *_: None,
 ) -> list[Path]:
     """Write a Rerun recording of each trial and one of the whole study.
 
     Args:
         result: the study.
         folder: of the recordings.
+        jobs: as in `processes.shared_out`.
         progress: told how many are written.
 
     Raises:
         LabError: a file cannot be written.
     """
+    paths = [folder / "study.rrd", *(folder / f"{r.trial.name}.rrd" for r in result.trials)]
+    count = len(paths)
+    for k, _ in enumerate(shared_out(_record, (result, paths), count, "wrote recordings", jobs=jobs), 1):
+        progress("recordings", k)
+    for path in set(folder.glob("*.rrd")) - set(paths):
+        path.unlink()  # of a trial that is no longer in the study
+    return [*paths[1:], paths[0]]
+
+
+def _record(given: tuple[StudyResult, Sequence[Path]], k: int) -> None:
+    """Write a recording: that of the study, which takes longest, or of trial number `k`."""
     from granite_lab.reporting.recording import record_study, record_trial  # noqa: PLC0415, heavy
 
-    paths = []
-    for trial in result.trials:
-        path = folder / f"{trial.trial.name}.rrd"
-        paths.append(record_trial(trial.trial, trial.comparison, path, finding=result.finding))
-        progress("recordings", len(paths))
-    for path in set(folder.glob("*.rrd")) - {folder / "study.rrd", *paths}:
-        path.unlink()  # of a trial that is no longer in the study
-    return [*paths, record_study(result, folder / "study.rrd", finding=result.finding)]
+    result, paths = given
+    if k == 0:
+        record_study(result, paths[0], finding=result.finding)
+    else:
+        one = result.trials[k - 1]
+        record_trial(one.trial, one.comparison, paths[k], finding=result.finding)

@@ -175,13 +175,15 @@ def studied(
         if stamp.holds():
             model = folder / MODEL if (folder / MODEL).exists() else None
             return Studied(result, Written(folder / "index.html", model, result.finding), True, warnings)
-        failed = []
+        failed, jobs = [], choice.execution.jobs
         if recordings:
             guard = Guard(folder)
-            guard.run("recordings", lambda: record(result, folder / "recordings", progress=progress))
+            guard.run(
+                "recordings", lambda: record(result, folder / "recordings", jobs=jobs, progress=progress)
+            )
             failed = guard.lines
         progress("report", 0)
-        written = write(result, choice.options, folder, choice.execution.jobs)
+        written = write(result, choice.options, folder, jobs)
         written = written._replace(failures=(*failed, *written.failures))
         if not written.failures:
             stamp.set()

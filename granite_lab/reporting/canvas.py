@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
@@ -21,7 +20,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from matplotlib.transforms import Transform, blended_transform_factory
 
 from granite_lab.logs.trial import Array
-from granite_lab.processes import forked, spread
+from granite_lab.processes import shared_out
 
 # Okabe and Ito's palette, safe for all common kinds of colour blindness. Blue tones are always
 # measured, orange tones simulated, the light tone of each the rear axle or the wheels.
@@ -260,38 +259,22 @@ FEW = 4
 DPI = 300
 """Resolution of a PNG, as journals ask for it."""
 
-_shared: list[Figure] = []
-
 
 def rendered(figures: Sequence[Figure], jobs: int) -> Iterator[dict[str, bytes]]:
     """Yield each figure by format, in their order; the bytes do not depend on the processes.
 
-    Processes are forked, for what draws a figure cannot always be sent to another process; where the
-    system cannot fork safely, this process draws.
-
     Args:
         figures: what to draw.
-        jobs: number of processes; 0 means one per core, 1 means this process.
+        jobs: as in `processes.shared_out`.
 
     Raises:
         LabError: a process died.
     """
-    pool = forked(min(jobs or os.cpu_count() or 1, len(figures) // FEW), _shared.extend, figures)
-    if pool is None:
-        yield from map(_render, figures)
-        return
-    try:
-        yield from spread(pool, _work, range(len(figures)), "drew figures")
-    finally:
-        pool.shutdown(cancel_futures=True)
+    return shared_out(_render, figures, len(figures), "drew figures", jobs=jobs, few=FEW)
 
 
-def _work(index: int) -> dict[str, bytes]:
-    return _render(_shared[index])
-
-
-def _render(figure: Figure) -> dict[str, bytes]:
-    drawn = figure.draw()
+def _render(figures: Sequence[Figure], k: int) -> dict[str, bytes]:
+    drawn = figures[k].draw()
     return {kind: saved(drawn, kind, DPI) for kind in FORMATS}
 
 
