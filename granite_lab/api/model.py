@@ -325,46 +325,10 @@ def _changed(record: T, values: Mapping[str, float | None]) -> T:
     return build(type(record), table | given, "command line")
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One number in force: value, unit, allowed range, meaning and origin."""
-
-    of: Provenance
-
-    def to_frame(self) -> pd.DataFrame:
-        """Return one row."""
-        import pandas as pd  # noqa: PLC0415
-
-        return pd.DataFrame([dataclasses.asdict(self.of)])
-
-
-@dataclass(frozen=True)
-class EffectRecord:
-    """A physical effect that can be added to the paper's model."""
-
-    effect: Effect
-
-    @property
-    def id(self) -> str:
-        """The effect's name."""
-        return self.effect.id
-
-    def to_frame(self) -> pd.DataFrame:
-        """Return its parameters, one row each; `neutral` is the value at which the effect vanishes."""
-        import pandas as pd  # noqa: PLC0415
-
-        rows = [
-            {"effect": self.id, "title": self.effect.title, "parameter": p.name, "unit": p.unit,
-             "meaning": p.meaning, "low": p.low, "high": p.high, "neutral": p.neutral}
-            for p in self.effect.parameters
-        ]  # fmt: skip
-        return pd.DataFrame(rows)
-
-
 @checked
 def params(
     robot: str | Path | None = None, soil: str | Path | None = None, grade: str | None = None
-) -> Records[Parameter]:
+) -> Records[Provenance]:
     """Return every number in force with its unit, allowed range and origin.
 
     Args:
@@ -376,9 +340,7 @@ def params(
         InputError: a file is wrong.
     """
     forget()
-    return Records(
-        [Parameter(row) for row in in_force(str(robot or "granite"), str(soil or "dry_sand"), grade)]
-    )
+    return Records(in_force(str(robot or "granite"), str(soil or "dry_sand"), grade))
 
 
 def chosen_in(
@@ -402,7 +364,7 @@ def chosen_in(
 
 
 @checked
-def list_effects(effects: str | Path | None = None) -> Records[EffectRecord]:
+def list_effects(effects: str | Path | None = None) -> Records[Effect]:
     """Return every effect that can be added to the paper's model.
 
     Args:
@@ -411,11 +373,11 @@ def list_effects(effects: str | Path | None = None) -> Records[EffectRecord]:
     Raises:
         InputError: the file cannot be used.
     """
-    return Records([EffectRecord(effect) for effect in library(effects).values()])
+    return Records(list(library(effects).values()))
 
 
 @checked
-def show_effect(effect_id: str, effects: str | Path | None = None) -> EffectRecord:
+def show_effect(effect_id: str, effects: str | Path | None = None) -> Effect:
     """Return one effect: equation, source, parameters and what an observer sees.
 
     Args:
@@ -425,4 +387,4 @@ def show_effect(effect_id: str, effects: str | Path | None = None) -> EffectReco
     Raises:
         UsageError: no such effect.
     """
-    return EffectRecord(get(effect_id, library(effects)))
+    return get(effect_id, library(effects))

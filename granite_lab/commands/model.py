@@ -244,7 +244,7 @@ def params(
     from granite_lab.parameters import load_paper, load_variants, names
 
     chosen = chosen_in(folder, robot, soil)
-    rows = [one.of for one in run(chosen["robot"]["value"], chosen["soil"]["value"], grade)]
+    rows = list(run(chosen["robot"]["value"], chosen["soil"]["value"], grade))
     if as_json:
         print_json(
             {
@@ -288,7 +288,7 @@ def listing(
         return
     from granite_lab.api.model import list_effects
 
-    known = [one.effect for one in list_effects(effects)]
+    known = list_effects(effects)
     if as_json:
         print_json({"schema": "granite-lab/effects/1", "effects": [_described(e) for e in known]})
     else:
@@ -321,7 +321,7 @@ def show_effect(
     if picture and no_picture:
         raise UsageError("--picture and --no-picture exclude each other", "give one of the two")
     o.picture_of("--picture", picture)
-    effect = run(effect_id, effects).effect
+    effect = run(effect_id, effects)
     if not as_json:
         from granite_lab.reporting import terminal
 

@@ -10,13 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from granite_lab.errors import InputError
 from granite_lab.model.body import BodyLoad, BodyState
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Drive, Soil
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,21 @@ class Effect:
     fault: ClassVar[bool] = False
     states: ClassVar[tuple[str, ...]] = ()
     circles: ClassVar[tuple[tuple[str, str], ...]] = ()
+
+    def __repr__(self) -> str:
+        return f"{self.id}: {self.title}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return its parameters, one row each; `neutral` is the value at which the effect vanishes."""
+        import pandas as pd  # noqa: PLC0415, heavy
+
+        names = ("unit", "meaning", "low", "high", "neutral")
+        rows = [
+            {"effect": self.id, "title": self.title, "parameter": p.name}
+            | {name: getattr(p, name) for name in names}
+            for p in self.parameters
+        ]
+        return pd.DataFrame(rows)
 
     @property
     def moves(self) -> bool:

@@ -9,11 +9,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from granite_lab.errors import UsageError
 from granite_lab.parameters.quantity import build, key_of, read_toml
 from granite_lab.parameters.records import ImuGrade, Paper, Published, Robot, Soil, Variant
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CATALOGUE = Path(str(files("granite_lab") / "catalogue"))
 
@@ -142,6 +145,12 @@ class Provenance:
     high: float
     meaning: str
     origin: str
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row."""
+        import pandas as pd  # noqa: PLC0415, heavy
+
+        return pd.DataFrame([dataclasses.asdict(self)])
 
 
 def in_force(robot: str, soil: str, grade: str | None = None) -> list[Provenance]:

@@ -168,6 +168,12 @@ def legend(axis: Axes, columns: int = 3, *, left: float = LEFT - 0.08) -> None:
         )  # fmt: skip
 
 
+def band(axis: Axes, t: Array, value: Array, std: Array, label: str) -> None:
+    """Draw a measured line with its band of ±2σ."""
+    axis.fill_between(t, value - 2 * std, value + 2 * std, color=MEASURED, alpha=0.25, linewidth=0)
+    axis.plot(t, value, color=MEASURED, label=f"{label} ±2σ")
+
+
 def key(axis: Axes, text: str) -> None:
     """Write what lines are above the right end of a panel."""
     axis.text(1, 1.02, text, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)

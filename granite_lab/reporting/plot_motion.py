@@ -314,8 +314,7 @@ def _health(motion: Motion) -> Canvas:
             axis.axvspan(start, end, color=canvas.SHADE, linewidth=0, zorder=0)
     t, v, std = canvas.envelope(motion.t, motion.v, motion.v_std, points=300)
     if np.isfinite(v).any():
-        axes[0].fill_between(t, v - 2 * std, v + 2 * std, color=canvas.MEASURED, alpha=0.25, linewidth=0)
-        axes[0].plot(t, v, color=canvas.MEASURED, label="body velocity ±2σ")
+        canvas.band(axes[0], t, v, std, "body velocity")
     axes[1].axhspan(-2, 2, color=canvas.FAINT, alpha=0.4, linewidth=0, zorder=0.5)
     for i, kind in enumerate(dict.fromkeys(h.kind)):
         where = np.flatnonzero(np.array(h.kind, dtype=object) == kind)

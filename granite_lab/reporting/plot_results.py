@@ -15,7 +15,7 @@ from matplotlib.figure import Figure as Canvas
 from granite_lab.comparison.record import Comparison
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit
-from granite_lab.parameters import Paper
+from granite_lab.parameters import Paper, load_paper
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import Figure
@@ -29,6 +29,9 @@ APART, WIDE = 0.008, 0.05
 CROWD = 12
 """So many trials of a speed are drawn in full; more are drawn smaller and fainter."""
 DASHED = (0, (4, 1.5))
+
+Point = tuple[Estimate, Estimate, int]
+"""x and y of a trial, and the number of trials at its speed."""
 
 
 def slip_figure(answers: Answers, paper: Paper) -> Figure:
@@ -78,27 +81,46 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
             None: "fewer than three speeds do not test the law",
         }[answers.a_theta_agrees].format(answers.a_theta_paper)
         title = f"a_θ = {number.with_std} s/m; {where}"
-    top = max([s.velocity for s in answers.speeds] + [p.velocity for p in paper.table3]) * 1.1
-    v = np.linspace(0, top, 200)
-
-    def draw(axis: Axes) -> None:
-        if fit is not None and number is not None:
-            if all(map(math.isfinite, fit.ci95)):
-                low, high = (np.exp(-a * v) for a in fit.ci95)
-                axis.fill_between(v, low, high, color=canvas.FITTED, alpha=0.25, linewidth=0)
-            axis.plot(v, np.exp(-fit.a_theta.value * v), color=canvas.FITTED, label="law, 95 %")
-        axis.plot(v, np.exp(-paper.a_theta * v), color=canvas.PAPER, linestyle=DASHED)
-        _trials(axis, _over_speed(answers.speeds, lambda c: c.fit.k92), (1.0, 1.0))
-        _published(axis, [(p.velocity, p.k92) for p in paper.table3])
-        axis.set_xlim(0, top)
-        axis.set_ylim(-0.03, 1.03)
-
+    points, law = _over_speed(answers.speeds, lambda c: c.fit.k92), fit if number is not None else None
+    draw = partial(_k92_panel, points, [s.velocity for s in answers.speeds], law, paper)
     return Figure(
         "k92_over_velocity", title,
         "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law k_92 "
         "= exp(−a_θ v) and its 95 % interval (as Fig. 3 of the paper).",
         partial(_panel, draw, VELOCITY, RATIO), bool(answers.virtual),
     )  # fmt: skip
+
+
+def fits_figure(
+    fits: Sequence[tuple[float, Estimate]], virtual: bool, law: AThetaFit | None = None
+) -> Figure:
+    """Draw k_92 over velocity beside the paper, with a fitted law where there is one.
+
+    Args:
+        fits: desired velocity [m/s] and k_92 of each trial.
+        virtual: some of the logs were written by a simulator.
+        law: a_θ that was fitted to them.
+    """
+    points = [(Estimate(v, 0.0), k92, 1) for v, k92 in fits]
+    draw = partial(_k92_panel, points, [v for v, _ in fits], law, load_paper())
+    return Figure("k92", "k_92 by trial", "", partial(_panel, draw, VELOCITY, RATIO), virtual)
+
+
+def _k92_panel(
+    points: Sequence[Point], speeds: Sequence[float], fit: AThetaFit | None, paper: Paper, axis: Axes
+) -> None:
+    """Draw k_92 of trials, the fitted law with its interval, and law and values of the paper."""
+    top = max([*speeds, *(p.velocity for p in paper.table3)]) * 1.1
+    v = np.linspace(0, top, 200)
+    if fit is not None:
+        if all(map(math.isfinite, fit.ci95)):
+            low, high = (np.exp(-a * v) for a in fit.ci95)
+            axis.fill_between(v, low, high, color=canvas.FITTED, alpha=0.25, linewidth=0)
+        axis.plot(v, np.exp(-fit.a_theta.value * v), color=canvas.FITTED, label="law, 95 %")
+    axis.plot(v, np.exp(-paper.a_theta * v), color=canvas.PAPER, linestyle=DASHED)
+    _trials(axis, points, (1.0, 1.0))
+    _published(axis, [(p.velocity, p.k92) for p in paper.table3])
+    axis.set(xlim=(0, top), ylim=(-0.03, 1.03))
 
 
 def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
@@ -134,10 +156,6 @@ def _panel(draw: Callable[[Axes], None], x: str, y: str) -> Canvas:
     axis.set(xlabel=x, ylabel=y)
     canvas.legend(axis)
     return figure
-
-
-Point = tuple[Estimate, Estimate, int]
-"""x and y of a trial, and the number of trials at its speed."""
 
 
 def _over_speed(speeds: Sequence[Speed], value: Callable[[Comparison], Estimate]) -> list[Point]:

@@ -143,8 +143,8 @@ def test_motions_fits_and_findings_are_drawn_and_shown_in_a_notebook(
         assert all(label.endswith("]") for label in labels), (name, labels)
         figure.savefig(tmp_path / f"{name}.png")
     assert "virtual_v0.3_r1" in repr(motions)
-    shown = fits.plot().axes[0].containers[0].lines[0]
-    np.testing.assert_array_equal(shown.get_ydata(), [fit.k92.value for fit in fits])
+    drawn = [bar.lines[0].get_ydata()[0] for bar in fits.plot().axes[0].containers]
+    np.testing.assert_array_equal(drawn, [fit.k92.value for fit in fits])
     velocity = motions.plot().axes[0].lines[0]
     np.testing.assert_array_equal(velocity.get_ydata(), motions[0].motion.v)
     with pytest.raises(TypeError, match="of other records one"):
