@@ -159,17 +159,9 @@ def write_canonical(path: Path, trial: Trial) -> None:
 def _comments(trial: Trial) -> list[str]:
     """Return the metadata as lines of TOML."""
     info, wheels = trial.info, trial.wheels
-    known: dict[str, object] = {
-        "robot": info.robot,
-        "soil": info.soil,
-        "v_desired_mps": info.v_desired,
-        "a_max_mps2": info.a_max,
-        "distance_m": info.distance,
-        "repetition": info.repetition,
-        "virtual": info.virtual or None,
-        "clock_offset_s": info.clock_offset,
-        "imu_gravity_removed": (trial.imu is not None and trial.imu.gravity_removed) or None,
-    }
+    known: dict[str, object] = {key: getattr(info, f.name, None) for key, f in _KEYS.items()}
+    known["virtual"] = info.virtual or None
+    known["imu_gravity_removed"] = (trial.imu is not None and trial.imu.gravity_removed) or None
     if wheels is not None and wheels.step > 0:
         known["enc_step_rad" if wheels.rate is None else "enc_step_radps"] = wheels.step
     said = {key: value for key, value in known.items() if value is not None}

@@ -18,7 +18,7 @@ from granite_lab.logs.clocks import GAP_PERIODS
 from granite_lab.logs.dialect import Table, is_number
 from granite_lab.logs.guess import by_name, guess
 from granite_lab.logs.layouts import Column, Layout, Maps, given_maps
-from granite_lab.logs.matching import Match, choose
+from granite_lab.logs.matching import Match, recognise
 from granite_lab.logs.named import is_bag, name_of, parts_of
 from granite_lab.logs.reader import assemble
 from granite_lab.logs.source import Source, open_source
@@ -254,14 +254,17 @@ def _inspect(
         if is_bag(path):
             source = open_source(path, maps, topics=topics)
             return _sampled(_described(report, source.table, source.match), source, robot)
-        table = open_table(path, maps[0].table if len(maps) == 1 else None)
-    except InputError as error:
-        return replace(report, problem=error.message)
-    try:
-        found = choose(table, maps)
+        table, found = recognise(path, maps)
         report, layout = _described(report, table, found), found.layout
     except InputError as error:
-        report = _described(replace(report, problem=error.message), table, None)
+        report = replace(report, problem=error.message)
+        if is_bag(path):
+            return report
+        try:
+            table = open_table(path, maps[0].table if len(maps) == 1 else None)
+        except InputError:
+            return report
+        report = _described(report, table, None)
         layout = _guessed_layout(report)
         if not any("t" in column.to for column in layout.column):
             return report

@@ -62,36 +62,25 @@ def recognise(path: Path, maps: Sequence[Layout] = ()) -> tuple[Table, Match]:
     Raises:
         InputError: not a table, of no known layout, or several fit equally well.
     """
-    fits = []
+    tries: list[tuple[Table, Match]] = []
     for layout in maps:
         with suppress(InputError):  # the map may be meant for another file of the trial
             table = open_table(path, layout.table)
-            fits.append((table, match(layout, table)))
-    fits = [(table, found) for table, found in fits if not found.missing]
-    if fits:
-        chosen = best(path, [found for _, found in fits])
-        return next(fit for fit in fits if fit[1] is chosen)
-    table = open_table(path)
-    return table, choose(table, maps)
-
-
-def choose(table: Table, maps: Sequence[Layout] = ()) -> Match:
-    """Find the layout of a table.
-
-    Raises:
-        InputError: no layout fits, or several fit equally well.
-    """
-    if not table.headers:
-        raise InputError(
-            f"{at(table.path, table.data_line)}: no header line, expected the names of the columns",
-            "add one, or name the columns with names = […] under [table] in a column map",
-        )
-    catalogue = tuple(layout for layout in all_layouts() if _eligible(layout, table))
-    for group in (maps, catalogue):
-        fits = [m for m in (match(layout, table) for layout in group) if not m.missing]
-        if fits:
-            return best(table.path, fits)
-    raise no_match(table, [match(layout, table) for layout in maps or catalogue], bool(maps))
+            tries.append((table, match(layout, table)))
+    if not any(not found.missing for _, found in tries):
+        table = open_table(path)
+        if not table.headers:
+            raise InputError(
+                f"{at(path, table.data_line)}: no header line, expected the names of the columns",
+                "add one, or name the columns with names = […] under [table] in a column map",
+            )
+        catalogue = [layout for layout in all_layouts() if _eligible(layout, table)]
+        tries = [(table, match(layout, table)) for layout in catalogue]
+        if all(found.missing for _, found in tries):
+            near = [match(layout, table) for layout in maps] or [found for _, found in tries]
+            raise no_match(table, near, bool(maps))
+    chosen = best(path, [found for _, found in tries if not found.missing])
+    return next(one for one in tries if one[1] is chosen)
 
 
 def match(layout: Layout, table: Table) -> Match:
