@@ -36,6 +36,10 @@ WINDOW = 0.2
 """Length of the window in which stillness is judged [s]."""
 
 
+SWING, SAMPLES = 0.5, 5
+"""Length of the window in which a swing of 2 Hz or faster on the tyres shows [s]; means in it."""
+
+
 def wheels_still(rolling: Rolling) -> np.ndarray:
     """(M,) True where no wheel turns faster than a creep (or than its resolution allows to tell)."""
     dt = float(np.median(np.diff(rolling.t))) if rolling.t.size > 1 else 1.0
@@ -58,26 +62,33 @@ def wheels_still(rolling: Rolling) -> np.ndarray:
     return ~moved & np.isfinite(rolling.mean)
 
 
-def restlessness(imu: BodyImu) -> tuple[Array, Array]:
-    """(N,) std of specific force [m/s^2] and of pitch and yaw rate [rad/s] in a sliding window."""
-    dt = float(np.median(np.diff(imu.t)))
-    size = max(round(WINDOW / dt), 3)
-    force = _moving_std([imu.forward, imu.up], size)
-    rate = _moving_std([imu.pitch_rate, imu.yaw_rate], size)
+def restlessness(imu: BodyImu, window: float = WINDOW, mean: float = 0.0) -> tuple[Array, Array]:
+    """(N,) std of specific force [m/s^2] and of pitch and yaw rate [rad/s] in a sliding window.
+
+    Args:
+        imu: samples in robot axes.
+        window: its length [s].
+        mean: of what the samples are averaged over before [s].
+    """
+    size, few = max(round(window / imu.period), 3), max(round(mean / imu.period), 1)
+    force = _moving_std([imu.forward, imu.up], size, few)
+    rate = _moving_std([imu.pitch_rate, imu.yaw_rate], size, few)
     return force, rate
 
 
-def _moving_std(signals: list[Array], size: int) -> Array:
+def _moving_std(signals: list[Array], size: int, few: int) -> Array:
     total = np.zeros(signals[0].size)
     for signal in signals:
         if np.isfinite(signal).any():
-            clean = np.nan_to_num(signal - np.nanmedian(signal))
+            clean = uniform_filter1d(np.nan_to_num(signal - np.nanmedian(signal)), few, mode="nearest")
             mean = uniform_filter1d(clean, size, mode="nearest")
             total += np.maximum(uniform_filter1d(clean**2, size, mode="nearest") - mean**2, 0.0)
     return np.sqrt(total)
 
 
-def imu_quiet(imu: BodyImu, grade: ImuGrade, hint: np.ndarray | None = None) -> np.ndarray:
+def imu_quiet(
+    imu: BodyImu, grade: ImuGrade, hint: np.ndarray | None = None, window: float = WINDOW
+) -> np.ndarray:
     """(N,) True where the IMU is as quiet as it ever is in this log.
 
     The quiet level is the lower quartile over the samples where the wheels stand (`hint`), or a low
@@ -89,20 +100,36 @@ def imu_quiet(imu: BodyImu, grade: ImuGrade, hint: np.ndarray | None = None) -> 
         imu: samples in robot axes.
         grade: the sensor's grade.
         hint: (N,) True where the wheels are thought to stand.
+        window: in which it is judged [s].
     """
-    dt = float(np.median(np.diff(imu.t)))
     quiet = np.ones(imu.t.size, dtype=bool)
     floors = (grade.accel_noise, grade.gyro_noise)
-    for level, density in zip(restlessness(imu), floors, strict=True):
+    mean = window / SAMPLES if window > WINDOW else imu.period
+    for level, density in zip(restlessness(imu, window, mean), floors, strict=True):
         if not level.any():
             continue
-        pool = level[hint] if hint is not None and hint.sum() * dt > SHORTEST else level
+        pool = level[hint] if hint is not None and hint.sum() * imu.period > SHORTEST else level
         base = float(np.percentile(pool, 25 if pool is not level else 5))
-        usual = density / np.sqrt(dt)
+        usual = density / np.sqrt(mean)
         if hint is None and base > STEADY * usual and float(np.percentile(level, 90)) < STEADY * base:
             return np.zeros(imu.t.size, dtype=bool)
         quiet &= level <= 1.5 * max(base, usual)
     return quiet
+
+
+def without_swings(imu: BodyImu, still: np.ndarray, grade: ImuGrade) -> np.ndarray:
+    """(N,) `still` without the time at its beginning in which the body yet swings on its tyres.
+
+    What a slow swing adds to the noise shows in a longer window, in which the samples are averaged first. A
+    standstill begins with its longest calm part; where it has none, it is left as it is.
+    """
+    calm = maximum_filter1d(imu_quiet(imu, grade, still, SWING), max(round(SWING / imu.period), 1))
+    left = still.copy()
+    for a, b in zip(*runs(still), strict=True):
+        begin, end = runs(calm[a:b])
+        if begin.size and (end - begin).max() * imu.period >= SHORTEST:
+            left[a : a + begin[np.argmax(end - begin)]] = False
+    return left
 
 
 def find_rests(
@@ -140,7 +167,7 @@ def find_rests(
         quiet = imu_quiet(imu, grade, still if rolling is not None else None)
         if rolling is None and not imu.gravity:
             quiet &= np.abs(imu.forward - np.nanmedian(imu.forward[quiet])) < 0.2
-        still &= quiet
+        still = without_swings(imu, still & quiet, grade)
     for begin, end in by_hand:
         still |= (t >= begin) & (t <= end)
     found = []
