@@ -21,8 +21,8 @@ LARGEST_SET = 3
 """Most effects that cannot be told apart in an answer that still is one."""
 
 LEFT = 0.3
-"""Share of the gap on trials left out, as an rms, that named effects may leave: semi-empirical formulas predict
-forces within 10 to 30 % (see `FORMULA_ERROR`), so that more is another effect."""
+"""Share of the gap on trials left out, as an rms, that named effects may leave: semi-empirical formulas
+predict forces within 10 to 30 % (see `FORMULA_ERROR`), so that more is another effect."""
 
 
 @dataclass(frozen=True)
