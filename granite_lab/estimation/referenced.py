@@ -51,10 +51,10 @@ NO_TURN = 0.02
 
 FIRM = SlipModel(
     steady=0.03, per_acceleration=0.0, thrust=0.02, onset=0.0, walk=0.0, ramp=0.0, scatter=0.05, time=0.3,
-    bounded=True, limit=0.15, limit_time=30.0, memory=2.0,
+    bounded=True, limit=0.05, limit_time=30.0, memory=2.0,
 )  # fmt: skip
-"""Slip of wheels away from standstills: 3 % in steady motion with a std of 15 points, which takes in
-sand; a tyre that needs 2 % of slip for a thrust of a tenth of its weight."""
+"""Slip of wheels away from standstills, by firm ground: 3 % in steady motion, which wanders by 5 points; a
+tyre that needs 2 % of slip for a thrust of a tenth of its weight. Sand is taken in by `UNKNOWN`."""
 
 UNKNOWN = float(np.sqrt(1 / 3 - FIRM.steady + FIRM.steady**2))
 """Root mean square distance of a slip ratio that is anywhere from 0 to 100 %, on ground of which nothing is
