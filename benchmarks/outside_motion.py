@@ -148,8 +148,8 @@ is known. `python -m benchmarks.outside_motion DIR --out docs/estimation-outside
   and within its ±2σ in {100 * slips:.0f} %.
 
 The sets `o01` to `o10` were used for development: seven variants of the tail of the vibration, of what wheels
-that coast to rest tell and of the latency were compared on them, and the best was kept. These are no blind
-figures.
+that coast to rest tell and of the latency, and eight of how jumps of slip and swings are found, were compared
+on them, and the best was kept. These are no blind figures.
 
 ## By phase
 
