@@ -99,7 +99,7 @@ def hide(
     jobs: int = 1,
     done: Callable[[str], None] = lambda _: None,
 ) -> HiddenSet:
-    """Write virtual trials in which an effect is hidden, by an independent simulator; seal the answer.
+    """Write virtual trials with a hidden effect, by an independent simulator; seal the answer.
 
     Args:
         effect: an id (also ids joined by +), or ``random``, ``none``, ``outside``, ``pair``.
@@ -263,7 +263,7 @@ def _allowed() -> dict[str, Any]:
 
 @checked
 def kit(out: str | Path) -> Kit:
-    """Write an empty kit: README, template of the answer, folder of the trials, and a checker.
+    """Write a template for a blind test: README, template of the answer, folder of the trials, and a checker.
 
     Args:
         out: folder to write.

@@ -91,7 +91,7 @@ def ingest(
         variant: desired velocity [m/s], if the log lacks it.
         rests: intervals of standstill (start, end) [s, the log's time].
         distance_measured: total distance by tape [m].
-        against_reference: judge the estimate by the log's reference, which the filter never sees.
+        against_reference: judge the estimate by the log's reference, which the filter does not use.
         reference_std: std of the reference's own velocity [m/s].
         jobs: number of processes; 0 means one per core.
         done: called with each path once it is finished.
@@ -135,7 +135,7 @@ def inspect(
     topics: Mapping[str, str] | None = None,
     robot: str | Path | None = None,
 ) -> Inspection:
-    """Say what is recognised in unknown logs: columns, units, clocks, rates, gaps, variant.
+    """Show what is recognised in logs: columns, units, clocks, rates, gaps, variant.
 
     A log that cannot be read is not an error here but a `problem` in its report.
 

@@ -116,7 +116,7 @@ def simulate(
         robot, soil: names or files of the catalogue, or records.
         grade: IMU grade instead of the robot's.
         model: model.toml, the paper's model with effects switched on.
-        effects: your own effect file (.py). It is run: use only code you trust.
+        effects: your own effect file (.py). It is executed: use only code you trust.
         active: effects to switch on, id to its parameters, as ``{"drive_reaction": {"share": 1.0}}``.
         log: write the log that virtual sensors would write here (CSV).
         truth: with `log`, keep the true motion aside here (CSV).
@@ -249,7 +249,7 @@ def wheel(
     effects: str | Path | None = None,
     active: Mapping[str, Mapping[str, float]] | None = None,
 ) -> WheelRun:
-    """Roll one wheel on one soil, at a load or at a sinkage, by the contact model (4), (6)-(17).
+    """Compute one wheel on the soil, at a load or a sinkage, by the contact model (4), (6)-(17).
 
     The larger of ω r and the velocity is 0.1 m/s where neither is given; the equations do not depend on it
     above 0.02 m/s, effects may.
@@ -267,7 +267,7 @@ def wheel(
         radius, width: of the wheel instead of the robot's [m].
         soil_values: values instead of the soil's, by the keys of its file, as ``{"cohesion_Pa": 500}``.
         model: model.toml, the paper's model with effects switched on.
-        effects: your own effect file (.py). It is run: use only code you trust.
+        effects: your own effect file (.py). It is executed: use only code you trust.
         active: effects to switch on, id to its parameters.
 
     Raises:
@@ -368,7 +368,7 @@ def list_effects(effects: str | Path | None = None) -> Records[Effect]:
     """Return every effect that can be added to the paper's model.
 
     Args:
-        effects: your own effect file (.py). It is run: use only code you trust.
+        effects: your own effect file (.py). It is executed: use only code you trust.
 
     Raises:
         InputError: the file cannot be used.
@@ -382,7 +382,7 @@ def show_effect(effect_id: str, effects: str | Path | None = None) -> Effect:
 
     Args:
         effect_id: its id.
-        effects: your own effect file (.py). It is run: use only code you trust.
+        effects: your own effect file (.py). It is executed: use only code you trust.
 
     Raises:
         UsageError: no such effect.

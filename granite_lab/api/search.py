@@ -78,13 +78,13 @@ def discover(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Search
         topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
         window: begin and end of what is taken of every log [s of the log], infinite where open.
         effects: your own effect file (.py), whose effects become candidates beside the library's.
-            It is run: use only code you trust.
-        tolerance: discrepancy that does not matter, as a share of a channel's rms in motion.
-        latency: largest delay between the stamps of two sensors that passes for latency [s].
+            It is executed: use only code you trust.
+        tolerance: accepted discrepancy, as a share of a channel's rms in motion.
+        latency: largest delay between the stamps of two sensors that counts as latency [s].
         strict: a log that cannot be used is an error; else it is left out and stands in `notes`.
         jobs: number of processes; 0 means one per core.
         scheduler: address of a Dask scheduler that does the work.
-        cache: remember results, and take those that still hold.
+        cache: store results and reuse those with the same inputs.
         progress: told what is being done and how many simulations are done so far.
 
     Returns:
@@ -107,13 +107,13 @@ def plan_next(
     jobs: int = 0,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> Plan:
-    """Propose the next trial: the one that best answers what the trials so far left open.
+    """Propose the most useful next trial.
 
     Args:
         folder: written by ``granite-lab discover … --out DIR`` or ``granite-lab study … --out DIR``.
         room: longest way the sand allows [m]; the longest so far by default.
         max_speed: fastest command [m/s]; 1.25 times the fastest so far by default.
-        effects: your own effect file (.py). It is run: use only code you trust.
+        effects: your own effect file (.py). It is executed: use only code you trust.
         jobs: number of processes; 0 means one per core.
         progress: told how many trials are looked at, and of how many.
 

@@ -49,11 +49,11 @@ def fit_k92(logs: Logs, **said: Unpack[Fit]) -> Records[K92Fit]:
         topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
         window: begin and end of what is taken of every log [s of the log], infinite where open.
         model: model.toml, the paper's model with effects switched on.
-        effects: your own effect file (.py) that the model needs. It is run: use only code you trust.
+        effects: your own effect file (.py) that the model needs. It is executed: use only code you trust.
         strict: a trial that fails is an error; else it is left out and stands in `left_out`.
         jobs: number of processes; 0 means one per core.
         scheduler: address of a Dask scheduler that does the work.
-        cache: remember results, and take those that still hold.
+        cache: store results and reuse those with the same inputs.
         done: called with each path once it is finished.
 
     Returns:
@@ -109,7 +109,7 @@ def _by_name(fits: Iterable[K92Fit]) -> list[K92Fit]:
 
 @checked
 def compare(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Fit]) -> Records[Comparison]:
-    """Hold measurement against simulation: velocity, wheel speed, slip, torques and pitch.
+    """Compare measured and simulated motion: velocity, wheel speed, slip, torques and pitch.
 
     Args:
         logs: paths of logs, or of folders with logs.
@@ -200,7 +200,7 @@ def study(
     recordings: bool = True,
     **said: Unpack[Chain],
 ) -> StudyResult:
-    """Run the whole chain over trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
+    """Analyse trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
 
     A trial that cannot be used stands in `failures` and does not end the study.
 
