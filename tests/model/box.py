@@ -192,7 +192,7 @@ def energies(run: Run) -> Energies:
     vx, vz = velocity(c.com_x, c.com_z)
     height = run["z_m"] - np.sin(Θ) * c.com_x + np.cos(Θ) * c.com_z
     energy = c.total_mass * ((vx**2 + vz**2) / 2 + GRAVITY * height) + c.pitch_inertia * q**2 / 2
-    shaft = ground = 0.0
+    shaft = ground = np.zeros_like(height)
     for axle, place in (("f", c.wheel_base / 2), ("r", -c.wheel_base / 2)):
         ω = run[f"omega_{axle}_radps"]
         ax, az = velocity(place, 0.0)

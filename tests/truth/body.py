@@ -128,7 +128,7 @@ def random_body(
     )
     v = smooth(v, 0.009, delayed=False)
     a = np.gradient(v, DT)
-    x = cumulative_trapezoid(v, dx=DT, initial=0.0)
+    x = cumulative_trapezoid(v, dx=DT, initial=0)
 
     # squat by acceleration, and the change of sinkage between rest and driving
     squat = np.radians(-rng.uniform(0.1, 0.3)) * a + np.radians(rng.normal(-0.05, 0.1)) * moving
@@ -142,7 +142,7 @@ def random_body(
     share = np.array([0.46, 0.46, 0.54, 0.54]) / 2
     steady = still[0] + command.ramp + 0.5 * command.hold, still[0] + command.ramp + command.hold
     return Body(
-        t=t,
+        t=np.asarray(t, dtype=np.float64),
         x=x,
         v=v,
         a=a,

@@ -41,7 +41,7 @@ class Drive:
 
     def at(self, t: Array, name: str) -> Array:
         """Truth at other instants."""
-        return np.interp(t, self.t, getattr(self, name))
+        return np.asarray(np.interp(t, self.t, getattr(self, name)))
 
 
 def wander(rng: np.random.Generator, n: int, std: float, time: float) -> Array:
