@@ -10,6 +10,7 @@ from typing import NamedTuple
 from granite_lab import __version__
 from granite_lab.comparison.compare import compare
 from granite_lab.discovery.finding import Finding
+from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError
 from granite_lab.estimation.motion import Motion
@@ -20,8 +21,8 @@ from granite_lab.model.effect import Active
 from granite_lab.parameters import load_soil
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.processes import shared_out
-from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult, command_of
-from granite_lab.running import Execution, Options, each_trial
+from granite_lab.reporting.content import Source, StudyResult, TrialResult, command_of
+from granite_lab.running import Execution, Options, each_trial, sifted
 from granite_lab.running.cache import code, fingerprint
 from granite_lab.running.each import HERE
 from granite_lab.running.output import Guard
@@ -80,14 +81,10 @@ def study(
     """
     paths = sorted(paths, key=lambda path: (name_of(path), str(path)))
     outcomes = each_trial(analyse, paths, options, execution=execution, done=done)
-    results = tuple(o for o in outcomes if isinstance(o, TrialResult))
-    errors = [(path, o) for path, o in zip(paths, outcomes, strict=True) if isinstance(o, LabError)]
-    if errors and (strict or not results):
-        raise errors[0][1]
-    failures = tuple(Failure(name_of(path), error.message, error.hint) for path, error in errors)
+    results, failures = sifted(paths, outcomes, strict=strict)
     trials, motions = [r.trial for r in results], [r.comparison.motion for r in results]
     source = source_of("study", paths, trials, options, discover)
-    result = StudyResult(name, results, failures, over_trials(results), source)
+    result = StudyResult(name, tuple(results), failures, over_trials(results), source)
     if not discover:
         return result
     try:
@@ -176,6 +173,7 @@ def write(
     from granite_lab.reporting import write_finding, write_report  # noqa: PLC0415, heavy
 
     guard, model = Guard(folder), None
+    library(options.effects)  # the report takes words from the user's own effects, too
     found = result.finding
     if found is not None:
         pairs = searched or [(r.trial, r.comparison.motion) for r in result.trials]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from granite_lab.api.calls import checked
 from granite_lab.api.project import About, Logs, choose
-from granite_lab.api.records import Origin, Records, sifted
+from granite_lab.api.records import Origin, Records
 from granite_lab.errors import InputError, UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
@@ -17,7 +17,7 @@ from granite_lab.files import is_folder, refuse_special
 from granite_lab.logs.named import is_log, name_of
 from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.parameters import Robot
-from granite_lab.running import Options, each_trial
+from granite_lab.running import Options, each_trial, sifted
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def ingest(
 
         found = [replace(i, judgement=judge(i.motion, i.trial, reference_std)) for i in found]
     warnings = tuple(f"{item.name}: {line}" for item in found for line in item.motion.warnings)
-    origin = Origin(excluded=choice.excluded, warnings=warnings)
+    origin = Origin(left_out=choice.excluded, warnings=warnings)
     return Records(found, [item.name for item in found], origin)
 
 

@@ -14,6 +14,7 @@ from granite_lab.files import refuse_special
 from granite_lab.logs.named import is_log, name_of, trial_files
 from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
 from granite_lab.parameters.quantity import build, read_toml
+from granite_lab.reporting.content import EXCLUDED, Failure
 from granite_lab.running import Cache, Execution, Options
 from granite_lab.running.each import HERE
 
@@ -106,7 +107,7 @@ class Chosen:
     files: tuple[Path, ...]
     options: Options
     out: Path = Path("reports")
-    excluded: tuple[Excluded, ...] = ()
+    excluded: tuple[Failure, ...] = ()
     execution: Execution = HERE
 
 
@@ -176,7 +177,8 @@ def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **m
         names[key] = str(given) if given is not None else next(iter(values)) or None
     reasons = {(folder, e.trial): e for folder, p in projects.items() for e in p.exclude if not everything}
     taken = tuple(path for path in files if (path.parent, name_of(path)) not in reasons)
-    excluded = tuple(reasons[path.parent, name_of(path)] for path in files if path not in taken)
+    said_of = [reasons[path.parent, name_of(path)] for path in files if path not in taken]
+    excluded = tuple(Failure(item.trial, f"{EXCLUDED}{item.reason}") for item in said_of)
     if not taken:
         raise UsageError(
             f"{files[0].parent / FILE}: excludes {'all trials' if len(files) > 1 else files[0].name}",

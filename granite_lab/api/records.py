@@ -6,16 +6,15 @@ import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
 
-from granite_lab.api.project import Excluded
-from granite_lab.errors import LabError
-from granite_lab.logs.named import name_of
-from granite_lab.reporting.content import Source
+from granite_lab.reporting.content import Failure, Source, StudyResult
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from granite_lab.study import Written
 
 
 class Tabular(Protocol):
@@ -27,7 +26,6 @@ class Tabular(Protocol):
 
 
 T = TypeVar("T", bound=Tabular)
-E = TypeVar("E")
 
 SHOWN = 3
 """Records that are shown in a line each."""
@@ -39,17 +37,32 @@ class Origin:
 
     Attributes:
         source: command, inputs, parameters and code; None where nobody asked.
-        excluded: trials that `granite-lab.toml` excludes.
-        failed: (trial, reason) of those that could not be used.
+        left_out: trials that `granite-lab.toml` excludes, and those that could not be used.
         warnings: what a reader of the records should know, one line each.
         written: files that were written.
     """
 
     source: Source | None = None
-    excluded: tuple[Excluded, ...] = ()
-    failed: tuple[tuple[str, str], ...] = ()
+    left_out: tuple[Failure, ...] = ()
     warnings: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class Studied:
+    """A study or a search, and what was written of it.
+
+    Attributes:
+        result: the study; of a search alone one without trials.
+        origin: where it comes from.
+        written: None where no folder was given.
+        unchanged: the folder held all of it already, so that nothing was written.
+    """
+
+    result: StudyResult
+    origin: Origin
+    written: Written | None = None
+    unchanged: bool = False
 
 
 class Records(Shown, Sequence[T], Generic[T]):
@@ -67,7 +80,7 @@ class Records(Shown, Sequence[T], Generic[T]):
     @property
     def left_out(self) -> tuple[tuple[str, str], ...]:
         """(trial, reason) of trials that are excluded or failed."""
-        return (*((item.trial, item.reason) for item in self.origin.excluded), *self.origin.failed)
+        return tuple((one.trial, one.reason) for one in self.origin.left_out)
 
     @overload
     def __getitem__(self, index: int) -> T: ...
@@ -101,19 +114,3 @@ class Records(Shown, Sequence[T], Generic[T]):
         for name, frame in zip(self._names, frames, strict=False):
             frame.insert(0, "trial", name)
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
-
-
-def sifted(
-    files: Sequence[Path], outcomes: Sequence[E | LabError], *, strict: bool = False
-) -> tuple[list[E], list[tuple[str, str]]]:
-    """Return the results, and the trials that failed with the reason.
-
-    Raises:
-        LabError: of the first trial that failed, if `strict` or if none went through.
-    """
-    results: list[Any] = [outcome for outcome in outcomes if not isinstance(outcome, LabError)]
-    pairs = zip(files, outcomes, strict=True)
-    failures = [(path, outcome) for path, outcome in pairs if isinstance(outcome, LabError)]
-    if failures and (strict or not results):
-        raise failures[0][1]
-    return results, [(name_of(path), error.message) for path, error in failures]

@@ -4,42 +4,26 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from granite_lab.api.calls import DEFAULTS, checked
 from granite_lab.api.project import Logs, Search, choose
-from granite_lab.api.records import Origin, sifted
+from granite_lab.api.records import Origin, Studied
 from granite_lab.discovery.finding import DESIGN, Finding
 from granite_lab.errors import InputError
 from granite_lab.files import refuse_special
 from granite_lab.reporting.content import StudyResult
-from granite_lab.running import each_trial
+from granite_lab.running import each_trial, sifted
 from granite_lab.running.output import claimed
 
 if TYPE_CHECKING:
     from granite_lab.planning.plan import Plan
-    from granite_lab.study import Written
 
 
-@dataclass(frozen=True)
-class Discovered:
-    """A finding, and what was written of it.
-
-    Attributes:
-        finding: its `failures` say what could not be written.
-        written: None where no folder was given.
-        origin: where it comes from.
-    """
-
-    finding: Finding
-    written: Written | None
-    origin: Origin
-
-
-def discovered(logs: Logs, out: str | Path | None, said: Mapping[str, Any]) -> Discovered:
-    """Run `discover`, and say what was written."""
+def discovered(logs: Logs, out: str | Path | None, said: Mapping[str, Any]) -> Studied:
+    """Run `discover`, and say what was written; it is a study without trials."""
     choice, progress = choose(logs, said), said.get("progress", DEFAULTS["progress"])
     from granite_lab.running.reading import corrected  # noqa: PLC0415, heavy
     from granite_lab.running.search import search  # noqa: PLC0415, heavy
@@ -48,21 +32,19 @@ def discovered(logs: Logs, out: str | Path | None, said: Mapping[str, Any]) -> D
     execution, options = choice.execution, choice.options
     outcomes = each_trial(corrected, choice.files, options, execution=execution)
     read, failed = sifted(choice.files, outcomes, strict=said.get("strict", False))
+    left_out = (*choice.excluded, *failed)
     trials, motions = [trial for trial, _ in read], [motion for _, motion in read]
     finding = search(trials, options, motions=motions, execution=execution, progress=progress)
-    left_out = (*((item.trial, f"excluded: {item.reason}") for item in choice.excluded), *failed)
-    notes = (*finding.notes, *(f"{name} left out: {why}" for name, why in left_out))
-    finding, written = replace(finding, notes=notes), None
-    source = source_of("discover", choice.files, trials, options)
+    notes = (*finding.notes, *(f"{one.trial} left out: {one.message}" for one in left_out))
+    source, name = source_of("discover", choice.files, trials, options), Path(out or "").resolve().name
+    result, written = StudyResult(name, (), (), None, source, replace(finding, notes=notes)), None
     if out is not None:
         progress("writing the report", 0)
         with claimed(Path(out)):
-            alone = StudyResult(Path(out).resolve().name, (), (), None, source, finding)
-            written = write(alone, options, Path(out), execution.jobs, read)
-        finding = written.finding or finding
+            written = write(result, options, Path(out), execution.jobs, read)
+        result = replace(result, finding=written.finding or result.finding)
     lines = (f"{trial.name}: {line}" for trial in trials for line in trial.warnings)
-    warnings = (*lines, *execution.tidied())
-    return Discovered(finding, written, Origin(source, choice.excluded, tuple(failed), warnings))
+    return Studied(result, Origin(source, left_out, (*lines, *execution.tidied())), written)
 
 
 @checked
@@ -94,7 +76,9 @@ def discover(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Search
         InputError: a log cannot be used, or nothing says what was commanded.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
-    return discovered(logs, out, said).finding
+    finding = discovered(logs, out, said).result.finding
+    assert finding is not None
+    return finding
 
 
 @checked

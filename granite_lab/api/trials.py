@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 from granite_lab.api.calls import DEFAULTS, checked
 from granite_lab.api.project import Chain, Fit, Logs, choose
-from granite_lab.api.records import Origin, Records, sifted
+from granite_lab.api.records import Origin, Records, Studied
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import MODEL
 from granite_lab.errors import UsageError
 from granite_lab.fitting.fit import AThetaFit, K92Fit
-from granite_lab.reporting.content import EXCLUDED, Failure, StudyResult, TrialResult
-from granite_lab.running import each_trial
+from granite_lab.reporting.content import StudyResult, TrialResult
+from granite_lab.running import each_trial, sifted
 from granite_lab.running.cache import code, content, digest_of
 from granite_lab.running.output import Guard, Stamp, claimed, tell
-
-if TYPE_CHECKING:
-    from granite_lab.study import Written
 
 
 def _analysed(command: str, logs: Logs, said: Mapping[str, Any]) -> tuple[list[TrialResult], Origin]:
@@ -35,7 +32,7 @@ def _analysed(command: str, logs: Logs, said: Mapping[str, Any]) -> tuple[list[T
     lines = [f"{r.trial.name}: {line}" for r in found for line in r.comparison.motion.warnings]
     source = source_of(command, choice.files, [r.trial for r in found], choice.options)
     warnings = (*lines, *choice.execution.tidied())
-    return found, Origin(source, choice.excluded, tuple(failed), warnings)
+    return found, Origin(source, (*choice.excluded, *failed), warnings)
 
 
 @checked
@@ -133,23 +130,6 @@ def compare(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Fit]) -
     return Records(comparisons, [result.trial.name for result in found], origin)
 
 
-@dataclass(frozen=True)
-class Studied:
-    """A study, and what was written of it.
-
-    Attributes:
-        result: the study.
-        written: None where no folder was given.
-        unchanged: the folder held all of it already, so that nothing was written.
-        warnings: what a user should know, one line each.
-    """
-
-    result: StudyResult
-    written: Written | None = None
-    unchanged: bool = False
-    warnings: tuple[str, ...] = ()
-
-
 def studied(
     logs: Logs, out: str | Path | None, name: str, discover: bool, recordings: bool, said: Mapping[str, Any]
 ) -> Studied:
@@ -165,16 +145,15 @@ def studied(
             discover=discover, strict=said.get("strict", False), done=said.get("done", DEFAULTS["done"]),
             progress=progress,
         )  # fmt: skip
-        excluded = (Failure(item.trial, f"{EXCLUDED}{item.reason}", "") for item in choice.excluded)
-        result = replace(result, failures=(*result.failures, *excluded))
-        warnings = choice.execution.tidied()
+        result = replace(result, failures=(*result.failures, *choice.excluded))
+        origin = Origin(result.source, result.failures, choice.execution.tidied())
         if folder is None:
-            return Studied(result, warnings=warnings)
+            return Studied(result, origin)
         key = digest_of(code(shows=True), content(result), content(choice.options), recordings)
         stamp = Stamp(folder, key, choice.execution.cache)
         if stamp.holds():
             model = folder / MODEL if (folder / MODEL).exists() else None
-            return Studied(result, Written(folder / "index.html", model, result.finding), True, warnings)
+            return Studied(result, origin, Written(folder / "index.html", model, result.finding), True)
         failed, jobs = [], choice.execution.jobs
         if recordings:
             guard = Guard(folder)
@@ -187,7 +166,7 @@ def studied(
         written = written._replace(failures=(*failed, *written.failures))
         if not written.failures:
             stamp.set()
-    return Studied(replace(result, finding=written.finding), written, False, warnings)
+    return Studied(replace(result, finding=written.finding), origin, written)
 
 
 @checked

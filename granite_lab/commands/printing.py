@@ -65,10 +65,10 @@ def warn(lines: Sequence[str]) -> None:
 
 def warn_of(origin: Origin) -> dict[str, Any]:
     """Tell which trials were left out and what else there is to know; return what is excluded, for JSON."""
-    warn([f"{item.trial}: excluded: {item.reason}" for item in origin.excluded])
-    warn([f"{trial}: left out: {reason}" for trial, reason in origin.failed])
+    warn([f"{f.trial}: {'' if f.excluded else 'left out: '}{f.message}" for f in origin.left_out])
     warn(origin.warnings)
-    return {"excluded": origin.excluded} if origin.excluded else {}
+    excluded = [{"trial": f.trial, "reason": f.reason} for f in origin.left_out if f.excluded]
+    return {"excluded": excluded} if excluded else {}
 
 
 class Progress:

@@ -205,9 +205,7 @@ def study(
         found = studied(logs, out, "study", discover, recordings, said)
     result, written = found.result, found.written
     assert written is not None
-    for failure in result.failures:
-        warn([f"{failure.trial}: {'' if failure.excluded else 'left out: '}{failure.message}"])
-    warn(found.warnings)
+    warn_of(found.origin)
     finding = result.finding
     if work.as_json:
         from granite_lab.discovery.as_json import finding_as_json
@@ -322,8 +320,9 @@ def discover(
     out = out or choose(logs, said).out / "discover"
     with progress(work.quiet, "discovering") as shown:
         found = discovered(logs, out, said | {"progress": shown.told})
-    finding, written, excluded = found.finding, found.written, warn_of(found.origin)
+    finding, written, excluded = found.result.finding, found.written, warn_of(found.origin)
     assert written is not None
+    assert finding is not None
     if work.as_json:
         from granite_lab.discovery.as_json import finding_as_json
 

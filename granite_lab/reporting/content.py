@@ -44,12 +44,17 @@ class Failure:
 
     trial: str
     message: str
-    hint: str
+    hint: str = ""
 
     @property
     def excluded(self) -> bool:
         """Whether the user excluded it."""
         return self.message.startswith(EXCLUDED)
+
+    @property
+    def reason(self) -> str:
+        """Why it was left out."""
+        return self.message.removeprefix(EXCLUDED)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """How work is done: in which processes, on which cluster, and what need not be done again."""
 
 from granite_lab.running.cache import Cache
-from granite_lab.running.each import Execution, each_trial
+from granite_lab.running.each import Execution, each_trial, sifted
 from granite_lab.running.options import Options
 
-__all__ = ["Cache", "Execution", "Options", "each_trial"]
+__all__ = ["Cache", "Execution", "Options", "each_trial", "sifted"]

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from granite_lab.errors import LabError
+from granite_lab.logs.named import name_of
 from granite_lab.parameters.catalogue import CATALOGUE, forget
 from granite_lab.parameters.quantity import noting_files
 from granite_lab.processes import one_thread
+from granite_lab.reporting.content import Failure
 from granite_lab.running.cache import Cache, trial_key
 from granite_lab.running.codec import Arena, decode, encode
 from granite_lab.running.options import Options
@@ -93,6 +95,22 @@ def each_trial(
             results[path] = decode(arena.hold(outcome))[1]
         done(path)
     return [results[path] for path in paths]
+
+
+def sifted(
+    files: Sequence[Path], outcomes: Sequence[T | LabError], *, strict: bool = False
+) -> tuple[list[T], tuple[Failure, ...]]:
+    """Return the results of `each_trial`, and the trials that failed.
+
+    Raises:
+        LabError: of the first trial that failed, if `strict` or if none went through.
+    """
+    results = [outcome for outcome in outcomes if not isinstance(outcome, LabError)]
+    pairs = zip(files, outcomes, strict=True)
+    errors = [(path, outcome) for path, outcome in pairs if isinstance(outcome, LabError)]
+    if errors and (strict or not results):
+        raise errors[0][1]
+    return results, tuple(Failure(name_of(path), error.message, error.hint) for path, error in errors)
 
 
 def _outcomes(
