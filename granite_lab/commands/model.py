@@ -44,7 +44,7 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="With --log: seed of sensors and sand.")] = 0,
     scatter: Annotated[bool, typer.Option(help="With --log: scatter the sand as raking does.")] = False,
     repetition: Annotated[int, typer.Option(min=1, help="With --log: number of the repetition.")] = 1,
-    grade: Annotated[str | None, typer.Option(help="IMU grade instead of the robot's.")] = None,
+    grade: o.Grade = None,
     out: Annotated[Path | None, typer.Option(help="File for the run (CSV or Parquet).")] = None,
     table_format: o.Format = None,
     as_json: o.Json = False,
@@ -232,7 +232,7 @@ def params(
     ] = Path(),
     robot: o.Robot = None,
     soil: o.Soil = None,
-    grade: Annotated[str | None, typer.Option(help="IMU grade instead of the robot's.")] = None,
+    grade: o.Grade = None,
     as_json: o.Json = False,
 ) -> None:
     """Print the parameters in force.

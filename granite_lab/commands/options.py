@@ -58,6 +58,7 @@ Effects = Annotated[
     Path | None,
     typer.Option("--effects", help="Effect file (.py). It is executed: use only code you trust."),
 ]
+Grade = Annotated[str | None, typer.Option(help="IMU grade instead of the robot's.")]
 Format = Annotated[
     str | None,
     typer.Option("--format", help="Format of the tables: csv or parquet.", show_default="csv"),
@@ -96,8 +97,8 @@ class About:
 
 
 @dataclass(frozen=True)
-class Work:
-    """How work over many trials is done."""
+class Work(About):
+    """What else may be said of work over many trials, and how it is done."""
 
     soil: Soil = None
     effects: Effects = None
@@ -117,12 +118,13 @@ class Work:
 
     def said(self) -> dict[str, Any]:
         """Return it as keywords of the API."""
-        return {name: value for name, value in vars(self).items() if name not in ("quiet", "as_json")}
+        names = ("soil", "effects", "strict", "jobs", "scheduler", "cache")
+        return super().said() | {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True)
-class Search:
-    """What a search for a missing effect goes by."""
+class Search(Work):
+    """What else a search for a missing effect goes by."""
 
     tolerance: Annotated[
         float,
@@ -135,7 +137,7 @@ class Search:
 
     def said(self) -> dict[str, Any]:
         """Return it as keywords of the API."""
-        return {"tolerance": self.tolerance, "latency": self.latency / 1e3}
+        return super().said() | {"tolerance": self.tolerance, "latency": self.latency / 1e3}
 
 
 def spread(command: Callable[..., None]) -> Callable[..., None]:

@@ -35,7 +35,6 @@ def fit_k92(
     out: Table = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print the notes of the fits.")] = False,
     *,
-    about: o.About,
     work: o.Work,
 ) -> None:
     """Fit k_92 of each trial.
@@ -45,7 +44,7 @@ def fit_k92(
     from granite_lab.api.trials import fit_k92 as run
 
     with progress(work.quiet, "fitting") as shown:
-        fits = run(trials or [], model=model, done=shown.done, **about.said(), **work.said())
+        fits = run(trials or [], model=model, done=shown.done, **work.said())
     from granite_lab.files import write_text
     from granite_lab.reporting.json_report import k92_as_json
     from granite_lab.reporting.tables import k92_table
@@ -85,7 +84,6 @@ def fit_atheta(
     model: o.Model = None,
     out: Table = None,
     *,
-    about: o.About,
     work: o.Work,
 ) -> None:
     """Estimate a_θ of k_92 = exp(-a_θ v).
@@ -102,7 +100,7 @@ def fit_atheta(
         fit = fit_a_theta(published=True)
     else:
         with progress(work.quiet, "fitting") as shown:
-            fits = run(trials or [], model=model, done=shown.done, **about.said(), **work.said())
+            fits = run(trials or [], model=model, done=shown.done, **work.said())
         origin = warn_of(fits.origin) | {"provenance": _provenance(fits.origin, "fit-atheta")}
         fit = fit_a_theta(list(fits))
     from granite_lab.files import write_table
@@ -131,7 +129,6 @@ def compare(
         Path | None, typer.Option(help="Folder for tables and figures.", show_default="reports/compare")
     ] = None,
     *,
-    about: o.About,
     work: o.Work,
 ) -> None:
     """Compare measured and simulated motion.
@@ -141,7 +138,7 @@ def compare(
     from granite_lab.api.project import choose
     from granite_lab.api.trials import compare as run
 
-    logs, said = trials or [], about.said() | work.said()
+    logs, said = trials or [], work.said()
     out = out or choose(logs, said).out / "compare"
     with progress(work.quiet, "fitting") as shown:
         found = run(logs, out=out, model=model, done=shown.done, **said)
@@ -182,9 +179,7 @@ def study(
         typer.Option("--verify", metavar="REPORT", help="Compute a report again and print the differences."),
     ] = None,
     *,
-    about: o.About,
-    search: o.Search,
-    work: o.Work,
+    work: o.Search,
 ) -> None:
     """Analyse trials and write a report.
 
@@ -198,7 +193,7 @@ def study(
     from granite_lab.running.output import tell
 
     logs = trials or []
-    said = about.said() | work.said() | search.said() | {"model": model}
+    said = work.said() | {"model": model}
     out = out or choose(logs, said).out / "study"
     with progress(work.quiet, "trials") as shown:
         said |= {"done": shown.done, "progress": shown.told}
@@ -303,9 +298,7 @@ def discover(
         ),
     ] = None,
     *,
-    about: o.About,
-    search: o.Search,
-    work: o.Work,
+    work: o.Search,
 ) -> None:
     """Find the effect that the model lacks.
 
@@ -316,7 +309,7 @@ def discover(
     from granite_lab.running.output import tell
 
     logs = trials or []
-    said = about.said() | work.said() | search.said()
+    said = work.said()
     out = out or choose(logs, said).out / "discover"
     with progress(work.quiet, "discovering") as shown:
         found = discovered(logs, out, said | {"progress": shown.told})
