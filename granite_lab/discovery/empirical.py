@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -14,23 +14,48 @@ from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
 
-TERMS: dict[str, Callable[[WheelState, Any], Any]] = {
-    "motion": lambda _s, _t: 1.0,
-    "velocity": lambda s, _t: s.velocity / 0.5,
-    "velocity_squared": lambda s, _t: (s.velocity / 0.5) ** 2,
-    "slip": lambda s, _t: s.slip / 0.2,
-    "sinking": lambda s, _t: s.sinkage_rate / 0.02,
-    "start": lambda s, _t: ca.exp(-ca.fmax(s.travel, 0) / 0.2),
-    "distance": lambda s, _t: s.travel,
-    "cos_angle": lambda s, _t: ca.cos(s.angle),
-    "sin_angle": lambda s, _t: ca.sin(s.angle),
-    "time": lambda _s, t: t / 5.0,
-}
-"""Functions of what a wheel does, of the order of one, all faded out at standstill."""
 
-TARGETS = {"force": ("N", 40.0), "moment": ("N m", 10.0), "torque_f": ("N m", 4.0), "torque_r": ("N m", 4.0)}
-"""What may be missing: a force along the robot, a moment nose down on it, a torque against each front
-and each rear wheel; unit, and the size of interest."""
+class Term(NamedTuple):
+    """A function of what a wheel does and of the time, of the order of one; in words and as a formula."""
+
+    of: Callable[[WheelState, Any], Any]
+    words: str
+    formula: str
+
+
+TERMS = {
+    "motion": Term(lambda _s, _t: 1.0, "constant while moving", ""),
+    "velocity": Term(lambda s, _t: s.velocity / 0.5, "with the speed of the robot", "v / (0.5 m/s)"),
+    "velocity_squared": Term(
+        lambda s, _t: (s.velocity / 0.5) ** 2, "with the square of that speed", "(v / (0.5 m/s))²"
+    ),
+    "slip": Term(lambda s, _t: s.slip / 0.2, "with slip", "s / 0.2"),
+    "sinking": Term(lambda s, _t: s.sinkage_rate / 0.02, "with the rate of sinking", "(dz/dt) / (20 mm/s)"),
+    "start": Term(
+        lambda s, _t: ca.exp(-ca.fmax(s.travel, 0) / 0.2), "over the first 0.2 m", "exp(−x / 0.2 m)"
+    ),
+    "distance": Term(lambda s, _t: s.travel, "with the distance", "x / (1 m)"),
+    "cos_angle": Term(lambda s, _t: ca.cos(s.angle), "with the cosine of the wheel's angle", "cos θ"),
+    "sin_angle": Term(lambda s, _t: ca.sin(s.angle), "with the sine of the wheel's angle", "sin θ"),
+    "time": Term(lambda _s, t: t / 5.0, "with time", "t / (5 s)"),
+}
+"""Terms of the law, all faded out at standstill."""
+
+
+class Target(NamedTuple):
+    """What may be missing: its unit, the size of interest, and in words."""
+
+    unit: str
+    size: float
+    words: str
+
+
+TARGETS = {
+    "force": Target("N", 40.0, "force along the robot"),
+    "moment": Target("N m", 10.0, "moment on the body, nose down"),
+    "torque_f": Target("N m", 4.0, "torque against each front wheel"),
+    "torque_r": Target("N m", 4.0, "torque against each rear wheel"),
+}
 
 
 class EmpiricalLaw(Effect):
@@ -43,10 +68,10 @@ class EmpiricalLaw(Effect):
     signature = "whatever the candidates do not explain"
     parameters = tuple(
         EffectParameter(
-            f"{target}_{term}", unit, f"{target.replace('_', ' ')} by {term.replace('_', ' ')}",
-            -10 * size, 10 * size, 0.0, 0.2 * size, size, linear=True,
+            f"{name}_{term}", target.unit, f"{name.replace('_', ' ')} by {term.replace('_', ' ')}",
+            -10 * target.size, 10 * target.size, 0.0, 0.2 * target.size, target.size, linear=True,
         )
-        for target, (unit, size) in TARGETS.items() for term in TERMS
+        for name, target in TARGETS.items() for term in TERMS
     )  # fmt: skip
 
     def body_load(
@@ -74,4 +99,4 @@ class EmpiricalLaw(Effect):
 
 def _sum(target: str, state: WheelState, own: Own) -> Any:
     moving = smoothstep(ca.fabs(state.circumferential_velocity) / (2 * V_FLOOR))
-    return moving * sum(own.p[f"{target}_{term}"] * φ(state, own.t) for term, φ in TERMS.items())
+    return moving * sum(own.p[f"{target}_{name}"] * term.of(state, own.t) for name, term in TERMS.items())

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from granite_lab.discovery.empirical import TARGETS
+from granite_lab.discovery.empirical import TARGETS, TERMS
 from granite_lab.discovery.finding import Candidate, Finding, FoundEffect, FoundParameter
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
@@ -28,26 +28,6 @@ CHANNELS = {
     "current_r": "rear motor current",
 }
 """Channels of a finding, in the order of the report."""
-
-LAW = {
-    "force": "force along the robot", "moment": "moment on the body, nose down",
-    "torque_f": "torque against each front wheel", "torque_r": "torque against each rear wheel",
-}  # fmt: skip
-"""Quantities of an empirical law."""
-
-TERMS = {
-    "motion": ("constant while moving", ""),
-    "velocity": ("with the speed of the robot", "v / (0.5 m/s)"),
-    "velocity_squared": ("with the square of that speed", "(v / (0.5 m/s))²"),
-    "slip": ("with slip", "s / 0.2"),
-    "sinking": ("with the rate of sinking", "(dz/dt) / (20 mm/s)"),
-    "start": ("over the first 0.2 m", "exp(−x / 0.2 m)"),
-    "distance": ("with the distance", "x / (1 m)"),
-    "cos_angle": ("with the cosine of the wheel's angle", "cos θ"),
-    "sin_angle": ("with the sine of the wheel's angle", "sin θ"),
-    "time": ("with time", "t / (5 s)"),
-}
-"""Terms of an empirical law in words and as formulas."""
 
 STATUS = {
     "named": "named",
@@ -108,7 +88,7 @@ def plain(effect_id: str) -> str:
     """Return an effect's id as words."""
     term = term_of(effect_id)
     if term is not None:
-        return f"{LAW[term[0]].split(',')[0]}, {TERMS[term[1]][0]}"
+        return f"{TARGETS[term[0]].words.split(',')[0]}, {TERMS[term[1]].words}"
     effect = met(effect_id)
     return (effect.name if effect else "") or effect_id.replace("_", " ")
 
@@ -271,10 +251,10 @@ def law_formulas(finding: Finding) -> tuple[str, ...]:
         (target, term), p = found, e.parameters[0]
         number = with_unit(decided(abs(p.estimate.value), p.estimate.std).text, p.unit)
         sign = "−" if p.estimate.value < 0 else "+"
-        formula = TERMS[term][1]
+        formula = TERMS[term].formula
         part = f"{number} · {formula}" if formula else number
         sums[target] = f"{sums[target]} {sign} {part}" if target in sums else f"{sign.strip('+')}{part}"
-    return tuple(f"{LAW[target]} = {sums[target]}" for target in LAW if target in sums)
+    return tuple(f"{target.words} = {sums[name]}" for name, target in TARGETS.items() if name in sums)
 
 
 def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple[str, ...]:
