@@ -137,7 +137,7 @@ def inspect(
 ) -> Inspection:
     """Show what is recognised in logs: columns, units, clocks, rates, gaps, variant.
 
-    A log that cannot be read is not an error here but a `problem` in its report.
+    A log that is not understood is not an error here but a `problem` in its report.
 
     Args:
         logs: paths of logs.
@@ -147,11 +147,14 @@ def inspect(
         what was recognised, file by file; its table has a row for each column.
 
     Raises:
+        InputError: a file does not exist.
         UsageError: unknown robot or column map.
     """
     paths = [logs] if isinstance(logs, (str, Path)) else list(logs)
     if not paths:
         raise UsageError("no log given", "name the files of one trial")
+    for path in paths:
+        refuse_special(Path(path))
     from granite_lab.logs import inspect_logs  # noqa: PLC0415, heavy
 
     return inspect_logs(paths, map=column_map, robot=robot, topics=topics)
