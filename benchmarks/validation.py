@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -162,61 +164,44 @@ def given_table(results: Results) -> str:
     )
 
 
-def needs_table(results: Results) -> str:
-    """Return the k_92 that each quantity needs at each slip."""
-    rows = []
+def needs_rows(results: Results) -> str:
+    """Return the k_92 that each quantity needs at each slip, as CSV."""
+    each = [cell for name in ("pull", "torque", "sinkage") for cell in (f"k92_{name}", f"{name}_reached")]
+    head = ["wheel", "slip", *each, "k92_all_from", "k92_all_to", "k92_least_squares"]
+    rows = [head]
     for s in results.series:
         for n in results.needs[s.id]:
-            rows.append([
-                s.title, number(n.row.slip, 2), *(_need(float(n.best[c]), n.reached[c]) for c in range(3)),
-                "none" if n.common is None else f"{n.common[0]:.2f} to {n.common[1]:.2f}",
-                number(n.joint, 2),
-            ])  # fmt: skip
-    return table(["wheel", "slip λ", *QUANTITIES, "all", "least squares"], rows)
+            each = [cell for c in range(3) for cell in _need(float(n.best[c]), n.reached[c])]
+            common = ["", ""] if n.common is None else [f"{value:.2f}" for value in n.common]
+            rows.append([s.title, f"{n.row.slip:.2f}", *each, *common, f"{n.joint:.2f}"])
+    return comma_separated(rows)
 
 
-def _need(value: float, reached: bool) -> str:
-    if not math.isfinite(value):
-        return ""
-    return f"{value:.2f}" if reached else f"({value:.2f})"
+def _need(value: float, reached: bool) -> tuple[str, str]:
+    return (f"{value:.2f}", "yes" if reached else "no") if math.isfinite(value) else ("", "")
 
 
-def laws_table(results: Results) -> str:
-    """Return how well laws of k_92 describe the driven wheels."""
+def comma_separated(rows: Iterable[Sequence[str]]) -> str:
+    """Return rows as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+def fits_table(results: Results) -> str:
+    """Return how well laws of k_92, and effects of the library beside one, describe the driven wheels."""
     rows = []
     for s in results.series:
-        paper = residuals(s, s.driven, Setup(paper_law))
-        free = np.array([n.joint_residuals for n in results.needs[s.id] if n.row.slip > -0.1])
-        a, b = results.constants[s.id], results.linears[s.id]
+        laws = _totals(results, s)
+        effects = [total(found.off) for found in results.effects[s.id]]
+        full = results.full[s.id]
         rows.append([
-            s.title, str(len(s.driven)), number(total(paper)),
-            with_left_out(a), number(a.values["k_92"], 2),
-            with_left_out(b),
-            f"{number(b.values['b0'], 2)}, {number(b.values['b1'], 2)}", number(total(free)),
+            s.title, *map(number, (*laws, *effects)), number(full.left_out), size_of(full, GROWTH),
+            size_of(full, STRENGTH),
         ])  # fmt: skip
-    head = ["wheel", "slips", "paper's law", "constant (left out)", "k_92", "linear in slip (left out)",
-            "b0, b1", "free at each slip"]  # fmt: skip
+    head = ["wheel", "paper's law", "constant", "linear", "free", "+ sinkage", "+ bulldozing", "+ both",
+            "held out", "n1", "strength"]  # fmt: skip
     return table(head, rows)
-
-
-def effects_table(results: Results) -> str:
-    """Return the fits with library effects, driven wheels."""
-    rows = []
-    for s in results.series:
-        base = results.linears[s.id]
-        rows.append([s.title, "none", "", "", *map(number, map(float, rms(base.off))), with_left_out(base)])
-        for choice, found in zip(CHOICES, results.effects[s.id], strict=True):
-            rows.append([
-                s.title, " + ".join(i for i, _ in choice), size_of(found, GROWTH), size_of(found, STRENGTH),
-                *map(number, map(float, rms(found.off))), with_left_out(found),
-            ])  # fmt: skip
-    head = ["wheel", "effects", "n1", "strength", *QUANTITIES, "all (left out)"]
-    return table(head, rows, left=2)
-
-
-def with_left_out(found: Fit) -> str:
-    """Return the residual of a fit, and in brackets that at slips that were left out of it."""
-    return f"{number(total(found.off))} ({number(found.left_out)})"
 
 
 def size_of(found: Fit, effect: tuple[str, str]) -> str:
@@ -235,22 +220,8 @@ def expected(found: Fit, effect: tuple[str, str]) -> bool:
     return p.prior_low <= value <= p.prior_high or abs(value - p.neutral) < 0.01
 
 
-def braking_table(results: Results) -> str:
-    """Return the same for the braked wheels."""
-    rows = []
-    for s in results.series:
-        for choice, found in zip(((), *CHOICES), results.braking.get(s.id, ()), strict=False):
-            rows.append([
-                s.title, " + ".join(i for i, _ in choice) or "none",
-                number(found.values["k_92"], 2), size_of(found, GROWTH), size_of(found, STRENGTH),
-                *(number(float(x)) for x in rms(found.off)[[0, 2]]), number(total(found.off)),
-            ])  # fmt: skip
-    head = ["wheel", "effects", "k_92", "n1", "strength", "drawbar pull", "sinkage", "all"]
-    return table(head, rows, left=2)
-
-
-def ripple(series: Series, row: Row, amplitude: float = 0.3) -> tuple[float, float, float]:
-    """Return what lugs do to the pull [N]: change of its mean over a lug, its std, change of sinkage [mm]."""
+def ripple(series: Series, row: Row, amplitude: float = 0.3) -> float:
+    """Return how much the lugs change the mean of the pull over a lug [N]."""
     wheels = replace(series.wheels, lugs=1.0)
     lugs = [activate(get("tread_ripple"), {"cos_front": amplitude})]
     plain = numbers(model(series, row, Setup(constant(0.3))))
@@ -262,27 +233,7 @@ def ripple(series: Series, row: Row, amplitude: float = 0.3) -> tuple[float, flo
         )
         for angle in np.arange(16) * 2 * np.pi / 16
     ]
-    mean = np.mean(found, axis=0)
-    return float(mean[0] - plain[0]), float(np.std(found, axis=0)[0]), float(mean[2] - plain[2])
-
-
-def ripple_table(results: Results) -> str:
-    """Return what the ripple of the lugs can do, beside the measured std of K10-mini."""
-    rows = []
-    smooth = next(s for s in results.series if s.id == "k10_smooth")
-    for s in results.series:
-        if s.lug:
-            for row in s.driven[1::2]:
-                mean, std, sink = ripple(s, row)
-                nearest = np.abs(np.array([r.slip for r in smooth.driven]) - row.slip).argmin()
-                beside = smooth.driven[int(nearest)].pull_std
-                rows.append([
-                    s.title, number(row.slip, 2), number(mean, 2), number(sink, 2), number(std, 2),
-                    f"{row.pull_std:.1f} / {beside:.1f}" if s.id.startswith("k10") else "",
-                ])  # fmt: skip
-    head = ["wheel", "slip λ", "mean pull [N]", "mean sinkage [mm]", "std of pull [N]",
-            "measured std, lugs / smooth [N]"]  # fmt: skip
-    return table(head, rows)
+    return float(np.mean(found, axis=0)[0] - plain[0])
 
 
 def sensitivity_table(results: Results) -> str:
@@ -300,21 +251,19 @@ def sensitivity_table(results: Results) -> str:
 
 
 def every_row(results: Results) -> str:
-    """Return every measured point beside the model with nothing fitted."""
-    rows = []
+    """Return every measured point beside the model with nothing fitted, as CSV."""
+    rows = [["wheel", "slip", "load_N", "pull_std_N"]]
+    for name in ("pull_N", "torque_Nm", "sinkage_mm"):
+        rows[0] += [name, f"{name}_paper_k92", f"{name}_zero_k92"]
     for s in results.series:
         ways = [results.given[s.id][way] for way in ("law", "zero")]
         for k, row in enumerate(s.rows):
-            std = f" ± {row.pull_std:.1f}" if math.isfinite(row.pull_std) else ""
-            cells = [s.title, number(row.slip, 2), number(row.load)]
-            for c, digits in ((0, 1), (1, 2), (2, 1)):
-                value = float(measured(row)[c])
-                both = " / ".join(number(float(way[k][c]), digits) for way in ways)
-                cells.append(number(value, digits) + std * (c == 0) if math.isfinite(value) else "")
-                cells.append(both if math.isfinite(value) else "")
-            rows.append(cells)
-    head = ["wheel", "λ", "load [N]", "pull [N]", "model", "torque [N m]", "model", "sinkage [mm]", "model"]
-    return table(head, rows)
+            values = [[measured(row)[c], *(way[k][c] for way in ways)] for c in range(3)]
+            known = [v if math.isfinite(v[0]) else [math.nan] * 3 for v in values]
+            figures = [row.pull_std, *known[0], *known[1], *known[2]]
+            cells = [f"{x:.4g}" if math.isfinite(x) else "" for x in map(float, figures)]
+            rows.append([s.title, f"{row.slip:.2f}", f"{row.load:.1f}", *cells])
+    return comma_separated(rows)
 
 
 def page(results: Results) -> str:
@@ -322,9 +271,7 @@ def page(results: Results) -> str:
     template = jinja2.Environment(undefined=jinja2.StrictUndefined, autoescape=False).from_string(
         TEXT.read_text(encoding="utf-8")
     )
-    functions = (given_table, needs_table, laws_table, effects_table, braking_table, ripple_table,
-                 sensitivity_table, every_row)  # fmt: skip
-    tables = {f.__name__: f(results) for f in functions}
+    tables = {f.__name__: f(results) for f in (given_table, fits_table, sensitivity_table)}
     return template.render(**tables, **_needed(results), **_fitted(results)) + "\n"
 
 
@@ -334,7 +281,6 @@ def _needed(results: Results) -> dict[str, Any]:
     driven = {s.id: [n for n in results.needs[s.id] if n.row.slip > -0.1] for s in results.series}
     without = [n for part in driven.values() for n in part]
     torque = [n for n in without if np.isfinite(n.best[1])]
-    steep = [n for n in without if n.row.slip >= 0.3]
     slipping = [[n for n in part if n.row.slip > 0.05 and n.reached[0]] for part in driven.values()]
     reachable = [part for part in slipping if len(part) > 1]
     grown = [part[-1].row.sinkage / part[0].row.sinkage for part in driven.values()]
@@ -359,8 +305,6 @@ def _needed(results: Results) -> dict[str, Any]:
         "driven": len(without),
         "pulled": sum(n.reached[0] for n in without),
         "sunk": sum(n.reached[2] for n in without),
-        "steep": len(steep),
-        "steep_sunk": sum(n.reached[2] for n in steep),
         "growth": _range(grown, 1),
         "span": f"{max(spans):.1f}",
         "reachable": len(reachable),
@@ -388,8 +332,11 @@ def _fitted(results: Results) -> dict[str, Any]:
     both = [s.title for s in agree if s in grown and s in pushed]
     strengths = [full[s.id].values[".".join(STRENGTH)] for s in results.series if s not in pushed]
     totals = np.median([_totals(results, s) for s in results.series], axis=0)
-    changes = [ripple(s, row)[0] for s in results.series if s.lug for row in s.driven]
+    changes = [ripple(s, row) for s in results.series if s.lug for row in s.driven]
+    braked = [fits for fits in results.braking.values() if fits]
     return {
+        "braked": " and ".join(f"{total(fits[0].off):.1f}" for fits in braked),
+        "braked_both": " and ".join(f"{total(fits[-1].off):.1f}" for fits in braked),
         "totals": [f"{x:.1f}" for x in totals],
         "alone": sum(total(results.effects[s.id][0].off) <= 1 for s in results.series),
         "agree": len(agree),
@@ -425,16 +372,8 @@ def main() -> None:
         )
     found = {s.id: (s, results.needs[s.id]) for s in results.series}
     write_bytes(folder / "k92.png", saved(plots.ratios(found), "png", 110))
-    bars = {
-        "paper's law at 10 mm/s": [total(residuals(s, s.driven, Setup(paper_law))) for s in results.series],
-        "best constant k_92": [total(results.constants[s.id].off) for s in results.series],
-        "best k_92 linear in slip": [total(results.linears[s.id].off) for s in results.series],
-        "… with slip_sinkage and bulldozing": [total(results.full[s.id].off) for s in results.series],
-    }
-    write_bytes(
-        folder / "residuals.png",
-        saved(plots.residual_bars([s.title for s in results.series], bars), "png", 110),
-    )
+    write_text(options.out.parent / "tables" / "validation-points.csv", every_row(results))
+    write_text(options.out.parent / "tables" / "validation-k92.csv", needs_rows(results))
     write_text(options.out, page(results))
     print(f"{options.out}: {sum(len(s.rows) for s in results.series)} rows, {time.monotonic() - start:.0f} s")
 

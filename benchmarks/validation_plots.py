@@ -129,23 +129,3 @@ def ratios(found: Mapping[str, tuple[Series, Sequence[Needed]]]) -> Figure:
         handles, labels = axis.get_legend_handles_labels()
         figure.legend(handles, labels, loc="upper left", ncols=2, frameon=False, bbox_to_anchor=(0.02, 1.0))
     return figure
-
-
-def residual_bars(names: Sequence[str], columns: Mapping[str, Sequence[float]]) -> Figure:
-    """Draw the total residual of each series for several models, in units of the tolerance."""
-    wide, tall = 6.4, 0.34 * len(names) * 1.5 + 1.5
-    with canvas.styled():
-        figure = Figure(figsize=(wide, tall))
-        axis = figure.add_axes((1.95 / wide, 0.48 / tall, 1 - 2.1 / wide, 1 - 1.3 / tall))
-        height = 0.8 / len(columns)
-        colours = (canvas.SIMULATED, canvas.SIMULATED_LIGHT, canvas.FITTED, canvas.PAPER, canvas.GREY)
-        for k, (label, values) in enumerate(columns.items()):
-            places = np.arange(len(names)) - 0.4 + height * (k + 0.5)
-            axis.barh(places, values, height=0.9 * height, color=colours[k], label=label)
-        axis.axvline(1, color=canvas.INK, linewidth=0.9, linestyle=":")
-        axis.set_yticks(np.arange(len(names)), names)
-        axis.invert_yaxis()
-        axis.set_xlabel("rms of all residuals over the tolerance; 1 is agreement")
-        handles, labels = axis.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="upper left", ncols=2, frameon=False, bbox_to_anchor=(0.02, 1.0))
-    return figure
