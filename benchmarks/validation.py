@@ -21,7 +21,6 @@ import numpy as np
 from benchmarks import validation_plots as plots
 from benchmarks.validation_data import Row, Series, all_series
 from benchmarks.validation_fit import (
-    QUANTITIES,
     Array,
     Fit,
     Needed,
@@ -36,7 +35,6 @@ from benchmarks.validation_fit import (
     numbers,
     paper_law,
     residuals,
-    rms,
     total,
 )
 from granite_lab.effects import get
