@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.against_truth import Array, Velocities, draw, rms
-from benchmarks.real_logs_page import Delay, Delays, page
+from benchmarks.real_logs_page import Delay, Delays, page, run_table
 from granite_lab.errors import LabError
 from granite_lab.estimation import Motion, estimate
 from granite_lab.estimation.rest import Interval
@@ -245,6 +245,8 @@ def main() -> None:
     draw(figures / "real_snow.png", [run for run in sets["snow, named"].runs if run.name[0] == "1"])
     draw(figures / "real_car.png", sets["car"].runs, columns=3)
     draw(figures / "real_others.png", [run for name in OTHERS for run in sets[name].runs])
+    runs = run_table(sets, late).to_csv(index=False)
+    write_text(given.out.parent / "tables" / "real-logs.csv", runs)
     write_text(given.out, page(sets, late, sliding(data)))
     print(given.out)
 

@@ -27,18 +27,14 @@ AREAS = {
 HEAD = """\
 # Effects
 
-An effect is a physical cause that the paper's model leaves out, one module in `granite_lab/effects/`. With
-all parameters at 0 the model is the paper's. Symbols and equation numbers are those of the paper.
+An effect is a physical cause that the paper's model leaves out. With all parameters at 0 the model is the
+paper's. Symbols and equation numbers are those of the [paper](model.md#nomenclature). The range of a
+parameter is the expected one. A *shape* has no influence while the other parameters are 0. *Per trial*: a
+cosine and a sine part have the same amplitude in all trials and another phase in each.
 
-Each parameter has its unit, meaning and the expected range from the source. A *shape* has no influence while
-the other parameters are 0. *Per trial*: a new value in each trial; a cosine and a sine part describe one
-amplitude, the same in all trials, and a phase that differs.
-
-`granite-lab effects show ID` prints an effect with its bounds and draws how it changes the sensor readings
-(`reports/effects/ID.png`): orange with all other parameters fixed, blue after sand, start time and sensor
-errors are refitted. Where blue is zero, sand or a sensor error can imitate the effect.
-
-Written by `python -m granite_lab.effects.documentation`.
+`granite-lab effects show ID` prints the source and the bounds of an effect and draws how it changes the
+sensor readings: orange with all other parameters fixed, blue after sand, start time and sensor errors are
+refitted. Where blue is zero, sand or a sensor error can imitate the effect.
 """
 
 HOOKS = """\
@@ -66,8 +62,8 @@ that receive a quantity as a CasADi expression and return it changed.
 | `delays` | delays of the sensors' time stamps |
 | `rates` | time derivatives of the effect's own states, named in `states` |
 
-`own.p` holds the parameters of the effect, `own.x` its states, `own.t` the time and `own.model` the
-parameters of robot and soil.
+`own.p` holds the parameters of the effect, `own.x` its states, `own.t` the time, `own.model` the parameters
+of robot and soil. Written by `python -m granite_lab.effects.documentation`.
 """
 
 
@@ -92,8 +88,7 @@ def _section(effect: Effect) -> str:
     return (
         f"### `{effect.id}`: {effect.title}\n\n"
         f"{effect.signature}\n\n"
-        f"- Equation: {effect.equation}\n"
-        f"- Source: {effect.source}\n" + "\n".join(lines) + "\n"
+        f"- Equation: {effect.equation}\n" + "\n".join(lines) + "\n"
     )
 
 

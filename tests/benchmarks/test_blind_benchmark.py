@@ -155,10 +155,10 @@ def test_the_page_shows_one_code_and_what_went_wrong_by_kind() -> None:
     wrong = {"outcome": "abstained", "right": False, "verdict": "unknown", "effects": [], "parameters": []}
     lines = [line(code="old", **wrong), line(), null(), line(**wrong), line(**wrong), line(status="not made")]
     text = page(lines, 397)
-    assert "5 of 397 sets, code new (abc). 1 could not be made" in text
+    assert "4 of 397 sets are judged, code new (abc);\n1 more could not be made" in text
     assert "| one effect at 5 times | abstained | 2 | ground_slope (2) |" in text
     assert "| ground_slope: slope | 1 | 1.10 | 1 |" in text
-    assert "| 3 repetitions | 2/4" in text
+    assert "3 repetitions 50 % of 4" in text
     assert "nan" not in text
     assert "old (abc)" not in text
     json.dumps(lines, allow_nan=False)
