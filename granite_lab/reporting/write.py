@@ -83,7 +83,7 @@ def write_report(
 
 def _finish(result: StudyResult, report: Report, folder: Path, new: Path) -> None:
     """Add ``report.pdf`` and the provenance of all files to a new report."""
-    drawn = {f.name: (new / "figures" / f"{f.name}.pdf").read_bytes() for f in report.figures}
+    drawn = {f.name: (new / "figures" / f"{f.name}.svg").read_text("utf-8") for f in report.figures}
     (new / "report.pdf").write_bytes(report_pdf(result, report, made_by(result.source), drawn))
     for name in (MODEL, DESIGN):
         if (folder / name).is_file():

@@ -58,3 +58,9 @@ def twelve_folder(twelve: StudyResult, tmp_path_factory: pytest.TempPathFactory)
         patch.setattr(canvas, "DPI", 10)
         write_report(twelve, folder, model="model.toml")
     return folder
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write coarse pictures, which take longest, where a test is not about them."""
+    monkeypatch.setattr(canvas, "DPI", 20)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 from pathlib import Path
 
@@ -10,7 +11,6 @@ from pypdf import PdfReader
 
 from granite_lab.reporting import write_report
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.paper import HEIGHT, MARGIN, SMALL, WIDTH, Page, _widths, width_of, wrapped
 from granite_lab.reporting.report import study_report
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
@@ -28,7 +28,7 @@ def text_of(reader: PdfReader) -> list[str]:
 def test_it_has_four_pages_of_a4_and_each_says_that_the_data_are_virtual(reader: PdfReader) -> None:
     assert len(reader.pages) == 4
     for page in reader.pages:
-        assert [float(x) for x in page.mediabox] == pytest.approx([0, 0, WIDTH, HEIGHT], abs=0.1)
+        assert [float(x) for x in page.mediabox] == pytest.approx([0, 0, 595.28, 841.89], abs=0.1)
     assert all(text.startswith("Virtual data") for text in text_of(reader))
 
 
@@ -47,30 +47,15 @@ def test_it_answers_every_question_of_the_first_screen(twelve: StudyResult, read
         assert "".join(speed.slip.interval.split()) in text
 
 
-def test_a_study_without_anything_found_has_four_pages_too(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize("trials", [1, 90])
+def test_a_study_without_anything_found_and_a_long_one_have_four_pages_too(
+    trials: int, tmp_path: Path
+) -> None:
+    """What is too much for a page is set smaller, so that none of it is cut off."""
     one = rename(made_up_study(speeds=(0.3,), repetitions=1), HOSTILE)
-    write_report(one, tmp_path / "small")
-    assert len(PdfReader(tmp_path / "small" / "report.pdf").pages) == 4
-
-
-def test_no_line_is_longer_than_it_may_be() -> None:
-    for text in ("one two three " * 20, "x" * 300, "k_92 and λ_R and a_θ " * 9):
-        lines = wrapped(text, 120, 9)
-        assert max(width_of(line, 9) for line in lines) <= 120
-        assert "".join(lines).replace(" ", "") == text.replace(" ", "")
-
-
-def test_no_word_of_a_printed_table_is_broken(twelve: StudyResult) -> None:
-    printed = ("slip_by_speed", "channels", "found_effects")
-    for table in (t for t in study_report(twelve).tables if t.name in printed):
-        for row in table.rows:
-            for cell, wide in zip(row, _widths(table), strict=True):
-                assert " ".join(wrapped(cell.text, wide, SMALL)) == cell.text
-
-
-def test_nothing_is_written_below_the_margin(study: StudyResult) -> None:
-    page = Page(study_report(study), {})
-    for _ in range(40):
-        page.text("many words " * 60)
-    low = [t.get_position()[1] * HEIGHT for t in page.figure.texts[:-40]]
-    assert min(low) > MARGIN - 10
+    long = dataclasses.replace(one, trials=one.trials * trials, failures=one.failures * trials)
+    write_report(long, tmp_path / "small")
+    pages = text_of(PdfReader(tmp_path / "small" / "report.pdf"))
+    assert [page.endswith(f"page {k} of 4") for k, page in enumerate(pages, 1)] == [True] * 4
+    assert "How to repeat this" in pages[3]

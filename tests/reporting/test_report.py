@@ -19,7 +19,7 @@ from markdown_it import MarkdownIt
 
 from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
-from granite_lab.reporting import canvas, write, write_comparison, write_report
+from granite_lab.reporting import write, write_comparison, write_report
 from granite_lab.reporting.content import Failure, Source, StudyResult, command_of
 from granite_lab.reporting.json_report import to_json
 from granite_lab.reporting.report import study_report
@@ -150,12 +150,6 @@ def write_small_search(folder: Path, virtual: bool) -> Path:
     finding = made_up_finding(virtual=virtual, names="trial {speed} {repetition}", speeds=(0.3,))
     source = Source("0.1.0", "granite-lab discover trials", (), ())
     return write_report(StudyResult("real", (), (), None, source, finding), folder)
-
-
-@pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write coarse pictures, which take longest, where a test is not about them."""
-    monkeypatch.setattr(canvas, "DPI", 20)
 
 
 @pytest.mark.usefixtures("small")
