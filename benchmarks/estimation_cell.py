@@ -191,9 +191,8 @@ def together(cells: list[Summary]) -> str:
     ):  # fmt: skip
         mean = float(np.average(shares, weights=trials))
         low, high = wilson(mean, sum(trials))
-        told.append(
-            f"{name}: {100 * mean:.1f} % ({100 * low:.1f}–{100 * high:.1f}), p = {alike(shares, trials):.2f}"
-        )
+        each = f"{100 * mean:.1f} % ({100 * low:.1f}–{100 * high:.1f})"
+        told.append(f"{name} {each}, p = {alike(shares, trials):.2f}")
     return (
         f"2σ coverage over all cells, with its 95 % interval: {'; '.join(told)}\n"
         "  (p: probability of the scatter between cells if all have the same coverage)."

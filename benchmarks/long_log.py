@@ -121,8 +121,7 @@ def page(costs: list[Cost], minutes: float) -> str:
 {table(head, rows)}
 Method: virtual logs (`tests/truth/long_logs.py`), IMU 200 Hz and encoders 100 Hz in one CSV file, by
 `granite-lab ingest` in a process of its own with the start of Python ({machine}). Far
-from standstills (second and third log) the velocity follows the wheels minus an assumed slip. In motion of
-more than five minutes the filter of the drift has 60 000 nodes.
+from standstills (second and third log) the velocity follows the wheels minus an assumed slip.
 
 Written by `python -m benchmarks.long_log --minutes {minutes:g} --out FILE`, code {commit()}.
 """

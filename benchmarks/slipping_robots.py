@@ -319,8 +319,8 @@ an estimate that is told the truth about the slip. Bold: missed. Both are reache
 {", ".join(good) or "–"}.
 
 {table(head, rows)}
-RMSE of the velocity [mm/s] of all trials of a robot together, while body or wheels move: of the estimate, of
-two that are told a part of the truth, and of the wheels alone. The ratio is that to "told the slip".
+RMSE of the velocity [mm/s] over all trials while body or wheels move: of the estimate, of two that are told
+a part of the truth, and of the wheels alone. The ratio is that to "told the slip".
 
 ![velocity of a trial of each robot: estimate with two std, wheels, truth](figures/slipping_robots.png)
 
@@ -328,15 +328,14 @@ two that are told a part of the truth, and of the wheels alone. The ratio is tha
 
 {chr(10).join(f"* *{kind}*: {text}." for kind, text in KINDS.items())}
 
-A trial is a standstill, a drive of 5 to 9 s at 0.2 to 0.5 m/s, and a standstill. Where the wheels grip they
-slip by 2 to 25 %, with a scatter of 2 points. Drawn for each trial: noise and biases of the IMU between
-industrial and consumer grade, vibration (0.05 to 0.5 m/s², 8 to 20 Hz), uneven ground (0.6°), rates (IMU 50
-to 200 Hz, encoders 20 to 100 Hz), counts of the encoders (2000 to 106 000), delay of the IMU's stamps (up
-to 8 ms). The generator shares no code with the simulators.
+A trial is a standstill, a drive of 5 to 9 s at 0.2 to 0.5 m/s, and a standstill. Gripping wheels slip by 2
+to 25 %, with a scatter of 2 points. Drawn for each trial: noise and bias of the IMU (industrial to consumer),
+its delay (up to 8 ms), vibration (0.05 to 0.5 m/s²), uneven ground (0.6°), rates and encoder counts. The
+generator shares no code with the simulators.
 
-Who is told the standstills uses the IMU between them and no wheels. Who is told the slip also knows when
-and in which shape it changes and how much it scatters, but not how large it is; no log tells as much. Both
-know noise, vibration and delay of the sensors, and each is one least-squares problem.
+The two other estimates are least-squares problems that know noise, vibration and delay of the sensors. *Told
+the standstills*: the IMU between the standstills, no wheels. *Told the slip*: also when and in which shape
+the slip changes and how much it scatters, but not its size.
 
 Written by `python -m benchmarks.slipping_robots --seeds {len(next(iter(found.values())))}`, code {commit()}.
 """

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.estimation import drawn, main_row, offset_row, remembered, seed_of, summaries
+from benchmarks.estimation import cell_row, drawn, remembered, report, seed_of, summaries
 from benchmarks.estimation_cell import Cell, Score, score, successive_correlation, summarise
 from granite_lab.estimation.motion import Health
 
@@ -61,7 +61,7 @@ def test_refused_trials_are_counted_and_do_not_enter() -> None:
     assert s.v_rmse == pytest.approx(0.001)
     nothing = summarise([Score(refused="no standstill")])
     assert math.isnan(nothing.nees)
-    assert "1/1" in main_row(Cell("industrial", 8.0, 0.3), nothing)
+    assert cell_row(Cell("industrial", 8.0, 0.3), nothing)["refused"] == 1
 
 
 def test_an_unobservable_offset_is_left_out() -> None:
@@ -71,14 +71,18 @@ def test_an_unobservable_offset_is_left_out() -> None:
     assert s.offset_rmse == pytest.approx(0.002)
 
 
-def test_figures_outside_the_aim_are_bold() -> None:
-    cell = Cell("industrial", 8.0, 0.3)
+def test_figures_outside_the_aim_are_named() -> None:
+    cell, shifted = Cell("industrial", 8.0, 0.3), Cell("industrial", 8.0, 0.5, 0.02)
     good = summarise([made_up(z, 0.001) for z in (0.001, -0.001)])
-    assert "| 1.00 |" in main_row(cell, good)
     bad = summarise([made_up(0.009, 0.001)])
-    assert "**9.00**" in main_row(cell, bad)
-    assert "**81.00**" in main_row(cell, bad)
-    assert "**9.00**" in offset_row(0.02, [bad])
+    assert cell_row(cell, bad)["rmse_v_mmps"] == pytest.approx(9.0)
+    missed = str(cell_row(cell, bad)["missed"]).split("; ")
+    assert {"v", "distance", "NEES"} <= set(missed)
+    assert "v" not in str(cell_row(cell, good)["missed"]).split("; ")
+    assert cell_row(shifted, bad)["missed"] == "offset"
+    text = report({cell: bad}, {shifted: good}, "a command")
+    assert "NEES" in text.split("**Aims missed**: ")[1].split("(industrial, 8 s, 0.3 m/s)")[0]
+    assert "| industrial, 8 s | 9.0 | 0.9 |" in text
 
 
 def test_correlation_of_innovations() -> None:
