@@ -243,8 +243,8 @@ def main() -> None:
     text = report({c: found[c] for c in main_cells}, {c: found[c] for c in shifted}, command)
     print(text)
     if options.out is not None:
-        cells = cell_table(found).to_csv(index=False)
-        write_text(options.out.parent / "tables" / "estimation.csv", cells)
+        judged = cell_table(found).to_csv(index=False)
+        write_text(options.out.parent / "tables" / "estimation.csv", judged)
         write_text(options.out, text)
 
 

@@ -116,7 +116,8 @@ reference: its inertial navigation, whose std of 0.03 m/s at rest is allowed for
 *Robotino*: three wheels, no IMU, a camera of unknown scale. Apparent slip: {_slips(slides)}. Published: brown
 17.5 %, gray 22 to 24 %, green 39 to 45 %, table 13 %.
 
-Sources and licences of the logs: [`benchmarks/robots`](../benchmarks/robots/README.md). Written by
+Sources and licences of the logs, and what was written by hand:
+[`benchmarks/robots`](../benchmarks/robots/README.md). Written by
 `python -m benchmarks.real_logs --data FOLDER`, code {commit()}.
 """
 

@@ -234,18 +234,11 @@ def ripple(series: Series, row: Row, amplitude: float = 0.3) -> float:
     return float(np.mean(found, axis=0)[0] - plain[0])
 
 
-def sensitivity_table(results: Results) -> str:
-    """Return the errors under other readings of the authors' numbers, k_92 = 0."""
-    names = {
-        "zero": "as given",
-        "lug radius": "radius with the lugs, r + h",
-        "rubber": "μ_s = 0.6 in (10), as for rubber on sand",
-    }
-    rows = []
-    for way, title in names.items():
-        errors = [median_errors(results, way, ids) for ids, _ in FIGURES]
-        rows.append([title, *(f"{number(e[0], 0)} / {number(e[1], 0)} / {number(e[2])}" for e in errors)])
-    return table(["model, k_92 = 0", *(title for _, title in FIGURES)], rows)
+def changes(results: Results, way: str) -> tuple[str, str]:
+    """Return how far another reading moves the median errors of pull [% of load] and sinkage [mm] at most."""
+    pairs = [[median_errors(results, w, ids) for w in ("zero", way)] for ids, _ in FIGURES]
+    pull, _, sinkage = np.max([np.abs(np.subtract(*pair)) for pair in pairs], axis=0)
+    return f"{pull:.0f}", f"{sinkage:.1f}"
 
 
 def every_row(results: Results) -> str:
@@ -269,7 +262,8 @@ def page(results: Results) -> str:
     template = jinja2.Environment(undefined=jinja2.StrictUndefined, autoescape=False).from_string(
         TEXT.read_text(encoding="utf-8")
     )
-    tables = {f.__name__: f(results) for f in (given_table, fits_table, sensitivity_table)}
+    tables: dict[str, Any] = {f.__name__: f(results) for f in (given_table, fits_table)}
+    tables |= {"tips": changes(results, "lug radius"), "rubber": changes(results, "rubber")}
     return template.render(**tables, **_needed(results), **_fitted(results)) + "\n"
 
 
