@@ -189,22 +189,24 @@ def _conditions(lines: Lines) -> list[str]:
 
 
 def _sizes(lines: Lines) -> list[str]:
-    """Return the table of fitted over hidden sizes that mean the same, of effects named rightly."""
+    """Return the list of fitted over hidden sizes that mean the same, of effects named rightly."""
     found: dict[str, list[tuple[float, float]]] = {}
     for line in lines:
         for p in (line.get("parameters") or []) if line["right"] else []:
             if p["kind"] == "exact" and p["true"] and p["z"] is not None:
-                name = f"{p['effect']}: {p['name']}"
+                name = f"{p['effect']}.{p['name']}"
                 found.setdefault(name, []).append((p["value"] / p["true"], p["z"]))
-    rows = [
+    if not found:
+        return []
+    sizes = [
+        f"* `{name}`: {np.median([r for r, _ in pairs]):.2f}, "
+        f"{sum(abs(z) < 1.96 for _, z in pairs)} of {len(pairs)}"
+        for name, pairs in sorted(found.items())
+    ]
+    return [
         "## Sizes",
         "",
-        "Sizes with the same meaning in the hidden formula and in the library's.",
+        "Median of found over hidden size, and sets with the hidden size inside the 95 % interval:",
         "",
-        "| size | sets | median of found / hidden | inside 95 % |",
-        "|---|---|---|---|",
+        *sizes,
     ]
-    for name, pairs in sorted(found.items()):
-        ratio, inside = np.median([r for r, _ in pairs]), sum(abs(z) < 1.96 for _, z in pairs)
-        rows.append(f"| {name} | {len(pairs)} | {ratio:.2f} | {inside} |")
-    return [*rows, ""] if found else []

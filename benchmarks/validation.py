@@ -236,8 +236,8 @@ def ripple(series: Series, row: Row, amplitude: float = 0.3) -> float:
 
 def changes(results: Results, way: str) -> tuple[str, str]:
     """Return how far another reading moves the median errors of pull [% of load] and sinkage [mm] at most."""
-    pairs = [[median_errors(results, w, ids) for w in ("zero", way)] for ids, _ in FIGURES]
-    pull, _, sinkage = np.max([np.abs(np.subtract(*pair)) for pair in pairs], axis=0)
+    given, other = (np.array([median_errors(results, w, ids) for ids, _ in FIGURES]) for w in ("zero", way))
+    pull, _, sinkage = np.max(np.abs(given - other), axis=0)
     return f"{pull:.0f}", f"{sinkage:.1f}"
 
 

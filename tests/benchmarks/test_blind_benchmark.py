@@ -157,7 +157,7 @@ def test_the_page_shows_one_code_and_what_went_wrong_by_kind() -> None:
     text = page(lines, 397)
     assert "4 of 397 sets are judged, code new (abc);\n1 more could not be made" in text
     assert "| one effect at 5 times | abstained | 2 | ground_slope (2) |" in text
-    assert "| ground_slope: slope | 1 | 1.10 | 1 |" in text
+    assert "`ground_slope.slope`: 1.10, 1 of 1" in text
     assert "3 repetitions 50 % of 4" in text
     assert "nan" not in text
     assert "old (abc)" not in text
