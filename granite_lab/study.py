@@ -158,7 +158,6 @@ def write(
     result: StudyResult,
     options: Options,
     folder: Path,
-    jobs: int = 1,
     searched: Sequence[tuple[Trial, Motion]] = (),
 ) -> Written:
     """Write the report of a study, and the model with what was found; what fails costs nothing of the others.
@@ -167,7 +166,6 @@ def write(
         result: the study; of a search alone one without trials.
         options: of it.
         folder: to write into.
-        jobs: number of processes that draw.
         searched: trials of a search alone, with their motion.
     """
     from granite_lab.reporting import write_finding, write_report  # noqa: PLC0415, heavy
@@ -186,12 +184,12 @@ def write(
 
     page = guard.run(
         "report",
-        lambda: write_report(replace(result, finding=told()), folder, model=name, jobs=jobs),
+        lambda: write_report(replace(result, finding=told()), folder, model=name),
     )
     if page is None and (finding := told()):
         guard.run("finding", lambda: write_finding(finding, folder, name))
         alone = replace(result, finding=None, unsearched="the search could not be shown; see finding.json")
-        page = guard.run("rest", lambda: write_report(alone, folder, jobs=jobs)) if result.trials else None
+        page = guard.run("rest", lambda: write_report(alone, folder)) if result.trials else None
     return Written(page, model, told(), tuple(guard.lines))
 
 

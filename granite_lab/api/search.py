@@ -41,7 +41,7 @@ def discovered(logs: Logs, out: str | Path | None, said: Mapping[str, Any]) -> S
     if out is not None:
         progress("writing the report", 0)
         with claimed(Path(out)):
-            written = write(result, options, Path(out), execution.jobs, read)
+            written = write(result, options, Path(out), read)
         result = replace(result, finding=written.finding or result.finding)
     lines = (f"{trial.name}: {line}" for trial in trials for line in trial.warnings)
     return Studied(result, Origin(source, left_out, (*lines, *execution.tidied())), written)

@@ -162,7 +162,7 @@ def studied(
             )
             failed = guard.lines
         progress("report", 0)
-        written = write(result, choice.options, folder, jobs)
+        written = write(result, choice.options, folder)
         written = written._replace(failures=(*failed, *written.failures))
         if not written.failures:
             stamp.set()

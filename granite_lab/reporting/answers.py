@@ -24,6 +24,7 @@ from granite_lab.reporting.names import (
 )
 from granite_lab.reporting.rounding import Number, decided, percent, significant, times, with_unit
 from granite_lab.reporting.summary import ChannelAnswer, Speed, by_speed, channels_of, gaps
+from granite_lab.reporting.words import said
 
 SPEEDS = 3
 """A law over speed is tested by at least so many speeds."""
@@ -150,18 +151,12 @@ def _lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
 
 def _virtual(result: StudyResult) -> str:
     if not result.trials and result.finding is not None and result.finding.virtual:
-        return (
-            "A simulator wrote the sensor logs of these trials; no robot was driven. Nothing here is about "
-            "real sand."
-        )
+        return said("page", "virtual_search")
     count = sum(r.trial.info.virtual or r.comparison.motion.virtual for r in result.trials)
     if not count:
         return ""
     which = "All trials are" if count == len(result.trials) else f"{count} of {len(result.trials)} trials are"
-    return (
-        f"{which} virtual: a simulator wrote the sensor logs and no robot was driven. “Measured” means "
-        "estimated from the virtual sensors. Nothing here is about real sand."
-    )
+    return said("page", "virtual_study", which=which)
 
 
 def _slip(speeds: Sequence[Speed]) -> Answer:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,6 @@ from matplotlib.ticker import LogLocator, NullLocator
 from matplotlib.transforms import Transform, blended_transform_factory
 
 from granite_lab.logs.trial import Array
-from granite_lab.processes import shared_out
 
 # Okabe and Ito's palette, safe for all common kinds of colour blindness. Blue tones are always
 # measured, orange tones simulated, the light tone of each the rear axle or the wheels.
@@ -182,21 +181,19 @@ def key(axis: Axes, text: str) -> None:
     axis.text(1, 1.02, text, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)
 
 
-def colour_bar(
-    figure: Canvas, colours: Any, label: str, ticks: Sequence[float], names: Sequence[str]
-) -> None:
+def colour_bar(figure: Canvas, colours: Any, label: str, ticks: Mapping[int, str]) -> None:
     """Put a scale of colours along the lower edge of a figure of named rows.
 
     Args:
         figure: with room for it.
         colours: norm and colour map, as a `ScalarMappable`.
         label: of the scale, with its unit.
-        ticks, names: where something stands, and what.
+        ticks: where something stands, and what.
     """
     height = figure.get_size_inches()[1]
     place = figure.add_axes((NAMES / WIDTH, 0.4 / height, (WIDTH - NAMES - RIGHT) / WIDTH, 0.09 / height))
-    scale = figure.colorbar(colours, cax=place, orientation="horizontal", ticks=ticks)
-    scale.set_ticklabels(names)
+    scale = figure.colorbar(colours, cax=place, orientation="horizontal", ticks=[*ticks])
+    scale.set_ticklabels([*ticks.values()])
     scale.ax.minorticks_off()
     assert scale.solids is not None
     scale.solids.set(rasterized=False, edgecolor="face", linewidth=0.3)  # no image inside the SVG
@@ -244,12 +241,15 @@ _ALONE = b'#set page(width: auto, height: auto, margin: 0pt)\n#image("figure.svg
 
 def saved(figure: Canvas, kind: str, dpi: int = 150) -> bytes:
     """Return a figure as "svg", "png" or "pdf": the same bytes for the same figure."""
-    svg = _svg(figure)
-    return svg if kind == "svg" else converted(svg, kind, dpi)
+    return converted(figure, (kind,), dpi)[kind]
 
 
-def _svg(figure: Canvas) -> bytes:
-    """Return a figure as SVG with its text as text, and coordinates to 0.01 pt."""
+def converted(figure: Canvas, kinds: Sequence[str], dpi: int) -> dict[str, bytes]:
+    """Return a figure in some formats.
+
+    It is drawn as SVG, with text as text and coordinates to 0.01 pt, and converted from there, which is ten
+    times faster than to draw it again.
+    """
     buffer = io.BytesIO()
     with styled():
         figure.savefig(buffer, format="svg", metadata=_NO_DATE)
@@ -258,12 +258,9 @@ def _svg(figure: Canvas) -> bytes:
         return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
     text = _TAG.sub(lambda tag: _NUMBER.sub(short, tag[0]), buffer.getvalue().decode())
-    return text.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif").encode()
-
-
-def converted(svg: bytes, kind: str, dpi: int) -> bytes:
-    """Return a figure in SVG as "png" or "pdf", which is ten times faster than to draw it again."""
-    return typeset(_ALONE, {"figure.svg": svg}, kind, dpi)
+    svg = text.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif").encode()
+    files = {"figure.svg": svg}
+    return {kind: svg if kind == "svg" else typeset(_ALONE, files, kind, dpi) for kind in kinds}
 
 
 def typeset(source: bytes, files: Mapping[str, bytes], kind: str, dpi: int = DPI, **inputs: str) -> bytes:
@@ -292,41 +289,11 @@ def _fonts() -> Any:
     return typst.Fonts(include_system_fonts=False, include_embedded_fonts=False, font_paths=places)
 
 
-FEW = 4
-"""Fewer figures a process are not worth another one."""
-
-
-def rendered(figures: Sequence[Figure], jobs: int) -> Iterator[dict[str, bytes]]:
-    """Yield each figure by format, in their order; the bytes do not depend on the processes.
-
-    Args:
-        figures: what to draw.
-        jobs: as in `processes.shared_out`.
-
-    Raises:
-        LabError: a process died.
-    """
-    # Processes draw, this one converts: Typst has threads, which a forked process would miss.
-    for svg in shared_out(_draw, figures, len(figures), "drew figures", jobs=jobs, few=FEW):
-        yield {"svg": svg, "png": converted(svg, "png", DPI), "pdf": converted(svg, "pdf", DPI)}
-
-
-def _draw(figures: Sequence[Figure], k: int) -> bytes:
-    return _svg(figures[k].draw())
-
-
-def on_page(figure: Figure, svg: str, *, inline: bool) -> Markup:
-    """Return the element that shows a figure: all of it, or a place that is filled when one looks at it.
-
-    Inside a page its ids become unique, and its colours follow the page's theme.
-    """
+def on_page(figure: Figure, svg: str) -> Markup:
+    """Return a figure as an element of a page: its ids are unique there, its colours follow the theme."""
     label, head = escape(f"{figure.title}. {figure.caption}"), svg[svg.index("<svg") :]
     size = re.search(r'width="([\d.]+)pt" height="([\d.]+)pt"', head)
     assert size is not None
-    if not inline:  # its shape is said, so that nothing moves on the page when the figure comes
-        width, height = (round(4 * float(part)) for part in size.groups())
-        place = '<img src="figures/{}.svg" alt="{}" width="{}" height="{}" loading="lazy">'
-        return Markup(place).format(figure.name, label, width, height)
     body = re.sub(r"<metadata>.*?</metadata>\s*", "", head.partition(">")[2].strip(), flags=re.S)
     used = set(re.findall(r'(?:href="|url\()#([^")]*)', body))
     body = re.sub(r' id="([^"]*)"', lambda m: f' id="{figure.name}-{m[1]}"' if m[1] in used else "", body)

@@ -11,6 +11,7 @@ from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.reporting.answers import Answers
+from granite_lab.reporting.canvas import FORMATS
 from granite_lab.reporting.content import SCHEMA, Source, StudyResult, TrialResult, shown_path
 from granite_lab.reporting.report import Report
 from granite_lab.reporting.summary import gaps
@@ -37,8 +38,8 @@ def to_json(result: StudyResult, report: Report, model: Path | str | None = None
         "trials": [_trial(r) for r in result.trials],
         "failures": result.failures,
         "figures": [
-            {"id": f.name, "title": f.title, "caption": f.caption, "svg": f"figures/{f.name}.svg",
-             "png": f"figures/{f.name}.png", "pdf": f"figures/{f.name}.pdf"}
+            {"id": f.name, "title": f.title, "caption": f.caption}
+            | {kind: f"figures/{f.name}.{kind}" for kind in FORMATS}
             for f in report.figures
         ],
         "tables": [
@@ -46,12 +47,13 @@ def to_json(result: StudyResult, report: Report, model: Path | str | None = None
             for t in report.tables
         ],
         "provenance": provenance_as_json(result.source),
-    }  # fmt: skip
+    }
     return dumps(document)
 
 
 def answers_as_json(answers: Answers) -> dict[str, Any]:
     """Return the answers with their numbers as they are printed everywhere."""
+    law = {"paper": answers.a_theta_paper, "paper_inside_interval": answers.a_theta_agrees}
     return {
         "measured": answers.lead,
         "virtual": answers.virtual or None,
@@ -63,30 +65,22 @@ def answers_as_json(answers: Answers) -> dict[str, Any]:
             }
             for s in answers.speeds
         ],
-        "a_theta": None
-        if answers.a_theta is None
-        else answers.a_theta.as_json()
-        | {"paper": answers.a_theta_paper, "paper_inside_interval": answers.a_theta_agrees},
+        "a_theta": None if answers.a_theta is None else answers.a_theta.as_json() | law,
         "channels": answers.channels,
         "questions": [
-            {"id": q.id, "question": q.question, "verdict": q.verdict or None, "text": q.text}
-            for q in answers.questions
+            _of(q, "id", "question", "text") | {"verdict": q.verdict or None} for q in answers.questions
         ],
     }  # fmt: skip
 
 
 def provenance_as_json(source: Source) -> dict[str, Any]:
     """Return where a result comes from as plain objects."""
-    return {
-        "version": source.version,
+    columns = ("key", "value", "unit", "origin")
+    return _of(source, "version", "command") | {
         "code_sha256": source.code,
         "options": [{"name": name, "value": value} for name, value in source.options],
-        "command": source.command,
         "inputs": [{"file": shown_path(i.path), "sha256": i.sha256} for i in source.inputs],
-        "parameters": [
-            {"key": key, "value": value, "unit": unit, "origin": origin}
-            for key, value, unit, origin in source.parameters
-        ],
+        "parameters": [dict(zip(columns, row, strict=True)) for row in source.parameters],
     }
 
 
@@ -94,43 +88,27 @@ def a_theta_as_json(fit: AThetaFit | None) -> dict[str, Any] | None:
     """Return the fit of a_θ over trials as plain objects; None where there is none."""
     if fit is None:
         return None
-    return {
-        "value": fit.a_theta.value,
-        "std": fit.a_theta.std,
-        "ci95": fit.ci95,
-        "log_linear": fit.log_linear,
-        "ordinary": fit.ordinary,
-        "scatter": fit.scatter,
-        "published": fit.published,
-        "agrees": fit.agrees,
+    return fit.a_theta.as_json() | _of(
+        fit, "ci95", "log_linear", "ordinary", "scatter", "published", "agrees", "laws", "notes"
+    ) | {
         "points": [
             {"trial": trial, "speed_mps": v, "k92": k92.as_json(), "slip_ratio": slip.as_json()}
             for trial, v, k92, slip in fit.points
         ],
-        "laws": fit.laws,
-        "notes": fit.notes,
-    }
+    }  # fmt: skip
 
 
 def motion_as_json(m: Motion) -> dict[str, Any]:
     """Return what was estimated of a trial as plain objects, without its time histories."""
-    return {
+    return _of(m, "slip_ratio", "noise") | {
         "variant": vars(m.variant) | {"source": m.variant_source},
-        "slip_ratio": m.slip_ratio.as_json(),
         "distance_m": m.distance.as_json(),
         "distance_wheels_m": m.distance_wheels.as_json(),
         "steady_s": m.steady,
         "t_start_s": m.t_start.as_json(),
         "clock_offset_s": m.clock_offset.as_json(),
-        "noise": m.noise,
-        "health": {
-            "good": m.health.good,
-            "verdict": m.health.verdict,
-            "nis": m.health.nis,
-            "whiteness": m.health.whiteness,
-            "ljung_box": m.health.ljung_box,
-            "rests_s": m.health.rests,
-        },
+        "health": _of(m.health, "good", "verdict", "nis", "whiteness", "ljung_box")
+        | {"rests_s": m.health.rests},
     }
 
 
@@ -146,18 +124,19 @@ def k92_as_json(fit: K92Fit) -> dict[str, Any]:
 
 def _trial(r: TrialResult) -> dict[str, Any]:
     motion = r.comparison.motion
-    about = {
-        "name": r.trial.name,
+    about = _of(r.trial, "name", "layout") | {
         "virtual": r.trial.info.virtual or motion.virtual,
-        "layout": r.trial.layout,
         "repetition": r.trial.info.repetition,
-    }
-    found = {
         "effects": r.comparison.run.effects,
         "misfits": r.comparison.misfits,
         "warnings": list(dict.fromkeys((*r.trial.warnings, *motion.warnings))),
     }
-    return about | motion_as_json(motion) | k92_as_json(r.comparison.fit) | found
+    return about | motion_as_json(motion) | k92_as_json(r.comparison.fit)
+
+
+def _of(record: object, *names: str) -> dict[str, Any]:
+    """Return some attributes of a record by their names."""
+    return {name: getattr(record, name) for name in names}
 
 
 def dumps(document: Mapping[str, Any]) -> str:

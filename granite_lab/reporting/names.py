@@ -17,47 +17,7 @@ from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
 from granite_lab.reporting.rounding import decided, plus_minus, tidy_unit, with_unit
-
-CHANNELS = {
-    "accel_x": "forward acceleration",
-    "accel_z": "vertical acceleration",
-    "pitch_rate": "pitch rate",
-    "wheel": "mean wheel angle",
-    "wheel_split": "front − rear wheel angle",
-    "current_f": "front motor current",
-    "current_r": "rear motor current",
-}
-"""Channels of a finding, in the order of the report."""
-
-STATUS = {
-    "named": "named",
-    "twin": "fits as well as the named one",
-    "small": "small",
-    "less likely": "less likely",
-    "screened": "screened out",
-    "at a bound": "ended at a limit",
-}
-"""What became of a candidate."""
-
-SCALES = {
-    "a_theta": ("a_θ, from raking to raking", "%", 100.0),
-    "frictional_modulus": ("k_φ, from raking to raking", "%", 100.0),
-    "cohesion": ("c, from raking to raking", "%", 100.0),
-    "start": ("start of the command", "ms", 1e3),
-    "tilt": ("tilt of the IMU", "°", 180 / math.pi),
-    "accel_x gain": ("gain of the accelerometer", "%", 100.0),
-    "wheel gain": ("wheel radius, mean of all", "%", 100.0),
-    "wheel_split gain": ("wheel radius, front against rear", "%", 100.0),
-    "current_f gain": ("gain of the front motor currents", "%", 100.0),
-    "current_r gain": ("gain of the rear motor currents", "%", 100.0),
-}
-"""Number that differs from trial to trial: as a reader calls it, unit and factor."""
-
-SAND = {
-    "a_theta": "a_θ", "frictional_modulus": "k_φ", "cohesion": "c", "shear_modulus": "K",
-    "friction_angle": "φ", "exponent": "n", "tyre_friction": "μ_s",
-}  # fmt: skip
-"""Parameters of the sand."""
+from granite_lab.reporting.words import SENSORS
 
 PREFIXED = ("s", "m", "rad", "m/N", "rad/(N m)")
 """Units that take a milli or a micro in front."""
@@ -66,15 +26,10 @@ MUCH = 0.2
 """Share of the gap that is left from which on something else may be missing."""
 
 
-def channel_name(channel: str) -> str:
-    """Return a channel as a reader calls it."""
-    return CHANNELS.get(channel, channel)
-
-
 def channels_of(finding: Finding) -> list[str]:
     """Return the channels that the search used, in the order of the report."""
     found = {r.channel for r in finding.residuals}
-    return [c for c in CHANNELS if c in found] + sorted(found - set(CHANNELS))
+    return [c for c in SENSORS if c in found] + sorted(found - set(SENSORS))
 
 
 def term_of(effect_id: str) -> tuple[str, str] | None:
@@ -201,16 +156,10 @@ def in_plain_words(note: str, finding: Finding) -> str:
         ids |= {e.id, *e.twins}
     for id_ in sorted((i for i in ids if "_" in i), key=len, reverse=True):
         note = re.sub(rf"\b{re.escape(id_)}\b", plain(id_), note)
-    for channel in CHANNELS:
+    for channel, name in SENSORS.items():
         if "_" in channel:
-            note = re.sub(rf"\b{channel}\b", channel_name(channel), note)
+            note = re.sub(rf"\b{channel}\b", name, note)
     return capital(note)
-
-
-def short(name: str, most: int = 25) -> str:
-    """Return a trial's name on one line, cut where it is too long for a row of a figure."""
-    flat = " ".join(name.split())
-    return flat if len(flat) <= most else f"{flat[: most - 1]}…"
 
 
 def scale_of(effect_id: str, name: str, unit: str, size: float) -> tuple[str, float]:

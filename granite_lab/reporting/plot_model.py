@@ -17,8 +17,8 @@ from granite_lab.model.single_wheel import WheelPoint
 from granite_lab.planning.imprint import Imprint, Seen
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Figure
-from granite_lab.reporting.names import CHANNELS
 from granite_lab.reporting.rounding import significant, tidy_unit, with_unit
+from granite_lab.reporting.words import SENSORS
 
 
 class Row(NamedTuple):
@@ -134,7 +134,7 @@ def what_to_see(imprint: Imprint) -> str:
     share = 100 * imprint.share
     left = f"{share:.0f} %" if share >= 10 else f"{significant(share, 2)} %"
     return (
-        f"Largest change relative to the noise: {CHANNELS[channel]} {when}, at "
+        f"Largest change relative to the noise: {SENSORS[channel]} {when}, at "
         f"{seen.observation.variant.velocity:g} m/s. {left} of the change remains after sand, start time and "
         "offsets of the sensors are fitted again (blue)."
     )

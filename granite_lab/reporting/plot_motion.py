@@ -1,4 +1,4 @@
-"""Measured and simulated motion over time (Figs. 5-8 of the paper), where they differ, and their quality."""
+"""Measured and simulated motion over time (Figs. 5-8 of the paper)."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.comparison.record import Comparison
-from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration
 from granite_lab.parameters import WHEELS
@@ -23,16 +21,8 @@ from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.names import together
 from granite_lab.reporting.rounding import significant
-from granite_lab.reporting.summary import (
-    CHANNELS,
-    PHASES,
-    ChannelAnswer,
-    Gap,
-    Speed,
-    channels_of,
-    gaps,
-    mean_of_known,
-)
+from granite_lab.reporting.summary import Speed, channels_of, gaps, mean_of_known
+from granite_lab.reporting.words import said
 
 SLIP_STD_SHOWN = 0.04
 """Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
@@ -79,11 +69,12 @@ PANELS = (
 def motion_figure(speed: Speed) -> Figure:
     """Draw one speed, measured and simulated: its typical trial; the title judges all of them."""
     c, n = speed.typical.comparison, len(speed.results)
-    which = f"Trial {c.motion.trial}" + (f", the middle one of {n} by slip" if n > 1 else "")
-    like = f"; as {PAPER[speed.velocity]} of the paper" if speed.velocity in PAPER else ""
+    like = f", the middle one of {n} by slip" if n > 1 else ""
+    like += f"; as {PAPER[speed.velocity]} of the paper" if speed.velocity in PAPER else ""
     return Figure(
         f"motion_{speed.velocity:.2f}".replace(".", "p"),
-        f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}", f"{which}{like}.",
+        f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}",
+        said("figures", "motion", trial=c.motion.trial, like=like),
         partial(_history, c), any(r.comparison.motion.virtual for r in speed.results),
     )  # fmt: skip
 
@@ -92,8 +83,7 @@ def comparison_figure(c: Comparison, index: int) -> Figure:
     """Draw one trial, measured and simulated on one axis."""
     stem = re.sub(r"[^A-Za-z0-9._-]+", "_", c.motion.trial)[:80]
     return Figure(
-        f"compare_{index:02d}_{stem}", f"{c.motion.trial}: {_verdict([c])}",
-        "Blue: measured, orange: simulated; grey: steady part; bands: ±2σ.",
+        f"compare_{index:02d}_{stem}", f"{c.motion.trial}: {_verdict([c])}", said("figures", "compare"),
         partial(_history, c), c.motion.virtual,
     )  # fmt: skip
 
@@ -226,111 +216,3 @@ def _mark_beyond(axis: Axes, t: Array, lines: Sequence[Line], edge: float, sign:
             textcoords="offset points", ha="left" if right else "right", va="top" if sign > 0 else "bottom",
             fontsize=7, annotation_clip=False,
         )  # fmt: skip
-
-
-LOW, HIGH = 0.5, 20.0
-"""Differences over noise at the ends of the scale of colours."""
-
-
-def misfit_figure(
-    found: dict[tuple[str, str], Gap], judged: Sequence[ChannelAnswer], virtual: bool
-) -> Figure | None:  # fmt: skip
-    """Draw the difference of each quantity and phase over its noise; None without any."""
-    if not any(phase in PHASES for _, phase in found):
-        return None
-    differ = [c.name for c in judged if c.differs]
-    title = "No quantity differs from the simulation by more than its noise"
-    if differ:
-        title = f"Model and measurement differ in {together(differ)}"
-    return Figure(
-        "misfit", title,
-        "Root mean square of simulated minus measured in each phase (numbers), and the same over the noise "
-        "of the measurement (colour; 1 means as large as the noise).",
-        partial(_misfit, found), virtual,
-    )  # fmt: skip
-
-
-def _misfit(found: dict[tuple[str, str], Gap]) -> Canvas:
-    channels = [c for c in CHANNELS if any((c, p) in found for p in PHASES)]
-    figure, (axis,) = canvas.named_rows([CHANNELS[c] for c in channels], row=0.27, foot=0.8)
-    cells = [[found[c, p].normalised if (c, p) in found else math.nan for p in PHASES] for c in channels]
-    values, norm = np.clip(np.array(cells), LOW, HIGH), mpl.colors.LogNorm(LOW, HIGH)
-    x, y = np.arange(len(PHASES) + 1), np.arange(len(channels) + 1) - 0.5
-    image = axis.pcolormesh(
-        x, y, np.ma.masked_invalid(values), cmap="cividis", norm=norm, edgecolors="white", linewidth=1.0
-    )
-    axis.set_facecolor("#f3f3f3")
-    for (i, j), value in np.ndenumerate(values):
-        gap = found.get((channels[i], [*PHASES][j]))
-        dark = math.isfinite(value) and norm(value) < 0.5
-        axis.text(
-            j + 0.5, i, gap.size_of(gap.rms) if gap else "–", ha="center", va="center", fontsize=7.5,
-            color="#fefefe" if dark else "#111111",
-        )  # fmt: skip
-    axis.set_xticks(np.arange(len(PHASES)) + 0.5, [*PHASES])
-    axis.xaxis.tick_top()
-    axis.tick_params(length=0)
-    axis.grid(visible=False)
-    axis.spines[:].set_visible(False)
-    ticks, names = [0.5, 1, 2, 5, 10, 20], ["≤0.5", "1", "2", "5", "10", "≥20"]
-    canvas.colour_bar(figure, image, "rms difference over noise [–]", ticks, names)
-    return figure
-
-
-KINDS = (
-    (canvas.MEASURED, "o"), (canvas.SIMULATED, "s"), (canvas.FITTED, "^"), (canvas.PAPER, "D"),
-    (canvas.SIMULATED_LIGHT, "v"),
-)  # fmt: skip
-"""Colour and marker of the kinds of innovations."""
-
-
-def health_figure(motion: Motion, index: int) -> Figure:
-    """Draw the checks of one estimate: innovations with bounds, rests shaded."""
-    h = motion.health
-    ratio = np.abs(_innovations(motion))
-    text = "Grey: standstills."
-    if np.isfinite(ratio).any():
-        outside = 100 * float(np.mean(ratio[np.isfinite(ratio)] > 2))
-        nis = ", ".join(f"{kind.replace('_', ' ')} {significant(x, 2)}" for kind, x in h.nis.items())
-        squares = f"Mean normalised innovation squared (1 is ideal): {nis}. " if nis else ""
-        share = f"{significant(outside, 2)} % of the innovations lie outside ±2σ; 5 % are expected."
-        text = f"{share} {squares}{text}"
-    return Figure(
-        f"health_{index:02d}", f"{motion.trial}: the estimate is {'good' if h.good else 'doubtful'}",
-        text if h.good else f"{text} {h.verdict}", partial(_health, motion), motion.virtual,
-    )  # fmt: skip
-
-
-def _innovations(motion: Motion) -> Array:
-    h = motion.health
-    return np.asarray(h.innovation / np.where(h.innovation_std > 0, h.innovation_std, np.nan))
-
-
-def _health(motion: Motion) -> Canvas:
-    h, ratio = motion.health, _innovations(motion)
-    figure, axes = canvas.panels([1.0, 1.2], gap=0.3 if len(set(h.kind)) < 4 else 0.46)
-    for axis in axes:
-        for start, end in h.rests:
-            axis.axvspan(start, end, color=canvas.SHADE, linewidth=0, zorder=0)
-    t, v, std = canvas.envelope(motion.t, motion.v, motion.v_std, points=300)
-    if np.isfinite(v).any():
-        canvas.band(axes[0], t, v, std, "body velocity")
-    axes[1].axhspan(-2, 2, color=canvas.FAINT, alpha=0.4, linewidth=0, zorder=0.5)
-    for i, kind in enumerate(dict.fromkeys(h.kind)):
-        where = np.flatnonzero(np.array(h.kind, dtype=object) == kind)
-        thin = where[np.unique(np.linspace(0, len(where) - 1, min(len(where), 200)).astype(int))]
-        colour, marker = KINDS[i % len(KINDS)]
-        axes[1].plot(
-            np.asarray(h.t)[thin], ratio[thin], marker=marker, markersize=1.8, linestyle="none",
-            color=colour, label=kind.replace("_", " "), markeredgewidth=0,
-        )  # fmt: skip
-    top = np.nanmax(np.abs(ratio)) if np.isfinite(ratio).any() else 3.0
-    axes[1].set_ylim(-min(max(3.2, 1.1 * top), 8), min(max(3.2, 1.1 * top), 8))
-    for axis, label in zip(axes, ("velocity [m/s]", "innovation [σ]"), strict=True):
-        axis.set_ylabel(label)
-        axis.yaxis.set_major_locator(MaxNLocator(4))
-        canvas.legend(axis)
-    axes[0].set_xlim(float(motion.t[0]), float(motion.t[-1]))
-    axes[-1].set_xlabel("time of the log [s]")
-    axes[-1].ticklabel_format(axis="x", useOffset=False)
-    return figure

@@ -22,6 +22,7 @@ from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import Speed
 from granite_lab.reporting.two_studies import ALIKE, DIFFERS, Compared, Row
+from granite_lab.reporting.words import said
 
 VELOCITY, SLIP, RATIO = "desired velocity [m/s]", "robot slip ratio [%]", "contact-angle ratio k₉₂ [–]"
 APART, WIDE = 0.008, 0.05
@@ -64,9 +65,7 @@ def slip_figure(answers: Answers, paper: Paper) -> Figure:
 
     return Figure(
         "slip_over_speed", title,
-        "Robot slip ratio λ_R over the steady part of each trial, its mean with the 95 % interval, and the "
-        "experiment of the paper.",
-        partial(_panel, draw, VELOCITY, SLIP), bool(answers.virtual),
+        said("figures", "slip_over_speed"), partial(_panel, draw, VELOCITY, SLIP), bool(answers.virtual),
     )  # fmt: skip
 
 
@@ -85,9 +84,7 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
     draw = partial(_k92_panel, points, [s.velocity for s in answers.speeds], law, paper)
     return Figure(
         "k92_over_velocity", title,
-        "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law k_92 "
-        "= exp(−a_θ v) and its 95 % interval (as Fig. 3 of the paper).",
-        partial(_panel, draw, VELOCITY, RATIO), bool(answers.virtual),
+        said("figures", "k92_over_velocity"), partial(_panel, draw, VELOCITY, RATIO), bool(answers.virtual),
     )  # fmt: skip
 
 
@@ -145,7 +142,7 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
         axis.set_xlim(0, 100 * x[-1])
 
     return Figure(
-        "k92_over_slip", title, "k_92 of each trial over its slip ratio (as Fig. 4 of the paper).",
+        "k92_over_slip", title, said("figures", "k92_over_slip"),
         partial(_panel, draw, SLIP, RATIO), bool(answers.virtual),
     )  # fmt: skip
 
@@ -225,8 +222,7 @@ def compared_figure(found: Compared) -> Figure | None:
     title = f"{len(differ)} of {len(rows)} quantities differ" if differ else "No difference is seen"
     return Figure(
         "differences", title,
-        f"{found.names[1]} minus {found.names[0]}, divided by half the width of its 95 % interval. Bars "
-        "that do not include 0 are significant.",
+        said("figures", "differences", a=found.names[0], b=found.names[1]),
         partial(_differences, rows), found.virtual,
     )  # fmt: skip
 

@@ -18,19 +18,17 @@ from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import gap_pair
 from granite_lab.reporting.canvas import AFTER, BEFORE, Figure
 from granite_lab.reporting.names import (
-    STATUS,
     brief,
     capital,
-    channel_name,
     channels_of,
     listed,
     plain,
-    short,
     shown_candidates,
     with_found,
 )
 from granite_lab.reporting.rounding import places, significant, tidy_unit, times
 from granite_lab.reporting.summary import mean_of_known
+from granite_lab.reporting.words import WORDS, said, sensor
 
 Pair = tuple[float, float]
 """Before and after; NaN where not known."""
@@ -50,7 +48,7 @@ def gap_figure(finding: Finding) -> Figure:
     if math.isfinite(whole.held_out[0]):
         lines["all, trials left out"] = whole.held_out
     first = len(lines)
-    lines |= {channel_name(c): known[c].train for c in channels_of(finding) if c in known}
+    lines |= {sensor(c): known[c].train for c in channels_of(finding) if c in known}
     before, after, where = gap_pair(finding)
     title = f"Sensors and model differ by {times(before)} times what noise and tolerance explain"
     if finding.effects:
@@ -59,28 +57,7 @@ def gap_figure(finding: Finding) -> Figure:
         )
     return Figure(
         "found_gap", title,
-        "Root mean square of the residuals over what noise and tolerance explain, for the readings of each "
-        "sensor.",
-        partial(_dumbbells, lines, finding, rule=first), finding.virtual,
-    )  # fmt: skip
-
-
-def held_out_figure(finding: Finding) -> Figure | None:
-    """Draw how well each trial and each speed is predicted by a fit that did not see it; None without any."""
-    trials, speeds = finding.trials_left_out, finding.speeds_left_out
-    lines = {short(x.name): (x.before, x.after) for x in trials}
-    lines |= {f"all at {x.name} m/s": (x.before, x.after) for x in speeds}
-    if not lines:
-        return None
-    title = "Prediction of what was left out of the fit"
-    if finding.effects:
-        own = ((trials, "trials"), (speeds, "speeds"))
-        better = [f"{sum(x.after < x.before for x in f)} of {len(f)} {what}" for f, what in own if f]
-        title = f"{capital(with_found(finding))}, {' and '.join(better)} are predicted better"
-    rule = len(trials) if trials and speeds else 0
-    return Figure(
-        "found_held_out", title, "Each row is predicted by a fit to the other trials.",
-        partial(_dumbbells, lines, finding, rule=rule), finding.virtual,
+        said("figures", "found_gap"), partial(_dumbbells, lines, finding, rule=first), finding.virtual,
     )  # fmt: skip
 
 
@@ -126,9 +103,7 @@ def candidates_figure(finding: Finding) -> Figure | None:
     rest = f" {more} others were screened out or are less likely; the table lists them." if more else ""
     return Figure(
         "found_candidates", title,
-        "Posterior probability that the effect is in the model, and share of the gap that it closes "
-        f"alone.{rest}",
-        partial(_candidates, shown), finding.virtual,
+        said("figures", "found_candidates", rest=rest), partial(_candidates, shown), finding.virtual,
     )  # fmt: skip
 
 
@@ -140,7 +115,7 @@ def _candidates(shown: Sequence[Candidate]) -> Canvas:
         for axis, x in ((left, [100 * c.probability for _, c in own]), (right, closes)):
             axis.plot(
                 x, [i for i, _ in own], linestyle="none", marker=MARKERS[status], markersize=5,
-                color=canvas.FITTED if status == "named" else canvas.GREY, label=STATUS[status],
+                color=canvas.FITTED if status == "named" else canvas.GREY, label=WORDS["candidate"][status],
                 clip_on=False,
             )  # fmt: skip
     for label, c in zip(left.get_yticklabels(), shown, strict=True):
@@ -158,12 +133,10 @@ def intervals_figure(finding: Finding) -> Figure | None:
         return None
     worst, n = max(finding.where, key=lambda d: d.share), len(finding.where)
     where = f"from {places(worst.start, 2)} s to {places(worst.end, 2)} s"
+    most = f"most in the {sensor(worst.channel)} at {worst.variant:g} m/s {where}"
     return Figure(
-        "found_intervals",
-        f"The paper's model disagrees most in the {channel_name(worst.channel)} at {worst.variant:g} m/s "
-        f"{where}",
-        f"{'One interval' if n == 1 else f'{n} intervals'} in which sensor and model differ by more than "
-        "the tolerance. Colour: difference over the rms of the sensor in motion.",
+        "found_intervals", f"The paper's model disagrees {most}",
+        said("figures", "found_intervals", intervals="One interval" if n == 1 else f"{n} intervals"),
         partial(_intervals, finding), finding.virtual,
     )  # fmt: skip
 
@@ -182,12 +155,13 @@ def _intervals(finding: Finding) -> Canvas:
             colour = colours(norm(np.clip(100 * d.share, 1, 50)))
             axis.barh(channels.index(d.channel), d.end - d.start, 0.8, d.start, linewidth=0, color=colour)
         axis.set_facecolor(colours(0.0))
-        canvas.name_rows(axis, [channel_name(c) for c in channels], 6.5)
+        canvas.name_rows(axis, [sensor(c) for c in channels], 6.5)
         axis.text(0, 1.02, f"{speed:g} m/s", transform=axis.transAxes, fontsize=8, va="bottom")
     axes[0].set_xlim(-0.5, max(float(r.t[-1]) for r in finding.residuals if r.variant in speeds))
     axes[-1].set_xlabel("time since the start of the command [s]")
-    scale = mpl.cm.ScalarMappable(norm, colours)
-    canvas.colour_bar(figure, scale, "difference over the sensor's rms [%]", [*TICKS], [*TICKS.values()])
+    canvas.colour_bar(
+        figure, mpl.cm.ScalarMappable(norm, colours), "difference over the sensor's rms [%]", TICKS
+    )
     return figure
 
 
@@ -208,8 +182,7 @@ def history_figures(finding: Finding) -> list[Figure]:
             Figure(
                 f"found_history_{velocity:.2f}".replace(".", "p"),
                 f"{velocity:g} m/s: {_closer(finding, drawn)}",
-                f"{f'Mean of {n} trials' if n > 1 else 'One trial'}. Grey: the paper's model disagrees by "
-                "more than the tolerance. Wheel angles are drawn less the paper's model.",
+                said("figures", "found_history", mean=f"Mean of {n} trials" if n > 1 else "One trial"),
                 partial(_history, finding, drawn), finding.virtual,
             )
         )  # fmt: skip
@@ -229,7 +202,7 @@ def _closer(finding: Finding, drawn: Mapping[str, Residual]) -> str:
     best = max(factor, key=lambda c: factor[c], default="")
     if not best or factor[best] < 1.1:
         return "no sensor comes closer"
-    return f"{channel_name(best)} is {significant(factor[best], 2)} times closer {with_found(finding)}"
+    return f"{sensor(best)} is {significant(factor[best], 2)} times closer {with_found(finding)}"
 
 
 def mean_of(group: Sequence[Residual]) -> Residual:
@@ -258,7 +231,7 @@ def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
         ]
         for values, colour, width, label in lines:
             axis.plot(mean.t, scale * (values - zero), color=colour, linewidth=width, label=label)
-        canvas.key(axis, channel_name(name) + (" less model" if mean.unit == "rad" else ""))
+        canvas.key(axis, sensor(name) + (" less model" if mean.unit == "rad" else ""))
         axis.set_ylabel(f"[{unit}]")
         axis.yaxis.set_major_locator(MaxNLocator(4))
     handles, labels = axes[0].get_legend_handles_labels()

@@ -8,12 +8,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from granite_lab.reporting.table import Table
+from granite_lab.reporting.words import WORDS
 
 if TYPE_CHECKING:
     from granite_lab.reporting.report import Report
@@ -21,22 +22,10 @@ if TYPE_CHECKING:
 LONG = 30
 """A LaTeX table with more rows is a ``longtable``, which may run over pages."""
 
-WORDS = 34
+WRAPPED = 34
 """A column of words with a longer text gets a fixed width in LaTeX, so that its lines wrap."""
 
-_SYMBOLS = {
-    "λ_R": r"$\lambda_R$", "k_92": "$k_{92}$", "k₉₂": "$k_{92}$", "a_θ": r"$a_\theta$", "k_φ": r"$k_\varphi$",
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "%": r"\%", "#": r"\#",
-    "_": r"\_", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
-    ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"\textquotedbl{}",
-    "[": "{[}", "]": "{]}", "*": "{*}",  # behind a line's end they would be its options
-    "−": "$-$", "±": r"$\pm$", "·": r"$\cdot$", "×": r"$\times$", "≤": r"$\le$", "≥": r"$\ge$",
-    "√": r"$\surd$", "∞": r"$\infty$", "→": r"$\to$", "°": r"$^\circ$", "Δ": r"$\Delta$", "Ω": r"$\Omega$",
-    "α": r"$\alpha$", "β": r"$\beta$", "δ": r"$\delta$", "θ": r"$\theta$", "λ": r"$\lambda$", "μ": r"$\mu$",
-    "µ": r"$\mu$", "π": r"$\pi$", "ρ": r"$\rho$", "σ": r"$\sigma$", "τ": r"$\tau$", "φ": r"$\varphi$",
-    "ψ": r"$\psi$", "ω": r"$\omega$", "–": "--", "—": "---", "“": "``", "”": "''", "…": r"\dots{}",
-    "\u00a0": "~",
-}  # fmt: skip
+_SYMBOLS: dict[str, str] = WORDS["latex"]
 _SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _TOKEN = re.compile("|".join([*map(re.escape, sorted(_SYMBOLS, key=len, reverse=True)), "[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+"]))
 
@@ -49,12 +38,12 @@ _BREAKS = re.compile(r"[\r\n\t\v\f\x00-\x1f]+")
 
 def to_html(report: Report, pictures: Mapping[str, Markup]) -> str:
     """Return the report as one HTML page; `pictures` are its figures on the page, by name."""
-    return _environment(html=True).get_template("report.html").render(report=report, svg=pictures)
+    return _environment("html").get_template("report.html").render(report=report, svg=pictures)
 
 
 def to_markdown(template: str, **content: object) -> str:
     """Return a page as Markdown that shows the figures beside it."""
-    text = _environment(html=False).get_template(template).render(**content)
+    text = _environment("markdown").get_template(template).render(**content)
     return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
 
 
@@ -86,41 +75,25 @@ def to_latex(table: Table) -> str:
     It needs the package booktabs, and longtable where it has more than `LONG` rows. Units stand in the heads.
     """
     longest = [max((len(row[k].text) for row in table.rows), default=0) for k in range(len(table.columns))]
-    wraps = [n > WORDS and not c.number for n, c in zip(longest, table.columns, strict=True)]
+    wraps = [n > WRAPPED and not c.number for n, c in zip(longest, table.columns, strict=True)]
     wide = f"p{{{0.6 / max(sum(wraps), 1):.2f}\\linewidth}}"
     kinds = ["r" if c.number else wide if wrap else "l" for c, wrap in zip(table.columns, wraps, strict=True)]
-    columns = f"{{@{{}}{''.join(kinds)}@{{}}}}"
-    head, *body = (
-        " & ".join(map(escaped, texts)) + r" \\"
-        for texts in ([c.title for c in table.columns], *([cell.text for cell in r] for r in table.rows))
-    )
-    caption = rf"\caption{{{escaped(f'{table.heading}. {table.caption}'.strip())}}}"
-    label = rf"\label{{tab:{table.name.replace('_', '-')}}}"
-    top = [r"\toprule", head, r"\midrule"]
-    if len(table.rows) > LONG:
-        lines = [
-            r"% needs \usepackage{booktabs,longtable}", rf"\begin{{longtable}}{columns}",
-            f"{caption}{label}\\\\", *top, r"\endfirsthead", *top, r"\endhead", r"\bottomrule", r"\endfoot",
-            *body, r"\end{longtable}",
-        ]  # fmt: skip
-    else:
-        lines = [
-            r"% needs \usepackage{booktabs}", r"\begin{table}", r"\centering", caption, label,
-            rf"\begin{{tabular}}{columns}", *top, *body, r"\bottomrule", r"\end{tabular}", r"\end{table}",
-        ]  # fmt: skip
-    return "\n".join(lines) + "\n"
+    template = _environment("latex").get_template("table.tex")
+    return template.render(t=table, kinds="".join(kinds), long=len(table.rows) > LONG)
 
 
 @lru_cache
-def _environment(*, html: bool) -> Environment:
-    environment = Environment(
-        loader=PackageLoader("granite_lab.reporting"),
-        autoescape=html,
-        finalize=None if html else plain_markdown,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
+def _environment(form: Literal["html", "markdown", "latex"]) -> Environment:
+    finalize = {"html": None, "markdown": plain_markdown, "latex": None}[form]
+    brackets: dict[str, Any] = (
+        {"variable_start_string": "<<", "variable_end_string": ">>"} if form == "latex" else {}
     )
+    environment = Environment(
+        loader=PackageLoader("granite_lab.reporting"), autoescape=form == "html", finalize=finalize,
+        undefined=StrictUndefined, keep_trailing_newline=True, **(brackets if form == "latex" else {}),
+    )  # fmt: skip
     environment.filters["marked"] = marked
+    environment.filters["latex"] = escaped
     environment.filters["fenced"] = lambda text: Markup(_BREAKS.sub(" ", str(text)).replace("`", " "))
     environment.filters["kind"] = lambda block: type(block).__name__
     return environment

@@ -21,6 +21,7 @@ from granite_lab.reporting.names import in_plain_words, latency_in_words, law_fo
 from granite_lab.reporting.rounding import percent
 from granite_lab.reporting.summary import gaps
 from granite_lab.reporting.table import Table
+from granite_lab.reporting.words import said
 
 OPEN_SPEEDS = 4
 """So many time histories stand open; of more speeds the slowest and fastest do."""
@@ -29,12 +30,6 @@ LONGEST = 1000
 """So many characters of a command are shown: where logs were named one by one, it may have no end."""
 
 LIBRARIES = ("numpy", "scipy", "casadi", "matplotlib")
-
-LAW_NOTE = (
-    "The empirical law describes the disagreement; it is no physics and holds for trials like these only. "
-    "v: speed of the robot; s: slip ratio of the wheel; x and t: distance and time since the start; θ: "
-    "angle of the wheel; z: its sinkage."
-)
 
 
 @dataclass(frozen=True)
@@ -175,34 +170,21 @@ def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     half = OPEN_SPEEDS // 2
     rest = drawn[half:-half] if len(drawn) > OPEN_SPEEDS else []
     shown: list[Figure | None] = [f for f in drawn if f not in rest]
-    misfit = plot_motion.misfit_figure(found, decided.channels, virtual)
-    fills = len(shown) % 2 == 1  # the second place of the last row
-    yield (
-        "Blue: measured; orange: simulated, with k_92 fitted to the slip of the trial and all else from "
-        "the parameter files. Grey: the steady part of the motion, over which λ_R is taken. Bands: ±2σ of "
-        "the measurement. Triangles: a spike leaves the panel."
-    )
-    yield _gallery(*shown, misfit if fills else None)
+    yield said("page", "model")
+    yield _gallery(*shown)
     yield tables.channel_table(decided.channels, virtual)
     yield _fold(
         "Differences by phase",
-        _gallery(*rest, None if fills else misfit),
-        tables.misfit_table(found, virtual) if found else None,
-    )
+        _gallery(*rest), tables.misfit_table(found, virtual) if found else None,
+    )  # fmt: skip
 
 
 def _missing(finding: Finding) -> Iterator[Maybe]:
-    yield (
-        "The model is fitted to the readings of the sensors, together with the sand of each trial, the "
-        "time offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for "
-        "a missing effect. What all repetitions of a command share and no parameter explains is held "
-        f"against each candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms "
-        "are tolerated."
-    )
+    yield said("page", "missing", tolerance=percent(finding.tolerance))
     yield _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
     yield search_tables.effects_table(finding, finding.effects) if finding.effects else None
     formulas = law_formulas(finding)
-    yield LAW_NOTE if formulas else None
+    yield said("page", "law") if formulas else None
     yield list(formulas)
     latency = latency_in_words(finding.latency)
     yield [
@@ -216,9 +198,7 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
         _gallery(plot_search.intervals_figure(finding), *plot_search.history_figures(finding)),
         search_tables.gaps_table(finding),
     )
-    yield _fold(
-        "Prediction of trials and speeds left out of the fit", _gallery(plot_search.held_out_figure(finding))
-    )
+    yield _fold("Prediction of trials and speeds left out of the fit", search_tables.left_out_table(finding))
     yield _fold(
         "Candidates, and what these trials could have shown of them",
         search_tables.candidates_table(finding) if finding.candidates else None,
@@ -249,8 +229,6 @@ def _quality(result: StudyResult) -> Iterator[Maybe]:
     yield "Warnings:" if warnings else None
     yield list(warnings)
     yield _fold("Results of each trial", tables.trial_table(result))
-    drawn = [plot_motion.health_figure(r.comparison.motion, i) for i, r in enumerate(result.trials, 1)]
-    yield _fold("Checks of each estimate", _gallery(*drawn))
 
 
 def _provenance(source: Source, steps: Sequence[str]) -> Section:

@@ -14,6 +14,7 @@ from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.reporting import names
 from granite_lab.reporting.rounding import NONE, interval, percent, percent_of
 from granite_lab.reporting.table import Cell, Table, number, share, tabulate, words
+from granite_lab.reporting.words import WORDS, sensor
 
 LIKELY = 1.96
 """Standard deviations on either side of a value that make its 95 % interval."""
@@ -43,18 +44,9 @@ def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bo
     def closes(e: FoundEffect) -> Cell:
         return Cell(percent_of(e.closes), (e.closes.value, e.closes.std))
 
-    name, title = "found_effects", "What is missing, with sizes"
-    caption = (
-        "Fitted together with the sand and the errors of the sensors. The std of a strength includes "
-        f"{percent(FORMULA_ERROR[0])} for the error of its formula. Last column: share of the closed "
-        "gap that opens again without the effect, on trials left out of the fit."
-    )
-    if small:
-        name, title = "found_small", "Small effects"
-        caption = "Possibly present; they close little of the gap or stay below the tolerance."
     no_number = FoundParameter(NONE, "", Estimate(math.nan))
     return tabulate(
-        name, title, caption,
+        "found_small" if small else "found_effects",
         [(e, p, k == 0) for e in effects for k, p in enumerate(e.parameters or (no_number,))],
         [
             ("effect", "", lambda r: once(r[2], words(names.plain(r[0].id)))),
@@ -69,7 +61,7 @@ def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bo
             ("probability", "probability", lambda r: once(r[2], share(r[0].probability))),
             ("gap lost without it", "closes closes_std", lambda r: once(r[2], closes(r[0]))),
         ],
-        virtual=finding.virtual,
+        virtual=finding.virtual, formula=percent(FORMULA_ERROR[0]),
     )  # fmt: skip
 
 
@@ -93,13 +85,9 @@ def gaps_table(finding: Finding) -> Table:
     every = (finding.gap, *finding.gaps)
     out = any(math.isfinite(v) for g in every for v in g.held_out)
     return tabulate(
-        "found_gaps", "Gap between sensors and model, without and with the effects found",
-        "Gap: root mean square of the residuals over what noise and tolerance explain; 1 means explained. "
-        "Discrepancy: what all repetitions share and the model does not explain, over the rms of the "
-        "sensor in motion.",
-        every,
+        "found_gaps", every,
         [
-            ("sensor", "", lambda g: "all channels" if g.channel == "all" else names.channel_name(g.channel)),
+            ("sensor", "", lambda g: "all channels" if g.channel == "all" else sensor(g.channel)),
             ("in the fit: without [–]", "train_before", lambda g: number(g.train[0], 3)),
             ("with [–]", "train_after", lambda g: number(g.train[1], 3)),
             ("left out: without [–]", "held_out_before", lambda g: number(g.held_out[0], 3)) if out else None,
@@ -112,13 +100,26 @@ def gaps_table(finding: Finding) -> Table:
     )  # fmt: skip
 
 
+def left_out_table(finding: Finding) -> Table | None:
+    """List how well each trial and each speed is predicted by a fit that did not see it; None without any."""
+    rows = [(x.name, x) for x in finding.trials_left_out]
+    rows += [(f"all at {x.name} m/s", x) for x in finding.speeds_left_out]
+    table = tabulate(
+        "found_left_out", rows,
+        [
+            ("left out", "", lambda r: r[0]),
+            ("without [–]", "before", lambda r: number(r[1].before, 3)),
+            ("with [–]", "after", lambda r: number(r[1].after, 3)),
+        ],
+        virtual=finding.virtual,
+    )  # fmt: skip
+    return table if rows else None
+
+
 def candidates_table(finding: Finding) -> Table:
     """List every candidate with its probability, the share of the gap it closes, and what became of it."""
     return tabulate(
-        "found_candidates", "Every candidate",
-        "Probability that the effect is in the model; share of the gap that it closes alone, all trials in "
-        "the fit; logarithm of the Bayes factor against the model that it was added to.",
-        names.shown_candidates(finding),
+        "found_candidates", names.shown_candidates(finding),
         [
             ("candidate", "", lambda c: names.plain(c.id)),
             ("what it is", "", lambda c: getattr(met(c.id), "title", NONE)),
@@ -126,7 +127,7 @@ def candidates_table(finding: Finding) -> Table:
             # a fit to the noise closes no more than all of the gap
             ("closes alone", "closes", lambda c: Cell(percent(min(c.closes, 1.0)), (c.closes,))),
             ("ln Bayes factor [–]", "log_bayes_factor", lambda c: number(c.gain, 3)),
-            ("result", "", lambda c: names.STATUS[c.status]
+            ("result", "", lambda c: WORDS["candidate"][c.status]
              + (f" ({', '.join(b.replace('_', ' ') for b in c.bounds)})" if c.bounds else "")),
         ],
         virtual=finding.virtual,
@@ -158,9 +159,7 @@ def detectable_table(finding: Finding) -> Table:
         return f"{first} and {more} more" if more > 0 else first or "none"
 
     return tabulate(
-        "found_detectable", "Smallest sizes that these trials show",
-        "An effect of this size is named with a probability of 80 %. Expected: range of the literature.",
-        finding.detectable,
+        "found_detectable", finding.detectable,
         [
             ("candidate", "", lambda d: names.plain(d.effect)),
             ("number", "", lambda d: d.parameter.replace("_", " ")),
@@ -183,17 +182,14 @@ def confusion_table(finding: Finding) -> Table | None:
     unsure = [i for i, often in first.items() if often < SURE]
     others = {i: ", ".join(f"{names.plain(o)} ({percent(x)})" for o, x in check.taken_for(i)) for i in unsure}
     table = tabulate(
-        "found_confusion", "Candidates that these trials could take for another",
-        f"Each candidate in turn at {check.factor:g} times its smallest visible size, {check.draws} times "
-        f"with other noise. All others are named first in at least {percent(SURE)} of these sets.",
-        unsure,
+        "found_confusion", unsure,
         [
             ("candidate", "", names.plain),
             ("named first", "first", lambda i: share(first[i])),
             ("nothing named", "missed", lambda i: share(float(check.missed[check.ids.index(i)]))),
             ("taken for", "", lambda i: others[i] or "none"),
         ],
-        virtual=finding.virtual,
+        virtual=finding.virtual, factor=check.factor, draws=check.draws, sure=percent(SURE),
     )  # fmt: skip
     return table if unsure else None
 
@@ -208,18 +204,17 @@ def fitted_table(finding: Finding) -> Table | None:
         if name != "a_theta":
             ratio = Estimate(float(np.expm1(log.value)), float(np.exp(log.value) * log.std))
             rows.append(
-                (names.SAND.get(name, name), "from the file", Cell(percent_of(ratio), (ratio.value,)))
+                (WORDS["sand"].get(name, name), "from the file", Cell(percent_of(ratio), (ratio.value,)))
             )
     for name, std in finding.scales.items():
-        text, unit, scale = names.SCALES.get(name, (name, "", 1.0))
+        text, unit, scale = WORDS["scales"].get(name, (name, "", 1.0))
         rows.append((text, "from trial to trial, std", number(std, 2, unit, scale)))
     table = tabulate(
-        "found_fitted", f"Sand and sensors as fitted, compared with {finding.soil.title}",
-        "Fitted together with everything else.", rows,
+        "found_fitted", rows,
         [
             ("number", "", lambda r: r[0]), ("difference", "", lambda r: r[1]),
             ("size", "size", lambda r: r[2]),
         ],
-        virtual=finding.virtual,
+        virtual=finding.virtual, soil=finding.soil.title,
     )  # fmt: skip
     return table if rows else None

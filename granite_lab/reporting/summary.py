@@ -16,18 +16,7 @@ from granite_lab.logs.trial import Array
 from granite_lab.parameters import Paper
 from granite_lab.reporting.content import StudyResult, TrialResult
 from granite_lab.reporting.rounding import Number, decided, shown_as, significant, tidy_unit, with_unit
-
-PHASES = {
-    "rest": "at rest", "accelerate": "while accelerating", "steady": "in steady motion",
-    "brake": "while braking",
-}  # fmt: skip
-
-CHANNELS = {
-    "velocity": "body velocity", "wheels": "wheel speeds", "slip_f": "front slip ratio",
-    "slip_r": "rear slip ratio", "torque_f": "front driving torque", "torque_r": "rear driving torque",
-    "pitch": "pitch", "accel": "forward acceleration", "pitch_rate": "pitch rate",
-}  # fmt: skip
-"""Channels of a comparison, in the order of the report, as a reader calls them."""
+from granite_lab.reporting.words import PHASES, QUANTITIES, quantity
 
 NOISE, CLEAR = 1.5, 3.0
 """Difference over noise up to which a channel agrees, and above which it differs clearly."""
@@ -161,16 +150,6 @@ class Gap:
     size: float
     trials: int
 
-    @property
-    def name(self) -> str:
-        """The channel as a reader calls it."""
-        return CHANNELS.get(self.channel, self.channel)
-
-    def size_of(self, value: float) -> str:
-        """Return a value of the channel's unit as a difference is printed."""
-        unit, scale = shown_as(self.unit)
-        return with_unit(significant(value * scale, 2), unit)
-
 
 def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
     """Pool the misfits of several trials, weighted by samples; (channel, phase) to gap.
@@ -190,7 +169,7 @@ def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
             sizes[channel] = max(sizes.get(channel, 0.0), largest.get(m.channel, 0.0))
             if m.samples and math.isfinite(m.rms):
                 pooled.setdefault((channel, m.phase), []).append(m)
-    order, phases = [*CHANNELS, *sorted(sizes.keys() - CHANNELS)], ["all", *PHASES]
+    order, phases = [*QUANTITIES, *sorted(sizes.keys() - QUANTITIES)], ["all", *PHASES]
     keys = [(c, p) for c in order for p in phases if (c, p) in pooled]
     return {key: _pool(*key, sizes[key[0]], pooled[key]) for key in keys}
 
@@ -253,12 +232,12 @@ def channels_of(found: dict[tuple[str, str], Gap]) -> tuple[ChannelAnswer, ...]:
         phases = [g for g in found.values() if g.channel == gap.channel and g.phase in PHASES]
         known = [g for g in phases if math.isfinite(g.normalised)]
         worst = PHASES[max(known, key=lambda g: g.normalised).phase] if known else ""
+        sizes = (gap.rms * scale, noise * scale, gap.size * scale)
         judged.append(
             ChannelAnswer(
-                gap.channel, gap.name, tidy_unit(unit), gap.rms * scale, noise * scale, gap.size * scale,
-                *_judge(gap, noise), worst,
+                gap.channel, quantity(gap.channel), tidy_unit(unit), *sizes, *_judge(gap, noise), worst
             )
-        )  # fmt: skip
+        )
     return tuple(judged)
 
 

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from granite_lab.estimate import Estimate
 from granite_lab.reporting.rounding import NONE, percent, plus_minus, significant, with_unit
+from granite_lab.reporting.words import WORDS
 
 Raw = float | int | bool | str | None
 
@@ -98,20 +99,21 @@ class Table:
 
 def tabulate(
     name: str,
-    title: str,
-    caption: str,
     items: Iterable[T],
     specs: Sequence[Spec[T] | None],
     *,
     virtual: bool = False,
+    **parts: object,
 ) -> Table:
-    """Return a table with a row for each item.
+    """Return a table with a row for each item; title and caption stand in ``words.toml``.
 
     Args:
-        name, title, caption, virtual: as in `Table`.
+        name: of the table; there it ends before "_of_".
         items: what the rows are about.
         specs: of each column its heading with the unit in brackets; its names in the CSV, none for a column
             of words; and what makes the cell, its text, or its whole number, of an item. None is no column.
+        virtual: as in `Table`.
+        **parts: what fills the braces of title and caption.
     """
     kept = [spec for spec in specs if spec is not None]
     columns = []
@@ -121,7 +123,9 @@ def tabulate(
         plain = re.sub(r"\W+", "_", heading.lower()).strip("_")
         columns.append(Column(label, unit, tuple(keys.split()) or (plain,), bool(keys)))
     rows = tuple(tuple(_cell(make(item)) for _, _, make in kept) for item in items)
-    return Table(name, title, caption, tuple(columns), rows, virtual)
+    known = WORDS["tables"].get(name.partition("_of_")[0], {"title": "", "caption": ""})
+    title, caption = (str(known[part].format(**parts)) for part in ("title", "caption"))
+    return Table(name.replace("_of_", "_"), title, caption, tuple(columns), rows, virtual)
 
 
 def _cell(made: Cell | str | int) -> Cell:

@@ -22,29 +22,18 @@ from granite_lab.reporting.rounding import (
 )
 from granite_lab.reporting.summary import ChannelAnswer, Gap, Speed, mean_over
 from granite_lab.reporting.table import Cell, Spec, Table, estimate, number, share, tabulate, words
+from granite_lab.reporting.words import WORDS, quantity
 
 AGREES = {True: ("yes", "good"), False: ("no", "fair"), None: (NONE, "")}
 
-FIT = {
-    "ok": "fitted", "at_lower_bound": "at lower limit", "at_upper_bound": "at upper limit",
-    "not_converged": "not converged", "not_evaluated": "not evaluated",
-}  # fmt: skip
-"""Status of a fit."""
-
-LAWS = {
-    "exponential": "k_92 = exp(−a_θ v)",
-    "linear_slip": "k_92 = b_0 + b_1 λ_R",
-    "free": "k_92 constant at each speed",
-}
+FIT, LAWS = WORDS["fit"], WORDS["laws"]
+"""Status of a fit, and laws for k_92, as a reader calls them."""
 
 
 def slip_table(answers: Answers) -> Table:
     """Return slip and k_92 by speed beside the paper: the table of the first screen."""
     return tabulate(
-        "slip_by_speed", "Slip ratio λ_R and contact-angle ratio k_92 by speed",
-        "Means over the trials; the interval covers their scatter and their standard deviations. k_92 ± "
-        "standard error is fitted to the slip.",
-        answers.speeds,
+        "slip_by_speed", answers.speeds,
         [
             ("speed [m/s]", "speed_mps", lambda s: Cell(f"{s.velocity:g}", (s.velocity,))),
             ("slip [%]", "slip_ratio", lambda s: Cell(s.slip.text, (s.slip.value / 100,))),
@@ -70,10 +59,7 @@ def channel_table(channels: Sequence[ChannelAnswer], virtual: bool) -> Table:
         return Cell(f"{significant(value, 2)} {unit}" if math.isfinite(value) else NONE, (value, unit))
 
     return tabulate(
-        "channels", "Simulated minus measured, by quantity",
-        "Root mean square of the difference over whole trials, beside the noise of the measurement (its "
-        "standard deviation) and the largest simulated value. Points: percentage points of slip.",
-        channels,
+        "channels", channels,
         [
             ("quantity", "", lambda c: c.name),
             ("verdict", "", lambda c: words(c.verdict, c.tone)),
@@ -93,11 +79,9 @@ def misfit_table(found: dict[tuple[str, str], Gap], virtual: bool) -> Table:
         return number(value, 2, scale=shown_as(gap.unit)[1])
 
     return tabulate(
-        "misfits", "Simulated minus measured, by quantity and phase",
-        "Over all trials. The CSV file holds SI units, slip ratios as fractions.",
-        found.values(),
+        "misfits", found.values(),
         [
-            ("quantity", "", lambda g: g.name),
+            ("quantity", "", lambda g: quantity(g.channel)),
             ("phase", "", lambda g: g.phase),
             ("unit", "", lambda g: tidy_unit(shown_as(g.unit)[0])),
             ("rms", "rms_si", lambda g: size(g.rms, g)),
@@ -125,7 +109,7 @@ def law_table(fit: AThetaFit, virtual: bool) -> Table:
             caption = "Too few values of k_92 for an information criterion of every law."
     best = fit.laws[0].aicc if fit.laws else math.nan
     return tabulate(
-        "laws", "Laws for k_92 compared", caption, fit.laws,
+        "laws", fit.laws,
         [
             ("law", "", lambda law: Cell(LAWS.get(law.id, law.formula), (law.id,))),
             ("fitted numbers", "fitted_numbers values", lambda law: Cell(
@@ -137,7 +121,7 @@ def law_table(fit: AThetaFit, virtual: bool) -> Table:
                 places(law.aicc - best, 1) if math.isfinite(law.aicc - best) else NONE, (law.aicc - best,)
             )),
         ],
-        virtual=virtual,
+        virtual=virtual, verdict=caption,
     )  # fmt: skip
 
 
@@ -153,10 +137,7 @@ def trial_table(result: StudyResult) -> Table:
         return Cell(NONE if n is None else str(n), (n,))
 
     return tabulate(
-        "trials", "Trials",
-        "Value ± standard deviation of a single trial. Wheel stamps late: how much later the time stamps "
-        "of encoders and currents are than those of the IMU; negative where they are earlier.",
-        [(r.trial, r.comparison.motion, r.comparison.fit) for r in result.trials],
+        "trials", [(r.trial, r.comparison.motion, r.comparison.fit) for r in result.trials],
         [
             ("trial", "", lambda r: r[0].name),
             ("data", "", lambda r: "virtual" if r[0].info.virtual else "measured") if mixed else None,
@@ -196,7 +177,7 @@ def good(is_good: bool) -> Cell:
 def k92_table(fits: Sequence[K92Fit]) -> Table:
     """Return k_92 of each trial, by the steady slip and by the whole trajectory."""
     return tabulate(
-        "k92", "k_92 of each trial", "Value ± standard deviation.", fits,
+        "k92", fits,
         [
             ("trial", "", lambda f: f.trial),
             ("speed [m/s]", "speed_mps", lambda f: Cell(f"{f.variant.velocity:.3g}", (f.variant.velocity,))),
@@ -209,7 +190,7 @@ def k92_table(fits: Sequence[K92Fit]) -> Table:
 
 COMBINED = "combined standard uncertainty"
 
-QUANTITIES = {
+BUDGETS = {
     "slip": ("slip ratio λ_R", "points", 100.0),
     "k92": ("contact-angle ratio k_92", "–", 1.0),
     "a_theta": ("a_θ", "s/m", 1.0),
@@ -222,25 +203,25 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[Table]:
 
     What has no stated std, or no components, has no budget.
     """
-    budgets: dict[str, list[Budget | None]] = {quantity: [] for quantity in QUANTITIES}
+    budgets: dict[str, list[Budget | None]] = {what: [] for what in BUDGETS}
     for speed in speeds:
         motions = [r.comparison.motion for r in speed.results]
         known = [m for m in motions if math.isfinite(m.slip_ratio.value)]
         inner = [r.comparison.fit for r in speed.results if r.comparison.fit.status == "ok"]
         slip, k92 = mean_over(m.slip_ratio for m in known), mean_over(f.k92 for f in inner)
         parts = {"slip": [m.slip_parts for m in known], "k92": [f.parts for f in inner]}
-        for quantity, mean in (("slip", slip), ("k92", k92)):
+        for what, mean in (("slip", slip), ("k92", k92)):
             stated = Estimate(mean.value, mean.std)
-            budgets[quantity].append(of_mean(speed.velocity, stated, parts[quantity]))
+            budgets[what].append(of_mean(speed.velocity, stated, parts[what]))
     if result.a_theta is not None:
         budgets["a_theta"].append(of_a_theta(result.a_theta, [r.comparison.fit for r in result.trials]))
-    there = {quantity: [b for b in own if b is not None] for quantity, own in budgets.items()}
-    return [_budget_table(quantity, own, result.virtual) for quantity, own in there.items() if own]
+    there = {what: [b for b in own if b is not None] for what, own in budgets.items()}
+    return [_budget_table(what, own, result.virtual) for what, own in there.items() if own]
 
 
-def _budget_table(quantity: str, of: Sequence[Budget], virtual: bool) -> Table:
+def _budget_table(what: str, of: Sequence[Budget], virtual: bool) -> Table:
     """Return the budgets of one quantity as one table, the combined uncertainty of each last."""
-    title, unit, scale = QUANTITIES[quantity]
+    title, unit, scale = BUDGETS[what]
     rows = [(b, part, b.share(part)) for b in of for part in b.parts] + [
         (b, Part(COMBINED, "A", "", "", b.result.std, b.combined), 1.0) for b in of
     ]
@@ -251,14 +232,10 @@ def _budget_table(quantity: str, of: Sequence[Budget], virtual: bool) -> Table:
         return Cell(text if part.unit else NONE, (part.std if part.unit else None, part.unit))
 
     speed = None
-    if quantity != "a_theta":
+    if what != "a_theta":
         speed = ("speed [m/s]", "speed_mps", lambda r: Cell(f"{r[0].speed:g}", (r[0].speed,)))
     return tabulate(
-        f"budget_{quantity}", f"Uncertainty budget of {title}",
-        f"{'Mean over the trials of a speed. ' if speed else ''}Contribution: sensitivity times standard "
-        "uncertainty, combined over the trials. Share: of the variance. Type A: from the scatter of the "
-        f"data; type B: from other knowledge. {LEFT_OUT[quantity]}",
-        rows,
+        f"budget_of_{what}", rows,
         [
             ("component", "", lambda r: r[1].name),
             speed,
@@ -270,14 +247,15 @@ def _budget_table(quantity: str, of: Sequence[Budget], virtual: bool) -> Table:
             (f"contribution [{unit}]", "contribution", lambda r: number(r[1].contribution, 2, scale=scale)),
             ("share", "share", lambda r: share(r[2])),
         ],
-        virtual=virtual,
+        virtual=virtual, quantity=title, left_out=LEFT_OUT[what],
+        mean="Mean over the trials of a speed. " if speed else "",
     )  # fmt: skip
 
 
 def parameter_table(source: Source) -> Table:
     """Return every parameter in force and its origin."""
     return tabulate(
-        "parameters", "Parameters in force", "Each with the file it was read from.", source.parameters,
+        "parameters", source.parameters,
         [
             ("parameter", "", lambda p: p[0]),
             ("value", "value", lambda p: p[1]),
@@ -290,4 +268,4 @@ def parameter_table(source: Source) -> Table:
 def input_table(source: Source) -> Table:
     """Return the files that were read; of an absolute path only the name."""
     columns = [("file", "", lambda i: shown_path(i.path)), ("SHA-256", "", lambda i: i.sha256)]
-    return tabulate("inputs", "Files that were read", "", source.inputs, columns)
+    return tabulate("inputs", source.inputs, columns)

@@ -65,7 +65,7 @@ def _answers(questions: Sequence[Answer], console: Console) -> None:
 def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]], console: Console) -> None:
     """Print what was estimated of each trial, where its table stands, and how it meets a reference."""
     table = tabulate(
-        "motions", "Estimates", "", [motion for motion, _, _ in rows],
+        "motions", [motion for motion, _, _ in rows],
         [
             ("trial", "", lambda m: m.trial),
             ("speed [m/s]", "speed_mps", lambda m: Cell(f"{m.variant.velocity:.3g}", (m.variant.velocity,))),

@@ -183,10 +183,7 @@ def compared_table(found: Compared) -> Table:
 
     tones = {DIFFERS: "fair", ALIKE: "good"}
     return tabulate(
-        "differences", f"{found.names[1]} minus {found.names[0]}",
-        f"A: {found.names[0]}; B: {found.names[1]}. B − A: 95 % interval of the difference. Detectable: "
-        "the smallest difference that is found with a probability of 80 %.",
-        found.rows,
+        "differences", found.rows,
         [
             ("quantity", "", lambda r: r.quantity),
             ("unit", "", lambda r: tidy_unit(r.unit)),
@@ -197,7 +194,7 @@ def compared_table(found: Compared) -> Table:
             ("detectable", "smallest_seen", lambda r: number(r.smallest, 2)),
             ("verdict", "", lambda r: words(r.verdict, tones.get(r.verdict, ""))),
         ],
-        virtual=found.virtual,
+        virtual=found.virtual, a=found.names[0], b=found.names[1],
     )  # fmt: skip
 
 

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-
-from markupsafe import Markup
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.files import readable, write_text
-from granite_lab.reporting import crate
-from granite_lab.reporting.canvas import Figure, on_page, rendered
+from granite_lab.reporting import canvas, crate
+from granite_lab.reporting.canvas import FORMATS, Figure, converted, on_page
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.paper import report_pdf
-from granite_lab.reporting.plot_motion import comparison_figure, misfit_figure
+from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.plot_results import compared_figure
 from granite_lab.reporting.render import to_html, to_latex, to_markdown
 from granite_lab.reporting.report import (
@@ -36,17 +34,8 @@ from granite_lab.reporting.table import Table
 from granite_lab.reporting.tables import channel_table, misfit_table
 from granite_lab.reporting.two_studies import Compared, compared_table
 
-INLINE = 120
-"""So many figures stand in the page itself; further ones it loads from their files when one looks at them."""
 
-
-def write_report(
-    result: StudyResult,
-    folder: Path,
-    *,
-    model: Path | str | None = None,
-    jobs: int = 1,
-) -> Path:
+def write_report(result: StudyResult, folder: Path, *, model: Path | str | None = None) -> Path:
     """Write ``index.html``, ``report.md``, ``report.json``, ``report.pdf``, ``figures/``, ``tables/``
     and ``ro-crate-metadata.json``.
 
@@ -58,7 +47,6 @@ def write_report(
         result: the study, with what a search found.
         folder: of the report; made if it does not exist.
         model: path of the model file, as the numbers shall name it.
-        jobs: processes that draw; 0 means one per core.
 
     Returns:
         path of ``index.html``.
@@ -69,21 +57,24 @@ def write_report(
     beside = Path(model).name if model is not None else None
     report = study_report(result, model=beside, folder=_named(folder))
     with _replacing(folder) as new:
-        pictures = _write_figures(report.figures, new, jobs)
+        drawn = _write_figures(report.figures, new)
         _write_tables(report.tables, new)
         _write(new / "report.md", to_markdown("report.md", report=report))
-        _write(new / "index.html", to_html(report, pictures))
+        _write(
+            new / "index.html", to_html(report, {f.name: on_page(f, drawn[f.name]) for f in report.figures})
+        )
         if report.numbers == "finding.json" and result.finding is not None:
             _write(new / "finding.json", dumps(finding_as_json(result.finding, model)))
         else:
             _write(new / "report.json", to_json(result, report, model))
-            _finish(result, report, folder, new)
+            _finish(result, report, folder, new, drawn)
     return folder / "index.html"
 
 
-def _finish(result: StudyResult, report: Report, folder: Path, new: Path) -> None:
+def _finish(
+    result: StudyResult, report: Report, folder: Path, new: Path, drawn: Mapping[str, str]
+) -> None:  # fmt: skip
     """Add ``report.pdf`` and the provenance of all files to a new report."""
-    drawn = {f.name: (new / "figures" / f"{f.name}.svg").read_text("utf-8") for f in report.figures}
     (new / "report.pdf").write_bytes(report_pdf(result, report, made_by(result.source), drawn))
     for name in (MODEL, DESIGN):
         if (folder / name).is_file():
@@ -117,9 +108,8 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     found = gaps(comparisons)
     judged, virtual = channels_of(found), any(c.motion.virtual for c in comparisons)
     figures = [comparison_figure(c, i) for i, c in enumerate(comparisons, 1)]
-    heat = misfit_figure(found, judged, virtual)
     with _replacing(folder) as new:
-        _write_figures([*figures, *([heat] if heat else [])], new)
+        _write_figures(figures, new)
         _write_tables([channel_table(judged, virtual), misfit_table(found, virtual)], new)
         names = sorted(p.relative_to(new) for p in new.rglob("*") if p.is_file())
     return [folder / name for name in names]
@@ -145,15 +135,16 @@ def _write(path: Path, text: str) -> None:
     path.write_bytes(text.encode("utf-8", errors="replace"))
 
 
-def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, Markup]:
-    """Write each figure in all formats; return the elements of a page that show them, by name."""
+def _write_figures(figures: Sequence[Figure], folder: Path) -> dict[str, str]:
+    """Write each figure in all formats; return their SVG by name."""
     (folder / "figures").mkdir()
-    pictures: dict[str, Markup] = {}
-    for figure, files in zip(figures, rendered(figures, jobs), strict=True):
-        pictures[figure.name] = on_page(figure, files["svg"].decode(), inline=len(pictures) < INLINE)
+    drawn: dict[str, str] = {}
+    for figure in figures:
+        files = converted(figure.draw(), FORMATS, canvas.DPI)
+        drawn[figure.name] = files["svg"].decode()
         for kind, data in files.items():
             (folder / "figures" / f"{figure.name}.{kind}").write_bytes(data)
-    return pictures
+    return drawn
 
 
 def _write_tables(tables: Sequence[Table], folder: Path) -> None:

@@ -61,15 +61,6 @@ function headings() {
   return [...document.querySelectorAll('h2, h3')].filter(e => e.checkVisibility()).map(e => e.textContent);
 }
 
-async function jump() {
-  const images = [...document.querySelectorAll('figure img')], image = images[images.length >> 1];
-  location.hash = image.closest('figure').id;
-  while (!image.complete || !image.naturalWidth) await new Promise(done => setTimeout(done, 50));
-  await new Promise(done => setTimeout(done, 300));
-  const top = image.closest('figure').getBoundingClientRect().top;
-  return [images.length > 5, Math.abs(top) <= 0.5];  // a page scrolls by whole pixels
-}
-
 function colours() {
   const of = (e, p) => getComputedStyle(e)[p];
   return [of(document.body, 'backgroundColor'), of(document.body, 'color'),

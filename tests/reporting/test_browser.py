@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from granite_lab.reporting import write, write_report
-from granite_lab.reporting.content import StudyResult
 from tests.reporting.chromium import Page, browser, chromium
 
 ARTEFACTS = Path(__file__).parent.parent / "artefacts"
@@ -49,14 +47,6 @@ def test_text_in_figures_is_whole_in_the_browsers_own_fonts(
     folder: Path = request.getfixturevalue(which)
     page.open(folder / "index.html", 1280, 900)
     assert page.evaluate("cutInFigures()") == []
-
-
-def test_a_jump_to_a_figure_in_a_file_ends_at_that_figure(
-    page: Page, study: StudyResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(write, "INLINE", 1)
-    page.open(write_report(study, tmp_path / "many"), 1280, 900)
-    assert page.evaluate("jump()") == [True, True]
 
 
 def luminance(colour: str) -> float:

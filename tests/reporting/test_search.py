@@ -79,8 +79,7 @@ def test_a_part_without_content_is_left_out() -> None:
         alone, dropped=(), latency=Estimate(math.nan), scales={}, sand={}, confusion=None
     )
     report = report_of(alone)
-    assert "found_held_out" not in {f.name for f in report.figures}
-    assert not {"found_fitted", "found_confusion"} & {t.name for t in report.tables}
+    assert not {"found_fitted", "found_confusion", "found_left_out"} & {t.name for t in report.tables}
     assert not [c.title for c in search_tables.gaps_table(alone).columns if "left out" in c.title]
     few = made_up_finding(speeds=(0.2,), repetitions=2, channels=("wheel", "wheel_split"))
     drawn = {d.name for d in report_of(few).figures}
@@ -124,7 +123,7 @@ def test_the_report_has_all_its_files_and_the_json_of_the_command(discovery_fold
     assert document["schema"] == "granite-lab/discovery/2"
     ids = {path.stem for path in (discovery_folder / "figures").glob("*.svg")}
     assert {path.stem for path in (discovery_folder / "figures").glob("*.png")} == ids
-    assert {"found_gap", "found_candidates", "found_held_out", "found_intervals"} <= ids
+    assert {"found_gap", "found_candidates", "found_intervals"} <= ids
 
 
 def test_histories_are_means_over_the_repetitions_with_gaps_left_out(findings: dict[str, Finding]) -> None:

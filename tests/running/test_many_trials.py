@@ -7,7 +7,6 @@ import dataclasses
 import errno
 import os
 import pickle
-import re
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ import numpy as np
 import pytest
 
 from granite_lab.logs.trial import ImuStream, Trial, TrialInfo
-from granite_lab.reporting import write, write_report
 from granite_lab.running import Cache, Execution, Options, each_trial
 from granite_lab.running.cache import content
 from granite_lab.running.codec import Arena, decode, encode
@@ -110,24 +108,3 @@ def test_a_full_disk_leaves_the_records_in_memory(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("tempfile.TemporaryFile", full)
     trial = long_trial("xx")
     assert content(held(trial)) == content(trial)
-
-
-def test_a_page_of_many_trials_shows_the_figures_of_further_ones_from_their_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    result = made_up_study(speeds=(0.5,), repetitions=2)
-    whole = write_report(result, tmp_path / "whole").read_text(encoding="utf-8")
-    assert "<img" not in whole
-    monkeypatch.setattr(write, "INLINE", 2)
-    page = write_report(result, tmp_path / "few").read_text(encoding="utf-8")
-    figures = {p.stem for p in (tmp_path / "few" / "figures").glob("*.svg")}
-    assert figures == {p.stem for p in (tmp_path / "whole" / "figures").glob("*.svg")}
-    images = re.findall(r'<img src="([^"]*)" .*width="(\d+)" height="(\d+)"', page)
-    assert page.count("<img ") == len(images) == len(figures) - 2
-    for name in figures:
-        assert f'<figure id="{name}">' in page
-    for path, width, height in images:
-        svg = (tmp_path / "few" / path).read_text(encoding="utf-8")
-        shape = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
-        assert shape is not None
-        assert int(width) / int(height) == pytest.approx(float(shape[1]) / float(shape[2]), rel=1e-2)

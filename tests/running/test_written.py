@@ -99,7 +99,7 @@ def test_a_plan_can_start_from_trials_whose_command_was_recognised(
 def test_study_and_discover_leave_the_same_for_a_plan_and_a_simulation(
     tmp_path: Path, study: StudyResult
 ) -> None:
-    chain.write(alone(study), Options(), tmp_path / "discover", 1, parts(study))
+    chain.write(alone(study), Options(), tmp_path / "discover", parts(study))
     chain.write(study, Options(), tmp_path / "study")
     for name in ("design.json", "model.toml"):
         assert (tmp_path / "discover" / name).read_bytes() == (tmp_path / "study" / name).read_bytes()
@@ -209,7 +209,7 @@ def test_a_search_keeps_all_but_the_part_that_fails(
     part: str, tmp_path: Path, study: StudyResult, found: Finding, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(PARTS[part], broken, raising=False)
-    written = chain.write(alone(study), Options(), tmp_path, 1, parts(study))
+    written = chain.write(alone(study), Options(), tmp_path, parts(study))
     (line,) = written.failures
     assert line.startswith(f"{part}: ValueError: mean of an empty slice; the traceback is in ")
     there = {path.name for path in tmp_path.iterdir()}

@@ -12,11 +12,12 @@ import rerun as rr
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.reporting.answers import missing_answer
-from granite_lab.reporting.names import channel_name, latency_in_words
+from granite_lab.reporting.names import latency_in_words
 from granite_lab.reporting.recording import lines
 from granite_lab.reporting.recording.lines import Rgb, command_start, residuals_of
 from granite_lab.reporting.recording.stream import Writer, drawable
 from granite_lab.reporting.rounding import plus_minus, significant
+from granite_lab.reporting.words import sensor
 
 PHASES = {
     "rest": lines.GREY, "accelerate": lines.GREEN, "steady": lines.BLUE, "brake": lines.PURPLE
@@ -62,7 +63,7 @@ def intervals_of(comparison: Comparison, finding: Finding | None) -> list[Interv
     found = [
         Interval(
             max(d.start + late, low), min(d.end + late, high),
-            channel_name(d.channel), f"{significant(100 * d.share, 2)} %",
+            sensor(d.channel), f"{significant(100 * d.share, 2)} %",
         )
         for d in finding.where
         if d.variant == own[0].variant

@@ -9,12 +9,12 @@ import numpy as np
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TextLogColumnKind, TimelineColumn
 
-from granite_lab.reporting import names
 from granite_lab.reporting.names import capital
 from granite_lab.reporting.recording.events import DIFFERS
 from granite_lab.reporting.recording.lines import CHANNELS, Line
 from granite_lab.reporting.recording.scene import VIEWPOINT
 from granite_lab.reporting.recording.stream import TIMELINE
+from granite_lab.reporting.words import SENSORS
 
 TITLES = {
     "velocity": "Velocity",
@@ -28,7 +28,7 @@ TITLES = {
     "pitch_rate": "IMU pitch rate, equal before the start",
     "innovation": "Innovations of the filter over their predicted std",
 }
-FOUND = {k: capital(name) for k, name in names.CHANNELS.items()}
+FOUND = {k: capital(name) for k, name in SENSORS.items()}
 TITLES |= {f"residual_{k}": f"{TITLES[k].split(',')[0]}: simulated − measured" for k in CHANNELS}
 TITLES |= {f"found_{k}": v + (": measured − simulated" if "wheel" in k else "") for k, v in FOUND.items()}
 TITLES |= {f"discrepancy_{k}": f"{v}: not explained by the model" for k, v in FOUND.items()}
