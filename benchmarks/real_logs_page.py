@@ -77,6 +77,8 @@ def page(sets: Mapping[str, LogSet], late: Delays, slides: Mapping[str, tuple[fl
         _aim("inside", inside(braking), CAR_INSIDE, 1.0),
     ]
     worse = sum(ratio(runs) > 1 for runs in groups.values())
+    grades = [run.grade for runs in groups.values() for run in runs]
+    verdicts = ", ".join(f"{grades.count(grade)} {grade}" for grade in ("good", "fair", "poor"))
     return f"""# Estimation on real logs
 
 Logs of other robots, recorded by others. The estimator does not see the references.
@@ -92,7 +94,7 @@ Bold: worse than the wheels, or less than 85 % inside. *Named*: both standstills
 * **Otherwise a constant slip cannot be measured.** The estimate follows the wheels minus an assumed slip of
   3 ± 5 %; its std allows for 0 to 100 %. The 5 points were chosen on these logs, from 5 and 15: the figures
   without a standstill are not blind.
-* **The estimate is worse than the wheels** in {worse} of {len(groups)} rows.
+* **The estimate is worse than the wheels** in {worse} of {len(groups)} rows. Verdicts: {verdicts}.
 
 Aims, bold if missed: {"; ".join(aims)}.
 
@@ -143,7 +145,7 @@ def run_table(sets: Mapping[str, LogSet], late: Delays) -> pd.DataFrame:
 
 
 HEAD = (
-    "logs", "runs", "estimate", "wheels", "ratio", "in 2σ [%]", "above 40 % slip", "good / fair / poor",
+    "logs", "runs", "estimate", "wheels", "ratio", "in 2σ [%]", "above 40 % slip",
 )  # fmt: skip
 
 
@@ -159,13 +161,12 @@ def percent(share: float) -> str:
 
 def summary(name: str, runs: Sequence[Velocities]) -> list[str]:
     """One row of the first table."""
-    grades = [run.grade for run in runs]
     worse, share = ratio(runs), inside(runs)
     return [
         name, str(len(runs)), f"{rms(errors(runs)):.3f}",
         f"{rms(errors(runs, 'wheels')):.3f}", f"{worse:.2f}" if worse <= 1 else f"**{worse:.2f}**",
         percent(share) if share >= SNOW_UNNAMED_INSIDE else f"**{percent(share)}**",
-        percent(inside(runs, HIGH)), " / ".join(str(grades.count(g)) for g in ("good", "fair", "poor")),
+        percent(inside(runs, HIGH)),
     ]  # fmt: skip
 
 
@@ -210,9 +211,9 @@ standstill. Fast changes of slip are measured, a constant slip is assumed.
 
 def _boreal(found: LogSet) -> str:
     ahead = [100 * float(np.mean(run.v - run.wheels > 2 * run.std)) for run in found.runs]
-    return f"""*BorealTC*: a Husky on snow and sandy loam, IMU 100 Hz, wheels 6.5 Hz, no standstill, no
-reference. A body is seldom faster than its wheels. In {len(ahead)} logs the estimate exceeds them by more
-than 2σ in {min(ahead):.1f} to {max(ahead):.1f} % of the time; chance alone gives 2.3 %."""
+    return f"""*BorealTC*: a Husky on snow and sandy loam, no standstill, no reference. A body is seldom faster
+than its wheels. In {len(ahead)} logs the estimate exceeds them by more than 2σ in {min(ahead):.1f} to
+{max(ahead):.1f} % of the time; chance alone gives 2.3 %."""
 
 
 def _slips(slides: Mapping[str, tuple[float, float]]) -> str:

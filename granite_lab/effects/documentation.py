@@ -100,8 +100,8 @@ def _line(alike: Sequence[EffectParameter]) -> str:
     if len(alike) > 1:
         meaning = meaning.replace("cosine part", "cosine and sine parts").replace("front", "front and rear")
     names = ", ".join(f"`{q.name}`" for q in alike)
-    unit = p.unit if p.unit not in ("", "-") else "–"
-    return f"- {names} [{unit}]: {meaning}; {p.prior_low:g} to {p.prior_high:g}" + (
+    unit = f" [{p.unit}]" if p.unit not in ("", "-") else ""
+    return f"- {names}{unit}: {meaning}; {p.prior_low:g} to {p.prior_high:g}" + (
         "" if p.shape or p.neutral == 0 else f", neutral {p.neutral:g}"
     )
 
