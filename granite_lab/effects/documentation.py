@@ -29,12 +29,12 @@ HEAD = """\
 
 An effect is a physical cause that the paper's model leaves out. With all parameters at 0 the model is the
 paper's. Symbols and equation numbers are those of the [paper](model.md#nomenclature). The range of a
-parameter is the expected one. A *shape* has no influence while the other parameters are 0. *Per trial*: a
-cosine and a sine part have the same amplitude in all trials and another phase in each.
+parameter is the expected one. *Per trial*: a cosine and a sine part have the same amplitude in all trials and
+another phase in each.
 
-`granite-lab effects show ID` prints the source and the bounds of an effect and draws how it changes the
-sensor readings: orange with all other parameters fixed, blue after sand, start time and sensor errors are
-refitted. Where blue is zero, sand or a sensor error can imitate the effect.
+`granite-lab effects show ID` also prints sources, bounds and shape parameters, and draws how the effect
+changes the sensor readings: orange with all other parameters fixed, blue after sand, start time and sensor
+errors are refitted. Where blue is zero, sand or a sensor error can imitate the effect.
 """
 
 HOOKS = """\
@@ -83,7 +83,7 @@ def markdown() -> str:
 def _section(effect: Effect) -> str:
     pairs = {name for pair in effect.circles for name in pair}
     alike = [p for p in effect.parameters if p.name in pairs]
-    lines = [_line([p]) for p in effect.parameters if p.name not in pairs]
+    lines = [_line([p]) for p in effect.parameters if p.name not in pairs and not p.shape]
     lines += [_line(alike)] if alike else []
     return (
         f"### `{effect.id}`: {effect.title}\n\n"
@@ -95,14 +95,13 @@ def _section(effect: Effect) -> str:
 def _line(alike: Sequence[EffectParameter]) -> str:
     """Describe one parameter; cosine and sine parts of all wheels share a line."""
     p = alike[0]
-    kind = ", ".join(word for word, yes in (("shape", p.shape), ("per trial", p.per_trial)) if yes)
-    meaning = f"{p.meaning} ({kind})" if kind else p.meaning
+    meaning = f"{p.meaning} (per trial)" if p.per_trial else p.meaning
     if len(alike) > 1:
         meaning = meaning.replace("cosine part", "cosine and sine parts").replace("front", "front and rear")
     names = ", ".join(f"`{q.name}`" for q in alike)
     unit = f" [{p.unit}]" if p.unit not in ("", "-") else ""
     return f"- {names}{unit}: {meaning}; {p.prior_low:g} to {p.prior_high:g}" + (
-        "" if p.shape or p.neutral == 0 else f", neutral {p.neutral:g}"
+        "" if p.neutral == 0 else f", neutral {p.neutral:g}"
     )
 
 
