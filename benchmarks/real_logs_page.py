@@ -57,15 +57,15 @@ def page(sets: Mapping[str, LogSet], late: Delays, slides: Mapping[str, tuple[fl
     ones = [run for run in named if run.name.startswith("1")]
     braking, creeping, others = scenes[:1], scenes[1:2], scenes[2:]
     groups = {
-        "rover on snow, 1_*, both standstills named": ones,
-        "rover on snow, 2_*, both standstills named": [run for run in named if run not in ones],
-        "rover on snow, none named": unnamed,
-        "car brakes to a stop (0757)": braking,
-        "car, stop and go (1100)": creeping,
-        "car, seven scenes without a standstill": others,
-        "rover Pathfinder, 50 s on rough ground": sets["pathfinder"].runs,
-        "Husky, firm ground, GPS": sets["husky"].runs,
-        "car at scale 1:10 that skids": sets["small car"].runs,
+        "snow 1_*, named": ones,
+        "snow 2_*, named": [run for run in named if run not in ones],
+        "snow, none named": unnamed,
+        "car 0757, brakes to a stop": braking,
+        "car 1100, stop and go": creeping,
+        "car, seven scenes, no standstill": others,
+        "Pathfinder, rough ground": sets["pathfinder"].runs,
+        "Husky, firm ground": sets["husky"].runs,
+        "car at scale 1:10, skids": sets["small car"].runs,
     }
     aims = {
         "snow 1_*, named: ratio": (ratio(ones), 0.0, SNOW_RATIO),

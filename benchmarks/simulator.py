@@ -82,8 +82,7 @@ Runge–Kutta of fourth order, 0.05 ms, as in the paper.
 
 Over {sets} effects and pairs or triples of them ([each](tables/simulator-effects.csv)), with the settings of
 the search (relative tolerance 5·10⁻⁵) and parameters at three quarters of the expected range. Differences are
-the largest ones of machine code from CVODES at 10⁻⁹; with CVODES at 5·10⁻⁵ their medians are {by_cvodes}.
-"First" is the time to compile the graph.
+the largest ones of machine code from CVODES at 10⁻⁹. "First" is the time to compile the graph.
 
 ## Random parameters
 
@@ -220,9 +219,8 @@ def effects_table(repeats: int) -> dict[str, Any]:
     table = "\n".join(
         f"| {' | '.join([name, *_cells(f)])} |" for name, f in (("median", median), ("worst", worst))
     )
-    by_cvodes = f"{median[3]:.4f} mm/s, {median[5]:.2f} mm/s² and {median[7]:.2f} mA"
     return {
-        "effects": table, "by_cvodes": by_cvodes, "median_ms": float(median[0]), "worst_ms": float(worst[0]),
+        "effects": table, "median_ms": float(median[0]), "worst_ms": float(worst[0]),
         "csv": "\n".join([CSV, *rows, ""]), "sets": len(rows) - 1,
     }  # fmt: skip
 
