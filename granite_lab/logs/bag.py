@@ -14,8 +14,8 @@ from granite_lab.files import is_folder, readable, refuse_special
 from granite_lab.logs.dialect import Table
 from granite_lab.logs.guess import wheels_named, words
 from granite_lab.logs.layouts import Column, Layout
+from granite_lab.logs.quantities import ENCODERS, WORDS
 from granite_lab.logs.trial import Array
-from granite_lab.parameters import WHEELS
 
 IMU, JOINTS, ODOMETRY = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
 POSES = tuple(
@@ -85,11 +85,13 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
             "is the recording complete? 'ros2 bag reindex' may repair it",
         ) from None
     columns = {"t": _stamps(path, rows, doubts)}
-    role_of = {name: role for role, name in chosen.items()}
+    cells: dict[str, dict[int, float]] = {}
     for row, (topic, _, message) in enumerate(rows):
-        for name, value in _FIELDS[role_of[topic]](message):
-            column = columns.setdefault(f"{topic}.{name}", np.full(len(rows), np.nan))
-            column[row] = value
+        for name, value in _fields(message):
+            cells.setdefault(f"{topic}.{name}", {})[row] = value
+    for name, held in cells.items():
+        columns[name] = np.full(len(rows), np.nan)
+        columns[name][list(held)] = list(held.values())
     table = Table(
         path, (tuple(columns),), len(columns), "ROS", doubts=tuple(doubts), numbers=tuple(columns.values())
     )
@@ -144,111 +146,112 @@ def _choose(
 def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str]) -> Array:
     """Return stamps (N,) [s] since the whole second of the first.
 
-    They stand in the messages' headers. Messages without one are taken when they arrived, less the
-    time that the others usually take to arrive.
+    They stand in the messages' headers; 0 there says that nobody set it. Messages without one are taken
+    when they arrived, less the time that the others usually take to arrive.
     """
-    stamps = [_stamp(message) for _, _, message in rows]
-    topics = {topic for topic, _, _ in rows}
-    bare = topics - {topic for (topic, _, _), stamp in zip(rows, stamps, strict=True) if stamp}
-    for topic in sorted(bare):
-        doubts.append(f"{path.name}: messages of {topic} have no stamps; the time of arrival is used")
-    late = [arrival - s for (topic, arrival, _), s in zip(rows, stamps, strict=True) if topic not in bare]
-    delay = int(np.median(late)) if bare and late else 0
-    stamps = [
-        arrival - delay if topic in bare else stamp
-        for (topic, arrival, _), stamp in zip(rows, stamps, strict=True)
+    headers = [getattr(message, "header", None) for _, _, message in rows]
+    stamps = [h.stamp.sec * _SECOND + h.stamp.nanosec if h is not None else 0 for h in headers]
+    logged = list(zip(rows, stamps, strict=True))
+    bare = {topic for topic, _, _ in rows} - {topic for (topic, _, _), stamp in logged if stamp}
+    doubts += [
+        f"{path.name}: messages of {topic} have no stamps; the time of arrival is used"
+        for topic in sorted(bare)
     ]
+    late = [arrival - stamp for (topic, arrival, _), stamp in logged if topic not in bare]
+    delay = int(np.median(late)) if bare and late else 0
+    stamps = [arrival - delay if topic in bare else stamp for (topic, arrival, _), stamp in logged]
     origin = min(stamps, default=0) // _SECOND
     return np.array([(stamp - origin * _SECOND) / 1e9 for stamp in stamps])
 
 
-def _stamp(message: Any) -> int:
-    """Return the stamp in a message's header [ns]; 0 where there is none or nobody set it."""
-    if not hasattr(message, "header"):
-        return 0
-    stamp = message.header.stamp
-    return int(stamp.sec) * _SECOND + int(stamp.nanosec)
+def _fields(message: Any) -> Iterator[tuple[str, float]]:
+    """Yield the numbers of a message by the name of their field.
 
-
-def _imu(message: Any) -> Iterator[tuple[str, float]]:
-    """Yield the quantities of an IMU message; a covariance that begins with -1 says there is none."""
-    for name, axes in (("linear_acceleration", "xyz"), ("angular_velocity", "xyz"), ("orientation", "xyzw")):
-        if message.__dict__[f"{name}_covariance"][0] == -1:
-            continue
-        for axis in axes:
-            yield f"{name}.{axis}", getattr(message.__dict__[name], axis)
-
-
-def _joints(message: Any) -> Iterator[tuple[str, float]]:
-    """Yield position [rad], velocity [rad/s] and effort [N m] of each joint."""
-    for name in ("position", "velocity", "effort"):
-        for joint, value in zip(message.name, message.__dict__[name], strict=False):
-            if not math.isnan(value):
-                yield f"{name}.{joint}", value
-
-
-def _place(message: Any) -> Iterator[tuple[str, float]]:
-    """Yield velocity and place, of a pose only the place, of a satellite fix latitude and longitude."""
-    if hasattr(message, "latitude"):
+    Of an IMU, a covariance that begins with -1 says that the quantity is not there; of joints, position
+    [rad], velocity [rad/s] and effort [N m]; else velocity and place, or latitude and longitude.
+    """
+    if hasattr(message, "angular_velocity"):
+        for name in ("linear_acceleration", "angular_velocity", "orientation"):
+            if getattr(message, f"{name}_covariance")[0] != -1:
+                axes = "xyzw" if name == "orientation" else "xyz"
+                yield from ((f"{name}.{axis}", getattr(getattr(message, name), axis)) for axis in axes)
+    elif hasattr(message, "effort"):
+        for name in ("position", "velocity", "effort"):
+            for joint, value in zip(message.name, getattr(message, name), strict=False):
+                if not math.isnan(value):
+                    yield f"{name}.{joint}", value
+    elif hasattr(message, "latitude"):
         if message.status.status >= 0:  # -1: no fix
             yield "latitude", message.latitude
             yield "longitude", message.longitude
-        return
-    if hasattr(message, "twist"):
-        yield "twist.twist.linear.x", message.twist.twist.linear.x
-    while hasattr(message, "pose"):  # stamped, with covariance, or both
-        message = message.pose
-    yield "pose.pose.position.x", message.position.x
-    yield "pose.pose.position.y", message.position.y
+    else:
+        if hasattr(message, "twist"):
+            yield _FORWARD, message.twist.twist.linear.x
+        while hasattr(message, "pose"):  # stamped, with covariance, or both
+            message = message.pose
+        yield "pose.pose.position.x", message.position.x
+        yield "pose.pose.position.y", message.position.y
 
 
-_FIELDS = {"imu": _imu, "joints": _joints, "odom": _place, "reference": _place}
+_FORWARD = "twist.twist.linear.x"
+_BOUND: dict[str, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
+    "imu": tuple(
+        (f"{name}.{axis}", unit, (f"imu_{letter}{axis}",))
+        for axis in "xyz"
+        for name, unit, letter in (("linear_acceleration", "m/s^2", "a"), ("angular_velocity", "rad/s", "g"))
+    ),
+    "odom": ((_FORWARD, "m/s", ENCODERS),),
+    "reference": (
+        (_FORWARD, "m/s", ("ref_v",)), ("pose.pose.position.x", "m", ("ref_x",)),
+        ("pose.pose.position.y", "m", ("ref_y",)), ("latitude", "deg", ("ref_lat",)),
+        ("longitude", "deg", ("ref_lon",)),
+    ),
+}  # fmt: skip
+"""What a topic was taken for, to its fields with their units and channels."""
 
 
-def bag_layout(table: Table, topics: Mapping[str, str], doubts: list[str]) -> Layout:
+def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str]]:
     """Bind the quantities of a bag: IMU, wheels by the names of their joints, odometry, reference.
+
+    Args:
+        table, roles: from `read_bag`.
+
+    Returns:
+        the layout, and doubts about it.
 
     Raises:
         InputError: no joint is a wheel, and there is no IMU either.
     """
-    names = table.headers[0]
+    names, doubts = table.headers[0], list[str]()
     columns = [Column(to=("t",), name="t", unit="s")]
-
-    def bind(name: str, unit: str, *to: str) -> None:
-        if name in names:
-            columns.append(Column(to=to, name=name, unit=unit))
-
-    if topic := topics.get("imu"):
-        for axis in "xyz":
-            bind(f"{topic}.linear_acceleration.{axis}", "m/s^2", f"imu_a{axis}")
-            bind(f"{topic}.angular_velocity.{axis}", "rad/s", f"imu_g{axis}")
-    if topic := topics.get("joints"):
-        for quantity, unit in (("position", "rad"), ("velocity", "rad/s")):
-            start = f"{topic}.{quantity}."
-            found = assign([name.removeprefix(start) for name in names if name.startswith(start)])
-            for joint, wheels in found.items():
-                bind(start + joint, unit, *(f"enc_{wheel}" for wheel in wheels))
-            if found:
-                break
-        else:
+    for role, topic in ((role, roles[role]) for role in ROLES if role in roles):
+        fields = _BOUND[role] if role != "joints" else _wheels(names, topic)
+        columns += [
+            Column(to=to, name=name, unit=unit)
+            for field, unit, to in fields
+            if (name := f"{topic}.{field}") in names
+        ]
+        if not fields:
             what = f"{table.path}: no wheel among the joints of {topic}"
             if len(columns) == 1:
                 shown = ", ".join(names[1:9]) + (", …" if len(names) > 9 else "")
                 raise InputError(what, f"name them in a column map for --map; there are: {shown}")
             doubts.append(f"{what}; a column map can name them")
-    if topic := topics.get("odom"):
-        bind(f"{topic}.twist.twist.linear.x", "m/s", *(f"enc_{wheel}" for wheel in WHEELS))
-    if topic := topics.get("reference"):
-        bind(f"{topic}.twist.twist.linear.x", "m/s", "ref_v")
-        bind(f"{topic}.pose.pose.position.x", "m", "ref_x")
-        bind(f"{topic}.pose.pose.position.y", "m", "ref_y")
-        bind(f"{topic}.latitude", "deg", "ref_lat")
-        bind(f"{topic}.longitude", "deg", "ref_lon")
-    name = "ROS: " + ", ".join(f"{role} {topic}" for role, topic in topics.items())
-    return Layout(name=name, column=tuple(columns), title=table.path.name)
+    name = "ROS: " + ", ".join(f"{role} {topic}" for role, topic in roles.items())
+    return Layout(name=name, column=tuple(columns), title=table.path.name), doubts
 
 
-_NO_WHEEL = {"steer", "steering", "caster", "castor", "arm", "gripper", "middle", "mid", "pan", "tilt"}
+def _wheels(names: Sequence[str], topic: str) -> tuple[tuple[str, str, tuple[str, ...]], ...]:
+    """Return the fields of joints that are wheels: their positions, or else their velocities."""
+    for quantity, unit in (("position", "rad"), ("velocity", "rad/s")):
+        start = f"{topic}.{quantity}."
+        found = assign([name.removeprefix(start) for name in names if name.startswith(start)])
+        if found:
+            return tuple(
+                (f"{quantity}.{joint}", unit, tuple(f"enc_{wheel}" for wheel in wheels))
+                for joint, wheels in found.items()
+            )
+    return ()
 
 
 def assign(joints: Sequence[str]) -> dict[str, tuple[str, ...]]:
@@ -261,7 +264,7 @@ def assign(joints: Sequence[str]) -> dict[str, tuple[str, ...]]:
     claims: dict[str, tuple[str, ...]] = {}
     for joint in joints:
         parts = words(joint)[0]
-        wheels = () if _NO_WHEEL & set(parts) else wheels_named(parts)
+        wheels = () if WORDS["not_wheel"] & set(parts) else wheels_named(parts)
         claims[joint] = wheels if len(wheels) == 1 or "wheel" in joint.lower() else ()
     order = sorted(joints, key=lambda joint: (len(claims[joint]), "wheel" not in joint.lower()))
     taken = {wheel: joint for joint in reversed(order) for wheel in claims[joint]}

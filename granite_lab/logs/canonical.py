@@ -47,7 +47,7 @@ _KEYS = {key_of(f): f for f in dataclasses.fields(Metadata) if f.name != "extra"
 
 
 def collect(
-    comments: Iterable[tuple[int, str]], path: Path, warnings: list[str], sidecar: Path | None = None
+    comments: Iterable[tuple[int, str]], path: Path, warnings: list[str], sidecars: Sequence[Path] = ()
 ) -> Metadata:
     """Read the metadata of a log.
 
@@ -55,7 +55,7 @@ def collect(
         comments: numbered lines that begin with ``#``.
         path: the log.
         warnings: doubts are added here.
-        sidecar: a TOML file whose keys go before those of the comments.
+        sidecars: TOML files whose keys go before those of the comments, the last one first.
 
     Raises:
         InputError: a known key with a value that is not allowed; a sidecar that cannot be read.
@@ -66,7 +66,7 @@ def collect(
         bare = text.lstrip("#").strip()
         if _LINE.match(bare):
             _take(_parse(bare, at(path, line)), at(path, line), known, extra, warnings)
-    if sidecar is not None:
+    for sidecar in sidecars:
         _take(read_toml(sidecar), str(sidecar), known, extra, warnings)
     return dataclasses.replace(build(Metadata, known, str(path)), extra=extra)
 

@@ -22,6 +22,9 @@ from granite_lab.logs.trial import Array
 MISSING = ("", "nan", "NaN", "NAN", "Nan", "-nan", "-NaN", "NA", "N/A", "n/a", "null", "NULL", "None", "none")
 """Cells that stand for "not sampled"."""
 
+DATED = re.compile(r"(\d{4})[-/_.](\d\d)[-/_.](\d\d)[T _-](\d\d)[:_.-](\d\d)(?:[:_.-](?=\d\d))?")
+"""The beginning of a date: ISO 8601, or with other signs in between, as ``2026_03_01_12_00_00_250``."""
+
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
@@ -97,6 +100,11 @@ class Table:
     def delimiter_name(self) -> str:
         """The delimiter in words."""
         return _DELIMITERS[self.delimiter]
+
+    def is_dated(self, place: int) -> bool:
+        """Say whether the first cells of a column are dates, the year first."""
+        cells = [row[place].strip() for row in self.sample if row[place].strip() not in MISSING]
+        return bool(cells) and all(DATED.match(cell) for cell in cells)
 
     def name(self, place: int) -> str:
         """Return what the first header row calls a column, counted from 0."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.logs.clocks import integral
+from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import Unit
 from granite_lab.logs.trial import Array
 
@@ -85,37 +86,25 @@ def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[fl
     return ranges
 
 
-def convert(
-    t: Array,
-    raw: Array,
-    unit: Unit,
-    *,
-    scale: float,
-    wrap: float,
-    per_rev: float,
-    radius: float,
-    increment: bool,
-) -> Wheel:
+def convert(t: Array, raw: Array, unit: Unit, said: Column, per_rev: float, radius: float) -> Wheel:
     """Turn one encoder's raw values into wheel angle and rate.
 
     Args:
         t: (N,) stamps [s], increasing.
         raw: (N,) values as logged, finite.
         unit: their unit; it says what kind of value they are.
-        scale: factor of the column map.
-        wrap: range of the counter (0: found out).
-        per_rev: counts per wheel revolution.
+        said: scale, wrap and increment, as the column map has them.
+        per_rev: counts per wheel revolution (0: not known).
         radius: wheel radius [m].
-        increment: the values are steps since the last sample.
     """
     doubts: list[str] = []
     counted, is_angle = unit.name in ("counts", "counts/s"), unit.quantity in ("angle", "length")
-    values = np.cumsum(raw) if increment else raw
-    if not increment and is_angle:
-        values, wraps, width = unwrap(values, wrap_ranges(values, unit, wrap, per_rev))
+    values = np.cumsum(raw) if said.increment else raw
+    if not said.increment and is_angle:
+        values, wraps, width = unwrap(values, wrap_ranges(values, unit, said.wrap, per_rev))
         if wraps:
             doubts.append(f"the counter wrapped {wraps} times at {width:g}; unwrapped")
-    factor = scale * ((TURN / per_rev if per_rev else math.nan) if counted else unit.factor)
+    factor = said.scale * ((TURN / per_rev if per_rev else math.nan) if counted else unit.factor)
     if unit.quantity in ("length", "speed"):
         factor /= radius
     si = values * factor

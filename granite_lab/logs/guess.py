@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from granite_lab.logs.quantities import (
     ENCODERS,
     RATE,
     SENSORS,
+    WORDS,
     Unit,
     find_unit,
     gravity_unit,
@@ -28,38 +31,43 @@ from granite_lab.parameters import WHEELS
 
 
 @dataclass(frozen=True)
-class Guess:
-    """What a column seems to be.
+class ColumnReport:
+    """What a column is, or seems to be.
 
     Attributes:
-        to: channels it may feed; none: not recognised, or of no use.
+        name: what the file calls it.
+        place: where it stands, counted from 0.
+        to: the channels it feeds; none: not recognised, or of no use.
         unit: its unit.
-        confidence: 0 to 1.
+        confidence: how sure that is, 0 to 1.
         why: in a few words.
+        low, high: range of the values; NaN for texts.
+        filled: share of the cells that hold a number.
         assumed: nothing in the name says the unit.
+        settings: further keys of its entry in a column map.
     """
 
-    to: tuple[str, ...]
-    unit: str
-    confidence: float
-    why: str
+    name: str
+    place: int = 0
+    to: tuple[str, ...] = ()
+    unit: str = ""
+    confidence: float = 0.0
+    why: str = "not recognised"
+    low: float = math.nan
+    high: float = math.nan
+    filled: float = 0.0
     assumed: bool = True
+    settings: tuple[tuple[str, object], ...] = ()
+
+    def as_json(self) -> dict[str, object]:
+        """Return what is told about it as plain data."""
+        return {key: value for key, value in vars(self).items() if key not in ("assumed", "settings")}
 
 
-UNKNOWN = Guess((), "", 0.0, "not recognised")
+Found = dict[int, ColumnReport]
+"""The place of a column, and what it seems to be."""
 
-_PAIRS = {"fl": "fl lf", "fr": "fr rf", "rl": "rl lr bl lb", "rr": "rr br rb"}
-_AXLES = {"f": {"front", "fore", "f"}, "r": {"rear", "back", "hind", "aft", "b"}}
-_SIDES = {"l": {"left", "l"}, "r": {"right", "r"}}
-_TIME = {"time", "timestamp", "stamp", "t", "seconds", "millis", "micros", "sec", "clock", "ts"}
-_TURNS = {"x": "roll", "y": "pitch", "z": "yaw"}
-_ATTITUDE = {"roll", "pitch", "yaw", "heading", "euler", "quat", "quaternion", "orientation", "attitude"}
-_NUMBERED = {"enc", "encoder", "wheel", "motor", "cur", "current", "count", "counts", "tick", "ticks"}
-_COUNTED = {"count", "counts", "tick", "ticks"}
-_RATES = {"vel", "speed", "rate", "v", "rpm"}
-_COMMAND = {"cmd", "command", "desired", "setpoint", "setspeed", "target"}
-_REFERENCE = {"ref", "mocap", "vicon", "optitrack", "gps", "truth", "groundtruth"}
-_GLOBE = {"ref_lat": {"lat", "latitude"}, "ref_lon": {"lon", "long", "lng", "longitude"}}
+_GLOBE = SENSORS["globe"].channels
 
 
 def words(name: str) -> tuple[list[str], str]:
@@ -86,51 +94,53 @@ def words(name: str) -> tuple[list[str], str]:
 def wheels_named(parts: Collection[str]) -> tuple[str, ...]:
     """Return the wheels that the words of a name speak of: one, both of a side, or none."""
     said = set(re.sub(r"front|rear|back|left|right", r" \g<0> ", " ".join(parts)).split())
-    for wheel, spellings in _PAIRS.items():
-        if said & set(spellings.split()):
-            return (wheel,)
-    side = next((key for key, known in _SIDES.items() if said & known), "")
-    axle = next((key for key, known in _AXLES.items() if said & known), "")
+    if one := next((wheel for wheel in WHEELS if said & WORDS[wheel]), ""):
+        return (one,)
+    side = next((key[0] for key in ("left", "right") if said & WORDS[key]), "")
+    axle = next((key for key in ("f", "r") if said & WORDS[key]), "")
     return tuple(wheel for wheel in WHEELS if side and wheel[1] == side and axle in ("", wheel[0]))
 
 
-def by_name(name: str) -> Guess:
+def by_name(name: str, place: int = 0) -> ColumnReport:
     """Guess from the name alone; a unit of the wrong quantity lowers the confidence."""
     parts, unit_text = words(name)
     unit = find_unit(unit_text) if unit_text else None
     to, confidence = _named(parts, unit)
     if not to:
-        attitude = _ATTITUDE & set(parts) or re.fullmatch(r"(?i).*(^|[^A-Za-z])q[wxyz0-4]", name.strip())
-        why = "attitude: recognised, not used" if attitude else UNKNOWN.why
-        return Guess((), unit.name if unit and attitude else "", 0.0, why)
+        if WORDS["attitude"] & set(parts) or re.fullmatch(r"(?i).*(^|[^A-Za-z])q[wxyz0-4]", name.strip()):
+            return ColumnReport(
+                name, place, unit=unit.name if unit else "", why="attitude: recognised, not used"
+            )
+        return ColumnReport(name, place)
     if unit is not None and unit.quantity in CHANNELS[to[0]]:
-        return Guess(to, unit.name, min(confidence + 0.1, 0.98), "name and unit in it", assumed=False)
+        sure = min(confidence + 0.1, 0.98)
+        return ColumnReport(name, place, to, unit.name, sure, "name and unit in it", assumed=False)
     usual = "deg" if to[0] in _GLOBE else si_unit(CHANNELS[to[0]][0])
-    return Guess(to, usual, confidence * (0.6 if unit else 0.9), "name; unit assumed")
+    return ColumnReport(name, place, to, usual, confidence * (0.6 if unit else 0.9), "name; unit assumed")
 
 
 def _named(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float]:
     """Return channels that the words of a name mean, and how sure that is."""
     said = set(parts)
-    if said & _COMMAND:
+    if said & WORDS["command"]:
         return ("v_cmd",), 0.7
-    for channel, known in _GLOBE.items():
-        if known & said:
+    for channel in _GLOBE:
+        if said & WORDS[channel]:
             return (channel,), 0.8
-    if said & _REFERENCE:
+    if said & WORDS["reference"]:
         speed = (unit is not None and unit.quantity == "speed") or said & {"v", "vel"}
         return () if "z" in said else ("ref_v" if speed else "ref_y" if "y" in said else "ref_x",), 0.5
     sensor = _sensor(parts, unit)
     if sensor[0] and "covariance" not in said:
         return sensor
-    return (("t",), 0.9) if {*parts[:1], *parts[-1:]} & _TIME else ((), 0.0)
+    return (("t",), 0.9) if {*parts[:1], *parts[-1:]} & WORDS["time"] else ((), 0.0)
 
 
 def _sensor(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float]:
     """Return the same for the channels of a sensor."""
     joined = "".join(parts)
     wheels = wheels_named(parts)
-    if not wheels and _NUMBERED & set(parts):
+    if not wheels and WORDS["numbered"] & set(parts):
         wheels = tuple(wheel for number, wheel in enumerate(WHEELS, 1) if str(number) in parts)
     for sensor in SENSORS.values():
         hints = sensor.words.split()
@@ -138,7 +148,7 @@ def _sensor(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float
         axis = next((a for a in "xyz" if a in parts or any(joined.endswith(h + a) for h in hints)), "")
         named = any(h in parts or (axis and h + axis in parts) or (len(h) > 2 and h in joined) for h in hints)
         if sensor.channels == RATE and not axis:
-            axis = next((a for a, turn in _TURNS.items() if turn in parts), "")
+            axis = next((a for a in "xyz" if WORDS[a] & set(parts)), "")
         turning = sensor.channels == ENCODERS and unit is not None and unit.name == "rpm"
         if hints and (named or turning):
             ends = wheels if sensor.channels[0].endswith(WHEELS[0]) else tuple(axis)
@@ -148,9 +158,7 @@ def _sensor(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float
     return (), 0.0
 
 
-def guess(
-    names: Mapping[int, str], columns: Mapping[int, Array], dates: Collection[int] = ()
-) -> dict[int, Guess]:
+def guess(names: Mapping[int, str], columns: Mapping[int, Array], dates: Collection[int] = ()) -> Found:
     """Guess what each column of a log is.
 
     Args:
@@ -161,16 +169,21 @@ def guess(
     Returns:
         place to guess.
     """
-    found = {place: by_name(names[place]) for place in columns}
+    found = {place: by_name(names[place], place) for place in columns}
     for place in dates:
         fine = bool((np.diff(columns[place]) != 0).mean() > 0.5) if len(columns[place]) > 1 else False
-        found[place] = Guess(("t",), DATE, 0.95 if fine else 0.3, "dates", assumed=False)
-    _seconds_and_parts(found, names, columns)
-    _first_only(found, names)
+        _set(found, place, DATE, "dates", to=("t",), confidence=0.95 if fine else 0.3, assumed=False)
+    _seconds_and_parts(found, columns)
+    _first_only(found)
     _time(found, columns)
     _triples(found, columns)
-    _encoders(found, names, columns)
+    _encoders(found, columns)
     return found
+
+
+def _set(found: Found, place: int, unit: str, why: str, **more: Any) -> None:
+    """Change the guess about a column."""
+    found[place] = replace(found[place], unit=unit, why=why, **more)
 
 
 _SECONDS = re.compile(r"(?P<stem>(?:.*[^A-Za-z])?)s(?:ec(?:ond)?s?)?[\])]?", re.IGNORECASE)
@@ -180,46 +193,41 @@ _PARTS = re.compile(
 _A_SECOND = {"n": ("ns", 1e9), "u": ("us", 1e6), "mic": ("us", 1e6), "m": ("ms", 1e3), "mil": ("ms", 1e3)}
 
 
-def _seconds_and_parts(
-    found: dict[int, Guess], names: Mapping[int, str], columns: Mapping[int, Array]
-) -> None:
+def _seconds_and_parts(found: Found, columns: Mapping[int, Array]) -> None:
     """Find whole seconds and the parts of a second in two columns: ``stamp.secs``, ``stamp.nsecs``."""
-    for part, values in columns.items():
-        hit = _PARTS.fullmatch(names[part].strip())
-        if hit is None:
-            continue
-        said = hit["unit"].lower()
-        unit, size = _A_SECOND.get(said[:3]) or _A_SECOND[said[0]]
-        for whole, seconds in columns.items():
-            other = _SECONDS.fullmatch(names[whole].strip())
-            if other is None or other["stem"].lower() != hit["stem"].lower():
-                continue
-            seen = np.isfinite(values) & np.isfinite(seconds)
-            s, p = seconds[seen], values[seen]
+    named = {place: one.name.strip() for place, one in found.items()}
+    wholes = [(place, hit["stem"].lower()) for place in named if (hit := _SECONDS.fullmatch(named[place]))]
+    for part, name in named.items():
+        hit = _PARTS.fullmatch(name)
+        said = hit["unit"].lower() if hit else ""
+        unit, size = _A_SECOND.get(said[:3]) or _A_SECOND.get(said[:1]) or ("", 1.0)
+        for whole in [place for place, stem in wholes if hit and stem == hit["stem"].lower()]:
+            seen = np.isfinite(columns[part]) & np.isfinite(columns[whole])
+            s, p = columns[whole][seen], columns[part][seen]
             if len(s) < 6 or (s != np.rint(s)).any() or (p < 0).any() or (p >= size).any():
                 continue
             # The parts start again just where the seconds go on, and only there.
             forward = (np.diff(s + p / size) >= 0).mean() > 0.98
             if forward and (np.diff(s) > 0).any() and np.ptp(p) > 0.5 * size:
-                why = f"with '{names[part]}': whole seconds and their parts"
-                found[whole] = Guess(("t",), "s", 0.98, why, assumed=False)
-                why = f"part of a second, belongs to '{names[whole]}'"
-                found[part] = Guess(("t_add",), unit, 0.98, why, assumed=False)
+                sure = {"confidence": 0.98, "assumed": False}
+                why = f"with '{found[part].name}': whole seconds and their parts"
+                _set(found, whole, "s", why, to=("t",), **sure)
+                why = f"part of a second, belongs to '{found[whole].name}'"
+                _set(found, part, unit, why, to=("t_add",), **sure)
                 return
 
 
-def _first_only(found: dict[int, Guess], names: Mapping[int, str]) -> None:
+def _first_only(found: Found) -> None:
     """Let each channel keep its surest column."""
     taken: dict[str, int] = {}
     for place, one in sorted(found.items(), key=lambda item: -item[1].confidence):
         rival = next((taken[channel] for channel in one.to if channel in taken), None)
         if rival is not None:
-            found[place] = Guess((), "", 0.0, f"same quantity as '{names[rival]}'")
-        else:
-            taken.update(dict.fromkeys(one.to, place))
+            _set(found, place, "", f"same quantity as '{found[rival].name}'", to=(), confidence=0.0)
+        taken |= dict.fromkeys(found[place].to, place)
 
 
-def _time(found: dict[int, Guess], columns: Mapping[int, Array]) -> None:
+def _time(found: Found, columns: Mapping[int, Array]) -> None:
     """Find a clock by its values, if no name says so, and its unit by the rate."""
     clocks = [place for place, one in found.items() if one.to == ("t",)]
     for place, values in columns.items():
@@ -229,18 +237,18 @@ def _time(found: dict[int, Guess], columns: Mapping[int, Array]) -> None:
             spread = np.quantile(steps, 0.9) / np.median(steps)
             if spread < 3 and (not found[place].to or spread < 1.5):
                 clocks = [place]
-                found[place] = Guess(("t",), "s", 0.6, "increases evenly")
+                _set(found, place, "s", "increases evenly", to=("t",), confidence=0.6, assumed=True)
     for place in clocks:
         one, stamps = found[place], columns[place][np.isfinite(columns[place])]
         for slowest in (4.0, 0.5) if one.assumed else ():
             with suppress(InputError):
                 factor, _ = unit_factor(stamps, 1.0, slowest)
                 unit = next(name for name, size in SECONDS.items() if size == factor)
-                found[place] = Guess(("t",), unit, one.confidence, f"{one.why}; unit by the rate")
+                _set(found, place, unit, f"{one.why}; unit by the rate")
                 break
 
 
-def _triples(found: dict[int, Guess], columns: Mapping[int, Array]) -> None:
+def _triples(found: Found, columns: Mapping[int, Array]) -> None:
     """Find an accelerometer by gravity, and set its unit and the gyroscope's by the values."""
     places = {channel: place for place, one in found.items() for channel in one.to}
     free = [place for place, one in found.items() if not one.to]
@@ -256,23 +264,24 @@ def _triples(found: dict[int, Guess], columns: Mapping[int, Array]) -> None:
         for place, channel in zip(trio, ACCELERATION, strict=True):
             one = found[place]
             if unit and not one.to:
-                found[place] = Guess((channel,), unit, 0.5, "three columns that add up to gravity")
+                why = "three columns that add up to gravity"
+                _set(found, place, unit, why, to=(channel,), confidence=0.5, assumed=True)
             elif unit and unit != one.unit and one.assumed:
-                found[place] = replace(one, unit=unit, why="name; unit by gravity")
+                _set(found, place, unit, "name; unit by gravity")
         if unit:
             break
     for place in (places[channel] for channel in RATE if channel in places):
         one, peak = found[place], float(np.nanmax(np.abs(columns[place]), initial=0.0))
         if one.unit == "rad/s" and one.assumed and peak > 20:
-            found[place] = replace(one, unit="deg/s", why="name; too fast for rad/s")
+            _set(found, place, "deg/s", "name; too fast for rad/s")
 
 
-def _encoders(found: dict[int, Guess], names: Mapping[int, str], columns: Mapping[int, Array]) -> None:
+def _encoders(found: Found, columns: Mapping[int, Array]) -> None:
     """Tell counts, angles, rates and velocities of wheels apart by their names and values."""
     wheels = [place for place, one in found.items() if one.to and one.to[0] in ENCODERS and one.assumed]
-    said = {place: set(words(names[place])[0]) for place in wheels}
+    said = {place: set(words(found[place].name)[0]) for place in wheels}
     for rate in (True, False):  # all wheels report the same
-        members = [place for place in wheels if bool(said[place] & _RATES) == rate]
+        members = [place for place in wheels if bool(said[place] & WORDS["rates"]) == rate]
         values = [columns[place][np.isfinite(columns[place])] for place in members]
         if not members or min(map(len, values)) < 5:
             continue
@@ -280,9 +289,7 @@ def _encoders(found: dict[int, Guess], names: Mapping[int, str], columns: Mappin
             unit = "rad/s" if max(np.abs(v).max() for v in values) > 3 else "m/s"
         else:
             whole = all((v == np.rint(v)).all() for v in values) and max(map(np.ptp, values)) > 5
-            unit = "counts" if whole or any(said[place] & _COUNTED for place in members) else "rad"
+            unit = "counts" if whole or any(said[place] & WORDS["counted"] for place in members) else "rad"
         for place in members:
-            one = found[place]
-            found[place] = replace(
-                one, unit=unit, confidence=one.confidence * 0.9, why="name; unit by the values"
-            )
+            sure = found[place].confidence * 0.9
+            _set(found, place, unit, "name; unit by the values", confidence=sure)

@@ -64,18 +64,25 @@ class Windows(NamedTuple):
     noise: Array
 
 
-def check_units(imu: ImuStream, log: Log) -> ImuStream:
-    """Check units, rails and dead axes of an IMU; return the stream with corrected units.
+def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
+    """Check units, rails and dead axes of an IMU.
+
+    Returns:
+        the stream in corrected units, and the same without spikes.
 
     Raises:
         InputError: an accelerometer in no unit that fits gravity.
     """
-    seen = _windows(despike(imu)[0])
-    if seen is not None:
-        imu = _acceleration(imu, seen, log)
-    imu = _rate(imu, seen, log)
-    _report_rails(imu, log)
-    return imu
+    clean = despike(imu)[0]
+    seen = _windows(clean)
+    a, removed = (1.0, imu.gravity_removed) if seen is None else _acceleration(imu.gravity_removed, seen, log)
+    g = _rate(clean.angular_rate, None if removed else seen, seen, log)
+    corrected = []
+    for one in (imu, clean):
+        force, rate = one.specific_force * a, one.angular_rate * g
+        corrected.append(ImuStream(one.t, force, rate, gravity_removed=removed))
+    _report_rails(corrected[0], log)
+    return corrected[0], corrected[1]
 
 
 def despike(stream: ImuStream) -> tuple[ImuStream, Mask]:
@@ -107,14 +114,13 @@ def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
     """Refuse axes that are dead, exchanged or turned; the wheels move in this log.
 
     Args:
-        imu: as read, in units that were checked.
+        imu: without spikes, in units that were checked.
         still: standstills [s].
         log: where it stood.
 
     Raises:
         InputError: a column that would carry a wrong result, with what it looks like and what to write.
     """
-    imu = despike(imu)[0]
     _refuse_dead(imu, log)
     known = not np.isnan(imu.specific_force).any()
     if known and not imu.gravity_removed and log.robot.imu.forward != "find":
@@ -138,19 +144,19 @@ def _windows(imu: ImuStream) -> Windows | None:
     return Windows(dt, force.mean(axis=1), force.std(axis=1).max(axis=1), np.diff(middle, axis=0), noise)
 
 
-def _acceleration(imu: ImuStream, seen: Windows, log: Log) -> ImuStream:
-    """Compare the mean specific force with gravity."""
+def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
+    """Compare the mean specific force with gravity; return its factor to SI and whether gravity is out."""
     norm = np.linalg.norm(seen.mean, axis=1)
     calm = seen.spread <= np.quantile(seen.spread, 0.3)
     g, spread = float(np.median(norm[calm])), float(np.median(seen.spread[calm]))
     if abs(g / STANDARD_GRAVITY - 1) < 0.12:
-        if imu.gravity_removed:
+        if removed:
             log.doubts.append("gravity is declared as removed, but the accelerometer measures it; it is used")
         elif abs(g / STANDARD_GRAVITY - 1) > 0.06:
             log.doubts.append(f"the accelerometer reads {g:.2f} m/s^2 at rest, expected 9.81: scale error?")
-        return dataclasses.replace(imu, gravity_removed=False)
-    if imu.gravity_removed:
-        return imu
+        return 1.0, False
+    if removed:
+        return 1.0, True
     declared, sizes = log.unit(*ACCELERATION), factors("acceleration")
     raw = g / sizes[declared]
     unit = gravity_unit(raw, 0.08)
@@ -160,13 +166,13 @@ def _acceleration(imu: ImuStream, seen: Windows, log: Log) -> ImuStream:
         log.doubts.append(
             f"the accelerometer, declared in {declared}, reads {raw:.4g} at rest: it is in {unit}; converted"
         )
-        return dataclasses.replace(imu, specific_force=imu.specific_force * change)
+        return change, False
     if g < 0.8:
         log.doubts.append(
             f"the accelerometer reads {g:.2g} m/s^2 at rest: the logger has removed gravity, "
             "so that pitch cannot be levelled"
         )
-        return dataclasses.replace(imu, gravity_removed=True)
+        return 1.0, True
     raise InputError(
         f"{log.where}: the accelerometer, declared in {declared}, reads {raw:.4g} at rest, expected "
         "9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0",
@@ -174,13 +180,22 @@ def _acceleration(imu: ImuStream, seen: Windows, log: Log) -> ImuStream:
     )
 
 
-def _rate(imu: ImuStream, seen: Windows | None, log: Log) -> ImuStream:
-    """Compare the gyroscope with the turning of the gravity vector and with the grade's noise."""
-    if np.isnan(imu.angular_rate).all():
-        return imu
-    declared = log.unit(*RATE)
-    peak = float(np.nanmax(np.abs(despike(imu)[0].angular_rate)))
-    turning = math.nan if imu.gravity_removed or seen is None else _turning_ratio(seen)
+def _rate(rate: Array, level: Windows | None, seen: Windows | None, log: Log) -> float:
+    """Compare the gyroscope with the turning of the gravity vector and with the grade's noise.
+
+    Args:
+        rate: (N, 3) without spikes.
+        level: windows, unless gravity was removed.
+        seen: the same, if there are any.
+        log: where it stood.
+
+    Returns:
+        the factor to SI.
+    """
+    if np.isnan(rate).all():
+        return 1.0
+    declared, peak = log.unit(*RATE), float(np.nanmax(np.abs(rate)))
+    turning = math.nan if level is None else _turning_ratio(level)
     # The turning of the gravity vector, as the accelerometer sees it, contains all of the true turning:
     # a ratio beyond 1 is impossible. Vibration and acceleration lower it to a few hundredths on flat ground
     # (0.06 to 1.1 in logs of a rover on sand, a Husky on sand and snow, and a car).
@@ -191,10 +206,10 @@ def _rate(imu: ImuStream, seen: Windows | None, log: Log) -> ImuStream:
     if (too_large and declared == "rad/s") or (too_small and declared == "deg/s"):
         sizes, found = factors("angular rate"), "deg/s" if too_large else "rad/s"
         log.doubts.append(f"the gyroscope, declared in {declared}, is in {found} ({why}); converted")
-        return dataclasses.replace(imu, angular_rate=imu.angular_rate * (sizes[found] / sizes[declared]))
+        return sizes[found] / sizes[declared]
     if too_large:
         log.doubts.append(f"the gyroscope, declared in {declared}, reads far too much ({why}): wrong unit?")
-    return imu
+    return 1.0
 
 
 def _turning_ratio(seen: Windows) -> float:
@@ -252,8 +267,8 @@ def _rail(column: Array, limit: float) -> Mask:
     low, middle, high = np.quantile(column, [0.16, 0.5, 0.84])
     for extreme in (column.max(), column.min()):
         held = column == extreme
-        longest = max((b + 1 - a for a, b in runs(held)), default=0)
-        if longest >= 3 and abs(extreme - middle) > 4 * (high - low) / 2 and high > low:
+        far = high > low and abs(extreme - middle) > 2 * (high - low)
+        if far and any(last - first > 1 for first, last in runs(held)):
             at_rail |= held
     return np.asarray(at_rail)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,12 @@ import pandas as pd
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import GAP_PERIODS
 from granite_lab.logs.dialect import Table, is_number
-from granite_lab.logs.guess import by_name, guess
-from granite_lab.logs.layouts import Column, Layout, Maps, given_maps
-from granite_lab.logs.matching import Match, recognise
+from granite_lab.logs.guess import ColumnReport, by_name, guess
+from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
 from granite_lab.logs.named import is_bag, name_of, parts_of
 from granite_lab.logs.reader import assemble
-from granite_lab.logs.source import Source, open_source
-from granite_lab.logs.table import is_dated, load, open_table
+from granite_lab.logs.source import Choice, Source, read_source, recognise
+from granite_lab.logs.table import load, open_table
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.logs.wheels import MotionGuess, look, rests
 from granite_lab.parameters import load_robot
@@ -38,34 +37,6 @@ HEAD = """\
 
 PLAIN, SETTINGS = Column(to=()), ("scale", "wrap", "counts_per_rev", "increment")
 """A column without settings, and the keys that may be set."""
-
-
-@dataclass(frozen=True)
-class ColumnReport:
-    """One column.
-
-    Attributes:
-        name: what the file calls it.
-        place: where it stands, counted from 0.
-        to: the channels it feeds.
-        unit: its unit.
-        confidence: how sure that is, 0 to 1.
-        why: in a few words.
-        low, high: range of the values; NaN for texts.
-        filled: share of the cells that hold a number.
-        settings: further keys of its entry in a column map.
-    """
-
-    name: str
-    place: int
-    to: tuple[str, ...]
-    unit: str
-    confidence: float
-    why: str
-    low: float = math.nan
-    high: float = math.nan
-    filled: float = math.nan
-    settings: tuple[tuple[str, object], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -127,18 +98,12 @@ class FileReport:
         """
         if not self.entries:
             raise InputError(self.problem, "only a table of numbers can be mapped")
-        head = {
-            "name": re.sub(r"[^A-Za-z0-9_]+", "_", name_of(self.path)) or "log",
-            "title": f"written from {self.path.name}",
-        }
-        lines = [HEAD, *_pairs((*head.items(), *self.head))]
-        if self.dialect is not None:
-            said: list[tuple[str, object]] = [
-                ("delimiter", self.dialect.delimiter_name), ("decimal", self.dialect.decimal),
-            ]  # fmt: skip
-            if self.dialect.header_line == 0:
-                said.append(("names", [column.name for column in self.columns]))
-            lines += ["", "[table]", *_pairs(said)]
+        name = re.sub(r"[^A-Za-z0-9_]+", "_", name_of(self.path)) or "log"
+        lines = [HEAD, *_pairs(("name", name), ("title", f"written from {self.path.name}"), *self.head)]
+        if (text := self.dialect) is not None:
+            lines += ["", "[table]", *_pairs(("delimiter", text.delimiter_name), ("decimal", text.decimal))]
+            if text.header_line == 0:
+                lines += _pairs(("names", [column.name for column in self.columns]))
         for column in self.entries:
             lines += ["", *_entry(column)]
         return "\n".join(lines) + "\n"
@@ -146,16 +111,13 @@ class FileReport:
     def as_json(self) -> dict[str, Any]:
         """Return the report as plain data."""
         table, motion = self.dialect, self.motion
-        columns = [dataclasses.asdict(column) for column in self.columns]
-        for column in columns:
-            del column["settings"]
         return {
             "path": str(self.path), "layout": self.layout or None, "confidence": self.confidence,
             "text": table and {
                 "encoding": table.encoding, "delimiter": table.delimiter_name, "decimal": table.decimal,
                 "header_line": table.header_line, "first_row": table.data_line,
             },
-            "columns": columns,
+            "columns": [column.as_json() for column in self.columns],
             "streams": [dataclasses.asdict(stream) for stream in self.streams],
             "standstills_s": [list(interval) for interval in self.rests],
             "motion": motion and {
@@ -198,19 +160,17 @@ class Inspection:
 
 def _entry(column: ColumnReport) -> list[str]:
     """Return the lines of one column in a map; without channels they are comments."""
-    lines = []
-    if column.why:
-        span = f"; values from {column.low:.6g} to {column.high:.6g}" if column.filled > 0 else ""
-        sure = f"{column.confidence:.0%} sure, " if column.to else ""
-        lines = [re.sub(r"[\x00-\x1f\x7f]+", " ", f"# {sure}{column.why}{span}")]
+    span = f"; values from {column.low:.6g} to {column.high:.6g}" if column.filled > 0 else ""
+    sure = f"{column.confidence:.0%} sure, " if column.to else ""
+    why = re.sub(r"[\x00-\x1f\x7f]+", " ", f"# {sure}{column.why}{span}")
     # One without a name is matched by an empty pattern.
     named = f"name = {toml(column.name)}" if column.name else "pattern = '()'"
     body = ["[[column]]", named, f"to = {toml(column.to)}"]
-    body += _pairs((("unit", column.unit), *column.settings) if column.unit or column.to else ())
-    return lines + [line if column.to else f"# {line}" for line in body]
+    body += _pairs(("unit", column.unit), *column.settings) if column.unit or column.to else []
+    return [why, *(line if column.to else f"# {line}" for line in body)]
 
 
-def _pairs(pairs: Sequence[tuple[str, object]]) -> list[str]:
+def _pairs(*pairs: tuple[str, object]) -> list[str]:
     return [f"{key} = {toml(value)}" for key, value in pairs]
 
 
@@ -236,82 +196,62 @@ def inspect_logs(
     Raises:
         UsageError: unknown robot or column map.
     """
-    maps = given_maps(map)
+    said = Choice(given_maps(map), rows, topics or {})
     files = [file for path in paths for file in parts_of(Path(path)) or [Path(path)]]
-    return Inspection(tuple(_inspect(path, maps, robot, rows, topics) for path in files))
+    return Inspection(tuple(_inspect(path, said, robot) for path in files))
 
 
-def _inspect(
-    path: Path,
-    maps: Sequence[Layout],
-    robot: str | Path | None,
-    rows: str | None,
-    topics: Mapping[str, str] | None,
-) -> FileReport:
+def _inspect(path: Path, said: Choice, robot: str | Path | None) -> FileReport:
     """Look at one file: by its layout, or else by guess."""
-    report = FileReport(path)
+    report, found = FileReport(path), None
     try:
-        if is_bag(path):
-            source = open_source(path, maps, topics=topics)
-            return _sampled(_described(report, source.table, source.match), source, robot)
-        table, found = recognise(path, maps)
-        report, layout = _described(report, table, found), found.layout
+        table, found = recognise(path, said)
     except InputError as error:
         report = replace(report, problem=error.message)
         if is_bag(path):
             return report
         try:
-            table = open_table(path, maps[0].table if len(maps) == 1 else None)
+            table = open_table(path, said.maps[0].table if len(said.maps) == 1 else None)
         except InputError:
             return report
-        report = _described(report, table, None)
-        layout = _guessed_layout(report)
-        if not any("t" in column.to for column in layout.column):
-            return report
-    try:
-        return _sampled(report, open_source(path, [layout], rows), robot)
-    except InputError as error:
-        return _doubtful(report, error)
-
-
-def _doubtful(report: FileReport, error: InputError) -> FileReport:
-    """Note why the samples cannot be read."""
-    return replace(report, problem=report.problem or error.message, doubts=(*report.doubts, error.message))
-
-
-def _described(report: FileReport, table: Table, found: Match | None) -> FileReport:
-    """Say what every column is: by its layout, or else by guess."""
     columns, doubts = _numbers(table)
     entries = _recognised(found) if found is not None else _guessed(table, columns)
-    places = {column.place for column in entries}
-    entries += [_unused(table, columns, place) for place in range(table.width) if place not in places]
-    entries = [_ranged(column, columns.get(column.place, np.zeros(0))) for column in entries]
+    used = {column.place for column in entries}
+    entries += [_unused(table, columns, place) for place in range(table.width) if place not in used]
+    entries = [_ranged(column, columns.get(column.place)) for column in entries]
     report = replace(
         report, dialect=table if table.data_line else None, entries=tuple(entries), doubts=tuple(doubts)
     )
-    if found is None:
+    if found is not None:
+        keys = ("robot", "rows", "split", "gravity_removed")
+        head = tuple((key, value) for key in keys if (value := getattr(found.layout, key)))
+        report = replace(report, layout=found.layout.name, confidence=KNOWN, head=head)
+    else:
         sure = min((column.confidence for column in entries if column.to), default=0.0)
-        return replace(report, confidence=sure)
-    keys = ("robot", "rows", "split", "gravity_removed")
-    head = tuple((key, value) for key in keys if (value := getattr(found.layout, key)))
-    return replace(report, layout=found.layout.name, confidence=KNOWN, head=head)
+        report = replace(report, confidence=sure)
+        if not any("t" in column.to for column in entries):
+            return report
+    try:
+        return _sampled(report, read_source(table, found or _bound(report, table), said.rows, columns), robot)
+    except InputError as error:
+        told = (*report.doubts, error.message) if error.message != report.problem else report.doubts
+        return replace(report, problem=report.problem or error.message, doubts=told)
 
 
 def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
     """Read every column that holds numbers or dates; a faulty one becomes a doubt."""
-    dates = [place for place in range(table.width) if is_dated(table, place)]
+    dates = [place for place in range(table.width) if table.is_dated(place)]
     wanted = [place for place in range(table.width) if place in dates or _is_numeric(table, place)]
-    try:
-        return load(table, wanted, dates)[0] if wanted else {}, []
-    except InputError:
-        columns: dict[int, Array] = {}
-        doubts: list[str] = []
-        for place in wanted:
-            try:
-                columns |= load(table, [place], [place] if place in dates else [])[0]
-            except InputError as error:
-                doubts.append(error.message)
-        return columns, doubts
+    with suppress(InputError):
+        return load(table, wanted, dates) if wanted else ({}, [])
+    columns: dict[int, Array] = {}
+    doubts: list[str] = []
+    for place in wanted:
+        try:
+            columns |= load(table, [place], [place] if place in dates else [])[0]
+        except InputError as error:
+            doubts.append(error.message)
+    return columns, doubts
 
 
 def _is_numeric(table: Table, place: int) -> bool:
@@ -321,11 +261,11 @@ def _is_numeric(table: Table, place: int) -> bool:
     return not table.data_line or numbers > 0.5 * len(cells)
 
 
-def _ranged(column: ColumnReport, values: Array) -> ColumnReport:
+def _ranged(column: ColumnReport, values: Array | None) -> ColumnReport:
     """Add lowest and highest value and the filled share of a column."""
-    seen = values[np.isfinite(values)]
-    if len(seen) == 0:
-        return replace(column, filled=0.0)
+    seen = values[np.isfinite(values)] if values is not None else np.zeros(0)
+    if values is None or len(seen) == 0:
+        return column
     return replace(column, low=float(seen.min()), high=float(seen.max()), filled=len(seen) / len(values))
 
 
@@ -335,38 +275,37 @@ def _recognised(found: Match) -> list[ColumnReport]:
     reports = []
     for place in dict.fromkeys(b.place for b in found.bindings):
         bound = [b for b in found.bindings if b.place == place]
-        spec, to = bound[0].spec, tuple(b.channel for b in bound)
-        settings = [
-            (key, getattr(spec, key)) for key in SETTINGS if getattr(spec, key) != getattr(PLAIN, key)
-        ]
+        first, spec, to = bound[0], bound[0].spec, tuple(b.channel for b in bound)
+        settings = [(key, value) for key in SETTINGS if (value := getattr(spec, key)) != getattr(PLAIN, key)]
         settings += [("optional", True)] if "t" in to and clocks > 1 else []
         why = f"layout '{found.layout.name}'"
-        unit = bound[0].unit.name
-        reports.append(ColumnReport(bound[0].name, place, to, unit, KNOWN, why, settings=tuple(settings)))
+        reports.append(
+            ColumnReport(first.name, place, to, first.unit.name, KNOWN, why, settings=tuple(settings))
+        )
     return reports
 
 
 def _guessed(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
     """Report the columns of an unknown layout."""
-    names = {place: table.name(place) for place in columns}
-    reports = []
-    for place, one in guess(names, columns, [p for p in columns if is_dated(table, p)]).items():
-        name = _header(table, place)
-        # Two columns of one name cannot be told apart by a map.
-        clear = not table.headers or table.headers[0].count(name) == 1
-        to, why = (one.to, one.why) if clear else ((), f"{one.why}; two columns have this name")
-        reports.append(ColumnReport(name, place, to, one.unit, one.confidence, why))
-    return reports
+    names = {place: _header(table, place) for place in columns}
+    found = guess(names, columns, [place for place in columns if table.is_dated(place)])
+    # Two columns of one name cannot be told apart by a map.
+    return [
+        replace(one, to=(), why=f"{one.why}; two columns have this name")
+        if table.headers and table.headers[0].count(one.name) > 1
+        else one
+        for one in found.values()
+    ]
 
 
 def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnReport:
     """Report a column that nothing is taken from, with what it may be."""
     name = _header(table, place)
     if place not in columns:
-        return ColumnReport(name, place, (), "", 0.0, "not used; texts or empty")
-    one = by_name(name)
+        return ColumnReport(name, place, why="not used; texts or empty")
+    one = by_name(name, place)
     what = f"its name suggests {', '.join(one.to)} [{one.unit}]" if one.to else one.why
-    return ColumnReport(name, place, (), one.unit, 0.0, f"not used; {what}")
+    return replace(one, to=(), confidence=0.0, why=f"not used; {what}")
 
 
 def _header(table: Table, place: int) -> str:
@@ -374,22 +313,23 @@ def _header(table: Table, place: int) -> str:
     return table.headers[0][place] if table.headers else table.name(place)
 
 
-def _guessed_layout(report: FileReport) -> Layout:
-    """Make a layout of guessed columns."""
-    columns = (
-        Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit)
-        for e in report.entries
-        if e.to
-    )
-    return Layout(name=report.path.stem, column=tuple(columns))
+def _bound(report: FileReport, table: Table) -> Match:
+    """Bind the columns as they were guessed.
+
+    Raises:
+        InputError: no clock is among them, two columns cannot be told apart, or the file has no header.
+    """
+    entries = [e for e in report.entries if e.to]
+    columns = [Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit) for e in entries]
+    found = match(Layout(name=report.path.stem, column=tuple(columns)), table)
+    if found.missing:
+        raise InputError(report.problem)
+    return found
 
 
 def _sampled(report: FileReport, source: Source, robot: str | Path | None) -> FileReport:
     """Add what the samples show."""
-    try:
-        trial = assemble(report.path, [("", source)], robot, whole=False)
-    except InputError as error:
-        return _doubtful(report, error)
+    trial = assemble(report.path, [("", source)], robot, whole=False)
     the_robot = load_robot(trial.info.robot or "granite")
     return replace(
         report,

@@ -1,4 +1,4 @@
-"""Column maps: which column of a log is which channel. One TOML file a layout.
+"""Column maps: which column of a log is which channel; one TOML file a layout, and how it fits a table.
 
 A map is a file of `granite_lab/catalogue/loggers/` or one of the user's own::
 
@@ -18,19 +18,23 @@ A map is a file of `granite_lab/catalogue/loggers/` or one of the user's own::
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
-from granite_lab.errors import InputError
+from granite_lab.errors import InputError, at
 from granite_lab.files import is_folder
-from granite_lab.logs.dialect import TableFormat
-from granite_lab.logs.quantities import CHANNELS, Unit, find_unit, resembling, spellings
+from granite_lab.logs.dialect import Table, TableFormat
+from granite_lab.logs.quantities import CHANNELS, DATE, ENCODERS, Unit, find_unit, resembling, spellings
 from granite_lab.parameters import CATALOGUE, names
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml
+
+Hit = tuple[int, re.Match[str]]
+"""The place of a column and how its name fits an entry of a map."""
 
 Maps = str | Path | Sequence[str | Path] | None
 """Column maps as a user gives them."""
@@ -66,10 +70,10 @@ class Column:
     optional: bool = False
     group: str = ""
 
-    def matches(self, text: str) -> re.Match[str] | None:
-        """Match the name of a column of a file."""
-        pattern = self.pattern or re.escape(self.name)
-        return re.fullmatch(pattern, text.strip(), re.IGNORECASE)
+    @cached_property
+    def regex(self) -> re.Pattern[str]:
+        """What the whole name of a column of a file must match."""
+        return re.compile(self.pattern or re.escape(self.name), re.IGNORECASE)
 
     @property
     def label(self) -> str:
@@ -106,6 +110,53 @@ class Layout:
     table: TableFormat = field(default=TableFormat())
     column: tuple[Column, ...]
 
+    def may_be(self, table: Table) -> bool:
+        """Say whether the layout may be tried on a file of this name and preamble."""
+        if self.file and not re.search(self.file, table.path.name):
+            return False
+        return not self.preamble or any(re.search(self.preamble, line) for line in table.preamble)
+
+
+@dataclass(frozen=True)
+class Binding:
+    """One column of a file bound to a channel.
+
+    Attributes:
+        place: the column, counted from 0.
+        name: its name in the file.
+        channel: what it feeds.
+        unit: its unit.
+        spec: the entry of the map.
+    """
+
+    place: int
+    name: str
+    channel: str
+    unit: Unit
+    spec: Column
+
+    @property
+    def factor(self) -> float:
+        """From a logged value to SI units."""
+        return self.unit.factor * self.spec.scale
+
+
+@dataclass(frozen=True)
+class Match:
+    """How well a layout fits a table.
+
+    Attributes:
+        layout: the column map.
+        bindings: the columns it knows, in the order of the map.
+        missing: what it needs and the table lacks.
+        columns: number of columns of the table that it knows.
+    """
+
+    layout: Layout
+    bindings: tuple[Binding, ...]
+    missing: tuple[str, ...]
+    columns: int
+
 
 def load_layout(name: str | Path) -> Layout:
     """Read a column map, by name or path.
@@ -116,8 +167,8 @@ def load_layout(name: str | Path) -> Layout:
     """
     path = find("loggers", name)
     layout = build(Layout, read_toml(path), str(path))
-    _regex(path, "file", layout.file)
-    _regex(path, "preamble", layout.preamble)
+    for what, pattern in ("file", layout.file), ("preamble", layout.preamble):
+        _refuse_pattern(path, what, pattern)
     for number, column in enumerate(layout.column, 1):
         _check(path, number, column)
     if not any("t" in column.to for column in layout.column):
@@ -148,10 +199,10 @@ def all_layouts() -> tuple[Layout, ...]:
     return tuple(load_layout(CATALOGUE / "loggers" / f"{name}.toml") for name in names("loggers"))
 
 
-def _regex(path: Path, what: str, pattern: str) -> re.Pattern[str]:
-    """Compile a pattern of a map."""
+def _refuse_pattern(path: Path, what: str, pattern: str) -> None:
+    """Refuse what is no regular expression."""
     try:
-        return re.compile(pattern)
+        re.compile(pattern)
     except re.error as error:
         raise InputError(
             f"{path}: {what} = {pattern!r} is not a regular expression: {error}",
@@ -166,11 +217,11 @@ def _check(path: Path, number: int, column: Column) -> None:
         raise InputError(
             f"{where}: needs either 'name' or 'pattern'", "one of the two says which column is meant"
         )
-    groups = _regex(path, f"[[column]] {number} pattern", column.pattern).groupindex
+    _refuse_pattern(path, f"[[column]] {number} pattern", column.pattern)
     for channel in column.to:
         if channel not in CHANNELS:
             raise InputError(f"{where}: unknown channel '{channel}'", f"channels: {', '.join(CHANNELS)}")
-        if column.unit or "unit" not in groups:
+        if column.unit or "unit" not in column.regex.groupindex:
             check_unit(column.unit, channel, where)
     if column.scale == 0:
         raise InputError(
@@ -199,3 +250,120 @@ def check_unit(text: str, channel: str, where: str) -> Unit:
             f"expected one of {spellings(*allowed)}",
         )
     return unit
+
+
+def match(layout: Layout, table: Table) -> Match:
+    """Try a layout on a table; of several header rows the best fitting one gives the names.
+
+    Raises:
+        InputError: a needed column occurs twice, or its name carries an unknown unit.
+    """
+    tries = [_match_row(layout, table, names) for names in table.headers]
+    nothing = Match(layout, (), ("a header line",), 0)
+    return max(tries, key=lambda m: (not m.missing, m.columns), default=nothing)
+
+
+def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
+    """Try a layout with one row of names."""
+    bare = [name.strip() for name in names]
+    found: dict[int, list[Hit]] = {}
+    for index, spec in enumerate(layout.column):
+        hits = [(place, hit) for place, name in enumerate(bare) if (hit := spec.regex.fullmatch(name))]
+        if hits:
+            found[index] = hits
+    columns = len({place for hits in found.values() for place, _ in hits})
+    missing = _missing(layout, set(found))
+    bindings: list[Binding] = []
+    for index, hits in found.items() if not missing else ():
+        spec = layout.column[index]
+        place, hit = _one(table, spec, hits, names)
+        where = f"{at(table.path, table.header_line)}: column '{names[place]}'"
+        for channel in spec.to:
+            unit = check_unit(_unit_in(hit) or spec.unit, channel, where)
+            if channel == "t" and table.is_dated(place):
+                unit = find_unit(DATE) or unit
+            if channel == "t" or all(b.channel != channel for b in bindings):
+                bindings.append(Binding(place, names[place], channel, unit, spec))
+    return Match(layout, tuple(bindings), missing, columns)
+
+
+def _unit_in(hit: re.Match[str]) -> str:
+    """Return the unit that stands in a name, or nothing."""
+    return hit.groupdict().get("unit") or ""
+
+
+def _missing(layout: Layout, found: set[int]) -> tuple[str, ...]:
+    """List the columns that keep a layout from being complete."""
+    touched = {layout.column[i].group for i in found} - {""}
+    missing = [
+        c.label
+        for i, c in enumerate(layout.column)
+        if i not in found and not c.optional and c.to != ("t",) and (not c.group or c.group in touched)
+    ]
+    # Of several clocks one is enough.
+    clocks = [i for i, c in enumerate(layout.column) if "t" in c.to]
+    strict = [i for i in clocks if not layout.column[i].optional]
+    if not found.issuperset(strict) or found.isdisjoint(clocks):
+        missing.insert(0, layout.column[(strict or clocks)[0]].label)
+    groups = [c.label for c in layout.column if c.group]
+    return tuple(missing if missing or touched else groups[:1])
+
+
+def _one(table: Table, spec: Column, hits: list[Hit], names: Sequence[str]) -> Hit:
+    """Choose between several columns that fit one entry: only an angle beside its own rate is clear."""
+    if len(hits) == 1 or not spec.to:
+        return hits[0]
+    if spec.to[0] in ENCODERS and len({names[place] for place, _ in hits}) == len(hits):
+        units = [(one, find_unit(_unit_in(one[1]))) for one in hits]
+        angles = [one for one, unit in units if unit is not None and unit.quantity == "angle"]
+        if len(angles) == 1:
+            return angles[0]
+    listed = " and ".join(f"'{names[place]}' (column {place + 1})" for place, _ in hits)
+    raise InputError(
+        f"{at(table.path, table.header_line)}: {listed} both are {spec.to[0]}, expected one column for it",
+        "rename or remove the other one",
+    )
+
+
+def best(path: Path, fits: list[Match]) -> Match:
+    """Take the layout that explains most of the file, if there is one."""
+
+    def rank(m: Match) -> tuple[int, bool]:
+        return m.columns, bool(m.layout.file or m.layout.preamble)
+
+    def meaning(m: Match) -> set[tuple[int, str, Unit, float]]:
+        return {(b.place, b.channel, b.unit, b.spec.scale) for b in m.bindings}
+
+    first, *others = sorted(fits, key=rank, reverse=True)
+    rivals = [m.layout.name for m in others if rank(m) == rank(first) and meaning(m) != meaning(first)]
+    if rivals:
+        raise InputError(
+            f"{path}: could be of layout '{first.layout.name}' or '{rivals[0]}'",
+            f"say which: --map {first.layout.name} or --map {rivals[0]}",
+        )
+    return first
+
+
+def no_match(table: Table, tries: list[Match], given: bool) -> InputError:
+    """Say what is missing from the layout that comes closest."""
+    names = [name for name in table.headers[0] if name]
+    shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
+    where = at(table.path, table.header_line or None)
+    near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)), default=None)
+    if near is None or (near.columns <= len(near.missing) and not given):
+        return InputError(
+            f"{where}: the layout is not known: {shown}",
+            "granite-lab inspect shows what the columns seem to be and writes a column map for --map",
+        )
+    lacking = near.missing[0]
+    unused = [name for name in names if not any(c.regex.fullmatch(name.strip()) for c in near.layout.column)]
+    close = difflib.get_close_matches(lacking, unused, n=1, cutoff=0.6)
+    hint = f"there is '{close[0]}'; " if close and close[0] != lacking else ""
+    if near.layout.name == "canonical":
+        hint += "names are channel_unit, such as imu_gy_radps or enc_fl_rad"
+    else:
+        hint += f"columns here: {shown}"
+    more = f" (and {len(near.missing) - 1} more)" if len(near.missing) > 1 else ""
+    return InputError(
+        f"{where}: column '{lacking}' is missing{more}, expected by layout '{near.layout.name}'", hint
+    )

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import InputError
-from granite_lab.logs.matching import Binding
+from granite_lab.logs.layouts import Binding
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
 

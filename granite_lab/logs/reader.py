@@ -10,18 +10,16 @@ from typing import Any
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.files import sha256
-from granite_lab.logs.canonical import collect, fill, trial_info
+from granite_lab.logs.canonical import fill, trial_info
 from granite_lab.logs.clocks import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
-from granite_lab.logs.layouts import Maps, given_maps
+from granite_lab.logs.layouts import Binding, Maps, given_maps, match, no_match
 from granite_lab.logs.log import Log
-from granite_lab.logs.matching import Binding
 from granite_lab.logs.named import name_of, parts_of, sidecar
 from granite_lab.logs.quantities import SENSORS
-from granite_lab.logs.source import Source, open_source, refuse_unused
+from granite_lab.logs.source import Choice, Source, open_source
 from granite_lab.logs.streams import Parts, interval, read_streams
-from granite_lab.logs.trial import Array, ImuStream, InputFile, Trial, TrialInfo
+from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo
 from granite_lab.logs.wheels import (
     check_currents,
     check_wheels,
@@ -85,13 +83,22 @@ def read_trial(
         InputError: a file cannot be used, or its wheels do not turn in the window.
         UsageError: unknown robot or column map.
     """
-    first, maps = Path(path), given_maps(map)
-    files = [("", source) for source in _open(first, maps, rows, topics)]
+    first, said = Path(path), Choice(given_maps(map), rows, topics or {})
+    others = dataclasses.replace(said, rows=None)
+    if parts := parts_of(first):
+        files = [
+            ("", open_source(part, others, None if k else sidecar(first))) for k, part in enumerate(parts)
+        ]
+    else:
+        files = [("", open_source(first, said))]
     extra = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
     for role, other in extra.items():
         if other is not None and Path(other) != first:
-            files.append((role, open_source(Path(other), maps, None, topics)))
-    refuse_unused([source for _, source in files], maps)
+            files.append((role, open_source(Path(other), others)))
+    for layout in said.maps:
+        if all(source.match.layout != layout for _, source in files):
+            table = files[0][1].table
+            raise no_match(table, [match(layout, table)], given=True)
     trial = assemble(first, files, robot, info, window=window)
     if window is None or trial.wheels is None:
         return trial
@@ -101,25 +108,6 @@ def read_trial(
             "granite-lab inspect --plot FILE.png shows when they do; choose --from and --to around it",
         )
     return trial
-
-
-def _open(
-    path: Path, maps: Sequence[Any], rows: str | None, topics: Mapping[str, str] | None
-) -> list[Source]:
-    """Open a log, or the files in a folder with one for each sensor."""
-    parts = parts_of(path)
-    if not parts:
-        return [open_source(path, maps, rows, topics)]
-    sources = [open_source(part, maps) for part in parts]
-    beside = sidecar(path)
-    if beside.is_file():
-        doubts: list[str] = []
-        first = sources[0]
-        metadata = fill([collect((), path, doubts, beside), first.metadata])
-        inputs = (*first.inputs, InputFile(beside, sha256(beside)))
-        doubts = [*first.doubts, *doubts]
-        sources[0] = dataclasses.replace(first, metadata=metadata, inputs=inputs, doubts=tuple(doubts))
-    return sources
 
 
 def assemble(
@@ -148,11 +136,10 @@ def assemble(
     merged, columns = _merge(files, parts)
     log = Log(the_robot, str(path), columns, doubts)
     said = [dataclasses.replace(s.metadata, soil=_beside(s, s.metadata.soil)) for s in sources]
-    imu, wheels = _imu(merged, path, doubts), merged.wheels
-    imu = None if imu is None else check_units(imu, log)
+    imu, wheels, clean = _imu(merged, path, doubts), merged.wheels, None
+    if imu is not None:
+        imu, clean = check_units(imu, log)
     wheels = None if wheels is None else check_wheels(wheels, imu, log)
-    if whole and imu is None and wheels is None:
-        raise InputError(f"{path}: neither IMU nor encoder samples", "a trial needs at least one of them")
     trial = Trial(
         name=name_of(path),
         info=trial_info(fill(said), info, name),
@@ -165,30 +152,39 @@ def assemble(
         inputs=tuple(dict.fromkeys(file for source in sources for file in source.inputs)),
         layout=" + ".join(dict.fromkeys(source.match.layout.name for source in sources)),
     )
-    trial = _checked(trial, log) if whole else trial
+    trial = _checked(trial, clean, log) if whole else trial
     doubts += _across(trial)
     trial = _longest_stretch(trial, the_robot, doubts) if whole else trial
     return dataclasses.replace(trial, warnings=tuple(dict.fromkeys(doubts)))
 
 
-def _checked(trial: Trial, log: Log) -> Trial:
+def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
     """Refuse columns that cannot be what they are called, and correct what is beyond doubt.
+
+    Args:
+        trial: as read.
+        clean: its IMU without spikes.
+        log: where it stood.
 
     Returns:
         the trial with currents in amperes, without the stretches of a wheel that turns freely.
 
     Raises:
-        InputError: a column that would carry a wrong result.
+        InputError: no samples, or a column that would carry a wrong result.
     """
-    imu, wheels, currents = trial.imu, trial.wheels, trial.currents
+    wheels, currents = trial.wheels, trial.currents
+    if clean is None and wheels is None:
+        raise InputError(
+            f"{log.where}: neither IMU nor encoder samples", "a trial needs at least one of them"
+        )
     if wheels is not None:
         called = tuple(channel for channel in log.columns if channel.startswith("imu_"))
-        if imu is None and called:
+        if clean is None and called:
             raise log.refuse(called, ": every cell is empty, expected an IMU's samples")
         refuse_counts_and_speed(wheels, log)
         angle = wheels.angle[np.isfinite(wheels.angle)]
-        if imu is not None and len(imu.t) > 100 and len(angle) and np.ptp(angle) > 1.0:
-            refuse_axes(imu, rests(trial, log.robot), log)
+        if clean is not None and len(clean.t) > 100 and len(angle) and np.ptp(angle) > 1.0:
+            refuse_axes(clean, rests(trial, log.robot), log)
         wheels = without_free_wheels(wheels, log)
     currents = None if currents is None else check_currents(currents, trial.wheels, log)
     return dataclasses.replace(trial, wheels=wheels, currents=currents)
@@ -198,11 +194,9 @@ def _robot(
     sources: Sequence[Source], given: str | Path | None, info: TrialInfo | None, doubts: list[str]
 ) -> tuple[str | None, Robot]:
     """Decide which robot the log is of; without a word from anyone it is the laboratory's own."""
-    said = given or (info.robot if info else None)
-    for source in sources:
-        said = said or _beside(source, source.metadata.robot)
-    for source in sources:
-        said = said or source.match.layout.robot
+    named = [_beside(source, source.metadata.robot) for source in sources]
+    named += [source.match.layout.robot for source in sources]
+    said = given or (info.robot if info else None) or next(filter(None, named), None)
     if said:
         return str(said), load_robot(str(said))
     doubts.append("the log does not name its robot: taken as 'granite'")
@@ -297,10 +291,12 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
     """Cut a trial at gaps in its IMU that are too long to bridge; keep the longest stretch with a rest."""
     if trial.imu is None:
         return trial
-    t, still = trial.imu.t, rests(trial, robot)
+    t = trial.imu.t
+    long = np.flatnonzero(np.diff(t) > BRIDGED)
+    still = rests(trial, robot) if len(long) else []
     gaps = [
         (float(t[i]), float(t[i + 1]))
-        for i in np.flatnonzero(np.diff(t) > BRIDGED)
+        for i in long
         if not any(begin <= t[i] and t[i + 1] <= end for begin, end in still)
     ]
     if not gaps:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +17,10 @@ from granite_lab.logs.bag import bag_layout, read_bag
 from granite_lab.logs.canonical import Metadata, collect
 from granite_lab.logs.dialect import Table
 from granite_lab.logs.guess import by_name
-from granite_lab.logs.layouts import Layout
-from granite_lab.logs.matching import Binding, Match, best, match, no_match, recognise
+from granite_lab.logs.layouts import Binding, Layout, Match, all_layouts, best, match, no_match
 from granite_lab.logs.named import is_bag, sidecar
 from granite_lab.logs.quantities import DATE, ENCODERS
-from granite_lab.logs.table import line_of, load
+from granite_lab.logs.table import line_of, load, open_table
 from granite_lab.logs.trial import Array, InputFile
 
 _ROWS = re.compile(r"\s*(?P<name>.+?)\s*==?\s*(?P<value>[^=]+?)\s*")
@@ -60,86 +61,129 @@ class Source:
         return at(self.path, line_of(self.table, int(self.kept[row])) or None)
 
 
-def open_source(
-    path: Path,
-    maps: Sequence[Layout] = (),
-    rows: str | None = None,
-    topics: Mapping[str, str] | None = None,
-) -> Source:
+@dataclass(frozen=True)
+class Choice:
+    """What a user says about the files.
+
+    Attributes:
+        maps: column maps; they go before the catalogue.
+        rows: which rows to take, as ``run_id = 4``.
+        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+    """
+
+    maps: tuple[Layout, ...] = ()
+    rows: str | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
+
+
+def recognise(path: Path, said: Choice) -> tuple[Table, Match]:
+    """Open a table or a bag and find its layout.
+
+    Raises:
+        InputError: not a table, of no known layout, or several fit equally well.
+    """
+    if is_bag(path):
+        table, roles = read_bag(path, said.topics)
+        fits = [found for layout in said.maps if not (found := match(layout, table)).missing]
+        if fits:
+            return table, best(path, fits)
+        layout, doubts = bag_layout(table, roles)
+        return _doubted(table, *doubts), match(layout, table)
+    tries: list[tuple[Table, Match]] = []
+    for layout in said.maps:
+        with suppress(InputError):  # the map may be meant for another file of the trial
+            table = open_table(path, layout.table)
+            tries.append((table, match(layout, table)))
+    if not any(not found.missing for _, found in tries):
+        table = open_table(path)
+        if not table.headers:
+            raise InputError(
+                f"{at(path, table.data_line)}: no header line, expected the names of the columns",
+                "add one, or name the columns with names = […] under [table] in a column map",
+            )
+        tries = [(table, match(layout, table)) for layout in all_layouts() if layout.may_be(table)]
+        if all(found.missing for _, found in tries):
+            near = [match(layout, table) for layout in said.maps] or [found for _, found in tries]
+            raise no_match(table, near, bool(said.maps))
+    chosen = best(path, [found for _, found in tries if not found.missing])
+    table = next(table for table, found in tries if found is chosen)
+    if chosen.layout in said.maps or any(b.channel in ENCODERS for b in chosen.bindings):
+        return table, chosen
+    unused = [table.name(place) for place in set(range(table.width)) - {b.place for b in chosen.bindings}]
+    names = [name for name in unused if set(by_name(name).to) & set(ENCODERS)]
+    doubt = (
+        f"{path.name}: {', '.join(names)}: look like wheels, which layout '{chosen.layout.name}' does "
+        "not know; inspect --write-map writes a map to which they can be added"
+    )
+    return _doubted(table, doubt) if names else table, chosen
+
+
+def _doubted(table: Table, *doubts: str) -> Table:
+    return dataclasses.replace(table, doubts=(*table.doubts, *doubts))
+
+
+def open_source(path: Path, said: Choice, beside: Path | None = None) -> Source:
     """Read a file by the layout that fits it.
 
     Args:
         path: the file.
-        maps: column maps the user gave.
-        rows: which rows to take, as ``run_id = 4``.
-        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+        said: by the user.
+        beside: a further TOML file with metadata, which go before the file's.
 
     Raises:
         InputError: anything that is wrong with the file.
     """
-    doubts: list[str] = []
-    if is_bag(path):
-        table, chosen = read_bag(path, topics or {})
-        fits = [m for m in (match(layout, table) for layout in maps) if not m.missing]
-        found = best(path, fits) if fits else match(bag_layout(table, chosen, doubts), table)
-    else:
-        table, found = recognise(path, maps)
-        names = _wheels_passed_over(table, found)
-        if names and found.layout not in maps:
-            doubts.append(
-                f"{path.name}: {', '.join(names)}: look like wheels, which layout '{found.layout.name}' does "
-                "not know; inspect --write-map writes a map to which they can be added"
-            )
-    doubts = [*table.doubts, *doubts]
+    return read_source(*recognise(path, said), said.rows, beside=beside)
+
+
+def read_source(
+    table: Table,
+    found: Match,
+    rows: str | None,
+    held: Mapping[int, Array] | None = None,
+    beside: Path | None = None,
+) -> Source:
+    """Read the columns that a layout binds.
+
+    Args:
+        table: the file.
+        found: its layout.
+        rows: which rows to take, as ``run_id = 4``.
+        held: columns that were read already.
+        beside: a further TOML file with metadata.
+
+    Raises:
+        InputError: anything that is wrong with the columns or the rows.
+    """
+    path, doubts = table.path, list(table.doubts)
     condition, splitter = rows or found.layout.rows, _place(table, found.layout.split)
     selector = _selector(table, condition, asked=rows is not None) if condition else None
     wanted = {b.place for b in found.bindings}
     wanted |= {place for place in (selector[0] if selector else None, splitter) if place is not None}
-    columns, cut = load(
-        table, sorted(wanted), sorted({b.place for b in found.bindings if b.unit.name == DATE})
-    )
-    doubts += cut
+    if held is not None and wanted <= set(held):
+        columns = {place: held[place] for place in wanted}
+    else:
+        dates = {b.place for b in found.bindings if b.unit.name == DATE}
+        columns, cut = load(table, sorted(wanted), sorted(dates))
+        doubts += cut
     kept = np.arange(len(next(iter(columns.values()))), dtype=np.float64)
     if selector:
-        chosen_rows = columns[selector[0]] == selector[1]
-        if not chosen_rows.any():
+        chosen = columns[selector[0]] == selector[1]
+        if not chosen.any():
             raise InputError(
                 f"{path}: no row has {condition}", f"values there: {_values(columns[selector[0]])}"
             )
-        columns = {place: values[chosen_rows] for place, values in columns.items()}
-        kept = kept[chosen_rows]
+        columns, kept = {place: values[chosen] for place, values in columns.items()}, kept[chosen]
     if splitter is not None and len(np.unique(columns[splitter])) > 1:
         name = found.layout.split
         raise InputError(
             f"{path}: holds several runs: {name} = {_values(columns[splitter])}",
             f"choose one, such as --rows '{name} = {np.unique(columns[splitter])[0]:g}'",
         )
-    said = sidecar(path)
-    beside = [said] if said != path and said.is_file() else []
-    metadata = collect(table.comments, path, doubts, *beside)
-    inputs = tuple(InputFile(file, sha256(file)) for file in (path, *beside))
+    sides = [side for side in (sidecar(path), beside) if side not in (None, path) and side.is_file()]
+    metadata = collect(table.comments, path, doubts, sides)
+    inputs = tuple(InputFile(file, sha256(file)) for file in (path, *sides))
     return Source(path, table, found, columns, kept, metadata, inputs, tuple(doubts))
-
-
-def _wheels_passed_over(table: Table, found: Match) -> list[str]:
-    """Name the columns that look like wheels, where the layout knows none."""
-    if any(b.channel in ENCODERS for b in found.bindings):
-        return []
-    used = {b.place for b in found.bindings}
-    names = [table.name(place) for place in range(table.width) if place not in used]
-    return [name for name in names if set(by_name(name).to) & set(ENCODERS)]
-
-
-def refuse_unused(sources: Sequence[Source], maps: Sequence[Layout]) -> None:
-    """Refuse column maps that fit none of the files.
-
-    Raises:
-        InputError: naming the first column that is missing.
-    """
-    for layout in maps:
-        if all(source.match.layout != layout for source in sources):
-            table = sources[0].table
-            raise no_match(table, [match(layout, table)], given=True)
 
 
 def _place(table: Table, name: str) -> int | None:
@@ -164,7 +208,7 @@ def _selector(table: Table, condition: str, asked: bool) -> tuple[int, float] | 
         ) from None
     place = _place(table, hit["name"])
     if place is None and asked:
-        known = ", ".join(name for name in table.headers[0] if name)
+        known = ", ".join(filter(None, table.headers[0]))
         raise InputError(
             f"{table.path}: there is no column '{hit['name']}' to choose rows by", f"columns: {known}"
         )

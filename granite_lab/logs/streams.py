@@ -13,7 +13,7 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import Mask, Rows, integral, runs, stray, tidy, unit_factor
 from granite_lab.logs.encoders import convert, unwrap
-from granite_lab.logs.matching import Binding
+from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import ENCODERS, SENSORS
 from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
@@ -75,9 +75,8 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
     if window is not None:
         source, t = _cut(source, t, window)
     for kind in ("acceleration", "rate"):
-        samples = _samples(source, t, kind, parts.doubts)
-        if samples is not None and (samples := _measured(source, samples, kind, parts.doubts)):
-            setattr(parts, kind, _whole(source, samples, kind, parts.doubts))
+        if samples := _samples(source, t, kind, parts.doubts):
+            setattr(parts, kind, _complete(source, samples, kind, parts.doubts))
     parts.wheels = _wheels(source, t, robot, parts)
     if currents := _samples(source, t, "currents", parts.doubts):
         parts.currents = CurrentStream(currents.t, currents.values)
@@ -117,9 +116,9 @@ def _clock(source: Source, doubts: list[str]) -> Array:
             f"{source.path}: column '{clocks[0].name}' does not advance, expected time stamps",
             "a log needs at least two rows with stamps that increase",
         )
-    logged, factor = source.columns[binding.place], binding.unit.factor * binding.spec.scale
+    logged, factor = source.columns[binding.place], binding.factor
     for part in source.bindings("t_add"):  # as nanoseconds beside seconds
-        logged = logged * factor + source.columns[part.place] * (part.unit.factor * part.spec.scale)
+        logged = logged * factor + source.columns[part.place] * part.factor
         factor = 1.0
     for block in stray(logged):
         doubts.append(
@@ -176,7 +175,7 @@ def _samples(source: Source, t: Array, kind: str, doubts: list[str]) -> Samples 
     for binding in bindings:
         column = source.columns[binding.place][places]
         if kind != "wheels":
-            column = column * (binding.unit.factor * binding.spec.scale)
+            column = column * binding.factor
             column = np.nancumsum(column) if binding.spec.increment else column
         values[:, channels.index(binding.channel)] = column
     said: list[str] = []
@@ -189,28 +188,26 @@ def _samples(source: Source, t: Array, kind: str, doubts: list[str]) -> Samples 
     return Samples(stamps, values[rows], places[rows])
 
 
-def _measured(source: Source, samples: Samples, kind: str, doubts: list[str]) -> Samples | None:
-    """Leave out what is zero from beginning to end: so messages of ROS say that it is not measured."""
-    what, channels = SENSORS[kind].name, SENSORS[kind].channels
-    idle = [k for k, values in enumerate(samples.values.T) if (values == 0).all()]
-    if len(samples.t) < _MANY or not idle or (kind == "acceleration" and len(idle) < len(channels)):
-        return samples
-    names = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
-    doubts.append(f"{source.path.name}: {what}: {names}: {ZERO}")
-    values = samples.values.copy()
-    values[:, idle] = np.nan
-    return Samples(samples.t, values, samples.rows) if len(idle) < len(channels) else None
+def _complete(source: Source, samples: Samples, kind: str, doubts: list[str]) -> Samples | None:
+    """Return the samples of a sensor of the IMU that hold all axes that it measures.
 
-
-def _whole(source: Source, samples: Samples, kind: str, doubts: list[str]) -> Samples:
-    """Leave out the samples in which an axis is missing that is logged elsewhere."""
-    what, channels = SENSORS[kind].name, SENSORS[kind].channels
-    t, values, rows = samples
+    An axis that is zero from beginning to end is not measured: so messages of ROS say it. A sample in which
+    an axis is missing that is logged elsewhere is left out.
+    """
+    what, channels, (t, values, rows) = SENSORS[kind].name, SENSORS[kind].channels, samples
+    idle = [k for k, axis in enumerate(values.T) if (axis == 0).all()]
+    if len(t) >= _MANY and idle and (kind != "acceleration" or len(idle) == len(channels)):
+        names = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
+        doubts.append(f"{source.path.name}: {what}: {names}: {ZERO}")
+        if len(idle) == len(channels):
+            return None
+        values = values.copy()
+        values[:, idle] = np.nan
     logged = np.isfinite(values).any(axis=0)
     holes = np.asarray(np.isnan(values[:, logged]).any(axis=1))
     count = int(np.count_nonzero(holes))
     if count == 0:
-        return samples
+        return Samples(t, values, rows)
     if len(t) - count < 2:
         raise InputError(
             f"{source.path}: {what}: {len(t) - count} samples have all their axes, expected at least two",
@@ -246,11 +243,10 @@ def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream
         if not seen.any():
             parts.doubts.append(f"{where} is empty; that wheel is taken as without encoder")
             continue
+        per_rev = _counts(source, binding, robot)
         converted = convert(
-            samples.t[seen], raw[seen], binding.unit,
-            scale=binding.spec.scale, wrap=binding.spec.wrap, per_rev=_counts(source, binding, robot),
-            radius=robot.wheels.radius, increment=binding.spec.increment,
-        )  # fmt: skip
+            samples.t[seen], raw[seen], binding.unit, binding.spec, per_rev, robot.wheels.radius
+        )
         angle[seen, wheel] = converted.angle
         if converted.rate is not None:
             rate[seen, wheel] = converted.rate

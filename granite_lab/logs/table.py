@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 import warnings
 from collections.abc import Iterator, Sequence
 from itertools import islice
@@ -16,14 +15,20 @@ import pandas as pd
 
 from granite_lab.errors import InputError, at
 from granite_lab.files import readable, refuse_special
-from granite_lab.logs.dialect import MISSING, Table, TableFormat, is_number, lines_of, sniff, split_rows
+from granite_lab.logs.dialect import (
+    DATED,
+    MISSING,
+    Table,
+    TableFormat,
+    is_number,
+    lines_of,
+    sniff,
+    split_rows,
+)
 from granite_lab.logs.trial import Array
 
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
 _EXACT = {} if pd.__version__ >= "3.1" else {"float_precision": "round_trip"}
-
-_DATE = re.compile(r"(\d{4})[-/_.](\d\d)[-/_.](\d\d)[T _-](\d\d)[:_.-](\d\d)(?:[:_.-](?=\d\d))?")
-"""The beginning of a date: ISO 8601, or with other signs in between, as ``2026_03_01_12_00_00_250``."""
 
 _SHORTEST = 10
 """Vectors of a MATLAB file with fewer values are parameters, not samples; matrices have at most as many."""
@@ -80,12 +85,6 @@ def load(
     return columns | {place: _seconds(table, place, frame[place]) for place in dates}, doubts
 
 
-def is_dated(table: Table, place: int) -> bool:
-    """Say whether the first cells of a column are dates, the year first."""
-    cells = [row[place].strip() for row in table.sample if row[place].strip() not in MISSING]
-    return bool(cells) and all(_DATE.match(cell) for cell in cells)
-
-
 def line_of(table: Table, row: int) -> int:
     """Return the line in the file of a row of data, counted from 0."""
     return next((line for line, _ in islice(_walk(table), row, None)), 0)
@@ -95,7 +94,7 @@ def _seconds(table: Table, place: int, texts: pd.Series) -> Array:
     """Return dates as seconds since 1970, exact to the microsecond; NaN for an empty cell."""
     written = texts.str.strip().where(texts.str.match(r"\s*\d{4}\D", na=False))
     if not written.str.contains("T", na=True).all():
-        written = written.str.replace(_DATE, r"\1-\2-\3T\4:\5:", regex=True).str.rstrip(":")
+        written = written.str.replace(DATED, r"\1-\2-\3T\4:\5:", regex=True).str.rstrip(":")
     written = written.str.replace(r"(?<=:\d\d:\d\d)[,_:](?=\d+\D*$)", ".", regex=True)
     stamps = pd.to_datetime(written, utc=True, format="ISO8601", errors="coerce")
     wrong = np.flatnonzero(stamps.isna() & texts.notna())

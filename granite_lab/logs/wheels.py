@@ -147,10 +147,9 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
         return wheels
     _report_dead(wheels, imu, log)
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
-    if not 0.3 < ratio < 8:
+    if not (math.isnan(ratio) or 0.3 < ratio < 8):
         declared = log.unit(*ENCODERS)
-        kinds = [factors("angle"), factors("angular rate")]
-        sizes = next((kind for kind in kinds if declared in kind), {})
+        sizes = next((kind for what in ("angle", "angular rate") if declared in (kind := factors(what))), {})
         changes = {unit: size / sizes[declared] for unit, size in sizes.items() if unit != declared}
         fits = [(unit, change) for unit, change in changes.items() if 0.7 < ratio * change < 3]
         if len(fits) == 1:
@@ -160,13 +159,11 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
                 f"they are in {unit}; converted"
             )
             rate = None if wheels.rate is None else wheels.rate * factor
-            angle, step = wheels.angle * factor, wheels.step * factor
-            return dataclasses.replace(wheels, angle=angle, rate=rate, step=step)
-        if not math.isnan(ratio):
-            log.doubts.append(
-                f"the wheels gain {ratio:.3g} times the speed that the IMU gains: check wheel radius, counts "
-                "per revolution and units"
-            )
+            return WheelStream(wheels.t, wheels.angle * factor, rate, wheels.step * factor)
+        log.doubts.append(
+            f"the wheels gain {ratio:.3g} times the speed that the IMU gains: check wheel radius, counts "
+            "per revolution and units"
+        )
     top = float(np.quantile(np.abs(speed), 0.95))
     if top > TOO_FAST:
         raise InputError(

@@ -10,11 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granite_lab.logs.encoders import convert, quantum, unwrap
+from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import find_unit
 from tests.logs import make
 
 COUNTS = find_unit("counts")
 assert COUNTS is not None
+PLAIN = Column(to=())
 
 
 @st.composite
@@ -45,7 +47,7 @@ def test_a_reset_is_not_taken_for_a_wrap_but_taken_out_and_said() -> None:
     counts = np.concatenate((np.arange(0, 60_000, 50.0), np.arange(0, 5_000, 50.0)))
     assert unwrap(counts, [2.0**16, 2.0**32])[1] == 0
     t = np.arange(len(counts)) / 100
-    wheel = convert(t, counts, COUNTS, scale=1, wrap=0, per_rev=10_000, radius=0.1, increment=False)
+    wheel = convert(t, counts, COUNTS, PLAIN, per_rev=10_000, radius=0.1)
     assert any("starts anew" in doubt for doubt in wheel.doubts)
     np.testing.assert_allclose(np.diff(wheel.angle), 50 * 2 * np.pi / 10_000)
 
@@ -55,7 +57,7 @@ def test_a_reading_thrown_off_leaves_the_angle_after_it_as_it_was() -> None:
     counts = true.copy()
     counts[[300, 700]] += 40_000, -25_000
     t = np.arange(len(counts)) / 100
-    wheel = convert(t, counts, COUNTS, scale=1, wrap=0, per_rev=10_000, radius=0.1, increment=False)
+    wheel = convert(t, counts, COUNTS, PLAIN, per_rev=10_000, radius=0.1)
     np.testing.assert_allclose(wheel.angle, true * 2 * np.pi / 10_000)
     assert any("2 readings thrown off" in doubt for doubt in wheel.doubts)
 
@@ -94,12 +96,13 @@ def test_velocity_and_distance_of_the_circumference_need_the_radius() -> None:
     t = np.arange(101) / 100
     for text, raw in (("m/s", np.full(101, 0.3)), ("m", 0.3 * t), ("mm", 300 * t)):
         unit = find_unit(text)
-        wheel = convert(t, raw, unit, scale=1, wrap=0, per_rev=0, radius=0.1, increment=False)
+        wheel = convert(t, raw, unit, PLAIN, per_rev=0, radius=0.1)
         assert wheel.angle[-1] == pytest.approx(3.0)
         assert (wheel.rate is None) == (text != "m/s")
 
 
 def test_steps_since_the_last_row_are_added_up() -> None:
     t = np.arange(11) / 10
-    wheel = convert(t, np.full(11, 7.0), COUNTS, scale=-1, wrap=0, per_rev=70, radius=0.1, increment=True)
+    said = Column(to=(), scale=-1, increment=True)
+    wheel = convert(t, np.full(11, 7.0), COUNTS, said, per_rev=70, radius=0.1)
     assert wheel.angle[-1] - wheel.angle[0] == pytest.approx(-2 * np.pi)
