@@ -11,6 +11,6 @@ CAUSES = """\
   trials of 30 s the mean NEES is 1.00, with 3 s 0.64 and with 1 s up to 1.6.
 * **Surge at 1 Hz** looks like changing slip: the std of industrial trials of 30 s at 0.2 and 0.3 m/s is too
   large. A smooth law of slip or a state for the surge does not improve the NEES.
-* **Slip on the ramps.** λ_R of consumer IMUs is too large by 0.1 to 0.4 points at 0.2 and 0.3 m/s, from the
-  slip that is expected on the ramps. Other expectations move the error to 0.5 and 0.7 m/s.
+* **Slip on the ramps.** λ_R of consumer IMUs is too large by 0.1 to 0.4 points at 0.2 and 0.3 m/s. The cause
+  is the slip that is expected there. Other expectations move the error to 0.5 and 0.7 m/s.
 """
