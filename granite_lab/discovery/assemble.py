@@ -30,7 +30,7 @@ from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import Discrepancy, beyond, discrepancies
 from granite_lab.inference.observation import CHANNELS, UNITS
 from granite_lab.inference.problem import SHARED, Problem
-from granite_lab.logs.trial import Array, Correction
+from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect
 from granite_lab.parameters import load_paper
 
@@ -47,7 +47,7 @@ def assemble(
     effects: Mapping[str, Effect],
     tolerance: float,
     latency: float,
-    corrections: Mapping[str, Sequence[Correction]],
+    moved: Mapping[str, float],
     dropped: tuple[tuple[str, str], ...],
     virtual: bool,
     parts: Attempts,
@@ -61,7 +61,7 @@ def assemble(
         effects: all effects by id.
         tolerance: as a share of a channel's rms.
         latency: largest that is no missing effect [s].
-        corrections: trial to what estimation changed in it.
+        moved: trial to what was added to its stamps of encoders and currents before the search [s].
         dropped: trials that were left out, with the reason.
         virtual: all trials were written by a simulator.
         parts: tries the parts that the verdict does not need, and keeps what fails.
@@ -69,7 +69,7 @@ def assemble(
     world = problem.bench.world
     before, after = search.model(()), judgement.model
     assert before is not None
-    late = _latency(search.best.fit, problem, corrections)
+    late = _latency(search.best.fit, problem, moved)
     found = tuple(_effect(problem, after, n, effects) for n in judgement.named)
     verdict, clock = judgement.verdict, _clock(late, latency, effects)
     active = _active(problem, after.fit)
@@ -130,16 +130,13 @@ def _channels(problem: Problem) -> list[str]:
     return [c for c in CHANNELS if any(c in t.channels for t in problem.trials)]
 
 
-def _latency(fit: Fit, problem: Problem, corrections: Mapping[str, Sequence[Correction]]) -> Estimate:
-    """Return the latency, with what estimation has taken out of the stamps put back (mean over trials)."""
+def _latency(fit: Fit, problem: Problem, moved: Mapping[str, float]) -> Estimate:
+    """Return the latency, with what was taken out of the stamps put back (mean over trials)."""
     k = SHARED.index("latency")
     place = sum(x.size for x in fit.point.trials) + k
     std = float(np.sqrt(max(fit.posterior.covariance[place, place], 0.0)))
-    moved = [
-        sum(c.value for c in corrections.get(t.observation.name, ()) if c.where.startswith("stamps"))
-        for t in problem.trials
-    ]
-    return Estimate(float(fit.point.shared[k]) + float(np.mean(moved)), std)
+    before = float(np.mean([moved[t.observation.name] for t in problem.trials]))
+    return Estimate(float(fit.point.shared[k]) + before, std)
 
 
 def _clock(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> FoundEffect | None:

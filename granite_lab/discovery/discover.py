@@ -19,6 +19,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference import noise
 from granite_lab.inference.bench import Bench, Respond, World
+from granite_lab.inference.clocks import one_clock
 from granite_lab.inference.conditions import under_conditions
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.inference.fit import Fit
@@ -68,7 +69,7 @@ def discover(
         EstimateError: a trial has no sensor to compare with, or the robot cannot be simulated on this soil.
     """
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
-    trials, motions = [trials[i] for i in order], [motions[i] for i in order]
+    trials, motions = one_clock([trials[i] for i in order], [motions[i] for i in order])
     candidates = dict(sorted((id_, e) for id_, e in effects.items() if id_ != LATENCY_EFFECT))
     law = EmpiricalLaw()
     library = tuple(candidates)
@@ -114,7 +115,7 @@ def discover(
             effects=effects,
             tolerance=tolerance,
             latency=latency,
-            corrections={t.name: t.corrections for t in trials},
+            moved={t.name: m.clock_applied for t, m in zip(trials, motions, strict=True)},
             dropped=dropped,
             virtual=all(t.info.virtual for t in trials),
             parts=parts,

@@ -117,6 +117,12 @@ class Lab:
     near_rest: NearRest = FLOOR
     drawn: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def imu_late(self) -> float:
+        """By how much the IMU's stamps come after the middle of what they stand for [s]."""
+        grade = self.robot.imu_grade
+        return self.late + 0.5 / grade.rate if self.stamped_at_end and grade is not None else 0.0
+
     def files(self) -> dict[str, str]:
         """Return the TOML files that lie beside the trials: what the laboratory knows of robot and sand."""
         records = {self.robot_name: self.filed, self.soil_name: self.filed_soil}

@@ -19,6 +19,7 @@ from granite_lab.hidden.lab import Lab, lab_of
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
+from granite_lab.hidden.vehicle import ClockOffset
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
 from granite_lab.parameters import Robot, Soil, Variant, load_variants
@@ -222,7 +223,12 @@ def _answer(
             "account": influence(name).account,
             "library": name in LIBRARY,
             "parameters": {
-                size.name: {"value": sizes[name][size.name], "unit": size.unit, "kind": size.kind}
+                size.name: {
+                    # whoever sees only the stamps sees the IMU's lateness in the offset of the clocks
+                    "value": sizes[name][size.name] - (lab.imu_late if name == ClockOffset.id else 0.0),
+                    "unit": size.unit,
+                    "kind": size.kind,
+                }
                 for size in influence(name).declared
             },
         }

@@ -185,3 +185,15 @@ def test_the_sealed_answer_holds_what_was_drawn(folder: Path, capsys: pytest.Cap
     shown = capsys.readouterr().out
     assert "Nothing is hidden" in shown
     assert "near_rest: holds_below" in shown
+
+
+def test_the_offset_of_the_clocks_is_told_as_the_stamps_show_it() -> None:
+    """An IMU that is late itself adds to encoders that are early."""
+    lab, sizes = labs()[3], {"clock_offset.offset": -0.03}
+    wish = Wish("clock_offset", 3, lab="wild", sizes=sizes)
+    _, answer = make_set(wish, load_robot(), load_soil(), variants=SHORT, repetitions=1)
+    assert lab.robot.imu_grade is not None
+    late = lab.late + 0.5 / lab.robot.imu_grade.rate
+    told = answer["effects"][0]["parameters"]["offset"]["value"]
+    assert told == pytest.approx(-0.03 - late)
+    assert late > 0.001

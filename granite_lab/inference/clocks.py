@@ -1,0 +1,56 @@
+"""One logger, one offset: the stamps of all trials of a set are moved by the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.motion import Motion
+from granite_lab.logs.trial import Series, Trial
+
+ALIKE = 2.0
+"""Standard deviations within which the offset of a trial agrees with that of the set."""
+
+
+def one_clock(trials: Sequence[Trial], motions: Sequence[Motion]) -> tuple[list[Trial], list[Motion]]:
+    """Move the stamps of encoders and currents of every trial by the same offset.
+
+    Estimation finds the offset of each trial for itself, within several milliseconds, and applies only one
+    that is clearly larger than an ordinary latency. Trials of one logger share their offset: differences of
+    milliseconds between them would be taken for a gap of the model. Where most trials agree with the median
+    of what was applied, all follow it; where they disagree, the clocks were set anew in each trial, and the
+    stamps stay as they are.
+
+    Args:
+        trials: as estimation corrected them.
+        motions: their estimates, in the same order.
+
+    Returns:
+        both with the common offset in stamps and starts.
+    """
+    if len(trials) < 2:
+        return list(trials), list(motions)
+    applied = np.array([m.clock_applied for m in motions])
+    std = np.array([m.clock_offset.std for m in motions])
+    common = float(np.median(applied))
+    alike = np.abs(applied - common) <= ALIKE * np.nan_to_num(std)
+    if not applied.any() or 2 * int(alike.sum()) <= len(trials):
+        return list(trials), list(motions)
+    pairs = [_moved(t, m, common) for t, m in zip(trials, motions, strict=True)]
+    return [t for t, _ in pairs], [m for _, m in pairs]
+
+
+def _moved(trial: Trial, motion: Motion, common: float) -> tuple[Trial, Motion]:
+    """Return a trial whose stamps of encoders, currents and command are moved by the common offset."""
+    by, wheels, currents, command = common - motion.clock_applied, trial.wheels, trial.currents, trial.command
+    moved = replace(
+        trial,
+        wheels=None if wheels is None else replace(wheels, t=wheels.t + by),
+        currents=None if currents is None else replace(currents, t=currents.t + by),
+        command=None if command is None else Series(command.t + by, command.value),
+    )
+    start = Estimate(motion.t_start.value + by, motion.t_start.std)
+    return moved, replace(motion, clock_applied=common, t_start=start)
