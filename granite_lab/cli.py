@@ -1,46 +1,82 @@
-"""The command line: parses, calls and prints; every known error ends here in two lines."""
+"""The command line: finds the command and calls it; every known error ends here in two lines."""
 
 from __future__ import annotations
 
 import os
 import sys
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from granite_lab import __version__
-from granite_lab.commands import hidden, logs, model, plan, trials
 from granite_lab.errors import LabError
+
+COMMANDS = {
+    "check": ("logs", "Check whether a log is usable."),
+    "inspect": ("logs", "Show what is recognised in a log."),
+    "ingest": ("logs", "Estimate velocity and slip with their uncertainty."),
+    "simulate": ("model", "Simulate one run."),
+    "wheel": ("model", "Compute one wheel on the soil."),
+    "fit-k92": ("trials", "Fit k_92 of each trial."),
+    "fit-atheta": ("trials", "Estimate a_θ of k_92 = exp(-a_θ v)."),
+    "compare": ("trials", "Compare measured and simulated motion."),
+    "study": ("trials", "Analyse trials and write a report."),
+    "view": ("logs", "Open a recording in the viewer."),
+    "compare-studies": ("trials", "Compare two studies."),
+    "discover": ("trials", "Find the effect that the model lacks."),
+    "plan-next": ("plan", "Propose the most useful next trial."),
+    "params": ("model", "Print the parameters in force."),
+    "hide": ("hidden", "Write virtual trials with a hidden effect."),
+    "reveal": ("hidden", "Open a sealed answer and judge a discovery."),
+    "kit": ("hidden", "Write a template for a blind test."),
+    "effects": ("model", "List, describe and check effects."),
+}
+"""Module and one line of help of each command, so that help need not import them."""
+
+
+class _Commands(Mapping[str, Any]):
+    """The commands, each imported when it is asked for."""
+
+    def __getitem__(self, name: str) -> Any:
+        module = import_module(f"granite_lab.commands.{COMMANDS[name][0]}")
+        made = getattr(module, name.replace("-", "_"))
+        if not isinstance(made, typer.Typer):
+            function, made = made, typer.Typer(add_completion=False, rich_markup_mode=None)
+            made.command(name)(function)
+        found = typer.main.get_command(made)
+        found.name = name
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COMMANDS)
+
+    def __len__(self) -> int:
+        return len(COMMANDS)
+
+
+class _Group(TyperGroup):
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands: Any = _Commands()
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Print the commands without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
 
 app = typer.Typer(
     name="granite-lab",
+    cls=_Group,
     help="From raw logs of a robot on sand to slip, fitted models and reports, with uncertainty.",
     context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # which would swallow units in brackets
 )
-for command in (
-    logs.check,
-    logs.inspect,
-    logs.ingest,
-    model.simulate,
-    model.wheel,
-    trials.fit_k92,
-    trials.fit_atheta,
-    trials.compare,
-    trials.study,
-    logs.view,
-    trials.compare_studies,
-    trials.discover,
-    plan.plan_next,
-    model.params,
-    hidden.hide,
-    hidden.reveal,
-    hidden.kit,
-):
-    app.command(command.__name__.replace("_", "-"))(command)
-app.add_typer(model.effects_app, name="effects")
 
 
 def _version(asked: bool) -> None:

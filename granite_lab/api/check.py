@@ -80,14 +80,13 @@ class Checked:
 
 
 @checked
-def check(log: str | Path, **about: Unpack[About]) -> Checked:
+def check(log: str | Path, **said: Unpack[About]) -> Checked:
     """Check a log after a run in the field: readable, sensors, standstills, speed, slip, estimate.
 
-    A log that cannot be used is no exception here but a failed check.
+    A log that cannot be used is a failed check, not an exception.
 
     Args:
         log: path of the log.
-        robot, column_map, topics, window: as in `fit_k92`.
 
     Returns:
         the checks; the table has a row for each.
@@ -95,7 +94,7 @@ def check(log: str | Path, **about: Unpack[About]) -> Checked:
     Raises:
         UsageError: unknown robot or column map, or a folder of several logs.
     """
-    choice = choose(log, about, everything=True)
+    choice = choose(log, said, everything=True)
     if len(choice.files) > 1:
         raise UsageError(f"{log}: {len(choice.files)} logs", "check one after the other")
     from granite_lab.running.reading import estimate, read  # noqa: PLC0415, heavy

@@ -7,9 +7,9 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from granite_lab.api.calls import checked
+from granite_lab.api.calls import Arg, checked
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import sha256, write_bytes, write_text
 from granite_lab.hidden import kit_check
@@ -84,19 +84,19 @@ def hide(
     effect: str,
     out: str | Path,
     *,
-    seed: int = 0,
-    strength: float = 1.0,
+    seed: Annotated[int, Arg(low=0)] = 0,
+    strength: Annotated[float, Arg(low=0.001, high=1000)] = 1.0,
     sizes: Mapping[str, float] | None = None,
-    noise: float = 1.0,
+    noise: Annotated[float, Arg(low=0, high=100)] = 1.0,
     sand_off: bool = False,
-    repetitions: int | None = None,
+    repetitions: Annotated[int | None, Arg(low=1, high=99)] = None,
     lab: str = "bench",
     robot: str | Path | None = None,
     soil: str | Path | None = None,
     overwrite: bool = False,
     label: str = "hidden",
     truth: str | Path | None = None,
-    jobs: int = 1,
+    jobs: Annotated[int, Arg(low=0)] = 1,
     done: Callable[[str], None] = lambda _: None,
 ) -> HiddenSet:
     """Write virtual trials with a hidden effect, by an independent simulator; seal the answer.
@@ -104,17 +104,18 @@ def hide(
     Args:
         effect: an id (also ids joined by +), or ``random``, ``none``, ``outside``, ``pair``.
         out: folder of the trials and the sealed answer.
-        seed: of everything random.
+        seed: seed of all random numbers.
         strength: factor on the effect's size.
         sizes: parameters of the effect.
         noise: factor on the sensors' noise.
-        sand_off: φ, K, n, μ_s 5-20 % off the file.
-        repetitions: trials of each variant; 3 on the bench, as many as the wild laboratory is drawn with.
-        lab: ``bench`` for the sensors of the robot's file, ``wild`` for a logger, a robot and a sand that
-            are drawn by the seed; their files lie beside the trials where they are not the catalogue's.
-        robot, soil: names or files; by default granite and dry_sand.
+        sand_off: let φ, K, n, μ_s be 5-20 % off the file.
+        repetitions: trials of each variant; by default 3 on the bench, drawn in the wild laboratory.
+        lab: ``bench`` has the sensors of the robot's file; of ``wild``, logger, robot and sand are drawn by
+            the seed, and their files lie beside the trials where they are not the catalogue's.
+        robot: a name of the catalogue or a .toml file; granite by default.
+        soil: likewise; dry_sand by default.
         overwrite: replace a set that is there.
-        label: with which the trials' names begin.
+        label: first word of the trials' names.
         truth: folder in which the true motion of each trial is kept aside (CSV).
         jobs: number of processes; 0 means one per core.
         done: called with the name of each finished trial.
@@ -155,13 +156,15 @@ def hide(
 
 
 @checked
-def reveal(folder: str | Path, finding: str | Path | None = None, *, jobs: int = 0) -> Revealed:
+def reveal(
+    folder: str | Path, finding: str | Path | None = None, *, jobs: Annotated[int, Arg(low=0)] = 0
+) -> Revealed:
     """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
 
     In a kit, `discover` runs first where no discovery is given and none stands in its folder `finding`.
 
     Args:
-        folder: written by `hide`, or a kit that another laboratory filled.
+        folder: folder written by `hide`, or a kit that another laboratory filled.
         finding: JSON of a discovery or of a study, or the folder in which it stands, to be judged.
         jobs: number of processes of a search.
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from granite_lab.api.calls import checked
+from granite_lab.api.calls import Arg, checked
 from granite_lab.api.project import About, Logs, choose
 from granite_lab.api.records import Origin, Records
 from granite_lab.errors import InputError, UsageError
@@ -65,28 +65,27 @@ def _ingest(path: Path, options: Options) -> Ingested:
 
 @checked
 def ingest(
-    logs: Logs,
+    logs: Logs = (),
     *,
     imu: str | Path | None = None,
     encoders: str | Path | None = None,
     currents: str | Path | None = None,
     reference: str | Path | None = None,
     rows: str | None = None,
-    variant: float | None = None,
+    variant: Annotated[float | None, Arg(low=0.01, high=5)] = None,
     rests: Sequence[tuple[float, float]] = (),
     distance_measured: Estimate | None = None,
     against_reference: bool = False,
-    reference_std: float = 0.0,
-    jobs: int = 0,
+    reference_std: Annotated[float, Arg(low=0)] = 0.0,
+    jobs: Annotated[int, Arg(low=0)] = 0,
     done: Callable[[Path], None] = lambda _: None,
-    **about: Unpack[About],
+    **said: Unpack[About],
 ) -> Records[Ingested]:
     """Estimate body velocity, slip and their uncertainty from logs.
 
     Args:
         logs: paths of logs, or of folders with logs.
-        imu, encoders, currents, reference: further files of the trial, where sensors were logged
-            apart; only with one log.
+        imu, encoders, currents, reference: file with this sensor, where each has its own; for one trial.
         rows: rows to take from a log of several runs, as ``run_id = 4``.
         variant: desired velocity [m/s], if the log lacks it.
         rests: intervals of standstill (start, end) [s, the log's time].
@@ -95,7 +94,6 @@ def ingest(
         reference_std: std of the reference's own velocity [m/s].
         jobs: number of processes; 0 means one per core.
         done: called with each path once it is finished.
-        robot, column_map, topics, window: as in `fit_k92`.
 
     Returns:
         one record a log; its table has a row for each IMU stamp.
@@ -107,8 +105,10 @@ def ingest(
     """
     apart = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
     paths: dict[str, Any] = {name: Path(path) for name, path in apart.items() if path is not None}
+    if paths and not isinstance(logs, (str, Path)) and not logs:  # the IMU's file is the log
+        logs = paths.pop("imu", ())
     choice = choose(
-        logs, {**about, "jobs": jobs, "cache": False},
+        logs, {**said, "jobs": jobs, "cache": False},
         rows=rows, rests=tuple(rests), distance_measured=distance_measured, **paths,
     )  # fmt: skip
     if len(choice.files) > 1 and paths:
@@ -141,7 +141,9 @@ def inspect(
 
     Args:
         logs: paths of logs.
-        column_map, topics, robot: as in `fit_k92`.
+        column_map: a name of the catalogue, a .toml file, or a folder of these.
+        topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+        robot: a name of the catalogue or a .toml file.
 
     Returns:
         what was recognised, file by file; its table has a row for each column.
@@ -180,8 +182,8 @@ def view(
         trial: with a report folder, the trial to open.
         web: serve the viewer to a browser on this machine instead, until interrupted.
         screenshot: save a picture of the viewer (.png) instead; no display is needed.
-        at: with `screenshot`, the time since the start of the command [s]; else the middle.
-        robot, soil, column_map: with a log, names or files.
+        at: with `screenshot`, the time since the start of the command [s]; by default the middle.
+        robot, soil, column_map: with a log, a name of the catalogue or a .toml file.
         tell: called with the address, with `web`.
 
     Raises:

@@ -7,11 +7,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from granite_lab.api.calls import checked
+from granite_lab.api.calls import Arg, checked
 from granite_lab.api.project import FILE, project_in
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library
@@ -92,8 +92,8 @@ def simulate(
     v: float | None = None,
     a: float | None = None,
     distance: float | None = None,
-    k92: float | None = None,
-    a_theta: float | None = None,
+    k92: Annotated[float | None, Arg(low=0, high=1)] = None,
+    a_theta: Annotated[float | None, Arg(low=0, high=100)] = None,
     robot: str | Path | Robot | None = None,
     soil: str | Path | Soil | None = None,
     grade: str | None = None,
@@ -102,25 +102,28 @@ def simulate(
     active: Mapping[str, Mapping[str, float]] | None = None,
     log: str | Path | None = None,
     truth: str | Path | None = None,
-    seed: int = 0,
+    seed: Annotated[int, Arg(low=0)] = 0,
     scatter: bool = False,
-    repetition: int = 1,
+    repetition: Annotated[int, Arg(low=1)] = 1,
 ) -> Run:
     """Simulate one run: equations (1)-(26), with k_92 = exp(-a_θ v) unless `k92` is given.
 
     Args:
         variant: a variant of Table 2 by its velocity [m/s], or any trapezoid.
-        v, a, distance: or its velocity [m/s], acceleration [m/s^2] and distance [m].
-        k92: a constant k_92.
-        a_theta: a_θ of the law (5) [s/m]; the paper's by default.
-        robot, soil: names or files of the catalogue, or records.
+        v: or its velocity [m/s],
+        a: largest acceleration [m/s²]
+        distance: and total distance [m].
+        k92: constant k_92 instead of the law (5).
+        a_theta: exponent a_θ of the law (5) [s/m]; the paper's by default.
+        robot: a name of the catalogue, a .toml file, or a record; granite by default.
+        soil: likewise; dry_sand by default.
         grade: IMU grade instead of the robot's.
-        model: model.toml, the paper's model with effects switched on.
+        model: file (model.toml) of the paper's model with effects switched on.
         effects: your own effect file (.py). It is executed: use only code you trust.
         active: effects to switch on, id to its parameters, as ``{"drive_reaction": {"share": 1.0}}``.
-        log: write the log that virtual sensors would write here (CSV).
-        truth: with `log`, keep the true motion aside here (CSV).
-        seed: with `log` or `scatter`, of sensors and sand.
+        log: file for the log that virtual sensors would write (CSV).
+        truth: with `log`, file for the true motion (CSV).
+        seed: with `log` or `scatter`, seed of sensors and sand.
         scatter: scatter the sand as raking does.
         repetition: with `log`, number of the repetition.
 
@@ -231,12 +234,12 @@ class WheelRun:
 
 @checked
 def wheel(
-    slip: float | Sequence[float],
+    slip: float | Sequence[float] = 0.2,
     *,
-    load: float | None = None,
+    load: Annotated[float | None, Arg(low=1e-6, high=1e6)] = None,
     sinkage: float | None = None,
-    k92: float | None = None,
-    a_theta: float | None = None,
+    k92: Annotated[float | None, Arg(low=0, high=1)] = None,
+    a_theta: Annotated[float | None, Arg(low=0, high=100)] = None,
     omega: float | None = None,
     v: float | None = None,
     angle: float = 0.0,
@@ -258,15 +261,17 @@ def wheel(
         slip: slip ratio λ of (1), one or several; negative where the wheel brakes.
         load: vertical load [N]; a quarter of the robot's weight by default.
         sinkage: z_0 [m] instead of a load.
-        k92: ϑ_2 / ϑ_1; by default (5), k_92 = exp(-a_θ v), at the larger of ω r and the velocity.
-        a_theta: a_θ [s/m]; the paper's by default.
+        k92: constant k_92; by default the law (5), at the larger of ω r and the velocity.
+        a_theta: exponent a_θ of the law (5) [s/m]; the paper's by default.
         omega: angular velocity [rad/s].
         v: velocity of the wheel's centre [m/s].
         angle: of the wheel [rad], for effects that depend on it.
-        robot, soil: names or files of the catalogue, or records.
-        radius, width: of the wheel instead of the robot's [m].
+        robot: a name of the catalogue, a .toml file, or a record; granite by default.
+        soil: likewise; dry_sand by default.
+        radius: instead of the robot's [m].
+        width: instead of the robot's [m].
         soil_values: values instead of the soil's, by the keys of its file, as ``{"cohesion_Pa": 500}``.
-        model: model.toml, the paper's model with effects switched on.
+        model: file (model.toml) of the paper's model with effects switched on.
         effects: your own effect file (.py). It is executed: use only code you trust.
         active: effects to switch on, id to its parameters.
 
@@ -281,7 +286,6 @@ def wheel(
     rim = _changed(it.robot.wheels, {"radius_m": radius, "width_m": width})
     ground = _changed(it.soil, soil_values or {})
     ratio = Ratio(it.k92, load_paper().a_theta if it.a_theta is None else it.a_theta)
-    _check(ratio, load)
     if load is None and sinkage is None:
         if it.robot.chassis is None:
             raise UsageError("the load is not given", "add --load or --sinkage")
@@ -296,20 +300,6 @@ def wheel(
             points.append(one_wheel.at_load(load or 0.0, motion, ratio))
     left_out = tuple(e.id for e in it.effects if not acts(e.effect))
     return WheelRun(tuple(points), rim, ground, one_wheel.effects, left_out)
-
-
-def _check(ratio: Ratio, load: float | None) -> None:
-    """Refuse numbers that mean nothing.
-
-    Raises:
-        UsageError: k_92, a_θ or the load is out of range.
-    """
-    if ratio.k92 is not None and not 0 <= ratio.k92 <= 1:
-        raise UsageError(f"--k92 {ratio.k92:g} is out of range", "expected a number from 0 to 1")
-    if not 0 <= ratio.a_theta <= 100:
-        raise UsageError(f"--a-theta {ratio.a_theta:g} is out of range", "expected 0 to 100 s/m")
-    if load is not None and not 0 < load < 1e6:
-        raise UsageError(f"--load {load:g} is out of range", "expected a number above 0 and below 1e6 N")
 
 
 def _changed(record: T, values: Mapping[str, float | None]) -> T:
@@ -329,10 +319,11 @@ def _changed(record: T, values: Mapping[str, float | None]) -> T:
 def params(
     robot: str | Path | None = None, soil: str | Path | None = None, grade: str | None = None
 ) -> Records[Provenance]:
-    """Return every number in force with its unit, allowed range and origin.
+    """List every number in force with its unit, allowed range and origin.
 
     Args:
-        robot, soil: names or files; by default granite and dry_sand.
+        robot: a name of the catalogue or a .toml file; granite by default.
+        soil: likewise; dry_sand by default.
         grade: IMU grade instead of the robot's.
 
     Raises:
@@ -365,7 +356,7 @@ def chosen_in(
 
 @checked
 def list_effects(effects: str | Path | None = None) -> Records[Effect]:
-    """Return every effect that can be added to the paper's model.
+    """List every effect that can be added to the paper's model.
 
     Args:
         effects: your own effect file (.py). It is executed: use only code you trust.
@@ -378,7 +369,7 @@ def list_effects(effects: str | Path | None = None) -> Records[Effect]:
 
 @checked
 def show_effect(effect_id: str, effects: str | Path | None = None) -> Effect:
-    """Return one effect: equation, source, parameters and what an observer sees.
+    """Describe one effect: equation, source, parameters and what an observer sees.
 
     Args:
         effect_id: its id.

@@ -7,10 +7,12 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Annotated, Any, TypedDict
 
+from granite_lab.api.calls import Arg
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
+from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.named import is_log, name_of, trial_files
 from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
 from granite_lab.parameters.quantity import build, read_toml
@@ -20,42 +22,66 @@ from granite_lab.running.each import HERE
 
 FILE = "granite-lab.toml"
 
+NAMED = "a name of the catalogue or a .toml file"
+
 Logs = str | Path | Sequence[str | Path]
 
 
 class About(TypedDict, total=False):
-    """What may be said about logs, see `fit_k92`."""
+    """What may be said about logs."""
 
-    robot: str | Path | None
-    column_map: str | Path | None
-    topics: Mapping[str, str] | None
-    window: tuple[float, float] | None
+    robot: Annotated[str | Path | None, Arg(f"the robot: {NAMED}; by default that of the log")]
+    column_map: Annotated[str | Path | None, Arg(f"column map: {NAMED}, or a folder of these")]
+    topics: Annotated[
+        Mapping[str, str] | None, Arg("of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic")
+    ]
+    window: Annotated[
+        tuple[float, float] | None,
+        Arg("begin and end of the part to use of every log [s of the log], infinite where open"),
+    ]
 
 
 class Work(About, total=False):
-    """What may be said of work over many trials, see `fit_k92`."""
+    """What may be said of work over many trials."""
 
-    soil: str | Path | None
-    effects: str | Path | None
-    strict: bool
-    jobs: int
-    scheduler: str | None
-    cache: bool
+    soil: Annotated[str | Path | None, Arg(f"the soil: {NAMED}; by default that of the log")]
+    effects: Annotated[
+        str | Path | None,
+        Arg(
+            "your own effect file (.py) with effects that are needed. It is executed: use only code you trust"
+        ),
+    ]
+    strict: Annotated[
+        bool, Arg("stop at a trial that fails; else it is left out and stands in the result", False)
+    ]
+    jobs: Annotated[int, Arg("number of processes; 0 means one per core", 0, low=0)]
+    scheduler: Annotated[str | None, Arg("address of a Dask scheduler that does the work")]
+    cache: Annotated[bool, Arg("store results and reuse those with the same inputs", True)]
 
 
 class Fit(Work, total=False):
-    """What may be said of fits, see `fit_k92`."""
+    """What may be said of fits."""
 
-    model: str | Path | None
-    done: Callable[[Path], None]
+    model: Annotated[
+        str | Path | None, Arg("file (model.toml) of the paper's model with effects switched on")
+    ]
+    done: Annotated[Callable[[Path], None], Arg("called with each path once it is finished", lambda _: None)]
 
 
 class Search(Work, total=False):
-    """What may be said of a search for a missing effect, see `discover`."""
+    """What may be said of a search for a missing effect."""
 
-    tolerance: float
-    latency: float
-    progress: Callable[[str, int], None]
+    tolerance: Annotated[
+        float, Arg("accepted discrepancy, as a share of a channel's rms in motion", TOLERANCE)
+    ]
+    latency: Annotated[
+        float,
+        Arg("largest delay between the stamps of two sensors that counts as latency [s]", LATENCY_LIMIT),
+    ]
+    progress: Annotated[
+        Callable[[str, int], None],
+        Arg("told what is being done and how many steps of it are done", lambda *_: None),
+    ]
 
 
 class Chain(Fit, Search, total=False):

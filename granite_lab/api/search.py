@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Annotated, Unpack
 
-from granite_lab.api.calls import DEFAULTS, checked
+from granite_lab.api.calls import Arg, checked
 from granite_lab.api.project import Logs, Search, choose
 from granite_lab.api.records import Origin, Studied
 from granite_lab.discovery.finding import DESIGN, Finding
@@ -22,16 +22,17 @@ if TYPE_CHECKING:
     from granite_lab.planning.plan import Plan
 
 
-def discovered(logs: Logs, out: str | Path | None, said: Mapping[str, Any]) -> Studied:
+@checked
+def discovered(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Search]) -> Studied:
     """Run `discover`, and say what was written; it is a study without trials."""
-    choice, progress = choose(logs, said), said.get("progress", DEFAULTS["progress"])
+    choice, progress = choose(logs, said), said["progress"]
     from granite_lab.running.reading import corrected  # noqa: PLC0415, heavy
     from granite_lab.running.search import search  # noqa: PLC0415, heavy
     from granite_lab.study import source_of, write  # noqa: PLC0415, heavy
 
     execution, options = choice.execution, choice.options
     outcomes = each_trial(corrected, choice.files, options, execution=execution)
-    read, failed = sifted(choice.files, outcomes, strict=said.get("strict", False))
+    read, failed = sifted(choice.files, outcomes, strict=said["strict"])
     left_out = (*choice.excluded, *failed)
     trials, motions = [trial for trial, _ in read], [motion for _, motion in read]
     finding = search(trials, options, motions=motions, execution=execution, progress=progress)
@@ -55,19 +56,6 @@ def discover(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Search
         logs: paths of logs, or of folders with logs; all of one robot on one soil.
         out: folder for the report, finding.json, design.json (for `plan_next`) and model.toml; without it
             nothing is written.
-        robot, soil: names or files; without them the first log says which.
-        column_map: name or file of a column map.
-        topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
-        window: begin and end of what is taken of every log [s of the log], infinite where open.
-        effects: your own effect file (.py), whose effects become candidates beside the library's.
-            It is executed: use only code you trust.
-        tolerance: accepted discrepancy, as a share of a channel's rms in motion.
-        latency: largest delay between the stamps of two sensors that counts as latency [s].
-        strict: a log that cannot be used is an error; else it is left out and stands in `notes`.
-        jobs: number of processes; 0 means one per core.
-        scheduler: address of a Dask scheduler that does the work.
-        cache: store results and reuse those with the same inputs.
-        progress: told what is being done and how many simulations are done so far.
 
     Returns:
         the finding; its table has a row for each candidate. Its `failures` say what could not be written.
@@ -76,7 +64,7 @@ def discover(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Search
         InputError: a log cannot be used, or nothing says what was commanded.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
-    finding = discovered(logs, out, said).result.finding
+    finding = discovered(logs, out=out, **said).result.finding
     assert finding is not None
     return finding
 
@@ -85,16 +73,16 @@ def discover(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Search
 def plan_next(
     folder: str | Path,
     *,
-    room: float | None = None,
-    max_speed: float | None = None,
+    room: Annotated[float | None, Arg(low=0.1)] = None,
+    max_speed: Annotated[float | None, Arg(low=0.02)] = None,
     effects: str | Path | None = None,
-    jobs: int = 0,
+    jobs: Annotated[int, Arg(low=0)] = 0,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> Plan:
     """Propose the most useful next trial.
 
     Args:
-        folder: written by ``granite-lab discover … --out DIR`` or ``granite-lab study … --out DIR``.
+        folder: folder written by `discover` or `study`.
         room: longest way the sand allows [m]; the longest so far by default.
         max_speed: fastest command [m/s]; 1.25 times the fastest so far by default.
         effects: your own effect file (.py). It is executed: use only code you trust.

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
-from granite_lab.api.calls import DEFAULTS, checked
+from granite_lab.api.calls import checked
 from granite_lab.api.project import Chain, Fit, Logs, choose
 from granite_lab.api.records import Origin, Records, Studied
 from granite_lab.comparison.record import Comparison
@@ -21,14 +21,14 @@ from granite_lab.running.cache import code, content, digest_of
 from granite_lab.running.output import Guard, Stamp, claimed, tell
 
 
-def _analysed(command: str, logs: Logs, said: Mapping[str, Any]) -> tuple[list[TrialResult], Origin]:
+def _analysed(command: str, logs: Logs, said: Fit) -> tuple[list[TrialResult], Origin]:
     """Return the trials that went through the chain, and what is to be said of all."""
     choice = choose(logs, said)
     from granite_lab.study import analyse, source_of  # noqa: PLC0415, heavy
 
-    done = said.get("done", DEFAULTS["done"])
-    outcomes = each_trial(analyse, choice.files, choice.options, execution=choice.execution, done=done)
-    found, failed = sifted(choice.files, outcomes, strict=said.get("strict", False))
+    options, execution = choice.options, choice.execution
+    outcomes = each_trial(analyse, choice.files, options, execution=execution, done=said["done"])
+    found, failed = sifted(choice.files, outcomes, strict=said["strict"])
     lines = [f"{r.trial.name}: {line}" for r in found for line in r.comparison.motion.warnings]
     source = source_of(command, choice.files, [r.trial for r in found], choice.options)
     warnings = (*lines, *choice.execution.tidied())
@@ -41,17 +41,6 @@ def fit_k92(logs: Logs, **said: Unpack[Fit]) -> Records[K92Fit]:
 
     Args:
         logs: paths of logs, or of folders with logs.
-        robot, soil: names or files; without them the log says which.
-        column_map: name or file of a column map.
-        topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
-        window: begin and end of what is taken of every log [s of the log], infinite where open.
-        model: model.toml, the paper's model with effects switched on.
-        effects: your own effect file (.py) that the model needs. It is executed: use only code you trust.
-        strict: a trial that fails is an error; else it is left out and stands in `left_out`.
-        jobs: number of processes; 0 means one per core.
-        scheduler: address of a Dask scheduler that does the work.
-        cache: store results and reuse those with the same inputs.
-        done: called with each path once it is finished.
 
     Returns:
         one fit a trial; the table has a row for each.
@@ -66,15 +55,13 @@ def fit_k92(logs: Logs, **said: Unpack[Fit]) -> Records[K92Fit]:
 
 @checked
 def fit_a_theta(
-    logs: Logs | Sequence[K92Fit] | None = None, *, published: bool = False, **said: Unpack[Fit]
+    logs: Logs | Sequence[K92Fit] = (), *, published: bool = False, **said: Unpack[Fit]
 ) -> AThetaFit:
     """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws.
 
     Args:
         logs: paths of logs or of folders, or the fits of `fit_k92`.
         published: use Table 3 of the paper instead of trials.
-        robot, soil, column_map, topics, window, model, effects, strict, jobs, scheduler,
-            cache, done: as in `fit_k92`.
 
     Returns:
         the fit; its table has a row for each trial.
@@ -83,20 +70,29 @@ def fit_a_theta(
         UsageError: both or neither of `logs` and `published`.
         InputError, EstimateError: as in `fit_k92`, or the trials do not allow the fit.
     """
-    if published == (logs is not None):
-        raise UsageError("fit_a_theta takes trials or published=True", "give one of the two")
+    fit, origin = a_theta_of(logs, published=published, **said)
+    left_out = (f"{one.trial} left out: {one.reason}" for one in origin.left_out)
+    return replace(fit, notes=(*fit.notes, *left_out))
+
+
+@checked
+def a_theta_of(
+    logs: Logs | Sequence[K92Fit] = (), *, published: bool = False, **said: Unpack[Fit]
+) -> tuple[AThetaFit, Origin]:
+    """Run `fit_a_theta`, and say where the fit comes from."""
+    given = isinstance(logs, (str, Path)) or len(logs) > 0
+    if published and given:
+        raise UsageError("--published takes no trials", "leave out one of the two")
     from granite_lab.fitting import fit_a_theta as fit_over_trials  # noqa: PLC0415, heavy
     from granite_lab.fitting import published_fit  # noqa: PLC0415, heavy
 
-    if logs is None:
-        return published_fit()
-    if not isinstance(logs, (str, Path)) and all(isinstance(item, K92Fit) for item in logs) and len(logs):
-        return fit_over_trials(_by_name(item for item in logs if isinstance(item, K92Fit)))
+    if published:
+        return published_fit(), Origin()
+    if given and not isinstance(logs, (str, Path)) and all(isinstance(item, K92Fit) for item in logs):
+        return fit_over_trials(_by_name(item for item in logs if isinstance(item, K92Fit))), Origin()
     paths = logs if isinstance(logs, (str, Path)) else [x for x in logs if isinstance(x, (str, Path))]
-    fits = fit_k92(paths, **said)
-    fit = fit_over_trials(_by_name(fits))
-    left_out = (f"{trial} left out: {reason}" for trial, reason in fits.left_out)
-    return replace(fit, notes=(*fit.notes, *left_out))
+    found, origin = _analysed("fit-atheta", paths, said)
+    return fit_over_trials(_by_name(result.comparison.fit for result in found)), origin
 
 
 def _by_name(fits: Iterable[K92Fit]) -> list[K92Fit]:
@@ -111,8 +107,6 @@ def compare(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Fit]) -
     Args:
         logs: paths of logs, or of folders with logs.
         out: folder for tables and figures; without it nothing is written.
-        robot, soil, column_map, topics, window, model, effects, strict, jobs, scheduler,
-            cache, done: as in `fit_k92`.
 
     Returns:
         one comparison a trial; the table has a row for each trial, channel and phase.
@@ -130,11 +124,18 @@ def compare(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Fit]) -
     return Records(comparisons, [result.trial.name for result in found], origin)
 
 
+@checked
 def studied(
-    logs: Logs, out: str | Path | None, name: str, discover: bool, recordings: bool, said: Mapping[str, Any]
+    logs: Logs,
+    *,
+    out: str | Path | None = None,
+    name: str = "study",
+    discover: bool = True,
+    recordings: bool = True,
+    **said: Unpack[Chain],
 ) -> Studied:
     """Run `study`, and say what was written; what could not be written is no error here."""
-    choice, progress = choose(logs, said), said.get("progress", DEFAULTS["progress"])
+    choice, progress = choose(logs, said), said["progress"]
     from granite_lab.study import Written, record, write  # noqa: PLC0415, heavy
     from granite_lab.study import study as run  # noqa: PLC0415, heavy
 
@@ -142,8 +143,7 @@ def studied(
     with claimed(folder) if folder else nullcontext():
         result = run(
             choice.files, folder.name if folder else name, choice.options, execution=choice.execution,
-            discover=discover, strict=said.get("strict", False), done=said.get("done", DEFAULTS["done"]),
-            progress=progress,
+            discover=discover, strict=said["strict"], done=said["done"], progress=progress,
         )  # fmt: skip
         result = replace(result, failures=(*result.failures, *choice.excluded))
         origin = Origin(result.source, result.failures, choice.execution.tidied())
@@ -190,9 +190,6 @@ def study(
         name: of the report, unless `out` gives it.
         discover: search for an effect that the model lacks.
         recordings: with `out`, also write a Rerun recording of each trial.
-        robot, soil, column_map, topics, window, model, effects, strict, jobs, scheduler,
-            cache, done: as in `fit_k92`.
-        tolerance, latency, progress: of that search, as in `discover`.
 
     Returns:
         the results; the table has a row for each trial.
@@ -200,7 +197,7 @@ def study(
     Raises:
         LabError: no trial went through, or a file cannot be written.
     """
-    found = studied(logs, out, name, discover, recordings, said)
+    found = studied(logs, out=out, name=name, discover=discover, recordings=recordings, **said)
     tell(found.written.failures if found.written else ())
     return found.result
 

@@ -7,86 +7,56 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granite_lab.commands import options as o
-from granite_lab.commands.printing import console, print_json, show, warn, write_picture
-from granite_lab.errors import UsageError
+from granite_lab.api import model as api
+from granite_lab.api.records import Records
+from granite_lab.commands.command import Call, Output, command
+from granite_lab.commands.options import Flag, Format, picture_of
+from granite_lab.commands.printing import show, warn, write_picture
+from granite_lab.effects import get, library
+from granite_lab.effects.contract import Check, contract, refuse_failed
+from granite_lab.effects.library import read_effects
+from granite_lab.errors import InputError, UsageError
+from granite_lab.files import ending_of, write_table
+from granite_lab.parameters import load_paper, load_variants, names
 
 if TYPE_CHECKING:
-    from granite_lab.api.model import WheelRun
+    from rich.console import Console
+
     from granite_lab.model.effect import Effect
     from granite_lab.model.run import Run
+    from granite_lab.parameters.catalogue import Provenance
 
 
-def _velocities(incomplete: str) -> list[str]:
-    from granite_lab.parameters import load_variants
-
-    return [t for v in load_variants() if (t := f"{v.velocity:g}").startswith(incomplete)]
-
-
+@command(api.simulate)
 def simulate(
-    variant: Annotated[
-        float | None,
-        typer.Option(help="Variant of Table 2, by its velocity [m/s].", autocompletion=_velocities),
-    ] = None,
-    v: Annotated[float | None, typer.Option("--v", help="Desired velocity [m/s].")] = None,
-    a: Annotated[float | None, typer.Option("--a", help="Largest acceleration [m/s²].")] = None,
-    distance: Annotated[float | None, typer.Option(help="Total distance [m].")] = None,
-    k92: Annotated[
-        float | None, typer.Option(min=0, max=1, help="Constant k_92 instead of the law (5).")
-    ] = None,
-    a_theta: Annotated[float | None, typer.Option(min=0, max=100, help="a_θ of the law (5) [s/m].")] = None,
-    robot: o.Robot = None,
-    soil: o.Soil = None,
-    model: o.Model = None,
-    effects: o.Effects = None,
-    log: Annotated[Path | None, typer.Option(help="Write a virtual sensor log (CSV) of the run.")] = None,
-    truth: Annotated[Path | None, typer.Option(help="With --log: keep the true motion aside (CSV).")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="With --log: seed of sensors and sand.")] = 0,
-    scatter: Annotated[bool, typer.Option(help="With --log: scatter the sand as raking does.")] = False,
-    repetition: Annotated[int, typer.Option(min=1, help="With --log: number of the repetition.")] = 1,
-    grade: o.Grade = None,
+    call: Call[Run],
     out: Annotated[Path | None, typer.Option(help="File for the run (CSV or Parquet).")] = None,
-    table_format: o.Format = None,
-    as_json: o.Json = False,
-) -> None:
-    """Simulate one run.
-
-    Equations (1)-(26) with k_92 = exp(-a_θ v) unless --k92 is given.
-    """
-    from granite_lab.api.model import simulate as run_model
-    from granite_lab.files import ending_of, write_table
-
-    ending = ending_of(out, table_format)
-    run = run_model(
-        variant, v=v, a=a, distance=distance, k92=k92, a_theta=a_theta, robot=robot, soil=soil, grade=grade,
-        model=model, effects=effects, log=log, truth=truth, seed=seed, scatter=scatter, repetition=repetition,
-    )  # fmt: skip
+    table_format: Format = None,
+) -> Output:
+    """All signals are written into a table; means of the steady part are printed."""
+    ending, log = ending_of(out, table_format), call.said.get("log")
+    run = call()
     path = out or Path("reports") / "simulate" / f"v{run.variant.velocity:g}{ending}"
     write_table(path, run.to_frame(), ending)
-    if as_json:
-        print_json(
-            {
-                "schema": "granite-lab/simulate/1",
-                "variant_mps": run.variant.velocity,
-                "slip_ratio": run.slip_ratio,
-                "steady_s": run.steady,
-                "k92_law": run.k92_law,
-                "k92_value": run.k92_value,
-                "effects": run.effects,
-                "wall_s": run.wall,
-                "run": path,
-                "log": log,
-            }
-        )
-    else:
-        _show_run(run, path, log)
+    document = {
+        "variant_mps": run.variant.velocity,
+        "slip_ratio": run.slip_ratio,
+        "steady_s": run.steady,
+        "k92_law": run.k92_law,
+        "k92_value": run.k92_value,
+        "effects": run.effects,
+        "wall_s": run.wall,
+        "run": path,
+        "log": log,
+    }
+    return Output("simulate/1", document, lambda shown: _show_run(run, path, log, shown))
 
 
-def _show_run(run: Run, path: Path, log: Path | None) -> None:
+def _show_run(run: Run, path: Path, log: Path | None, shown: Console) -> None:
     from granite_lab.reporting.grid import grid, row_of, say
 
     steady = (run.t >= run.steady[0]) & (run.t <= run.steady[1])
-    say(console(), f"Simulated run, {run.variant.velocity:g} m/s", "bold")
+    say(shown, f"Simulated run, {run.variant.velocity:g} m/s", "bold")
     table = grid("quantity", "front", "rear", "unit", words=(0, 3))
     for label, name, factor, unit in (
         ("slip ratio", "slip_{}", 100, "%"),
@@ -96,7 +66,7 @@ def _show_run(run: Run, path: Path, log: Path | None) -> None:
     ):
         values = [f"{factor * run[name.format(axle)][steady].mean():.2f}" for axle in "fr"]
         table.add_row(*row_of(label, *values, unit))
-    console().print(table)
+    shown.print(table)
     law = f"k_92 = {run.k92_value:g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:g} s/m"
     show(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
     for name, values_of in run.effects.items():
@@ -106,60 +76,20 @@ def _show_run(run: Run, path: Path, log: Path | None) -> None:
         show(f"virtual sensor log: {log}")
 
 
+@command(api.wheel)
 def wheel(
-    slip: Annotated[
-        str, typer.Option(help="Slip ratio λ of (1), as 0.2, or a sweep start:end:step, as -0.5:0.9:0.1.")
-    ] = "0.2",
-    load: Annotated[
-        float | None, typer.Option(help="Vertical load [N].", show_default="a quarter of the robot's weight")
-    ] = None,
-    sinkage: Annotated[float | None, typer.Option(help="Sinkage [mm] instead of a load.")] = None,
-    k92: Annotated[float | None, typer.Option(help="Constant k_92 instead of the law (5).")] = None,
-    a_theta: Annotated[float | None, typer.Option(help="a_θ of the law (5) [s/m].")] = None,
-    omega: Annotated[float | None, typer.Option(help="Angular velocity of the wheel [rad/s].")] = None,
-    v: Annotated[float | None, typer.Option("--v", help="Velocity of the wheel's centre [m/s].")] = None,
-    angle: Annotated[float, typer.Option(help="Angle of the wheel [°], for effects with lugs.")] = 0.0,
-    robot: o.Robot = None,
-    radius: Annotated[float | None, typer.Option(help="Radius instead of the robot's [m].")] = None,
-    width: Annotated[float | None, typer.Option(help="Width instead of the robot's [m].")] = None,
-    soil: o.Soil = None,
-    soil_value: Annotated[
-        list[str] | None, typer.Option(help="A value instead of the soil's, as cohesion_Pa=500; repeatable.")
-    ] = None,
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(help="Switch an effect on, as bulldozing.strength=0.5; may be repeated."),
-    ] = None,
-    model: o.Model = None,
-    effects: o.Effects = None,
+    call: Call[api.WheelRun],
     out: Annotated[Path | None, typer.Option(help="File for the table, a row for each slip.")] = None,
     arc: Annotated[Path | None, typer.Option(help="File for the stresses over the contact arc.")] = None,
     plot: Annotated[
         Path | None, typer.Option(help="PNG or SVG: a sweep over slip, or the stresses at one slip.")
     ] = None,
-    table_format: o.Format = None,
-    as_json: o.Json = False,
-) -> None:
-    """Compute one wheel on the soil.
-
-    Drawbar pull, torque, sinkage and stresses by equations (4), (6)-(17).
-    """
-    from math import radians
-
-    from granite_lab.api.model import wheel as run_wheel
-    from granite_lab.files import ending_of, write_table
-
+    table_format: Format = None,
+) -> Output:
+    """A sweep over slip has a row for each."""
     endings = [ending_of(path, table_format) for path in (out, arc)]
-    o.picture_of("--plot", plot)
-    active: dict[str, dict[str, float]] = {}
-    for name, value in o.numbers_of("--effect", effect, "id.parameter").items():
-        active.setdefault(name.partition(".")[0], {})[name.partition(".")[2]] = value
-    run = run_wheel(
-        slips_of(slip), load=load, sinkage=None if sinkage is None else sinkage / 1000, k92=k92,
-        a_theta=a_theta, omega=omega, v=v, angle=radians(angle), robot=robot, radius=radius, width=width,
-        soil=soil, soil_values=o.numbers_of("--soil-value", soil_value, "key"), model=model, effects=effects,
-        active=active,
-    )  # fmt: skip
+    picture_of("--plot", plot)
+    run = call()
     for path, frame, ending in zip((out, arc), (run.to_frame, run.arcs), endings, strict=True):
         if path:
             write_table(path, frame(), ending)
@@ -172,41 +102,16 @@ def wheel(
     if run.fades:
         warn(["slower than 0.02 m/s: there the model reduces slip and shear towards standstill"])
     warn([f"{name}: does not act on a single wheel" for name in run.left_out])
-    if as_json:
-        print_json(
-            {
-                "schema": "granite-lab/wheel/1",
-                "wheel": run.wheels,
-                "soil": run.soil,
-                "effects": {e.id: e.as_dict() for e in run.effects},
-                "points": run.to_frame().to_dict("records"),
-            }
-        )
-    else:
-        _show_wheel(run)
+    document = {
+        "wheel": run.wheels,
+        "soil": run.soil,
+        "effects": {e.id: e.as_dict() for e in run.effects},
+        "points": run.to_frame().to_dict("records"),
+    }
+    return Output("wheel/1", document, lambda shown: _show_wheel(run, shown))
 
 
-def slips_of(text: str) -> list[float]:
-    """Return the slip ratios that a text asks for: one, or start:end:step with both ends.
-
-    Raises:
-        UsageError: the text cannot be understood.
-    """
-    try:
-        parts = [float(part) for part in text.split(":")]
-    except ValueError:
-        parts = []
-    if len(parts) == 1:
-        return parts
-    if len(parts) != 3 or not parts[0] <= parts[1] or parts[2] <= 0 or parts[1] - parts[0] > 2:
-        raise UsageError(f"--slip {text}: cannot be understood", "write 0.2, or start:end:step, as 0:0.9:0.1")
-    steps = round((parts[1] - parts[0]) / parts[2])
-    if steps > 10_000:
-        raise UsageError(f"--slip {text}: {steps} steps are too many", "at most 10000")
-    return [round(parts[0] + k * parts[2], 12) for k in range(steps + 1)]
-
-
-def _show_wheel(run: WheelRun) -> None:
+def _show_wheel(run: api.WheelRun, shown: Console) -> None:
     from granite_lab.reporting.grid import grid, row_of, say
 
     table = grid("slip", "drawbar pull", "torque", "sinkage", "load", "k_92", "front", "rear", "σ max")
@@ -219,87 +124,66 @@ def _show_wheel(run: WheelRun) -> None:
                 f"{p.normal_stress.max() / 1000:.1f}",
             )
         )  # fmt: skip
-    shown = console()
     say(shown, f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}")
     for e in run.effects:
         say(shown, f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
     shown.print(table)
 
 
+@command(api.params)
 def params(
+    call: Call[Records[Provenance]],
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="Folder whose granite-lab.toml applies.")
     ] = Path(),
-    robot: o.Robot = None,
-    soil: o.Soil = None,
-    grade: o.Grade = None,
-    as_json: o.Json = False,
-) -> None:
-    """Print the parameters in force.
+) -> Output:
+    """Robot and soil are those of the options, else of granite-lab.toml in the folder."""
+    chosen = api.chosen_in(folder, call.said.get("robot"), call.said.get("soil"))
+    rows = list(call(robot=chosen["robot"]["value"], soil=chosen["soil"]["value"]))
+    document = {
+        "chosen": chosen,
+        "parameters": rows,
+        "variants": load_variants(),
+        "paper": load_paper(),
+        "catalogue": {kind: names(kind) for kind in ("robots", "soils", "loggers")},
+    }
 
-    Each with unit, allowed range and origin.
-    """
-    from granite_lab.api.model import chosen_in
-    from granite_lab.api.model import params as run
-    from granite_lab.parameters import load_paper, load_variants, names
-
-    chosen = chosen_in(folder, robot, soil)
-    rows = list(run(chosen["robot"]["value"], chosen["soil"]["value"], grade))
-    if as_json:
-        print_json(
-            {
-                "schema": "granite-lab/params/1",
-                "chosen": chosen,
-                "parameters": rows,
-                "variants": load_variants(),
-                "paper": load_paper(),
-                "catalogue": {kind: names(kind) for kind in ("robots", "soils", "loggers")},
-            }
-        )
-    else:
+    def text(shown: Console) -> None:
         from granite_lab.reporting.terminal import show_parameters
 
         for key, value in chosen.items():
             show(f"{key}: {value['value']} ({value['origin']})")
-        show_parameters(rows, load_variants(), console())
+        show_parameters(rows, load_variants(), shown)
+
+    return Output("params/1", document, text)
 
 
-effects_app = typer.Typer(
-    help="List, describe and check effects.",
-    invoke_without_command=True,
-    rich_markup_mode=None,
-)
+effects = typer.Typer(
+    help="List, describe and check effects.", invoke_without_command=True, rich_markup_mode=None,
+    add_completion=False,
+)  # fmt: skip
 
 
-def _ids(incomplete: str) -> list[str]:
-    from granite_lab.effects import library
-
-    return [name for name in library() if name.startswith(incomplete)]
-
-
-@effects_app.callback(invoke_without_command=True)
-def listing(
-    context: typer.Context,
-    effects: o.Effects = None,
-    as_json: o.Json = False,
-) -> None:
-    """List the effects."""
+@effects.callback(invoke_without_command=True)
+@command(api.list_effects)
+def listing(call: Call[Records[Effect]], context: typer.Context) -> Output | None:
+    """The subcommand `show` describes one, `check` checks an effect file."""
     if context.invoked_subcommand is not None:
-        return
-    from granite_lab.api.model import list_effects
+        return None
+    known = call()
 
-    known = list_effects(effects)
-    if as_json:
-        print_json({"schema": "granite-lab/effects/1", "effects": [_described(e) for e in known]})
-    else:
+    def text(shown: Console) -> None:
         from granite_lab.reporting.terminal import show_effects
 
-        show_effects(known, console())
+        show_effects(known, shown)
+
+    return Output("effects/1", {"effects": [_described(e) for e in known]}, text)
 
 
-@effects_app.command("show")
+@effects.command("show")
+@command(api.show_effect, effect_id=Flag(metavar="ID", complete=library))
 def show_effect(
-    effect_id: Annotated[str, typer.Argument(metavar="ID", autocompletion=_ids)],
+    call: Call[Effect],
     picture: Annotated[
         Path | None,
         typer.Option(
@@ -309,64 +193,62 @@ def show_effect(
         ),
     ] = None,
     no_picture: Annotated[bool, typer.Option("--no-picture", help="Text only; simulates nothing.")] = False,
-    effects: o.Effects = None,
-    as_json: o.Json = False,
-) -> None:
-    """Describe an effect.
-
-    Equation, source, parameters, and a picture of how sensor readings change.
-    """
-    from granite_lab.api.model import show_effect as run
-
+) -> Output:
+    """A picture shows how sensor readings change."""
     if picture and no_picture:
         raise UsageError("--picture and --no-picture exclude each other", "give one of the two")
-    o.picture_of("--picture", picture)
-    effect = run(effect_id, effects)
-    if not as_json:
+    picture_of("--picture", picture)
+    effect = call()
+    if not (call.as_json or no_picture):
+        picture = picture or Path("reports") / "effects" / f"{effect.id}.png"
+    sentence = _draw(effect, picture) if picture else ""
+
+    def text(shown: Console) -> None:
         from granite_lab.reporting import terminal
 
-        terminal.show_effect(effect, console())
-        picture = picture or (None if no_picture else Path("reports") / "effects" / f"{effect.id}.png")
-    sentence = _draw(effect, picture) if picture else None
-    if as_json:
-        shown = {"picture": picture, "picture_shows": sentence} if picture else {}
-        print_json({"schema": "granite-lab/effect/1"} | _described(effect) | shown)
-    elif picture:
-        show(f"picture: {picture}")
-        console().print(sentence, markup=False)
+        terminal.show_effect(effect, shown)
+        if picture:
+            show(f"picture: {picture}")
+            shown.print(sentence, markup=False)
+
+    drawn = {"picture": picture, "picture_shows": sentence} if picture else {}
+    return Output("effect/1", _described(effect) | drawn, text)
 
 
-@effects_app.command("check")
-def check(
-    effect: Annotated[
-        str, typer.Argument(metavar="FILE", help="Effect file (.py), which is executed, or an id.")
-    ],
-    as_json: o.Json = False,
-) -> None:
+def _contracts(effect: str) -> dict[str, tuple[Effect, list[Check]]]:
     """Check an effect file.
 
-    The exit code is 3 if a check fails.
+    Args:
+        effect: effect file (.py), which is executed, or an id.
     """
-    from granite_lab.effects import get
-    from granite_lab.effects.contract import contract, refuse_failed
-    from granite_lab.effects.library import read_effects
+    own = effect.endswith(".py") or "/" in effect
+    known = read_effects(effect) if own else {effect: get(effect)}
+    return {name: (one, contract(one)) for name, one in known.items()}
 
-    known = read_effects(effect) if effect.endswith(".py") or "/" in effect else {effect: get(effect)}
-    found = {name: contract(one) for name, one in known.items()}
-    if as_json:
-        print_json({"schema": "granite-lab/effect-check/1", "effects": found})
-    else:
+
+@effects.command("check")
+@command(_contracts, effect=Flag(metavar="FILE"))
+def check_effect(call: Call[dict[str, tuple[Effect, list[Check]]]]) -> Output:
+    """The exit code is 3 if a check fails."""
+    found = call()
+
+    def text(shown: Console) -> None:
         from granite_lab.reporting.grid import grid, row_of, say
 
-        shown = console()
-        for name, checks in found.items():
-            say(shown, f"{name}: {known[name].title}", "bold")
+        for name, (effect, checks) in found.items():
+            say(shown, f"{name}: {effect.title}", "bold")
             table = grid("", "check", "found", words=(0, 1, 2))
             for c in checks:
                 mark = {True: "ok", False: "FAILED", None: "-"}[c.passed]
                 table.add_row(*row_of(mark, c.name, c.detail))
             shown.print(table)
-    refuse_failed(found, effect)
+
+    checks, error = {name: own for name, (_, own) in found.items()}, None
+    try:
+        refuse_failed(checks, call.said["effect"])
+    except InputError as failed:
+        error = failed
+    return Output("effect-check/1", {"effects": checks}, text, error)
 
 
 def _draw(effect: Effect, path: Path) -> str:

@@ -1,211 +1,181 @@
-"""Options that several commands share, and records of those that go together."""
+"""Options of the command line: those of a function of the API, and what a text stands for.
+
+Name, type, unit, default, limits and help come from the function. The table `FLAGS` says what the command
+line does in another way.
+"""
 
 from __future__ import annotations
 
-import dataclasses
-import functools
 import inspect
 import math
 import typing
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from granite_lab.api.calls import Parameter
 from granite_lab.errors import UsageError
+from granite_lab.estimate import Estimate
+from granite_lab.logs.bag import ROLES
+from granite_lab.parameters import load_variants, names
 
+Complete = Callable[[], Iterable[str]]
 
-def _complete(kind: str) -> Any:
-    def names(incomplete: str) -> list[str]:
-        from granite_lab.parameters import names as known
+TRIALS = "Logs (CSV, ROS bag, MCAP), or folders of them."
 
-        return [name for name in known(kind) if name.startswith(incomplete)]
-
-    return names
-
-
-LOGS = "Logs (CSV, ROS bag, MCAP), or folders of them."
-
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress display.")]
-Jobs = Annotated[int, typer.Option("--jobs", "-j", min=0, help="Processes; 0 means one per core.")]
-Trials = Annotated[
-    list[Path] | None,
-    typer.Argument(metavar="TRIALS…", help=LOGS, show_default=False),
-]
-Robot = Annotated[
-    str | None,
-    typer.Option(help="Robot: a name of the catalogue or a .toml file.", autocompletion=_complete("robots")),
-]
-Soil = Annotated[
-    str | None,
-    typer.Option(help="Soil: a name of the catalogue or a .toml file.", autocompletion=_complete("soils")),
-]
-Map = Annotated[
-    str | None,
-    typer.Option(
-        "--map",
-        help="Column map: a name of the catalogue, a .toml file, or a folder of these.",
-        autocompletion=_complete("loggers"),
-    ),
-]
-Model = Annotated[
-    Path | None, typer.Option("--model", help="model.toml: the paper's model with effects switched on.")
-]
-Effects = Annotated[
-    Path | None,
-    typer.Option("--effects", help="Effect file (.py). It is executed: use only code you trust."),
-]
-Grade = Annotated[str | None, typer.Option(help="IMU grade instead of the robot's.")]
+Table = Annotated[Path | None, typer.Option("--out", help="Write the table here, too (CSV).")]
 Format = Annotated[
-    str | None,
-    typer.Option("--format", help="Format of the tables: csv or parquet.", show_default="csv"),
-]
-Topic = Annotated[
-    list[str] | None,
-    typer.Option("--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated."),
+    str | None, typer.Option("--format", help="Format of the tables: csv or parquet.", show_default="csv")
 ]
 
 
 @dataclass(frozen=True)
-class About:
-    """What may be said about logs."""
+class Flag:
+    """What the command line does in another way than the API with a parameter.
 
-    robot: Robot = None
-    column_map: Map = None
-    topic: Topic = None
-    start: Annotated[
-        float | None, typer.Option("--from", help="Begin of the part to use [s of the log].")
-    ] = None
-    end: Annotated[float | None, typer.Option("--to", help="End of the part to use [s of the log].")] = None
+    Attributes:
+        names: of the option; by default the parameter's name.
+        kind: type of its value; by default the parameter's.
+        read: turns that value into the parameter's; a None, an empty list and a default are not handed to it.
+        help: in place of the parameter's.
+        complete: values that a shell may offer.
+        metavar: of an argument; without one the parameter becomes an option.
+        default: as it is written, where `read` changes it.
+        shown: the default, in words.
+    """
 
-    def said(self) -> dict[str, Any]:
-        """Return it as keywords of the API.
+    names: tuple[str, ...] = ()
+    kind: Any = None
+    read: Callable[[Any], Any] | None = None
+    help: str = ""
+    complete: Complete | None = None
+    metavar: str | None = None
+    default: Any = None
+    shown: str | None = None
 
-        Raises:
-            UsageError: a topic cannot be understood, or the window ends before it begins.
-        """
-        window = -math.inf if self.start is None else self.start, math.inf if self.end is None else self.end
-        if not window[0] < window[1]:
-            raise UsageError(
-                f"--from {window[0]:g} --to {window[1]:g}: not a window", "--from comes before --to"
+    def annotated(self, parameter: Parameter) -> Any:
+        """Return the annotation by which typer makes an argument or option."""
+        kinds = [kind for kind in parameter.kinds if kind in (bool, int, float, str, Path)]
+        kind = self.kind or (Path if Path in kinds else kinds[0])
+        text = self.help or parameter.help.replace("`", "")
+        first, blank, rest = text.partition(" ")
+        text = (first.capitalize() if first.isalpha() and first.isascii() else first) + blank + rest
+        if parameter.arg.limits and not self.help:
+            text = f"{text.rstrip('.')} ({parameter.arg.limits})."
+        complete = self.complete and self._offered
+        if self.metavar is not None:
+            about: Any = typer.Argument(
+                metavar=self.metavar, help=text, autocompletion=complete, show_default=False
             )
-        said = {"robot": self.robot, "column_map": self.column_map, "topics": topics_of(self.topic)}
-        return said | ({"window": window} if (self.start, self.end) != (None, None) else {})
-
-
-@dataclass(frozen=True)
-class Work(About):
-    """What else may be said of work over many trials, and how it is done."""
-
-    soil: Soil = None
-    effects: Effects = None
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Stop at a trial that fails; by default it is left out.")
-    ] = False
-    jobs: Jobs = 0
-    scheduler: Annotated[
-        str | None,
-        typer.Option("--scheduler", metavar="ADDRESS", help="Work on the Dask cluster with this scheduler."),
-    ] = None
-    cache: Annotated[
-        bool, typer.Option("--cache/--no-cache", help="Store results and reuse those with the same inputs.")
-    ] = True
-    quiet: Quiet = False
-    as_json: Json = False
-
-    def said(self) -> dict[str, Any]:
-        """Return it as keywords of the API."""
-        names = ("soil", "effects", "strict", "jobs", "scheduler", "cache")
-        return super().said() | {name: getattr(self, name) for name in names}
-
-
-@dataclass(frozen=True)
-class Search(Work):
-    """What else a search for a missing effect goes by."""
-
-    tolerance: Annotated[
-        float,
-        typer.Option(help="Accepted discrepancy, as a share of a channel's rms in motion."),
-    ] = 0.02
-    latency: Annotated[
-        float,
-        typer.Option(help="Largest delay between two sensors that counts as latency [ms]."),
-    ] = 20.0
-
-    def said(self) -> dict[str, Any]:
-        """Return it as keywords of the API."""
-        return super().said() | {"tolerance": self.tolerance, "latency": self.latency / 1e3}
-
-
-def spread(command: Callable[..., None]) -> Callable[..., None]:
-    """Make each field of the records that a command takes an option of the command."""
-    hints = typing.get_type_hints(command, include_extras=True)
-    parameters: list[inspect.Parameter] = []
-    records: dict[str, Any] = {}
-    for name, parameter in inspect.signature(command).parameters.items():
-        if dataclasses.is_dataclass(hints[name]):
-            records[name] = hints[name]
-            kinds = typing.get_type_hints(hints[name], include_extras=True)
-            own = {f.name: (kinds[f.name], f.default) for f in dataclasses.fields(records[name])}
         else:
-            own = {name: (hints[name], parameter.default)}
-        parameters += [
-            inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
-            for key, (kind, default) in own.items()
-        ]
+            name = f"--{parameter.name.replace('_', '-')}"
+            own = self.names or ((f"{name}/--no-{name[2:]}" if parameter.default is True else name),)
+            shown: Any = self.shown or True
+            about = typer.Option(*own, help=text, autocompletion=complete, show_default=shown)
+        optional = parameter.default is None or self.kind is not None
+        return Annotated[kind | None if optional else kind, about]
 
-    @functools.wraps(command)
-    def called(**values: Any) -> None:
-        made = {
-            name: kind(**{f.name: values.pop(f.name) for f in dataclasses.fields(kind)})
-            for name, kind in records.items()
-        }
-        command(**values, **made)
-
-    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    called.__annotations__ = {p.name: p.annotation for p in parameters}
-    return called
+    def _offered(self, incomplete: str) -> list[str]:
+        return [name for name in (self.complete or tuple)() if name.startswith(incomplete)]
 
 
-def topics_of(given: Sequence[str] | None) -> dict[str, str]:
+def _catalogue(kind: str) -> Flag:
+    return Flag(kind=str, complete=lambda: names(kind))
+
+
+def topics_of(given: Sequence[str]) -> dict[str, str]:
     """Return what topics of a bag are to be taken for, from texts like ``imu=/imu/data``.
 
     Raises:
         UsageError: a text cannot be understood.
     """
-    if not given:
-        return {}
-    from granite_lab.logs.bag import ROLES
-
     found: dict[str, str] = {}
     for text in given:
         role, sign, topic = (part.strip() for part in text.partition("="))
         if not sign or not topic or role not in ROLES or role in found:
-            raise UsageError(
-                f"--topic {text}: cannot be understood",
-                f"write {', '.join(f'{r}=/topic' for r in ROLES)}, once each",
-            )
+            hint = f"write {', '.join(f'{r}=/topic' for r in ROLES)}, once each"
+            raise UsageError(f"--topic {text}: cannot be understood", hint)
         found[role] = topic
     return found
 
 
-def numbers_of(option: str, given: Sequence[str] | None, shape: str) -> dict[str, float]:
-    """Return the numbers in texts like ``name=1.5``.
+def _numbers(option: str, shape: str) -> Callable[[Sequence[str]], dict[str, float]]:
+    """Return what reads numbers in texts like ``name=1.5``."""
+
+    def read(given: Sequence[str]) -> dict[str, float]:
+        found = {}
+        for text in given:
+            name, _, value = text.partition("=")
+            try:
+                found[name.strip()] = float(value)
+            except ValueError:
+                raise UsageError(f"{option} {text}: cannot be understood", f"write {shape}=number") from None
+        return found
+
+    return read
+
+
+def _active(given: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Return effects and their parameters, from texts like ``bulldozing.strength=0.5``."""
+    found: dict[str, dict[str, float]] = {}
+    for name, value in _numbers("--effect", "id.parameter")(given).items():
+        found.setdefault(name.partition(".")[0], {})[name.partition(".")[2]] = value
+    return found
+
+
+def _intervals(given: Sequence[str]) -> list[tuple[float, float]]:
+    found, hint = [], "write start:end in seconds, as 0:1.2"
+    for text in given:
+        start, _, end = text.partition(":")
+        try:
+            interval = float(start), float(end)
+        except ValueError:
+            raise UsageError(f"--rest {text}: not an interval", hint) from None
+        if not interval[0] < interval[1]:
+            raise UsageError(f"--rest {text}: ends before it begins", hint)
+        found.append(interval)
+    return found
+
+
+def _measured(text: str) -> Estimate:
+    value, _, std = text.replace("+-", "±").partition("±")
+    hint = "write 2.03 or 2.03±0.01 [m]"
+    try:
+        measured = Estimate(float(value), float(std) if std else 0.005)
+    except ValueError:
+        raise UsageError(f"--distance-measured {text}: not a number", hint) from None
+    if not (measured.value > 0 and measured.std > 0):
+        raise UsageError(f"--distance-measured {text}: must be positive", hint)
+    return measured
+
+
+def _against(text: str) -> bool:
+    if text != "ref":
+        raise UsageError(f"--against {text}: not known", "use --against ref")
+    return True
+
+
+def slips_of(text: str) -> list[float]:
+    """Return the slip ratios that a text asks for: one, or start:end:step with both ends.
 
     Raises:
-        UsageError: a text cannot be understood.
+        UsageError: the text cannot be understood.
     """
-    found = {}
-    for text in given or ():
-        name, _, value = text.partition("=")
-        try:
-            found[name.strip()] = float(value)
-        except ValueError:
-            raise UsageError(f"{option} {text}: cannot be understood", f"write {shape}=number") from None
-    return found
+    try:
+        parts = [float(part) for part in text.split(":")]
+    except ValueError:
+        parts = []
+    if len(parts) == 1:
+        return parts
+    if len(parts) != 3 or not parts[0] <= parts[1] or parts[2] <= 0 or parts[1] - parts[0] > 2:
+        raise UsageError(f"--slip {text}: cannot be understood", "write 0.2, or start:end:step, as 0:0.9:0.1")
+    steps = round((parts[1] - parts[0]) / parts[2])
+    if steps > 10_000:
+        raise UsageError(f"--slip {text}: {steps} steps are too many", "at most 10000")
+    return [round(parts[0] + k * parts[2], 12) for k in range(steps + 1)]
 
 
 def picture_of(option: str, path: Path | None) -> Path | None:
@@ -217,3 +187,96 @@ def picture_of(option: str, path: Path | None) -> Path | None:
     if path and path.suffix.lower() not in (".png", ".svg"):
         raise UsageError(f"{option} {path}: not a picture", "end the name in .png or .svg")
     return path
+
+
+FLAGS: dict[str, Flag] = {
+    "logs": Flag(kind=list[Path], metavar="TRIALS…", help=TRIALS),
+    "log": Flag(("--log",)),
+    "folder": Flag(metavar="DIR"),
+    "what": Flag(metavar="WHAT"),
+    "effect_id": Flag(metavar="ID"),
+    "robot": _catalogue("robots"),
+    "soil": _catalogue("soils"),
+    "column_map": replace(_catalogue("loggers"), names=("--map",)),
+    "variant": Flag(complete=lambda: [f"{v.velocity:g}" for v in load_variants()]),
+    "topics": Flag(
+        ("--topic",), list[str], topics_of,
+        "Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated.",
+    ),
+    "jobs": Flag(("--jobs", "-j")),
+    "latency": Flag(
+        read=lambda ms: ms / 1e3, default=20.0,
+        help="Largest delay between two sensors that counts as latency [ms].",
+    ),
+    "rests": Flag(
+        ("--rest",), list[str], _intervals, "Interval of standstill, as 0:1.2 [s]; may be repeated."
+    ),
+    "distance_measured": Flag(
+        kind=str, read=_measured, help="Total distance by tape [m], as 2.03 or 2.03±0.01."
+    ),
+    "against_reference": Flag(
+        ("--against",), str, _against,
+        "'ref': judge the estimate by the log's reference, which the filter does not use.",
+    ),
+    "slip": Flag(
+        kind=str, read=slips_of, default="0.2",
+        help="Slip ratio λ of (1), as 0.2, or a sweep start:end:step, as -0.5:0.9:0.1.",
+    ),
+    "sinkage": Flag(read=lambda mm: mm / 1000, help="Sinkage [mm] instead of a load."),
+    "angle": Flag(read=math.radians, default=0.0, help="Angle of the wheel [°], for effects with lugs."),
+    "soil_values": Flag(
+        ("--soil-value",), list[str], _numbers("--soil-value", "key"),
+        "A value instead of the soil's, as cohesion_Pa=500; may be repeated.",
+    ),
+    "active": Flag(
+        ("--effect",), list[str], _active,
+        "Switch an effect on, as bulldozing.strength=0.5; may be repeated.",
+    ),
+    "sizes": Flag(
+        ("--size",), list[str], _numbers("--size", "name"),
+        "A parameter of the effect: name=value, or id.name=value; may be repeated.",
+    ),
+    "label": Flag(("--name",)),
+}  # fmt: skip
+"""By the parameter's name."""
+
+FROM, TO = "--from", "--to"
+
+
+def options_of(parameters: Sequence[Parameter], flags: Mapping[str, Flag]) -> list[inspect.Parameter]:
+    """Return the options of a command that stand for parameters of the API; a window is two of them."""
+    found: list[tuple[str, Any, Any]] = []
+    for p in parameters:
+        flag = flags.get(p.name, Flag())
+        if p.name == "window":
+            for name, what in ((FROM, "Begin"), (TO, "End")):
+                option = typer.Option(name, help=f"{what} of the part to use [s of the log].")
+                found.append((name[2:] + "_", Annotated[float | None, option], None))
+        elif typing.get_origin(p.kinds[0]) is not Callable:
+            default = flag.default if flag.default is not None else None if flag.kind else p.default
+            if p.default is inspect.Parameter.empty and flag.kind is None:
+                default = p.default
+            found.append((p.name, flag.annotated(p), default))
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    return [inspect.Parameter(name, keyword, annotation=kind, default=d) for name, kind, d in found]
+
+
+def said_of(values: Mapping[str, Any], flags: Mapping[str, Flag]) -> dict[str, Any]:
+    """Return keywords of the API for values of the options; what was not given is left to the API.
+
+    Raises:
+        UsageError: a text cannot be understood, or the window ends before it begins.
+    """
+    said: dict[str, Any] = {}
+    for name, value in values.items():
+        read = flags.get(name, Flag()).read
+        if value is not None and value != []:
+            said[name] = read(value) if read else value
+        elif name == "logs":
+            said[name] = []
+    begin, end = said.pop("from_", -math.inf), said.pop("to_", math.inf)
+    if not begin < end:
+        raise UsageError(f"{FROM} {begin:g} {TO} {end:g}: not a window", f"{FROM} comes before {TO}")
+    if (begin, end) != (-math.inf, math.inf):
+        said["window"] = (begin, end)
+    return said

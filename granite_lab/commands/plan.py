@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granite_lab.commands import options as o
-from granite_lab.commands.printing import console, print_json, progress
+from granite_lab.api import search as api
+from granite_lab.commands.command import Call, Output, command
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -16,37 +15,18 @@ if TYPE_CHECKING:
     from granite_lab.planning.plan import Plan, Proposal
 
 
+@command(api.plan_next, busy="looking at trials")
 def plan_next(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder written by `discover` or `study`.")],
-    room: Annotated[
-        float | None,
-        typer.Option(min=0.1, help="Longest way the sand allows [m].", show_default="the longest so far"),
-    ] = None,
-    max_speed: Annotated[
-        float | None,
-        typer.Option(min=0.02, help="Fastest command [m/s].", show_default="1.25 times the fastest so far"),
-    ] = None,
-    most: Annotated[int, typer.Option(min=1, help="Rows of the table.")] = 8,
-    effects: o.Effects = None,
-    jobs: o.Jobs = 0,
-    quiet: o.Quiet = False,
-    as_json: o.Json = False,
-) -> None:
-    """Propose the most useful next trial."""
-    from granite_lab.api.search import plan_next as run
-
-    with progress(quiet, "looking at trials") as shown:
-        found = run(folder, room=room, max_speed=max_speed, effects=effects, jobs=jobs, progress=shown.of)
-    if as_json:
-        print_json(_document(found))
-    else:
-        show_plan(found, most, console())
+    call: Call[Plan], most: Annotated[int, typer.Option(min=1, help="Rows of the table.")] = 8
+) -> Output:
+    """Proposals are ranked, the best first."""
+    found = call()
+    return Output("plan/2", _document(found), lambda shown: show_plan(found, most, shown))
 
 
 def _document(plan: Plan) -> dict[str, Any]:
     """Return a plan as it stands in JSON."""
     return {
-        "schema": "granite-lab/plan/2",
         "question": asked(plan),
         "kind": plan.question.kind,
         "models": [dict(model) for model in plan.models],

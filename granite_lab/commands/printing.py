@@ -76,28 +76,26 @@ class Progress:
 
     Args:
         bar: of rich.
-        total: number of steps; None where nobody knows.
         text: what is being done.
     """
 
-    def __init__(self, bar: Any, text: str, total: int | None) -> None:
-        self._bar, self._task = bar, bar.add_task(text, total=total)
+    def __init__(self, bar: Any, text: str) -> None:
+        self._bar, self._task = bar, bar.add_task(text, total=None)
 
     def done(self, _: object) -> None:
         """Tell that one step is done."""
         self._bar.advance(self._task)
 
-    def told(self, text: str, count: int) -> None:
-        """Tell what is being done now, and how often it was done."""
-        self._bar.update(self._task, description=text, completed=count, total=None)
-
-    def of(self, count: int, total: int) -> None:
-        """Tell how many steps are done, and of how many."""
-        self._bar.update(self._task, completed=count, total=total)
+    def progress(self, what: str | int, count: int) -> None:
+        """Tell what is being done and how often it was done, or how many steps are done and of how many."""
+        if isinstance(what, str):
+            self._bar.update(self._task, description=what, completed=count, total=None)
+        else:
+            self._bar.update(self._task, completed=what, total=count)
 
 
 @contextmanager
-def progress(quiet: bool, text: str, total: int | None = None) -> Iterator[Progress]:
+def progress(quiet: bool, text: str) -> Iterator[Progress]:
     """Show progress on stderr where it is a terminal, and nothing elsewhere."""
     from rich import progress as rich
 
@@ -108,7 +106,7 @@ def progress(quiet: bool, text: str, total: int | None = None) -> Iterator[Progr
     )  # fmt: skip
     hidden = quiet or not shown.is_terminal
     with rich.Progress(*columns, console=shown, transient=True, disable=hidden) as bar:
-        yield Progress(bar, text, total)
+        yield Progress(bar, text)
 
 
 def write_picture(path: Path, figure: Figure) -> None:

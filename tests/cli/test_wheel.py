@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import granite_lab as gl
 from granite_lab.cli import app
-from granite_lab.commands.model import slips_of
+from granite_lab.commands.options import slips_of
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.model.single_wheel import FORCES
 from granite_lab.parameters import GRAVITY

@@ -1,0 +1,144 @@
+"""A command: a function of the API, called as the command line says, and what is printed of its result."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
+
+import typer
+
+from granite_lab.api.calls import hints_of, parameters_of
+from granite_lab.api.project import choose
+from granite_lab.commands.options import FLAGS, Flag, options_of, said_of
+from granite_lab.commands.printing import console, print_json, progress
+from granite_lab.errors import LabError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress display.")]
+
+
+@dataclass(frozen=True)
+class Output:
+    """What a command prints, and how it ends.
+
+    Attributes:
+        schema: of its JSON, name and version.
+        document: the JSON.
+        text: prints the same for a reader.
+        error: with which the command ends; None where all is well.
+    """
+
+    schema: str
+    document: Mapping[str, Any]
+    text: Callable[[Console], None]
+    error: LabError | None = None
+
+
+class Call(Generic[T]):
+    """The call of the API that a command stands for.
+
+    Args:
+        function: of the API.
+        said: its keywords.
+        told: keywords by which it tells how far it is.
+        busy: what is being done; an empty text shows no progress.
+        as_json: JSON is asked for.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., T],
+        said: Mapping[str, Any],
+        told: Collection[str],
+        busy: str,
+        as_json: bool,
+    ) -> None:
+        self.said, self.as_json = dict(said), as_json
+        self._function, self._told, self._busy = function, told, busy
+
+    def __call__(self, **changes: Any) -> T:
+        """Call it, with further keywords."""
+        return self.of(self._function, **self.said | changes)
+
+    def of(self, function: Callable[..., R], *args: Any, **said: Any) -> R:
+        """Call another function in its place."""
+        with progress(not self._busy, self._busy) as shown:
+            return function(*args, **said, **{name: getattr(shown, name) for name in self._told})
+
+    def folder(self, name: str) -> Path:
+        """Return the folder for results: as asked for, else of this name, where the project keeps them."""
+        given = self.said.get("out")
+        logs = self.said.get("logs") or [self.said[key] for key in ("imu",) if key in self.said]
+        return Path(given) if given else choose(logs, self.said).out / name
+
+
+def command(
+    function: Callable[..., Any],
+    *,
+    run: Callable[..., Any] | None = None,
+    busy: str = "",
+    leave: Collection[str] = (),
+    json: bool = True,
+    **flags: Flag,
+) -> Callable[[Callable[..., Output | None]], Callable[..., None]]:
+    """Make a command of what shows the result of a function of the API.
+
+    Its options are the parameters of the function, then those of what is decorated, which gets the call.
+
+    Args:
+        function: whose parameters and docstring the command has.
+        run: that is called in its place; it takes the same.
+        busy: what is being done, for the display of progress.
+        leave: parameters that are no options.
+        json: whether the output may be JSON.
+        **flags: parameters that this command takes in its own way.
+    """
+    known = FLAGS | flags
+    parameters = [p for p in parameters_of(function) if p.name not in leave]
+    told = [p.name for p in parameters if p.name in ("done", "progress")]
+
+    def decorate(show: Callable[..., Output | None]) -> Callable[..., None]:
+        hints, keyword = hints_of(show), inspect.Parameter.KEYWORD_ONLY
+        extra = [
+            p.replace(kind=keyword, annotation=hints[p.name])
+            for p in list(inspect.signature(show).parameters.values())[1:]
+        ]
+
+        def called(**values: Any) -> None:
+            own = {p.name: values.pop(p.name) for p in extra}
+            as_json, quiet = values.pop("as_json", False), values.pop("quiet", False)
+            call = Call(run or function, said_of(values, known), told, "" if quiet else busy, as_json)
+            output = show(call, **own)
+            if output is None:
+                return
+            if as_json:
+                print_json({"schema": f"granite-lab/{output.schema}"} | dict(output.document))
+            else:
+                output.text(console())
+            if output.error is not None:
+                raise output.error
+
+        common = [("quiet", Quiet)] * bool(busy) + [("as_json", Json)] * json
+        called.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+            [
+                *options_of(parameters, known),
+                *extra,
+                *(inspect.Parameter(n, keyword, default=False, annotation=kind) for n, kind in common),
+            ]
+        )
+        called.__annotations__ = {}
+        about = re.split(r"\n\n(?:Args|Returns|Raises):", inspect.getdoc(function) or "")[0]
+        called.__doc__ = f"{about}\n\n{show.__doc__}"
+        return called
+
+    return decorate
