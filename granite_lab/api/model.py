@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
@@ -42,6 +42,35 @@ if TYPE_CHECKING:
 T = TypeVar("T", Wheels, Soil)
 
 
+class Said(TypedDict, total=False):
+    """What may be said of the model that is computed."""
+
+    k92: Annotated[
+        float | None, Arg("constant k_92; by default the law (5), k_92 = exp(-a_θ v)", low=0, high=1)
+    ]
+    a_theta: Annotated[
+        float | None, Arg("exponent a_θ of the law (5) [s/m]; the paper's by default", low=0, high=100)
+    ]
+    robot: Annotated[
+        str | Path | Robot | None,
+        Arg("a name of the catalogue, a .toml file, or a record; granite by default"),
+    ]
+    soil: Annotated[
+        str | Path | Soil | None,
+        Arg("a name of the catalogue, a .toml file, or a record; dry_sand by default"),
+    ]
+    model: Annotated[
+        str | Path | None, Arg("file (model.toml) of the paper's model with effects switched on")
+    ]
+    effects: Annotated[
+        str | Path | None, Arg("your own effect file (.py). It is executed: use only code you trust")
+    ]
+    active: Annotated[
+        Mapping[str, Mapping[str, float]] | None,
+        Arg('effects to switch on, id to its parameters, as ``{"drive_reaction": {"share": 1.0}}``'),
+    ]
+
+
 class _Model(NamedTuple):
     """The model that was asked for; of k_92 and a_θ at most one is given."""
 
@@ -52,37 +81,28 @@ class _Model(NamedTuple):
     a_theta: float | None
 
 
-def _model(
-    robot: str | Path | Robot | None,
-    soil: str | Path | Soil | None,
-    model: str | Path | None,
-    effects: str | Path | None,
-    active: Mapping[str, Mapping[str, float]] | None,
-    k92: float | None,
-    a_theta: float | None,
-    grade: str | None = None,
-) -> _Model:
-    """Return the model of the arguments of `simulate`; what is given wins over the model file.
+def _model(said: Said, grade: str | None = None) -> _Model:
+    """Return the model that was asked for; what is given wins over the model file.
 
     Raises:
         UsageError: k_92 and a_θ together, or an unknown name.
         InputError: a file cannot be used.
     """
+    k92, a_theta, own, file = said["k92"], said["a_theta"], said["effects"], said["model"]
     if k92 is not None and a_theta is not None:
         raise UsageError("--k92 and --a-theta exclude each other", "give one of the two")
     forget()
-    base = load_model(Path(model), Path(effects) if effects else None) if model else None
-    known = library(None if model else effects)
-    switched = tuple(activate(get(name, known), values) for name, values in (active or {}).items())
+    base = load_model(Path(file), Path(own) if own else None) if file else None
+    known = library(None if file else own)
+    switched = tuple(activate(get(name, known), values) for name, values in (said["active"] or {}).items())
+    robot, soil = said["robot"], said["soil"]
     if not isinstance(robot, Robot):
         robot = load_robot(robot or (base.robot if base else "granite"), grade)
     if not isinstance(soil, Soil):
         soil = load_soil(soil or (base.soil if base else "dry_sand"))
-    if base is None:
-        return _Model(robot, soil, switched, k92, a_theta)
-    if k92 is None and a_theta is None:
+    if base and k92 is None and a_theta is None:
         k92, a_theta = base.k92, base.a_theta
-    return _Model(robot, soil, base.effects + switched, k92, a_theta)
+    return _Model(robot, soil, (base.effects if base else ()) + switched, k92, a_theta)
 
 
 @checked
@@ -92,19 +112,13 @@ def simulate(
     v: float | None = None,
     a: float | None = None,
     distance: float | None = None,
-    k92: Annotated[float | None, Arg(low=0, high=1)] = None,
-    a_theta: Annotated[float | None, Arg(low=0, high=100)] = None,
-    robot: str | Path | Robot | None = None,
-    soil: str | Path | Soil | None = None,
     grade: str | None = None,
-    model: str | Path | None = None,
-    effects: str | Path | None = None,
-    active: Mapping[str, Mapping[str, float]] | None = None,
     log: str | Path | None = None,
     truth: str | Path | None = None,
     seed: Annotated[int, Arg(low=0)] = 0,
     scatter: bool = False,
     repetition: Annotated[int, Arg(low=1)] = 1,
+    **said: Unpack[Said],
 ) -> Run:
     """Simulate one run: equations (1)-(26), with k_92 = exp(-a_θ v) unless `k92` is given.
 
@@ -113,14 +127,7 @@ def simulate(
         v: or its velocity [m/s],
         a: largest acceleration [m/s²]
         distance: and total distance [m].
-        k92: constant k_92 instead of the law (5).
-        a_theta: exponent a_θ of the law (5) [s/m]; the paper's by default.
-        robot: a name of the catalogue, a .toml file, or a record; granite by default.
-        soil: likewise; dry_sand by default.
         grade: IMU grade instead of the robot's.
-        model: file (model.toml) of the paper's model with effects switched on.
-        effects: your own effect file (.py). It is executed: use only code you trust.
-        active: effects to switch on, id to its parameters, as ``{"drive_reaction": {"share": 1.0}}``.
         log: file for the log that virtual sensors would write (CSV).
         truth: with `log`, file for the true motion (CSV).
         seed: with `log` or `scatter`, seed of sensors and sand.
@@ -137,7 +144,7 @@ def simulate(
     """
     if truth is not None and log is None:
         raise UsageError("--truth needs --log", "give the virtual log a path with --log")
-    it = _model(robot, soil, model, effects, active, k92, a_theta, grade)
+    it = _model(said, grade)
     ground, a_theta = it.soil, it.a_theta
     if scatter:
         from granite_lab.model.virtual import Scatter, rake  # noqa: PLC0415, heavy
@@ -238,42 +245,29 @@ def wheel(
     *,
     load: Annotated[float | None, Arg(low=1e-6, high=1e6)] = None,
     sinkage: float | None = None,
-    k92: Annotated[float | None, Arg(low=0, high=1)] = None,
-    a_theta: Annotated[float | None, Arg(low=0, high=100)] = None,
     omega: float | None = None,
     v: float | None = None,
     angle: float = 0.0,
-    robot: str | Path | Robot | None = None,
     radius: float | None = None,
     width: float | None = None,
-    soil: str | Path | Soil | None = None,
     soil_values: Mapping[str, float] | None = None,
-    model: str | Path | None = None,
-    effects: str | Path | None = None,
-    active: Mapping[str, Mapping[str, float]] | None = None,
+    **said: Unpack[Said],
 ) -> WheelRun:
     """Compute one wheel on the soil, at a load or a sinkage, by the contact model (4), (6)-(17).
 
     The larger of ω r and the velocity is 0.1 m/s where neither is given; the equations do not depend on it
-    above 0.02 m/s, effects may.
+    above 0.02 m/s, effects may. The law (5) is taken at this velocity.
 
     Args:
         slip: slip ratio λ of (1), one or several; negative where the wheel brakes.
         load: vertical load [N]; a quarter of the robot's weight by default.
         sinkage: z_0 [m] instead of a load.
-        k92: constant k_92; by default the law (5), at the larger of ω r and the velocity.
-        a_theta: exponent a_θ of the law (5) [s/m]; the paper's by default.
         omega: angular velocity [rad/s].
         v: velocity of the wheel's centre [m/s].
         angle: of the wheel [rad], for effects that depend on it.
-        robot: a name of the catalogue, a .toml file, or a record; granite by default.
-        soil: likewise; dry_sand by default.
         radius: instead of the robot's [m].
         width: instead of the robot's [m].
         soil_values: values instead of the soil's, by the keys of its file, as ``{"cohesion_Pa": 500}``.
-        model: file (model.toml) of the paper's model with effects switched on.
-        effects: your own effect file (.py). It is executed: use only code you trust.
-        active: effects to switch on, id to its parameters.
 
     Raises:
         UsageError: unknown name, or arguments that do not fit together.
@@ -282,7 +276,7 @@ def wheel(
     """
     if load is not None and sinkage is not None:
         raise UsageError("--load and --sinkage exclude each other", "give one of the two")
-    it = _model(robot, soil, model, effects, active, k92, a_theta)
+    it = _model(said)
     rim = _changed(it.robot.wheels, {"radius_m": radius, "width_m": width})
     ground = _changed(it.soil, soil_values or {})
     ratio = Ratio(it.k92, load_paper().a_theta if it.a_theta is None else it.a_theta)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -80,24 +80,21 @@ def a_theta_of(
     logs: Logs | Sequence[K92Fit] = (), *, published: bool = False, **said: Unpack[Fit]
 ) -> tuple[AThetaFit, Origin]:
     """Run `fit_a_theta`, and say where the fit comes from."""
-    given = isinstance(logs, (str, Path)) or len(logs) > 0
-    if published and given:
+    if published and (isinstance(logs, (str, Path)) or len(logs) > 0):
         raise UsageError("--published takes no trials", "leave out one of the two")
+    fits: list[K92Fit] = []
+    origin = Origin()
+    if not isinstance(logs, (str, Path)):
+        fits = [item for item in logs if isinstance(item, K92Fit)]
+    if not (published or fits):
+        paths = logs if isinstance(logs, (str, Path)) else [x for x in logs if not isinstance(x, K92Fit)]
+        found, origin = _analysed("fit-atheta", paths, said)
+        fits = [result.comparison.fit for result in found]
     from granite_lab.fitting import fit_a_theta as fit_over_trials  # noqa: PLC0415, heavy
     from granite_lab.fitting import published_fit  # noqa: PLC0415, heavy
 
-    if published:
-        return published_fit(), Origin()
-    if given and not isinstance(logs, (str, Path)) and all(isinstance(item, K92Fit) for item in logs):
-        return fit_over_trials(_by_name(item for item in logs if isinstance(item, K92Fit))), Origin()
-    paths = logs if isinstance(logs, (str, Path)) else [x for x in logs if isinstance(x, (str, Path))]
-    found, origin = _analysed("fit-atheta", paths, said)
-    return fit_over_trials(_by_name(result.comparison.fit for result in found)), origin
-
-
-def _by_name(fits: Iterable[K92Fit]) -> list[K92Fit]:
-    """Sort fits, so that sums do not depend on the order of the logs."""
-    return sorted(fits, key=lambda fit: fit.trial)
+    by_name = sorted(fits, key=lambda fit: fit.trial)  # sums do not depend on the order of the logs
+    return published_fit() if published else fit_over_trials(by_name), origin
 
 
 @checked

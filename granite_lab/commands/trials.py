@@ -13,10 +13,8 @@ from granite_lab.api.records import Origin, Records, Studied
 from granite_lab.commands.command import Call, Output, command
 from granite_lab.commands.options import Flag, Table
 from granite_lab.commands.printing import show, warn, warn_of
-from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.errors import LabError
 from granite_lab.reporting import two_studies
-from granite_lab.reporting.json_report import a_theta_as_json, k92_as_json, provenance_as_json
 from granite_lab.running import Execution
 from granite_lab.running.output import trouble
 
@@ -37,6 +35,8 @@ def _folder(default: str, text: str) -> Flag:
 
 def _origin(origin: Origin) -> dict[str, Any]:
     """Warn of what there is to know, and return where results come from, as it stands in JSON."""
+    from granite_lab.reporting.json_report import provenance_as_json
+
     excluded = warn_of(origin)
     return {"provenance": provenance_as_json(origin.source) if origin.source else None} | excluded
 
@@ -50,6 +50,7 @@ def fit_k92(
     """Fits that need a remark are marked; --verbose lists the remarks."""
     fits = call()
     from granite_lab.files import write_text
+    from granite_lab.reporting.json_report import k92_as_json
     from granite_lab.reporting.tables import k92_table
     from granite_lab.reporting.terminal import show_k92_fits
 
@@ -75,6 +76,7 @@ def fit_atheta(call: Call[tuple[AThetaFit, Origin]], out: Table = None) -> Outpu
     from granite_lab.files import write_table
     from granite_lab.reporting.answers import a_theta_of
     from granite_lab.reporting.grid import say
+    from granite_lab.reporting.json_report import a_theta_as_json
     from granite_lab.reporting.terminal import show_a_theta
 
     if out is not None:
@@ -130,6 +132,8 @@ def study(
         return _verified(call, check)
     out = call.folder("study")
     found = call(out=out)
+    from granite_lab.discovery.as_json import finding_as_json
+
     result, written = found.result, found.written
     assert written is not None
     warn_of(found.origin)
@@ -221,6 +225,8 @@ def discover(call: Call[Studied]) -> Output:
     """Report, finding and corrected model are written."""
     out = call.folder("discover")
     found = call(out=out)
+    from granite_lab.discovery.as_json import finding_as_json
+
     finding, written, excluded = found.result.finding, found.written, warn_of(found.origin)
     assert written is not None
     assert finding is not None

@@ -6,10 +6,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.trial import TrialInfo
+
+GIVEN: dict[str, tuple[str, type]] = {
+    "robot": ("robot", str), "soil": ("soil", str), "map": ("column_map", str),
+    "model": ("model", Path), "effects": ("effects", Path),
+}  # fmt: skip
+"""Option of the command line to field and type."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +68,7 @@ class Options:
         """Return what was said about all trials, as the options of the command line."""
         start, end = self.window or (-math.inf, math.inf)
         named = {
-            "robot": self.robot,
-            "soil": self.soil,
-            "map": self.column_map,
-            "model": self.model,
-            "effects": self.effects,
+            **{name: getattr(self, field) for name, (field, _) in GIVEN.items()},
             "tolerance": None if self.tolerance == TOLERANCE else f"{self.tolerance:.9g}",
             "latency": None if self.latency == LATENCY_LIMIT else f"{1e3 * self.latency:.9g}",
             "from": start if math.isfinite(start) else None,
@@ -78,17 +81,12 @@ class Options:
     def from_given(cls, given: Sequence[tuple[str, str]]) -> Options:
         """Return what `given` was made from; other names are passed over."""
         said = dict(given)
-        topics = (value.partition("=") for key, value in given if key == "topic")
+        fields: dict[str, Any] = {f: kind(said[name]) for name, (f, kind) in GIVEN.items() if name in said}
+        if {"from", "to"} & set(said):
+            fields["window"] = float(said.get("from", "-inf")), float(said.get("to", "inf"))
         return cls(
-            robot=said.get("robot"),
-            soil=said.get("soil"),
-            column_map=said.get("map"),
-            model=Path(said["model"]) if "model" in said else None,
-            effects=Path(said["effects"]) if "effects" in said else None,
-            topics=tuple((role, topic) for role, _, topic in topics),
+            **fields,
+            topics=tuple(tuple(value.split("=", 1)) for key, value in given if key == "topic"),  # type: ignore[misc]
             tolerance=float(said.get("tolerance", TOLERANCE)),
             latency=float(said.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,
-            window=(float(said.get("from", "-inf")), float(said.get("to", "inf")))
-            if {"from", "to"} & set(said)
-            else None,
         )

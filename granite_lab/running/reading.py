@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs import read_trial
@@ -20,19 +21,9 @@ def read(path: Path, options: Options) -> tuple[Trial, Robot]:
     Raises:
         InputError: the log cannot be used.
     """
-    trial = read_trial(
-        path,
-        imu=options.imu,
-        encoders=options.encoders,
-        currents=options.currents,
-        reference=options.reference,
-        rows=options.rows,
-        map=options.column_map,
-        robot=options.robot,
-        info=options.info,
-        topics=dict(options.topics),
-        window=options.window,
-    )
+    names = ("imu", "encoders", "currents", "reference", "rows", "robot", "info", "window")
+    said: dict[str, Any] = {name: getattr(options, name) for name in names}
+    trial = read_trial(path, map=options.column_map, topics=dict(options.topics), **said)
     return trial, load_robot(options.robot or trial.info.robot or "granite")
 
 
