@@ -199,17 +199,12 @@ def test_ingest_takes_what_the_options_say() -> None:
     ("call", "kind", "said"),
     [
         (lambda: gl.ingest([SAMPLE, OTHER], imu=SAMPLE), UsageError, "one trial"),
-        (lambda: gl.ingest(SAMPLES / "none.csv"), InputError, "does not exist"),
-        (lambda: gl.ingest([]), UsageError, "no trials given"),
-        (lambda: gl.simulate(0.5, k92=0.1, a_theta=4), UsageError, "exclude each other"),
-        (lambda: gl.simulate(v=0.5), UsageError, "the motion is not given"),
         (
             lambda: gl.simulate(0.5, active={"drive_reactio": {}}),
             UsageError,
             "unknown effect 'drive_reactio'",
         ),
         (gl.fit_a_theta, UsageError, "no trials given"),
-        (lambda: gl.fit_a_theta(SAMPLE, published=True), UsageError, "takes no trials"),
         (lambda: gl.simulate(0.5, k92=2.0), UsageError, "--k92 2 is out of range"),
         (lambda: gl.show_effect("tyre_wind"), UsageError, "unknown effect"),
         (lambda: gl.hide("none", SAMPLES), UsageError, "holds a hidden set already"),

@@ -82,14 +82,6 @@ def test_simulate_writes_a_run_and_one_json_document(tmp_path: Path) -> None:
     assert not run.isna().any().any()
 
 
-def test_simulate_takes_any_trapezoid(tmp_path: Path) -> None:
-    out = tmp_path / "a" / "run.csv"
-    done = lab("simulate", "--v", "0.4", "--a", "1", "--distance", "2", "--a-theta", "4", "--out", out)
-    assert done.returncode == 0, done.stderr
-    assert "λ_R" in done.stdout
-    assert pd.read_csv(out)["v_desired_mps"].max() == pytest.approx(0.4)
-
-
 def test_a_virtual_log_is_made_again_to_the_byte(tmp_path: Path) -> None:
     for name, run in (("a", lab), ("b", process)):
         done = run(
@@ -172,14 +164,6 @@ def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> Non
     log = pd.read_csv(SAMPLE, comment="#")
     stamps = log.loc[log["imu_ax_mps2"].notna(), "t_s"].to_numpy()
     assert motion["t_s"].to_numpy() == pytest.approx(stamps, abs=1e-9)
-
-
-def test_fit_k92_gives_a_value_with_its_std(tmp_path: Path) -> None:
-    fit = lab_json("fit-k92", SAMPLE, cwd=tmp_path)["fits"][0]
-    assert fit["k92"]["status"] == "ok"
-    assert 0.1 < fit["k92"]["value"] < 0.5
-    assert 0 < fit["k92"]["std"] < 0.2
-    assert fit["slip_ratio_simulated"] == pytest.approx(fit["slip_ratio"]["value"], abs=0.002)
 
 
 def test_notes_are_counted_and_listed_on_request(tmp_path: Path) -> None:
