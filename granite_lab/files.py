@@ -80,9 +80,8 @@ def sha256(path: Path) -> str:
     refuse_special(path)
     try:
         if path.is_dir():
-            inside = "".join(
-                f"{file.name} {sha256(file)}\n" for file in sorted(path.iterdir()) if file.is_file()
-            )
+            files = sorted(file for file in path.rglob("*") if file.is_file())
+            inside = "".join(f"{file.relative_to(path).as_posix()} {sha256(file)}\n" for file in files)
             return hashlib.sha256(inside.encode()).hexdigest()
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
