@@ -11,7 +11,7 @@ import numpy as np
 from granite_lab.inference.bench import Task
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Posterior, posterior
-from granite_lab.inference.problem import Problem
+from granite_lab.inference.problem import Further, Problem, stacked
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
@@ -100,7 +100,7 @@ def sizes(p: EffectParameter) -> tuple[float, ...]:
     if p.per_trial:
         return (high / 2,)
     if low < 0 < high:
-        return (0.2 * high, 0.2 * low)
+        return (0.2 * high,) if p.linear else (0.2 * high, 0.2 * low)
     if p.moving:
         return tuple(np.geomspace(low / 2, high, 8).tolist())
     least = max(low, high / 30)
@@ -141,31 +141,24 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
             tasks.append(problem.centre(moved, command))
     found = problem.bench.run(tasks, keep=False)
     n = len(probes) + 1
-    per_command = [found[j * n : (j + 1) * n] for j in range(len(problem.variants))]
-    sound = [
-        k for k in range(len(probes)) if all(r[0] is not None and r[k + 1] is not None for r in per_command)
-    ]
-    probes = [probes[k] for k in sound]
-    changes = [{j: r[k + 1] - r[0] for j, r in enumerate(per_command)} for k in sound]  # type: ignore[operator]
+    runs = [found[j * n : (j + 1) * n] for j in range(len(problem.variants))]
+    sound = [k for k in range(n - 1) if all(r[0] is not None and r[k + 1] is not None for r in runs)]
     own: dict[str, list[int]] = {}
-    for k, probe in enumerate(probes):
-        if probe.is_own:
-            own.setdefault(probe.candidate, []).append(k)
-    raw = {
-        everyone[0]: problem.columns(
-            everyone[0], fit.point, fit.slopes, [c[command] for c in changes],
-            [k for k, p in enumerate(probes) if not p.is_own], [k for g in own.values() for k in g],
-        )
-        for command, everyone in enumerate(problem.commands)
-    }  # fmt: skip
-    normal = problem.normal(
-        fit.point, fit.slopes, fit.residuals,
-        candidates=changes, own_candidates=[tuple(g) for g in own.values()],
-    )  # fmt: skip
+    for k in (k for k in sound if probes[k].is_own):
+        own.setdefault(probes[k].candidate, []).append(k)
+    shared = [k for k in sound if not probes[k].is_own]
+    each = [k for group in own.values() for k in group]
+    further = Further(
+        tuple(stacked([r[k + 1] - r[0] for k in (*shared, *each)], r[0]) for r in runs),  # type: ignore[operator, arg-type]
+        len(each),
+    )
+    first = [everyone[0] for everyone in problem.commands]
+    raw = dict(zip(first, problem.columns_of(first, fit.point, fit.slopes, further), strict=True))
+    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, known=raw)
     std, mean = problem.prior(fit.point, fit.scales)
     marginal = normal.marginal(fit.scales)
     return Screen(
-        tuple(p for p in probes if not p.is_own),
+        tuple(probes[k] for k in shared),
         {id_: tuple(probes[k] for k in group) for id_, group in own.items()},
         posterior(*marginal, std**-2.0, mean - fit.point.vector),
         marginal,

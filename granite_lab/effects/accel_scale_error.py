@@ -26,9 +26,9 @@ class AccelScaleError(Effect):
     )
     parameters = (
         EffectParameter("x", "", "relative error of the longitudinal axis",
-                        -0.3, 0.3, 0.0, -0.03, 0.03, relative=True),
+                        -0.3, 0.3, 0.0, -0.03, 0.03, relative=True, linear=True),
         EffectParameter("z", "", "relative error of the vertical axis",
-                        -0.3, 0.3, 0.0, -0.03, 0.03, relative=True),
+                        -0.3, 0.3, 0.0, -0.03, 0.03, relative=True, linear=True),
     )  # fmt: skip
 
     def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:

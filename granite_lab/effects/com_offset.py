@@ -22,7 +22,7 @@ class ComOffset(Effect):
     )
     parameters = (
         EffectParameter("forward", "m", "shift of the centre of mass, forward positive",
-                        -0.15, 0.15, 0.0, -0.04, 0.04,
+                        -0.15, 0.15, 0.0, -0.04, 0.04, linear=True,
                         signs=("centre of mass shifted to the front", "centre of mass shifted to the rear")),
     )  # fmt: skip
 

@@ -34,6 +34,8 @@ SAME_STATES = 1e-4
 SEEN = 1e-6
 """Least change of some channel at a typical size, as a share of the channel's largest value."""
 
+PROPORTIONAL = 0.1
+"""Largest relative rms by which the trace of a parameter declared linear differs from a proportional one."""
 
 CHANNELS = ("imu_ax_mps2", "imu_az_mps2", "imu_gy_radps", "enc_f_rad", "enc_r_rad", "cur_f_A", "cur_r_A")
 """What the sensors read."""
@@ -85,6 +87,7 @@ def contract(effect: Effect) -> list[Check]:
         ("shape parameters alone change nothing", _shapes),
         ("derivatives are finite", _derivatives),
         ("a typical size changes the readings", _seen),
+        ("traces of parameters declared linear are proportional", _linear),
         ("runs over the expected range converge", _expected_range),
         ("runs at the bounds converge or are refused with a reason", _bounds),
         ("machine code gives the same run", _compiled),
@@ -195,6 +198,29 @@ def _seen(effect: Effect) -> tuple[bool, str]:
     best = max(shares, key=shares.__getitem__)
     said = f"{_told(active)} changes {best} by {100 * shares[best]:.2g} % of its largest value"
     return shares[best] > SEEN, said
+
+
+def _linear(effect: Effect) -> tuple[bool | None, str]:
+    """Compare the trace of the largest expected size, channel by channel, with that of a quarter of it."""
+    declared = [p for p in effect.parameters if p.linear]
+    if not declared:
+        return None, "no parameter is declared linear"
+    robot, soil, variant = load_robot(), load_soil(), variant_of(0.5)
+    plain = simulate(variant, robot, soil)
+    worst, where = 0.0, ""
+    for p in declared:
+        few, many = (
+            simulate(variant, robot, soil, effects=(activate(effect, {p.name: p.neutral + share * size}),))
+            for size in (p.prior_high - p.neutral,)
+            for share in (0.25, 1.0)
+        )
+        traces = np.array([[run[c] - plain[c] for c in CHANNELS] for run in (few, many)])
+        weight = np.array([np.abs(plain[c]).max() for c in CHANNELS])[:, None]
+        left = np.linalg.norm((4 * traces[0] - traces[1]) / weight)
+        gap = float(left / np.linalg.norm(traces[1] / weight))
+        if gap >= worst:
+            worst, where = gap, p.name
+    return worst <= PROPORTIONAL, f"{where}: differs from proportional by {100 * worst:.2g} %"
 
 
 def _expected_range(effect: Effect) -> tuple[bool, str]:

@@ -25,7 +25,7 @@ class DriveReaction(Effect):
     )
     parameters = (
         EffectParameter("share", "", "share of ΣT that acts on the body; 1 by Newton's third law",
-                        -0.5, 2.0, 0.0, 0.5, 1.5),
+                        -0.5, 2.0, 0.0, 0.5, 1.5, linear=True),
     )  # fmt: skip
 
     def body_load(

@@ -26,8 +26,10 @@ class DrivetrainFriction(Effect):
         "after the stop. The motion is unchanged; only coasting is shorter."
     )
     parameters = (
-        EffectParameter("coulomb", "N m", "dry friction at the wheel", -1.0, 20.0, 0.0, 0.1, 1.5),
-        EffectParameter("viscous", "N m s/rad", "viscous friction per wheel rate", -0.5, 5.0, 0.0, 0.01, 0.2),
+        EffectParameter("coulomb", "N m", "dry friction at the wheel",
+                        -1.0, 20.0, 0.0, 0.1, 1.5, linear=True),
+        EffectParameter("viscous", "N m s/rad", "viscous friction per wheel rate",
+                        -0.5, 5.0, 0.0, 0.01, 0.2, linear=True),
         EffectParameter("creep", "rad", "wheel rotation over which dry friction builds up",
                         5e-4, 0.02, 0.005, 0.001, 0.01, shape=True),
     )  # fmt: skip

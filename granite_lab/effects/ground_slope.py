@@ -27,7 +27,8 @@ class GroundSlope(Effect):
     )
     parameters = (
         EffectParameter("slope", "deg", "rise of the ground in the direction of travel",
-                        -15.0, 15.0, 0.0, -2.0, 2.0, signs=("ground that rises", "ground that falls")),
+                        -15.0, 15.0, 0.0, -2.0, 2.0, linear=True,
+                        signs=("ground that rises", "ground that falls")),
     )  # fmt: skip
 
     def body_load(

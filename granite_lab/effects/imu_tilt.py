@@ -26,7 +26,7 @@ class ImuTilt(Effect):
     )
     parameters = (
         EffectParameter("tilt", "deg", "tilt of the IMU, nose down positive", -20.0, 20.0, 0.0, -2.0, 2.0,
-                        signs=("IMU mounted nose down", "IMU mounted nose up")),
+                        linear=True, signs=("IMU mounted nose down", "IMU mounted nose up")),
     )  # fmt: skip
 
     def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:

@@ -24,7 +24,8 @@ class WheelRadiusError(Effect):
     )
     parameters = (
         EffectParameter("error", "", "relative error of the reading", -0.2, 0.2, 0.0, -0.04, 0.04,
-                        relative=True, signs=("wheel angles read too large", "wheel angles read too small")),
+                        relative=True, linear=True,
+                        signs=("wheel angles read too large", "wheel angles read too small")),
     )  # fmt: skip
 
     def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:

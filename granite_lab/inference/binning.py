@@ -119,20 +119,20 @@ class Binning:
         return _Group(tuple(names), weights, s.t[used] - t_start, s.window, s.is_imu, to_bins[:, used])
 
     def __call__(self, t: Array, response: Array, start: float, latency: float = 0.0) -> dict[str, Array]:
-        """Return channel to its (n,) bins, or to the (k, n) bins of k responses.
+        """Return channel to its (n,) bins, or to the (n, k) bins of k responses.
 
         Args:
             t: (M,) time since the start of the command [s], the same for each response of that length.
-            response: (8, M) or (k, 8, M) simulated signals.
+            response: (8, M) or (8, M, k) simulated signals.
             start: by how much the command starts later than `t_start` [s].
             latency: by how much the stamps of the IMU come later than those of the wheels [s].
         """
         found: dict[str, Array] = {}
         for number, group in enumerate(self._groups):
             matrix = self._matrix(number, t, start + latency if group.is_imu else start)
-            signals = group.weights @ response
-            bins = (matrix @ signals.reshape(-1, t.size).T).T.reshape(*signals.shape[:-1], matrix.shape[0])
-            found |= {name: bins[..., place, :] for place, name in enumerate(group.names)}
+            for name, weights in zip(group.names, group.weights, strict=True):
+                used = np.flatnonzero(weights)
+                found[name] = matrix @ sum(weights[k] * response[k] for k in used)
         return {name: found[name] for name in self._order}
 
     def _matrix(self, number: int, t: Array, shift: float) -> Any:

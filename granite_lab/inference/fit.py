@@ -84,7 +84,7 @@ def fit(
     *,
     slopes: Slopes | None = None,
     rounds: int = 16,
-    renew: int = 4,
+    renew: int = 3,
 ) -> Fit:
     """Iterate to convergence, by Levenberg and Marquardt; a simulation without a solution shortens the step.
 
@@ -115,7 +115,7 @@ def fit(
         M, _ = state.normal.marginal(scales)
         std, mean = problem.prior(state.point, scales)
         here = M[-1, -1] + float(np.sum(((state.point.vector - mean) / std) ** 2))
-        aim = problem.moved(state.point, _step(M, std, mean - state.point.vector, damping))
+        aim = _aim(problem, state.point, M, std, mean - state.point.vector, damping)
         promised = here - _linear(M, std, mean, state.point, aim)
         drop = np.nan
         if promised >= LEAST:
@@ -171,12 +171,27 @@ def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:
     return None if found is None else tuple(found)
 
 
-def _step(M: Array, std: Array, pull: Array, damping: float) -> Array:
+def _aim(problem: Problem, point: Point, M: Array, std: Array, pull: Array, damping: float) -> Point:
+    """Return where the damped step leads; numbers that it would take beyond their bounds stay at these.
+
+    The others are solved for anew, given those: a step that is only cut off may lead uphill.
+    """
     p = std.size
     N = M[:p, :p] + np.diag(std**-2.0)
-    g = M[:p, -1] + pull / std**2
     scale = 1 / np.sqrt(np.diag(N))
-    return np.asarray(scale * np.linalg.solve(N * np.outer(scale, scale) + damping * np.eye(p), scale * g))
+    N = N * np.outer(scale, scale) + damping * np.eye(p)
+    g = scale * (M[:p, -1] + pull / std**2)
+    free, step = np.ones(p, dtype=bool), np.zeros(p)
+    while True:
+        held = g[free] - N[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.solve(N[np.ix_(free, free)], held)
+        aim = problem.moved(point, scale * step)
+        reached = (aim.vector - point.vector) / scale
+        beyond = free & ~np.isclose(reached, step, rtol=1e-9, atol=1e-12)
+        if not beyond.any():
+            return aim
+        free &= ~beyond
+        step = np.where(free, step, reached)
 
 
 def _linear(M: Array, std: Array, mean: Array, point: Point, aim: Point) -> float:

@@ -68,7 +68,7 @@ class TrialModel:
         return len(self.slacks)
 
     def bins_of(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
-        """Return channel to the (n,) bins of an (8, M) response, or (k, n) of (k, 8, M)."""
+        """Return channel to the (n,) bins of an (8, M) response, or (n, k) of (8, M, k)."""
         return self.observation.binned(self.t, response, float(x[RAKED]), float(sensors[0]))
 
     def predict(self, response: Array, x: Array, sensors: Array) -> Array:
@@ -96,13 +96,13 @@ class TrialModel:
 
         Args:
             response: (8, M) near the trial's own.
-            raked: (RAKED, 8, M) derivatives of the response by the sand.
+            raked: (8, M, RAKED) derivatives of the response by the sand.
             x: the trial's numbers.
             sensors: numbers of the sensors that all trials share.
         """
         started = self._later(response)
-        bins = self.bins_of(np.concatenate([response[None], raked, started[None]]), x, sensors)
-        b, *columns = ({c: bins[c][k] for c in self.channels} for k in range(RAKED + 2))
+        bins = self.bins_of(np.dstack([response, raked, started]), x, sensors)
+        b, *columns = ({c: bins[c][:, k] for c in self.channels} for k in range(RAKED + 2))
         zero = {c: np.zeros(self.observation.bins) for c in self.channels}
         for slack in self.slacks[RAKED + 1 :]:
             own = dict(zero)
@@ -123,13 +123,13 @@ class TrialModel:
         turning = self._turning(response)
         arm_x, arm_z = np.zeros_like(turning), np.zeros_like(turning)
         arm_z[0], arm_x[1] = turning[0], turning[1]
-        b = self.bins_of(np.stack([late, arm_x, arm_z]), x, sensors)
-        return np.concatenate([b[c].T for c in self.channels])
+        b = self.bins_of(np.dstack([late, arm_x, arm_z]), x, sensors)
+        return np.concatenate([b[c] for c in self.channels])
 
     def effect_columns(self, changes: Array, x: Array, sensors: Array) -> Array:
-        """Return the (C n, k) bins of k changes of the response, (k, 8, M)."""
+        """Return the (C n, k) bins of k changes of the response, (8, M, k)."""
         b = self.bins_of(changes, x, sensors)
-        return np.concatenate([b[c].T for c in self.channels])
+        return np.concatenate([b[c] for c in self.channels])
 
     def _turning(self, response: Array) -> Array:
         """Return how specific force changes with the place of the IMU: Θ̈ along x, −Θ̈ along z."""

@@ -58,9 +58,9 @@ class Slopes:
 
     Attributes:
         response: per command the (8, M) response.
-        sand: per command (7, 8, M), by the logarithms of the sand.
-        common, own: per command (e, 8, M), by the effects' shared and per-trial parameters.
-        traces: per command (s, 8, M), what each effect changes.
+        sand: per command (8, M, 7), by the logarithms of the sand.
+        common, own: per command (8, M, e), by the effects' shared and per-trial parameters.
+        traces: per command (8, M, s), what each effect changes.
     """
 
     response: tuple[Array, ...]
@@ -68,6 +68,19 @@ class Slopes:
     common: tuple[Array, ...]
     own: tuple[Array, ...]
     traces: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Further:
+    """Changes of the response that are no parameters yet: candidates of a screen.
+
+    Attributes:
+        changes: per command (8, M, k); first those that all trials share.
+        each: number of the last ones, which each trial has of its own.
+    """
+
+    changes: tuple[Array, ...]
+    each: int = 0
 
 
 class Problem:
@@ -274,10 +287,10 @@ class Problem:
                 (other - base) / s for other, s in zip(others[:h], steps[j * h : (j + 1) * h], strict=True)
             ]
             n = 0 if sand_from is not None else len(SAND)
-            sand = sand_from.sand[j] if sand_from is not None else np.stack(derived[:n])
-            effect = _stack(derived[n:], base)
-            traces = _stack([base - other for other in others[h:]], base)
-            parts.append((base, sand, effect[: len(shared)], effect[len(shared) :], traces))
+            sand = sand_from.sand[j] if sand_from is not None else stacked(derived[:n], base)
+            effect = stacked(derived[n:], base)
+            traces = stacked([base - other for other in others[h:]], base)
+            parts.append((base, sand, effect[..., : len(shared)], effect[..., len(shared) :], traces))
         return Slopes(*(tuple(p[k] for p in parts) for k in range(5)))
 
     def residuals(self, point: Point, responses: Sequence[Array]) -> tuple[Array, ...]:
@@ -353,8 +366,8 @@ class Problem:
         residuals: Sequence[Array],
         *,
         apart: bool = False,
-        candidates: Sequence[Mapping[int, Array]] = (),
-        own_candidates: Sequence[tuple[int, ...]] = (),
+        further: Further | None = None,
+        known: Mapping[int, Array] | None = None,
     ) -> Normal:
         """Return the normal equations at a point.
 
@@ -363,34 +376,35 @@ class Problem:
             slopes: there.
             residuals: (C, n) per trial there.
             apart: each trial has a discrepancy of its own instead of sharing it with its repetitions.
-            candidates: further columns of the response, each as command to (8, M).
-            own_candidates: of these, places of those that each trial has of its own; they become a column a
-                trial, behind the others.
+            further: columns behind those of the parameters; those that each trial has of its own become a
+                column a trial, behind the others.
+            known: trial to its `columns`, of the trials for which they were computed already.
         """
+        known = known or {}
         white = self.white(residuals)
         first = np.cumsum([0, *(x.size for x in point.trials)])
         local = int(first[-1])
         p = local + len(SHARED) + point.common.size
-        mine = {k for group in own_candidates for k in group}
-        common = [k for k in range(len(candidates)) if k not in mine]
-        each = [k for group in own_candidates for k in group]
-        size = p + len(common) + len(each) * len(self.trials) + 1
-        shared = np.arange(local, p + len(common))
+        each = further.each if further else 0
+        end = p + (further.changes[0].shape[-1] - each if further else 0)
+        size = end + each * len(self.trials) + 1
+        shared = np.arange(local, end)
+
+        def whitened(i: int) -> tuple[Places, Array]:
+            own, candidates = np.arange(first[i], first[i + 1]), end + i * each + np.arange(each)
+            place = np.concatenate([own, shared, candidates])
+            columns = known[i] if i in known else self.columns(i, point, slopes, further)
+            return place, self.whiten(i, columns)
+
         parts = []
         for command, everyone in enumerate(self.commands):
-            further = [c[command] for c in candidates]
-            rows: dict[int, tuple[Places, Array]] = {}
-            for i in everyone:
-                behind = p + len(common) + i * len(each) + np.arange(len(each))
-                place = np.concatenate([np.arange(first[i], first[i + 1]), shared, behind])
-                columns = self.columns(i, point, slopes, further, common, each)
-                rows[i] = (place, self.whiten(i, columns))
+            rows = dict(zip(everyone, self.bench.beside(whitened, everyone), strict=True))
             traces = self._traces(point, slopes, command)
             for own in [(i,) for i in everyone] if apart else [everyone]:
                 at = np.unique(np.concatenate([*(rows[i][0] for i in own), [size - 1]]))
                 names = dict.fromkeys(c for i in own for c in self.trials[i].channels)
-                channels = tuple(self._channel(c, command, own, at, rows, white, traces) for c in names)
-                parts.append(CommandPart(at, channels))
+                of = partial(self._channel, command, own, at, rows, white, traces)
+                parts.append(CommandPart(at, tuple(self.bench.beside(of, names))))
         return Normal(tuple(parts), size, p)
 
     def _traces(self, point: Point, slopes: Slopes, command: int) -> dict[str, list[Array]]:
@@ -399,17 +413,17 @@ class Problem:
             return {}
         i = self.commands[command][0]
         bins = self.trials[i].bins_of(slopes.traces[command], point.trials[i], point.sensors)
-        return {c: list(values) for c, values in bins.items()}
+        return {c: list(values.T) for c, values in bins.items()}
 
     def _channel(
         self,
-        name: str,
         command: int,
         own: Sequence[int],
         at: Places,
         whitened: Mapping[int, tuple[Places, Array]],
         white: Sequence[Array],
         traces: Mapping[str, list[Array]],
+        name: str,
     ) -> ChannelPart:
         width = self.trials[own[0]].observation.width
         formula = [modulated(trace, FORMULA, width) for trace in traces.get(name, ())]
@@ -435,44 +449,38 @@ class Problem:
             rows.append(Rows(i, bins, place, A, B))
         return ChannelPart(name, whole.columns, kind, tuple(rows), gram, basis, across)
 
-    def columns(
-        self,
-        i: int,
-        point: Point,
-        slopes: Slopes,
-        candidates: Sequence[Array] = (),
-        common: Sequence[int] = (),
-        each: Sequence[int] = (),
-    ) -> Array:
+    def columns_of(
+        self, trials: Sequence[int], point: Point, slopes: Slopes, further: Further | None = None
+    ) -> list[Array]:
+        """Return `columns` of several trials."""
+        return self.bench.beside(lambda i: self.columns(i, point, slopes, further), trials)
+
+    def columns(self, i: int, point: Point, slopes: Slopes, further: Further | None = None) -> Array:
         """Return the (C n, k) derivatives of what a trial should show.
 
         Args:
             i: the trial.
             point: where.
             slopes: there.
-            candidates: further columns of the response, (8, M) each.
-            common, each: places of those that all trials share, and of those that each has of its own.
+            further: changes whose columns come last.
 
         Returns:
-            by the trial's own parameters, the shared ones, the common candidates, the others.
+            by the trial's own parameters, the shared ones, the further ones.
         """
         t, x = self.trials[i], point.trials[i]
         command = self.variants.index(t.variant)
         response, sand = slopes.response[command], slopes.sand[command]
-        further = _stack(candidates, response)
-        local = t.columns(response, sand[:RAKED], x[: t.size], point.sensors)
-        changes = np.concatenate(
-            [sand[RAKED:], slopes.own[command], slopes.common[command], further[[*common, *each]]]
-        )
-        effect = t.effect_columns(changes, x, point.sensors)
-        cut = np.cumsum([len(SAND) - RAKED, len(slopes.own[command])])
-        rest, own, shared = np.split(effect, cut, axis=1)
+        local = t.columns(response, sand[..., :RAKED], x[: t.size], point.sensors)
+        changes = [sand[..., RAKED:], slopes.own[command], slopes.common[command]]
+        changes += [further.changes[command]] if further else []
+        rest, own, *shared = (t.effect_columns(change, x, point.sensors) for change in changes)
         sensors = t.sensor_columns(response, x, point.sensors)
-        return np.column_stack([local, own, local[:, :RAKED], rest, sensors, shared])
+        return np.column_stack([local, own, local[:, :RAKED], rest, sensors, *shared])
 
 
-def _stack(rows: Sequence[Array], like: Array) -> Array:
-    return np.stack(rows) if rows else np.zeros((0, *like.shape))
+def stacked(changes: Sequence[Array], like: Array) -> Array:
+    """Return k changes of a response as one (8, M, k) array; `like` is a response."""
+    return np.stack(changes, axis=-1) if changes else np.zeros((*like.shape, 0))
 
 
 def as_values(values: Array) -> Values:

@@ -35,7 +35,7 @@ class EffectParameter:
             neutral the model does not depend on it, and `neutral` is only where a search starts.
         per_trial: True where the value changes from trial to trial, as a phase of the wheels does.
         moving: True where the trace of another size comes at another time, so that sizes are probed closely.
-        linear: True where the effect is proportional to it, so that one size tells what others do.
+        linear: True where its trace is proportional to it over the prior's range, so that one size is probed.
         relative: True for a relative error, which a reader gets in percent.
         signs: the effect in words where the value is above and below zero; empty where a sign tells nothing.
     """

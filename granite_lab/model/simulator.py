@@ -55,7 +55,11 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
     Raises:
         EstimateError: the robot finds no rest on this soil.
     """
-    chosen, vector = tuple(e.effect for e in effects), parameter_vector(p, effects)
+    return _rest_state(p, effects, parameter_vector(p, effects))
+
+
+def _rest_state(p: ModelParameters, effects: Sequence[Active], vector: Array) -> Array:
+    chosen = tuple(e.effect for e in effects)
     extra = sum(len(e.states) for e in chosen)
     q = np.array([0.85 * p.wheels.radius + p.chassis.com_z, 0.0] + extra * [0.0])
     limit = np.array(2 * [0.2 * p.wheels.radius] + extra * [np.inf])
@@ -69,7 +73,7 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
         evaluate()
         if not np.isfinite(columns).all():
             break
-        step = np.linalg.lstsq(columns.T, residual, rcond=None)[0]
+        step = _solved(columns.T, residual)
         q -= np.clip(step, -limit, limit)
         if (np.abs(step) < 1e-12 * np.fmax(1, np.abs(q))).all():
             break
@@ -82,6 +86,14 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
         )
     start = -float(place[0])  # R begins at x = 0
     return np.concatenate([[start, q[0], q[1]], np.zeros(len(STATES) - 3), q[2:]])
+
+
+def _solved(A: Array, b: Array) -> Array:
+    """Return the solution of A x = b, by least squares where the matrix is singular."""
+    try:
+        return np.asarray(np.linalg.solve(A, b))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0])
 
 
 def parameter_vector(p: ModelParameters, effects: Sequence[Active]) -> Array:
@@ -160,7 +172,7 @@ def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy
         EstimateError: the integrator gave up, or the robot finds no rest.
     """
     chosen, vector = tuple(e.effect for e in effects), parameter_vector(p, effects)
-    states = engine_of(chosen).run(chosen, p.variant, accuracy, rest_state(p, effects), vector)
+    states = engine_of(chosen).run(chosen, p.variant, accuracy, _rest_state(p, effects, vector), vector)
     states.flags.writeable = False
     return states
 

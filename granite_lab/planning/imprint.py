@@ -12,7 +12,7 @@ from granite_lab.inference import noise
 from granite_lab.inference.bench import ACCURACY, Bench, World
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.observation import CHANNELS, Observation
-from granite_lab.inference.problem import Problem
+from granite_lab.inference.problem import Further, Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil, Variant
@@ -84,9 +84,9 @@ def imprint(
         hint = "the effect is too strong for this robot on this soil"
         raise EstimateError(f"{active.id}: a simulation does not converge", hint)
     problem.weigh(noise.nominal(problem), point, slopes)
-    change = {k: run - slopes.response[k] for k, run in enumerate(runs)}
+    change = tuple((run - response)[..., None] for run, response in zip(runs, slopes.response, strict=True))
     nothing = [np.zeros_like(t.measured) for t in trials]
-    normal = problem.normal(point, slopes, nothing, candidates=[change])
+    normal = problem.normal(point, slopes, nothing, further=Further(change))
     rows: dict[tuple[int, str], Array] = {}  # whitened, the change behind the nuisances
     for part in normal.parts:
         for c in part.channels:

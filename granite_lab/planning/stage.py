@@ -21,7 +21,7 @@ from granite_lab.inference.noise import FLOOR, Whitener
 from granite_lab.inference.normal import Posterior, Scales, posterior
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import BIN, CHANNELS, Observation
-from granite_lab.inference.problem import Point, Problem, Slopes
+from granite_lab.inference.problem import Further, Point, Problem, Slopes, stacked
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, peak_velocity
 from granite_lab.parameters import Robot, Variant
@@ -137,9 +137,9 @@ class Stage:
         trial = problem.trials[0]
         own = [whitener_of(n, trial.observation, peak_velocity(like.variant)) for n in like.noise]
         problem.weigh([own] * count, point, slopes)
-        changes = [{0: run - slopes.response[0]} for run in runs]
+        changes = stacked([run - slopes.response[0] for run in runs], slopes.response[0])
         nothing = [np.zeros_like(trial.measured)] * count
-        M, _ = problem.normal(point, slopes, nothing, candidates=changes).marginal(self.scales)
+        M, _ = problem.normal(point, slopes, nothing, further=Further((changes,))).marginal(self.scales)
         std, _ = problem.prior(point, self.scales)
         local = sum(x.size for x in point.trials)
         return posterior(M, 0.0, std[:local] ** -2.0, np.zeros(local)).rest[:-1, :-1]

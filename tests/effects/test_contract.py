@@ -19,7 +19,7 @@ from tests.effects.example import EXAMPLE
 @pytest.mark.parametrize("effect_id", library())
 def test_an_effect_of_the_library_keeps_the_contract(effect_id: str) -> None:
     checks = contract(get(effect_id))
-    assert len(checks) == 11
+    assert len(checks) == 12
     assert [c for c in checks if c.passed is False] == []
     # the library's effects are the paper's model to the last digit, not only to rounding
     assert neutral_gap(get(effect_id)) == 0.0
@@ -61,6 +61,14 @@ def test_a_breach_is_seen_and_told(tmp_path: Path, old: str, new: str, name: str
     assert said in found.detail
 
 
+def test_a_parameter_that_is_declared_linear_is_held_to_it(tmp_path: Path) -> None:
+    declared = EXAMPLE.replace("1.0, 10.0)", "1.0, 10.0, linear=True)")
+    for source, passed in ((declared, True), (declared.replace(FORCE, f"{FORCE} ** 2"), False)):
+        found = checks_of(tmp_path, source)["traces of parameters declared linear are proportional"]
+        assert found.passed is passed
+        assert "differs from proportional by" in found.detail
+
+
 def test_where_there_is_no_compiler_that_check_is_left_open(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("granite_lab.effects.contract.engine_of", lambda _: interpreted)
     last = contract(get("ground_slope"))[-1]
@@ -96,5 +104,5 @@ def test_the_command_reports_every_check_and_ends_with_3_on_failure(tmp_path: Pa
     done = lab("effects", "check", bad)
     assert done.returncode == 3
     assert "FAILED" in done.stdout
-    assert done.stderr.splitlines()[0].startswith(f"error: {bad}: effect 'head_wind': 1 of 11 checks failed")
+    assert done.stderr.splitlines()[0].startswith(f"error: {bad}: effect 'head_wind': 1 of 12 checks failed")
     assert lab("effects", "check", "no_such_effect").returncode == 2
