@@ -14,7 +14,7 @@ from granite_lab.files import is_folder, readable, refuse_special
 from granite_lab.logs.dialect import Table
 from granite_lab.logs.guess import wheels_named, words
 from granite_lab.logs.layouts import Column, Layout
-from granite_lab.logs.quantities import ENCODERS, WORDS
+from granite_lab.logs.quantities import ROS, WORDS
 from granite_lab.logs.trial import Array
 
 IMU, JOINTS, ODOMETRY = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
@@ -186,28 +186,11 @@ def _fields(message: Any) -> Iterator[tuple[str, float]]:
             yield "longitude", message.longitude
     else:
         if hasattr(message, "twist"):
-            yield _FORWARD, message.twist.twist.linear.x
+            yield "twist.twist.linear.x", message.twist.twist.linear.x
         while hasattr(message, "pose"):  # stamped, with covariance, or both
             message = message.pose
         yield "pose.pose.position.x", message.position.x
         yield "pose.pose.position.y", message.position.y
-
-
-_FORWARD = "twist.twist.linear.x"
-_BOUND: dict[str, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
-    "imu": tuple(
-        (f"{name}.{axis}", unit, (f"imu_{letter}{axis}",))
-        for axis in "xyz"
-        for name, unit, letter in (("linear_acceleration", "m/s^2", "a"), ("angular_velocity", "rad/s", "g"))
-    ),
-    "odom": ((_FORWARD, "m/s", ENCODERS),),
-    "reference": (
-        (_FORWARD, "m/s", ("ref_v",)), ("pose.pose.position.x", "m", ("ref_x",)),
-        ("pose.pose.position.y", "m", ("ref_y",)), ("latitude", "deg", ("ref_lat",)),
-        ("longitude", "deg", ("ref_lon",)),
-    ),
-}  # fmt: skip
-"""What a topic was taken for, to its fields with their units and channels."""
 
 
 def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str]]:
@@ -225,10 +208,10 @@ def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str
     names, doubts = table.headers[0], list[str]()
     columns = [Column(to=("t",), name="t", unit="s")]
     for role, topic in ((role, roles[role]) for role in ROLES if role in roles):
-        fields = _BOUND[role] if role != "joints" else _wheels(names, topic)
+        fields = ROS[role] if role != "joints" else _wheels(names, topic)
         columns += [
-            Column(to=to, name=name, unit=unit)
-            for field, unit, to in fields
+            Column(to=tuple(to), name=name, unit=unit)
+            for field, (unit, *to) in fields.items()
             if (name := f"{topic}.{field}") in names
         ]
         if not fields:
@@ -241,17 +224,17 @@ def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str
     return Layout(name=name, column=tuple(columns), title=table.path.name), doubts
 
 
-def _wheels(names: Sequence[str], topic: str) -> tuple[tuple[str, str, tuple[str, ...]], ...]:
+def _wheels(names: Sequence[str], topic: str) -> dict[str, list[str]]:
     """Return the fields of joints that are wheels: their positions, or else their velocities."""
     for quantity, unit in (("position", "rad"), ("velocity", "rad/s")):
         start = f"{topic}.{quantity}."
         found = assign([name.removeprefix(start) for name in names if name.startswith(start)])
         if found:
-            return tuple(
-                (f"{quantity}.{joint}", unit, tuple(f"enc_{wheel}" for wheel in wheels))
+            return {
+                f"{quantity}.{joint}": [unit, *(f"enc_{wheel}" for wheel in wheels)]
                 for joint, wheels in found.items()
-            )
-    return ()
+            }
+    return {}
 
 
 def assign(joints: Sequence[str]) -> dict[str, tuple[str, ...]]:

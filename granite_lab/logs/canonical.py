@@ -8,7 +8,8 @@ import json
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,9 +25,14 @@ if TYPE_CHECKING:
 _LINE = re.compile(r'\s*(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*")\s*=')
 
 
+Metadata = dict[str, Any]
+"""What a log says of itself: fields of `Known` that were said to their values, and `extra`, other keys to
+their texts."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class Metadata:
-    """Keys that mean something to the reader; NaN and empty texts stand for "not said"."""
+class Known:
+    """Keys that mean something to the reader, with their bounds."""
 
     robot: str = ""
     soil: str = ""
@@ -40,10 +46,9 @@ class Metadata:
     enc_counts: float = quantity("1/rev", 1e-3, 1e9, "counts per wheel revolution", "", math.nan)
     enc_step_rad: float = quantity("", 0, 10, "smallest step of the wheel angle [rad]", "", math.nan)
     enc_step_radps: float = quantity("", 0, 100, "smallest step of the wheel rate [rad/s]", "", math.nan)
-    extra: dict[str, str] = field(default_factory=dict)
 
 
-_KEYS = {key_of(f): f for f in dataclasses.fields(Metadata) if f.name != "extra"}
+_KEYS = {key_of(f): f.name for f in dataclasses.fields(Known)}
 
 
 def collect(
@@ -60,15 +65,20 @@ def collect(
     Raises:
         InputError: a known key with a value that is not allowed; a sidecar that cannot be read.
     """
-    known: dict[str, Any] = {}
-    extra: dict[str, str] = {}
-    for line, text in comments:
-        bare = text.lstrip("#").strip()
-        if _LINE.match(bare):
-            _take(_parse(bare, at(path, line)), at(path, line), known, extra, warnings)
-    for sidecar in sidecars:
-        _take(read_toml(sidecar), str(sidecar), known, extra, warnings)
-    return dataclasses.replace(build(Metadata, known, str(path)), extra=extra)
+    lines = [(at(path, line), text.lstrip("#").strip()) for line, text in comments]
+    above = ((where, _parse(bare, where)) for where, bare in lines if _LINE.match(bare))
+    beside = ((str(sidecar), read_toml(sidecar)) for sidecar in sidecars)
+    said: Metadata = {"extra": {}}
+    for where, table in chain(above, beside):
+        for key, value in table.items():
+            if key in _KEYS:
+                said[_KEYS[key]] = getattr(build(Known, {key: value}, where), _KEYS[key])
+                continue
+            said["extra"][key] = str(value)
+            close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
+            if close:
+                warnings.append(f"{where}: metadata key '{key}' is not known; did you mean '{close[0]}'?")
+    return said
 
 
 def _parse(text: str, where: str) -> dict[str, Any]:
@@ -77,64 +87,32 @@ def _parse(text: str, where: str) -> dict[str, Any]:
     try:
         return parse_toml(text, where)
     except InputError:
-        if key in _KEYS and _KEYS[key].name not in ("robot", "soil"):
+        if key in _KEYS and key not in ("robot", "soil"):
             raise InputError(
                 f"{where}: {key} = {value} is not valid", "write it as TOML, e.g. # v_desired_mps = 0.3"
             ) from None
         return {key: value.strip("\"'")}
 
 
-def _take(
-    table: dict[str, Any], where: str, known: dict[str, Any], extra: dict[str, str], warnings: list[str]
-) -> None:
-    """Sort the keys of one source into known and other ones."""
-    for key, value in table.items():
-        if key in _KEYS:
-            build(Metadata, {key: value}, where)
-            known[key] = value
-            continue
-        extra[key] = str(value)
-        close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
-        if close:
-            warnings.append(f"{where}: metadata key '{key}' is not known; did you mean '{close[0]}'?")
-
-
-def fill(sources: Sequence[Metadata]) -> Metadata:
-    """Merge the metadata of several files; the first that says something counts."""
-    said: dict[str, Any] = {"extra": {}}
-    for metadata in reversed(sources):
-        said["extra"] |= metadata.extra
-        said |= {f.name: value for f in _KEYS.values() if (value := _said(metadata, f.name)) is not None}
-    return Metadata(**said)
-
-
-def _said(metadata: Metadata, name: str) -> Any:
-    """Return a value, None where nobody said it."""
-    value = getattr(metadata, name)
-    unsaid = math.isnan(value) if isinstance(value, float) else not value
-    return None if unsaid else value
-
-
-def trial_info(metadata: Metadata, given: TrialInfo | None, robot: str | None) -> TrialInfo:
-    """Merge what the log says with what the caller says; the caller's word counts.
+def trial_info(sources: Sequence[Metadata], given: TrialInfo | None, robot: str | None) -> TrialInfo:
+    """Merge what the files say, the first that says something, with what the caller says, who goes first.
 
     Args:
-        metadata: of the log.
+        sources: metadata of the files.
         given: overrides; None in a field means "as in the log".
         robot: name of the robot, already decided.
     """
     given = given or TrialInfo()
-    names = ("soil", "v_desired", "a_max", "distance", "repetition", "clock_offset")
-    merged = {name: _said(metadata, name) for name in names}
-    merged |= {name: value for name in names if (value := getattr(given, name)) is not None}
-    if merged["repetition"] is not None:
+    merged: Metadata = {}
+    for said in reversed(sources):
+        merged |= {key: value for key, value in said.items() if value is not False and value != ""}
+    extra = {key: text for said in reversed(sources) for key, text in said["extra"].items()}
+    merged |= {key: value for key, value in vars(given).items() if value is not None and value is not False}
+    merged["extra"] = extra | given.extra
+    if "repetition" in merged:
         merged["repetition"] = int(merged["repetition"])
-    return TrialInfo(
-        robot=robot,
-        virtual=metadata.virtual or given.virtual,
-        extra=metadata.extra | given.extra,
-        **merged,
-    )
+    names = [f.name for f in dataclasses.fields(TrialInfo) if f.name in merged]
+    return TrialInfo(**{name: merged[name] for name in names} | {"robot": robot})
 
 
 def write_canonical(path: Path, trial: Trial) -> None:
@@ -159,7 +137,7 @@ def write_canonical(path: Path, trial: Trial) -> None:
 def _comments(trial: Trial) -> list[str]:
     """Return the metadata as lines of TOML."""
     info, wheels = trial.info, trial.wheels
-    known: dict[str, object] = {key: getattr(info, f.name, None) for key, f in _KEYS.items()}
+    known: dict[str, object] = {key: getattr(info, name, None) for key, name in _KEYS.items()}
     known["virtual"] = info.virtual or None
     known["imu_gravity_removed"] = (trial.imu is not None and trial.imu.gravity_removed) or None
     if wheels is not None and wheels.step > 0:

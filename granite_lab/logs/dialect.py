@@ -106,10 +106,13 @@ class Table:
         cells = [row[place].strip() for row in self.sample if row[place].strip() not in MISSING]
         return bool(cells) and all(DATED.match(cell) for cell in cells)
 
+    def header(self, place: int) -> str:
+        """Return a column's name as it stands in the first header row; a map needs it so."""
+        return self.headers[0][place] if self.headers else f"column {place + 1}"
+
     def name(self, place: int) -> str:
-        """Return what the first header row calls a column, counted from 0."""
-        text = self.headers[0][place] if self.headers else ""
-        return text or f"column {place + 1}"
+        """Return what a message calls a column, counted from 0."""
+        return self.header(place) or f"column {place + 1}"
 
 
 def is_number(cell: str, decimal: str = ".") -> bool:
@@ -248,22 +251,21 @@ def _encoding(path: Path, head: bytes) -> str:
     Raises:
         InputError: they are not text.
     """
-    binary = InputError(f"{path}: is binary, not text", "export the log as CSV")
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
-    if b"\0" in head:
-        for name, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[0::2])):
-            if zeros.count(0) > 0.9 * len(zeros) and head.count(0) < 0.6 * len(head):
-                return name
-        if 0 in head[:512] or head.count(0) > 0.01 * len(head):
-            raise binary
+    for name, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[0::2])):
+        if b"\0" in head and zeros.count(0) > 0.9 * len(zeros) and head.count(0) < 0.6 * len(head):
+            return name
+    binary = 0 in head[:512] or head.count(0) > 0.01 * len(head)
     try:
         codecs.getincrementaldecoder("utf-8-sig")().decode(head)
+        encoding = "utf-8-sig"
     except UnicodeDecodeError:
-        if sum(byte < 32 and byte not in b"\t\r\n\f" for byte in head) > 0.01 * len(head):
-            raise binary from None
-        return "cp1252"
-    return "utf-8-sig"
+        encoding = "cp1252"
+        binary |= sum(byte < 32 and byte not in b"\t\r\n\f" for byte in head) > 0.01 * len(head)
+    if binary:
+        raise InputError(f"{path}: is binary, not text", "export the log as CSV")
+    return encoding
 
 
 def _head(file: TextIO) -> tuple[list[tuple[int, str]], list[tuple[int, str]], str]:
@@ -313,9 +315,8 @@ def _delimiter(lines: list[str]) -> str:
 
 def _decimal(rows: list[list[str]], delimiter: str) -> str:
     """Find the decimal sign: a comma inside cells, where no cell has a point."""
-    cells = [cell.strip() for row in rows for cell in row]
-    commas = sum(bool(_COMMA_NUMBER.fullmatch(cell)) for cell in cells)
-    points = sum("." in cell and is_number(cell) for cell in cells)
+    commas = sum(bool(_COMMA_NUMBER.fullmatch(cell.strip())) for row in rows for cell in row if "," in cell)
+    points = sum("." in cell and is_number(cell) for row in rows for cell in row) if commas else 0
     return "," if commas > points and (delimiter != "," or commas > 1) else "."
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import SECONDS, unit_factor
+from granite_lab.logs.dialect import Table
 from granite_lab.logs.quantities import (
     ACCELERATION,
     CHANNELS,
@@ -158,19 +159,18 @@ def _sensor(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float
     return (), 0.0
 
 
-def guess(names: Mapping[int, str], columns: Mapping[int, Array], dates: Collection[int] = ()) -> Found:
-    """Guess what each column of a log is.
+def guess(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
+    """Guess what the columns of a log are.
 
     Args:
-        names: place of a column to its name.
-        columns: place to (N,) values, NaN where empty.
-        dates: places of columns that are written as dates; their values are seconds since 1970.
+        table: the log.
+        columns: place of a column to its (N,) values, NaN where empty; dates as seconds since 1970.
 
     Returns:
-        place to guess.
+        a guess about each of these columns.
     """
-    found = {place: by_name(names[place], place) for place in columns}
-    for place in dates:
+    found = {place: by_name(table.header(place), place) for place in columns}
+    for place in filter(table.is_dated, columns):
         fine = bool((np.diff(columns[place]) != 0).mean() > 0.5) if len(columns[place]) > 1 else False
         _set(found, place, DATE, "dates", to=("t",), confidence=0.95 if fine else 0.3, assumed=False)
     _seconds_and_parts(found, columns)
@@ -178,7 +178,10 @@ def guess(names: Mapping[int, str], columns: Mapping[int, Array], dates: Collect
     _time(found, columns)
     _triples(found, columns)
     _encoders(found, columns)
-    return found
+    for place, one in found.items():
+        if table.headers and table.headers[0].count(one.name) > 1:  # a map cannot tell them apart
+            _set(found, place, one.unit, f"{one.why}; two columns have this name", to=())
+    return list(found.values())
 
 
 def _set(found: Found, place: int, unit: str, why: str, **more: Any) -> None:

@@ -76,7 +76,7 @@ def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
     clean = despike(imu)[0]
     seen = _windows(clean)
     a, removed = (1.0, imu.gravity_removed) if seen is None else _acceleration(imu.gravity_removed, seen, log)
-    g = _rate(clean.angular_rate, None if removed else seen, seen, log)
+    g = _rate(clean.angular_rate, removed, seen, log)
     corrected = []
     for one in (imu, clean):
         force, rate = one.specific_force * a, one.angular_rate * g
@@ -180,22 +180,12 @@ def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
     )
 
 
-def _rate(rate: Array, level: Windows | None, seen: Windows | None, log: Log) -> float:
-    """Compare the gyroscope with the turning of the gravity vector and with the grade's noise.
-
-    Args:
-        rate: (N, 3) without spikes.
-        level: windows, unless gravity was removed.
-        seen: the same, if there are any.
-        log: where it stood.
-
-    Returns:
-        the factor to SI.
-    """
+def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:
+    """Compare the gyroscope with the turning of gravity and the grade's noise; return its factor to SI."""
     if np.isnan(rate).all():
         return 1.0
     declared, peak = log.unit(*RATE), float(np.nanmax(np.abs(rate)))
-    turning = math.nan if level is None else _turning_ratio(level)
+    turning = math.nan if removed or seen is None else _turning_ratio(seen)
     # The turning of the gravity vector, as the accelerometer sees it, contains all of the true turning:
     # a ratio beyond 1 is impossible. Vibration and acceleration lower it to a few hundredths on flat ground
     # (0.06 to 1.1 in logs of a rover on sand, a Husky on sand and snow, and a car).
@@ -264,12 +254,11 @@ def _report_rails(imu: ImuStream, log: Log) -> None:
 def _rail(column: Array, limit: float) -> Mask:
     """Return which samples sit at a rail: the known one, or an extreme value held for a while."""
     at_rail = np.abs(column) >= 0.999 * limit
-    low, middle, high = np.quantile(column, [0.16, 0.5, 0.84])
     for extreme in (column.max(), column.min()):
         held = column == extreme
-        far = high > low and abs(extreme - middle) > 2 * (high - low)
-        if far and any(last - first > 1 for first, last in runs(held)):
-            at_rail |= held
+        if any(last - first > 1 for first, last in runs(held)):
+            low, middle, high = np.quantile(column, [0.16, 0.5, 0.84])
+            at_rail |= held & (high > low) & (abs(extreme - middle) > 2 * (high - low))
     return np.asarray(at_rail)
 
 

@@ -20,7 +20,7 @@ from granite_lab.logs.guess import ColumnReport, by_name, guess
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
 from granite_lab.logs.named import is_bag, name_of, parts_of
 from granite_lab.logs.reader import assemble
-from granite_lab.logs.source import Choice, Source, read_source, recognise
+from granite_lab.logs.source import Choice, read_source, recognise
 from granite_lab.logs.table import load, open_table
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.logs.wheels import MotionGuess, look, rests
@@ -215,7 +215,7 @@ def _inspect(path: Path, said: Choice, robot: str | Path | None) -> FileReport:
         except InputError:
             return report
     columns, doubts = _numbers(table)
-    entries = _recognised(found) if found is not None else _guessed(table, columns)
+    entries = _recognised(found) if found is not None else guess(table, columns)
     used = {column.place for column in entries}
     entries += [_unused(table, columns, place) for place in range(table.width) if place not in used]
     entries = [_ranged(column, columns.get(column.place)) for column in entries]
@@ -232,10 +232,20 @@ def _inspect(path: Path, said: Choice, robot: str | Path | None) -> FileReport:
         if not any("t" in column.to for column in entries):
             return report
     try:
-        return _sampled(report, read_source(table, found or _bound(report, table), said.rows, columns), robot)
+        source = read_source(table, found or _bound(report, table), said.rows, columns)
+        trial = assemble(path, [("", source)], robot, whole=False)
     except InputError as error:
         told = (*report.doubts, error.message) if error.message != report.problem else report.doubts
         return replace(report, problem=report.problem or error.message, doubts=told)
+    the_robot = load_robot(trial.info.robot or "granite")
+    return replace(
+        report,
+        streams=tuple(_streams(trial)),
+        rests=tuple(rests(trial, the_robot)),
+        motion=look(trial, the_robot),
+        doubts=report.doubts + trial.warnings,
+        trial=trial,
+    )
 
 
 def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
@@ -285,32 +295,14 @@ def _recognised(found: Match) -> list[ColumnReport]:
     return reports
 
 
-def _guessed(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
-    """Report the columns of an unknown layout."""
-    names = {place: _header(table, place) for place in columns}
-    found = guess(names, columns, [place for place in columns if table.is_dated(place)])
-    # Two columns of one name cannot be told apart by a map.
-    return [
-        replace(one, to=(), why=f"{one.why}; two columns have this name")
-        if table.headers and table.headers[0].count(one.name) > 1
-        else one
-        for one in found.values()
-    ]
-
-
 def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnReport:
     """Report a column that nothing is taken from, with what it may be."""
-    name = _header(table, place)
+    name = table.header(place)
     if place not in columns:
         return ColumnReport(name, place, why="not used; texts or empty")
     one = by_name(name, place)
     what = f"its name suggests {', '.join(one.to)} [{one.unit}]" if one.to else one.why
     return replace(one, to=(), confidence=0.0, why=f"not used; {what}")
-
-
-def _header(table: Table, place: int) -> str:
-    """Return a column's name as it stands in the file; a map needs it so."""
-    return table.headers[0][place] if table.headers else table.name(place)
 
 
 def _bound(report: FileReport, table: Table) -> Match:
@@ -325,20 +317,6 @@ def _bound(report: FileReport, table: Table) -> Match:
     if found.missing:
         raise InputError(report.problem)
     return found
-
-
-def _sampled(report: FileReport, source: Source, robot: str | Path | None) -> FileReport:
-    """Add what the samples show."""
-    trial = assemble(report.path, [("", source)], robot, whole=False)
-    the_robot = load_robot(trial.info.robot or "granite")
-    return replace(
-        report,
-        streams=tuple(_streams(trial)),
-        rests=tuple(rests(trial, the_robot)),
-        motion=look(trial, the_robot),
-        doubts=report.doubts + trial.warnings,
-        trial=trial,
-    )
 
 
 def _streams(trial: Trial) -> Iterator[StreamReport]:

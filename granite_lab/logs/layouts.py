@@ -75,7 +75,7 @@ class Column:
         """What the whole name of a column of a file must match."""
         return re.compile(self.pattern or re.escape(self.name), re.IGNORECASE)
 
-    @property
+    @cached_property
     def label(self) -> str:
         """The name to ask for in a message."""
         plain = re.match(r"\(?([\w. %]+)", self.pattern.replace("\\", ""))

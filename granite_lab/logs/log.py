@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -50,7 +51,7 @@ class Log:
         named = self.column(*([channels] if isinstance(channels, str) else channels))
         return InputError(f"{self.where}: {named}{what}", hint)
 
-    @property
+    @cached_property
     def mounting(self) -> Array:
         """Matrix from the IMU's axes to the robot's."""
         roll, pitch, yaw = self.robot.imu.rotation

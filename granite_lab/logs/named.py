@@ -8,20 +8,12 @@ from pathlib import Path
 
 from granite_lab.errors import UsageError
 from granite_lab.files import is_folder
+from granite_lab.logs.quantities import WORDS
 
 BAGS = (".bag", ".mcap", ".db3")
 """File name endings of recordings by ROS."""
 
 _TABLES = (".csv", ".csv.gz", ".csv.zip", ".mat")
-
-_SENSOR = re.compile(
-    r"imu|inertial|acc(el(eration|erometer)?)?|gyro(scope)?|enc(oders?)?|wheels?|odom(etry)?|joints?|"
-    r"cur(rents?)?|motors?|ref(erence)?|gps|gnss|fix|location|mocap|vicon|optitrack"
-)
-_FILLER = re.compile(r"data|log|raw|total|linear|angular|velocity|uncalibrated|states?")
-_OTHER = re.compile(r"annotation|barometer|compass|gravity|light|magnetometer|metadata|orientation|pedometer")
-"""Words in the names of files in a folder that holds one trial, a file a sensor; files of other sensors
-are passed over."""
 
 
 def is_bag(path: Path) -> bool:
@@ -55,10 +47,10 @@ def parts_of(folder: Path) -> list[Path]:
     parts, others = [], 0
     for path in tables:
         spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name_of(path)).lower()
-        words = [word for word in re.findall(r"[a-z]+|[^\W_a-z]+", spaced) if not _FILLER.fullmatch(word)]
-        if words and all(_SENSOR.fullmatch(word) for word in words):
+        words = set(re.findall(r"[a-z]+|[^\W_a-z]+", spaced)) - WORDS["file_filler"]
+        if words and words <= WORDS["sensor_file"]:
             parts.append(path)
-        others += bool(words) and all(_OTHER.fullmatch(word) for word in words)
+        others += bool(words) and words <= WORDS["other_file"]
     return parts if len(parts) > 1 and len(parts) + others == len(tables) else []
 
 

@@ -67,6 +67,9 @@ SENSORS = {kind: build(Sensor, table, str(_PATH)) for kind, table in _LISTED["se
 WORDS: dict[str, frozenset[str]] = {key: frozenset(text.split()) for key, text in _LISTED["words"].items()}
 """What a name speaks of, to the words that say so."""
 
+ROS: dict[str, dict[str, list[str]]] = _LISTED["ros"]
+"""What a topic was taken for, to its fields with their unit and channels."""
+
 CHANNELS = {channel: sensor.quantities for sensor in SENSORS.values() for channel in sensor.channels}
 """Channel to the quantities that may feed it."""
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.canonical import fill, trial_info
+from granite_lab.logs.canonical import trial_info
 from granite_lab.logs.clocks import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
 from granite_lab.logs.layouts import Binding, Maps, given_maps, match, no_match
@@ -135,14 +135,14 @@ def assemble(
     doubts += [doubt for one in parts for doubt in one.doubts]
     merged, columns = _merge(files, parts)
     log = Log(the_robot, str(path), columns, doubts)
-    said = [dataclasses.replace(s.metadata, soil=_beside(s, s.metadata.soil)) for s in sources]
+    said = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
     imu, wheels, clean = _imu(merged, path, doubts), merged.wheels, None
     if imu is not None:
         imu, clean = check_units(imu, log)
     wheels = None if wheels is None else check_wheels(wheels, imu, log)
     trial = Trial(
         name=name_of(path),
-        info=trial_info(fill(said), info, name),
+        info=trial_info(said, info, name),
         imu=imu,
         wheels=wheels,
         currents=merged.currents,
@@ -165,12 +165,6 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
         trial: as read.
         clean: its IMU without spikes.
         log: where it stood.
-
-    Returns:
-        the trial with currents in amperes, without the stretches of a wheel that turns freely.
-
-    Raises:
-        InputError: no samples, or a column that would carry a wrong result.
     """
     wheels, currents = trial.wheels, trial.currents
     if clean is None and wheels is None:
@@ -194,7 +188,7 @@ def _robot(
     sources: Sequence[Source], given: str | Path | None, info: TrialInfo | None, doubts: list[str]
 ) -> tuple[str | None, Robot]:
     """Decide which robot the log is of; without a word from anyone it is the laboratory's own."""
-    named = [_beside(source, source.metadata.robot) for source in sources]
+    named = [_beside(source, source.metadata.get("robot", "")) for source in sources]
     named += [source.match.layout.robot for source in sources]
     said = given or (info.robot if info else None) or next(filter(None, named), None)
     if said:

@@ -160,10 +160,10 @@ def read_source(
     selector = _selector(table, condition, asked=rows is not None) if condition else None
     wanted = {b.place for b in found.bindings}
     wanted |= {place for place in (selector[0] if selector else None, splitter) if place is not None}
-    if held is not None and wanted <= set(held):
+    dates = {b.place for b in found.bindings if b.unit.name == DATE}
+    if held is not None and wanted <= set(held) and dates == set(filter(table.is_dated, wanted)):
         columns = {place: held[place] for place in wanted}
     else:
-        dates = {b.place for b in found.bindings if b.unit.name == DATE}
         columns, cut = load(table, sorted(wanted), sorted(dates))
         doubts += cut
     kept = np.arange(len(next(iter(columns.values()))), dtype=np.float64)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clocks import Mask, Rows, integral, runs, stray, tidy, unit_factor
+from granite_lab.logs.clocks import Mask, integral, runs, stray, tidy, unit_factor
 from granite_lab.logs.encoders import convert, unwrap
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import ENCODERS, SENSORS
@@ -36,11 +36,10 @@ _A, _E2 = 6378137.0, 6.69437999014e-3
 
 
 class Samples(NamedTuple):
-    """Stamps (N,) [s], values (N, K) and the rows (N,) of the table they stood in."""
+    """Stamps (N,) [s] and values (N, K)."""
 
     t: Array
     values: Array
-    rows: Rows
 
 
 @dataclass
@@ -70,7 +69,8 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
         InputError: clock, samples or units cannot be used.
     """
     parts = Parts(doubts=list(source.doubts))
-    parts.gravity_removed = source.match.layout.gravity_removed or source.metadata.imu_gravity_removed
+    removed = source.metadata.get("imu_gravity_removed", False)
+    parts.gravity_removed = source.match.layout.gravity_removed or removed
     t = _clock(source, parts.doubts)
     if window is not None:
         source, t = _cut(source, t, window)
@@ -110,7 +110,7 @@ def interval(window: tuple[float, float]) -> str:
 def _clock(source: Source, doubts: list[str]) -> Array:
     """Return the stamp of every row [s], from the first clock that runs."""
     clocks = source.bindings("t")
-    binding = next((b for b in clocks if len(np.unique(_finite(source.columns[b.place]))) > 1), None)
+    binding = next((b for b in clocks if _advances(source.columns[b.place])), None)
     if binding is None:
         raise InputError(
             f"{source.path}: column '{clocks[0].name}' does not advance, expected time stamps",
@@ -146,8 +146,9 @@ def _clock(source: Source, doubts: list[str]) -> Array:
     return raw * factor
 
 
-def _finite(values: Array) -> Array:
-    return values[np.isfinite(values)]
+def _advances(stamps: Array) -> bool:
+    known = stamps[np.isfinite(stamps)]
+    return len(known) > 1 and bool(np.ptp(known) > 0)
 
 
 def _sampled(source: Source, channels: Sequence[str]) -> Mask:
@@ -185,7 +186,7 @@ def _samples(source: Source, t: Array, kind: str, doubts: list[str]) -> Samples 
 
     stamps, rows = tidy(t[places], values, what, where, said)
     doubts += [f"{source.path.name}: {doubt}" for doubt in said]
-    return Samples(stamps, values[rows], places[rows])
+    return Samples(stamps, values[rows])
 
 
 def _complete(source: Source, samples: Samples, kind: str, doubts: list[str]) -> Samples | None:
@@ -194,7 +195,7 @@ def _complete(source: Source, samples: Samples, kind: str, doubts: list[str]) ->
     An axis that is zero from beginning to end is not measured: so messages of ROS say it. A sample in which
     an axis is missing that is logged elsewhere is left out.
     """
-    what, channels, (t, values, rows) = SENSORS[kind].name, SENSORS[kind].channels, samples
+    what, channels, (t, values) = SENSORS[kind].name, SENSORS[kind].channels, samples
     idle = [k for k, axis in enumerate(values.T) if (axis == 0).all()]
     if len(t) >= _MANY and idle and (kind != "acceleration" or len(idle) == len(channels)):
         names = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
@@ -207,7 +208,7 @@ def _complete(source: Source, samples: Samples, kind: str, doubts: list[str]) ->
     holes = np.asarray(np.isnan(values[:, logged]).any(axis=1))
     count = int(np.count_nonzero(holes))
     if count == 0:
-        return Samples(t, values, rows)
+        return Samples(t, values)
     if len(t) - count < 2:
         raise InputError(
             f"{source.path}: {what}: {len(t) - count} samples have all their axes, expected at least two",
@@ -219,7 +220,7 @@ def _complete(source: Source, samples: Samples, kind: str, doubts: list[str]) ->
         f"{source.path.name}: {what}: {count} samples without '{source.bindings(axis)[0].name}' were left "
         f"out, the longest stretch from t = {t[first]:.3f} s to {t[last]:.3f} s"
     )
-    return Samples(t[~holes], values[~holes], rows[~holes])
+    return Samples(t[~holes], values[~holes])
 
 
 def _longest(flags: Mask, t: Array) -> tuple[int, int]:
@@ -259,15 +260,14 @@ def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream
             if end - begin > 0.1 and (last - first) > 0.02 * len(seen):
                 parts.doubts.append(f"{where}: no sample from t = {begin:.3f} s to {end:.3f} s")
     rates = np.isfinite(rate).any()
-    said = source.metadata.enc_step_radps if rates else source.metadata.enc_step_rad
-    step = max(steps, default=0.0) if math.isnan(said) else said
+    step = source.metadata.get("enc_step_radps" if rates else "enc_step_rad", max(steps, default=0.0))
     return WheelStream(samples.t, angle, rate if rates else None, step)
 
 
 def _counts(source: Source, binding: Binding, robot: Robot) -> float:
     """Return the counts per wheel revolution: of the log, the column map, or the robot."""
-    said = source.metadata.enc_counts
-    counts = said if not math.isnan(said) else binding.spec.counts_per_rev or robot.encoders.counts
+    counts: float = binding.spec.counts_per_rev or robot.encoders.counts
+    counts = source.metadata.get("enc_counts", counts)
     if binding.unit.name.startswith("counts") and not counts:
         raise InputError(
             f"{source.path}: column '{binding.name}': counts per wheel revolution are not known",

@@ -245,17 +245,17 @@ def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
         return wheels
     span = wheels.t[n:] - wheels.t[:-n]
     speed = np.abs(wheels.angle[n:] - wheels.angle[:-n]) / span[:, None]
-    angle = wheels.angle.copy()
+    angle, fastest = wheels.angle.copy(), speed.argmax(axis=1)
+    low, middle, high, top = np.sort(speed, axis=1).T
+    free = (top > FREE[0] * middle) & (high - low < FREE[1] * middle)
+    free &= middle > 0.1 * float(np.quantile(middle, 0.95))
     for i, channel in enumerate(ENCODERS):
-        others = np.delete(speed, i, axis=1)
-        middle = np.median(others, axis=1)
-        free = (speed[:, i] > FREE[0] * middle) & (np.ptp(others, axis=1) < FREE[1] * middle)
-        free &= middle > 0.1 * float(np.quantile(middle, 0.95))
-        long = [(a, b) for a, b in runs(free) if (b + 1 - a) * dt >= FREE[2]]
+        mine = free & (fastest == i)
+        long = [(a, b) for a, b in runs(mine) if (b + 1 - a) * dt >= FREE[2]]
         for a, b in long:
             angle[a : b + 1 + n, i] = np.nan
         if long:
-            ratio = float(np.median(speed[free, i] / middle[free]))
+            ratio = float(np.median(top[mine] / middle[mine]))
             log.doubts.append(
                 f"{log.column(channel)}: the wheel turns {ratio:.2g} times as fast as "
                 f"the others from t = {wheels.t[long[0][0]]:.2f} s on: off the ground? left out there"

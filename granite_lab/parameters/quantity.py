@@ -15,6 +15,7 @@ import typing
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -170,7 +171,7 @@ def build(cls: type[T], table: dict[str, Any], where: str, label: str = "") -> T
     Raises:
         InputError: unknown or missing key, wrong type, number out of bounds.
     """
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)  # type: ignore[arg-type]
     fields = {key_of(f): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
     place = f"{where}: [{label}]" if label else where
     for key in table:
@@ -189,6 +190,12 @@ def build(cls: type[T], table: dict[str, Any], where: str, label: str = "") -> T
             continue
         values[field.name] = _convert(hints[field.name], field, key, table[key], where, place, label)
     return cls(**values)
+
+
+@cache
+def _hints(cls: type[Any]) -> dict[str, Any]:
+    """Return the types of a record's fields."""
+    return typing.get_type_hints(cls)
 
 
 def _convert(

@@ -181,54 +181,36 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", MAPS)
-def test_a_broken_column_map(name: str, tmp_path: Path) -> None:
-    content, error, hint = MAPS[name]
-    log = written(tmp_path, "trial.csv", LOG)
-    path = written(tmp_path, "map.toml", content)
-    done = lab("ingest", log, "--map", path, "--out", tmp_path / "out", "--jobs", 1)
-    refused(done, 3, error, hint)
-    assert str(tmp_path) in done.error
-    assert not (tmp_path / "out").exists()
+# kind: (cases, name of the file, commands that take it)
+KINDS: dict[str, tuple[Cases, str, tuple[tuple[str, ...], ...]]] = {
+    "map": (MAPS, "map.toml", (("ingest", "LOG", "--out", "OUT", "--jobs", "1", "--map"),)),
+    "robot": (
+        ROBOTS,
+        "robot.toml",
+        (("params", "--robot"), ("simulate", "--variant", "0.5", "--out", "OUT", "--robot")),
+    ),
+    "soil": (SOILS, "soil.toml", (("simulate", "--variant", "0.5", "--out", "OUT", "--soil"),)),
+    "model": (MODELS, "model.toml", (("simulate", "--variant", "0.5", "--out", "OUT", "--model"),)),
+    "effect": (EFFECTS, "mine.py", (("effects", "--effects"),)),
+}
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_a_broken_robot(name: str, tmp_path: Path) -> None:
-    content, error, hint = ROBOTS[name]
-    path = written(tmp_path, "robot.toml", content)
-    code = 2 if "grade" in name else 3
-    for command in (("params",), ("simulate", "--variant", "0.5", "--out", tmp_path / "run.csv")):
-        refused(lab(*command, "--robot", path), code, error, hint)
-    assert not (tmp_path / "run.csv").exists()
-
-
-@pytest.mark.parametrize("name", SOILS)
-def test_a_broken_soil(name: str, tmp_path: Path) -> None:
-    content, error, hint = SOILS[name]
-    path = written(tmp_path, "soil.toml", content)
-    done = lab("simulate", "--variant", "0.5", "--soil", path, "--out", tmp_path / "run.csv")
-    refused(done, 3, error, hint)
-    assert str(path) in done.error
-    assert not (tmp_path / "run.csv").exists()
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_a_broken_model(name: str, tmp_path: Path) -> None:
-    content, error, hint = MODELS[name]
-    path = written(tmp_path, "model.toml", content)
-    done = lab("simulate", "--variant", "0.5", "--model", path, "--out", tmp_path / "run.csv")
-    refused(done, 3, error, hint)
-    assert str(path) in done.error
-    assert not (tmp_path / "run.csv").exists()
-
-
-@pytest.mark.parametrize("name", EFFECTS)
-def test_a_broken_effect_file(name: str, tmp_path: Path) -> None:
-    content, error, hint = EFFECTS[name]
-    path = written(tmp_path, "mine.py", content)
-    done = lab("effects", "--effects", path)
-    refused(done, 3, error, hint)
-    assert str(path) in done.error
+@pytest.mark.parametrize(
+    ("kind", "name"), [(kind, name) for kind, (cases, *_) in KINDS.items() for name in cases]
+)
+def test_a_broken_file_is_refused_in_one_line(kind: str, name: str, tmp_path: Path) -> None:
+    cases, called, commands = KINDS[kind]
+    content, error, hint = cases[name]
+    log, path, out = (
+        written(tmp_path, "trial.csv", LOG),
+        written(tmp_path, called, content),
+        tmp_path / "out.csv",
+    )
+    for command in commands:
+        done = lab(*({"LOG": log, "OUT": out}.get(word, word) for word in command), path)
+        refused(done, 2 if kind == "robot" and "grade" in name else 3, error, hint)
+        assert str(tmp_path) in done.error or kind == "robot"
+    assert not out.exists()
 
 
 def test_the_files_that_the_cases_start_from_are_good(tmp_path: Path) -> None:

@@ -32,36 +32,12 @@ def somebody_else() -> Iterator[None]:
         os.seteuid(0)
 
 
-def missing(path: Path) -> Path:
-    return path
-
-
-def folder(path: Path) -> Path:
-    path.mkdir()
-    return path
-
-
-def loop(path: Path) -> Path:
-    path.symlink_to(path)
-    return path
-
-
-def pipe(path: Path) -> Path:
-    os.mkfifo(path)
-    return path
-
-
-def zeros(path: Path) -> Path:
-    path.symlink_to("/dev/zero")
-    return path
-
-
-PLACES: dict[str, tuple[Callable[[Path], Path], str]] = {
-    "missing": (missing, "does not exist"),
-    "folder": (folder, "is a directory"),
-    "loop": (loop, "its symbolic links form a loop"),
-    "pipe": (pipe, "is not a regular file"),
-    "device": (zeros, "is not a regular file"),
+PLACES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (str, "does not exist"),
+    "folder": (Path.mkdir, "is a directory"),
+    "loop": (lambda path: path.symlink_to(path), "its symbolic links form a loop"),
+    "pipe": (os.mkfifo, "is not a regular file"),
+    "device": (lambda path: path.symlink_to("/dev/zero"), "is not a regular file"),
 }
 
 # what is asked, with the bad path in place of None; the file's name
@@ -87,7 +63,8 @@ def test_what_cannot_be_read_is_one_line(
 ) -> None:
     make, said = PLACES[place]
     args, name = READERS[reader]
-    path = make(tmp_path / name)
+    path = tmp_path / name
+    make(path)
     if place == "folder" and reader in ("ingest", "ingest a bag", "fit-k92", "compare"):
         refused(lab(*[path if a is None else a for a in args]), 2, "the folder holds no log", "name the logs")
         return

@@ -15,58 +15,55 @@ from tests.logs import make
 LINES = make.lines()
 
 
-def semicolons(lines: list[str]) -> list[str]:
-    return [line.replace(",", ";") for line in lines]
+TEXT = "\n".join(LINES)
+HEADER, *ROWS = LINES
 
 
-def decimal_commas(lines: list[str]) -> list[str]:
-    return [line.replace(",", ";").replace(".", ",") for line in lines]
+def each(change: Callable[[str], str], header: str = HEADER) -> str:
+    """Change every row, and give the header that belongs to it."""
+    return "\n".join([header, *map(change, ROWS)])
 
 
-WAYS: dict[str, Callable[[], str | bytes]] = {
-    "UTF-8 with byte order mark": lambda: b"\xef\xbb\xbf" + "\n".join(LINES).encode(),
-    "UTF-16 little endian": lambda: "\n".join(LINES).encode("utf-16"),
-    "UTF-16 big endian": lambda: b"\xfe\xff" + "\n".join(LINES).encode("utf-16-be"),
-    "UTF-16 without mark": lambda: "\n".join(LINES).encode("utf-16-le"),
-    "Windows line ends": lambda: "\r\n".join(LINES),
-    "old Macintosh line ends": lambda: "\r".join(LINES).encode(),
-    "semicolons": lambda: "\n".join(semicolons(LINES)),
-    "semicolons and decimal commas": lambda: "\n".join(decimal_commas(LINES)),
-    "tabs": lambda: "\n".join(line.replace(",", "\t") for line in LINES),
-    "tabs and decimal commas": lambda: "\n".join(line.replace(",", "\t").replace(".", ",") for line in LINES),
-    "blanks": lambda: "\n".join(line.replace(",", "   ") for line in LINES),
-    "bars": lambda: "\n".join(line.replace(",", "|") for line in LINES),
-    "blanks behind commas": lambda: "\n".join(line.replace(",", ", ") for line in LINES),
-    "quoted cells": lambda: "\n".join(",".join(f'"{cell}"' for cell in line.split(",")) for line in LINES),
-    "quoted decimal commas": lambda: "\n".join(
-        ",".join('"' + cell.replace(".", ",") + '"' for cell in line.split(",")) for line in LINES
-    ),
-    "delimiter at the end of every line": lambda: "\n".join(line + "," for line in LINES),
-    "semicolon at the end of every line": lambda: "\n".join(line + ";" for line in LINES),
-    "delimiter at the end of rows only": lambda: "\n".join([LINES[0], *(x + "," for x in LINES[1:])]),
-    "sep= line": lambda: "\n".join(["sep=;", *semicolons(LINES)]),
-    "quoted sep= line": lambda: "\n".join(['"sep=,"', *LINES]),
-    "unnamed index": lambda: "\n".join(
-        ["," + LINES[0], *(f"{k},{line}" for k, line in enumerate(LINES[1:]))]
-    ),
-    "a column of texts": lambda: "\n".join([LINES[0] + ",note", *(line + ',"a, b"' for line in LINES[1:])]),
-    "doubled header that nobody needs": lambda: "\n".join(
-        [LINES[0] + ",x,x", *(line + ",1,2" for line in LINES[1:])]
-    ),
-    "a row of units below the header": lambda: "\n".join([LINES[0], "s" + ",-" * 10, *LINES[1:]]),
-    "preamble": lambda: "\n".join(["Recorded by station 4", "", *LINES]),
-    "upper case": lambda: "\n".join([LINES[0].upper(), *LINES[1:]]),
-    "empty lines": lambda: "\n\n".join(LINES),
-    "no line end at the end": lambda: "\n".join(LINES),
-    "NaN for not sampled": lambda: "\n".join(
-        [LINES[0] + ",cur_fl_A", *(line + ",NaN" for line in LINES[1:])]
-    ),
+def quoted(line: str) -> str:
+    return ",".join(f'"{cell}"' for cell in line.split(","))
+
+
+WAYS: dict[str, str | bytes] = {
+    "UTF-8 with byte order mark": b"\xef\xbb\xbf" + TEXT.encode(),
+    "UTF-16 little endian": TEXT.encode("utf-16"),
+    "UTF-16 big endian": b"\xfe\xff" + TEXT.encode("utf-16-be"),
+    "UTF-16 without mark": TEXT.encode("utf-16-le"),
+    "Windows line ends": TEXT.replace("\n", "\r\n"),
+    "old Macintosh line ends": TEXT.replace("\n", "\r").encode(),
+    "semicolons": TEXT.replace(",", ";"),
+    "semicolons and decimal commas": TEXT.replace(",", ";").replace(".", ","),
+    "tabs": TEXT.replace(",", "\t"),
+    "tabs and decimal commas": TEXT.replace(",", "\t").replace(".", ","),
+    "blanks": TEXT.replace(",", "   "),
+    "bars": TEXT.replace(",", "|"),
+    "blanks behind commas": TEXT.replace(",", ", "),
+    "quoted cells": each(quoted, quoted(HEADER)),
+    "quoted decimal commas": each(lambda row: quoted(row).replace(".", ","), quoted(HEADER)),
+    "delimiter at the end of every line": each(lambda row: row + ",", HEADER + ","),
+    "semicolon at the end of every line": each(lambda row: row + ";", HEADER + ";"),
+    "delimiter at the end of rows only": each(lambda row: row + ","),
+    "sep= line": "sep=;\n" + TEXT.replace(",", ";"),
+    "quoted sep= line": '"sep=,"\n' + TEXT,
+    "unnamed index": each(lambda row: "7," + row, "," + HEADER),
+    "a column of texts": each(lambda row: row + ',"a, b"', HEADER + ",note"),
+    "doubled header that nobody needs": each(lambda row: row + ",1,2", HEADER + ",x,x"),
+    "a row of units below the header": "\n".join([HEADER, "s" + ",-" * 10, *ROWS]),
+    "preamble": "Recorded by station 4\n\n" + TEXT,
+    "upper case": each(str, HEADER.upper()),
+    "empty lines": TEXT.replace("\n", "\n\n"),
+    "no line end at the end": TEXT,
+    "NaN for not sampled": each(lambda row: row + ",NaN", HEADER + ",cur_fl_A"),
 }
 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_the_same_trial_comes_out(way: str, tmp_path: Path) -> None:
-    make.same(make.read(tmp_path, make.text()), make.read(tmp_path, WAYS[way](), "other.csv"))
+    make.same(make.read(tmp_path, make.text()), make.read(tmp_path, WAYS[way], "other.csv"))
 
 
 def test_a_row_that_was_cut_off_at_the_end_is_left_out_and_said(tmp_path: Path) -> None:
