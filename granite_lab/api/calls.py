@@ -58,10 +58,10 @@ class Arg:
 
     @property
     def limits(self) -> str:
-        """The limits in words; an empty text where there are none."""
+        """The limits in words."""
         if self.high < math.inf:
             return f"{self.low:g} to {self.high:g}"
-        return f"{self.low:g} or more" if self.low > -math.inf else ""
+        return f"{self.low:g} or more"
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def hide(
         lab: ``bench`` has the sensors of the robot's file; of ``wild``, logger, robot and sand are drawn by
             the seed, and their files lie beside the trials where they are not the catalogue's.
         robot: a name of the catalogue or a .toml file; granite by default.
-        soil: likewise; dry_sand by default.
+        soil: a name of the catalogue or a .toml file; dry_sand by default.
         overwrite: replace a set that is there.
         label: first word of the trials' names.
         truth: folder in which the true motion of each trial is kept aside (CSV).

@@ -85,7 +85,10 @@ def ingest(
 
     Args:
         logs: paths of logs, or of folders with logs.
-        imu, encoders, currents, reference: file with this sensor, where each has its own; for one trial.
+        imu: file of one trial with the IMU, if each sensor has its own.
+        encoders: file with the encoders, likewise.
+        currents: file with the motor currents, likewise.
+        reference: file with an external reference, as GPS or motion capture.
         rows: rows to take from a log of several runs, as ``run_id = 4``.
         variant: desired velocity [m/s], if the log lacks it.
         rests: intervals of standstill (start, end) [s, the log's time].

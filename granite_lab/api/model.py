@@ -53,11 +53,11 @@ class Said(TypedDict, total=False):
     ]
     robot: Annotated[
         str | Path | Robot | None,
-        Arg("a name of the catalogue, a .toml file, or a record; granite by default"),
+        Arg("the robot: a name of the catalogue or a .toml file; granite by default"),
     ]
     soil: Annotated[
         str | Path | Soil | None,
-        Arg("a name of the catalogue, a .toml file, or a record; dry_sand by default"),
+        Arg("the soil: a name of the catalogue or a .toml file; dry_sand by default"),
     ]
     model: Annotated[
         str | Path | None, Arg("file (model.toml) of the paper's model with effects switched on")
@@ -123,10 +123,10 @@ def simulate(
     """Simulate one run: equations (1)-(26), with k_92 = exp(-a_θ v) unless `k92` is given.
 
     Args:
-        variant: a variant of Table 2 by its velocity [m/s], or any trapezoid.
-        v: or its velocity [m/s],
-        a: largest acceleration [m/s²]
-        distance: and total distance [m].
+        variant: a variant of Table 2 by its velocity [m/s], or a record.
+        v: desired velocity [m/s], where no variant is given.
+        a: largest acceleration [m/s²], likewise.
+        distance: total distance [m], likewise.
         grade: IMU grade instead of the robot's.
         log: file for the log that virtual sensors would write (CSV).
         truth: with `log`, file for the true motion (CSV).
@@ -243,7 +243,7 @@ class WheelRun:
 def wheel(
     slip: float | Sequence[float] = 0.2,
     *,
-    load: Annotated[float | None, Arg(low=1e-6, high=1e6)] = None,
+    load: Annotated[float | None, Arg(low=0.001, high=100_000)] = None,
     sinkage: float | None = None,
     omega: float | None = None,
     v: float | None = None,
@@ -265,8 +265,8 @@ def wheel(
         omega: angular velocity [rad/s].
         v: velocity of the wheel's centre [m/s].
         angle: of the wheel [rad], for effects that depend on it.
-        radius: instead of the robot's [m].
-        width: instead of the robot's [m].
+        radius: radius of the wheel instead of the robot's [m].
+        width: width of the wheel instead of the robot's [m].
         soil_values: values instead of the soil's, by the keys of its file, as ``{"cohesion_Pa": 500}``.
 
     Raises:
@@ -317,7 +317,7 @@ def params(
 
     Args:
         robot: a name of the catalogue or a .toml file; granite by default.
-        soil: likewise; dry_sand by default.
+        soil: a name of the catalogue or a .toml file; dry_sand by default.
         grade: IMU grade instead of the robot's.
 
     Raises:

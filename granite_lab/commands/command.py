@@ -138,7 +138,7 @@ def command(
         )
         called.__annotations__ = {}
         about = re.split(r"\n\n(?:Args|Returns|Raises):", inspect.getdoc(function) or "")[0]
-        called.__doc__ = f"{about}\n\n{show.__doc__}"
+        called.__doc__ = f"{about}\n\n{show.__doc__}".replace("`", "")
         return called
 
     return decorate

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -60,10 +61,11 @@ class Flag:
         """Return the annotation by which typer makes an argument or option."""
         kinds = [kind for kind in parameter.kinds if kind in (bool, int, float, str, Path)]
         kind = self.kind or (Path if Path in kinds else kinds[0])
-        text = self.help or parameter.help.replace("`", "")
-        first, blank, rest = text.partition(" ")
-        text = (first.capitalize() if first.isalpha() and first.isascii() else first) + blank + rest
-        if parameter.arg.limits and not self.help:
+        text = self.help or parameter.help
+        if re.match(r"[a-z]+[ ,;:]", text):  # a word, no symbol or value
+            text = text[0].upper() + text[1:]
+        text = text.replace("`", "")
+        if parameter.arg.low > 0 or parameter.arg.high < math.inf:
             text = f"{text.rstrip('.')} ({parameter.arg.limits})."
         complete = self.complete and self._offered
         if self.metavar is not None:
