@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import resource
 import subprocess
@@ -13,7 +12,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from tests.corpus import cli
+from tests.corpus.cli import Done, lab
 
 ROOT = Path(__file__).parent.parent.parent
 SAMPLES = ROOT / "data" / "samples"
@@ -21,37 +20,28 @@ SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
 TRIALS = [SAMPLE, SAMPLES / "virtual_v0.7_r1.csv"]
 
 
-def lab(*args: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run a command in this process: a process of its own costs a second for its imports."""
-    with contextlib.chdir(cwd or Path.cwd()):
-        done = cli.lab(*args)
-    return subprocess.CompletedProcess(args, done.code, done.out, done.err)
-
-
 def lab_json(*args: object, cwd: Path | None = None) -> dict[str, Any]:
     """Run a command and return its one document, which says of which command it is."""
     done = lab(*args, "--json", cwd=cwd)
-    assert done.returncode == 0, done.stderr
-    document: dict[str, Any] = json.loads(done.stdout)
+    assert done.code == 0, done.err
+    document: dict[str, Any] = json.loads(done.out)
     assert document["schema"].rpartition("/")[0] == f"granite-lab/{args[0]}"
     return document
 
 
-def process(*args: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
+def process(*args: object, cwd: Path | None = None) -> Done:
+    """Run a command in a process of its own, which costs a second for its imports."""
+    done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", "from granite_lab.cli import main; main()", *map(str, args)],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        stdin=subprocess.DEVNULL,
-        check=False,
-    )
+        capture_output=True, text=True, cwd=cwd, stdin=subprocess.DEVNULL, check=False,
+    )  # fmt: skip
+    return Done(done.returncode, done.stdout, done.stderr)
 
 
 def test_help_and_version() -> None:
-    assert "study" in process("--help").stdout
-    assert "study" in process("-h").stdout
-    assert process("--version").stdout.startswith("granite-lab ")
+    assert "study" in process("--help").out
+    assert "study" in process("-h").out
+    assert process("--version").out.startswith("granite-lab ")
 
 
 def test_help_costs_about_what_importing_numpy_costs() -> None:
@@ -88,7 +78,7 @@ def test_a_virtual_log_is_made_again_to_the_byte(tmp_path: Path) -> None:
             "simulate", "--variant", "0.3", "--scatter", "--seed", "104", "--log", tmp_path / name / "x.csv",
             "--truth", tmp_path / name / "truth.csv", "--out", tmp_path / "run.csv",
         )  # fmt: skip
-        assert done.returncode == 0, done.stderr
+        assert done.code == 0, done.err
     for file in ("x.csv", "truth.csv"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
     assert "# virtual = true" in (tmp_path / "a" / "x.csv").read_text()
@@ -124,21 +114,21 @@ def test_known_trouble_is_one_line_a_hint_and_an_exit_code(
 ) -> None:
     run = process if args == ["simulate"] else lab
     done = run(*args, cwd=tmp_path)
-    assert done.returncode == code, done.stderr
-    lines = [line for line in done.stderr.splitlines() if line.startswith(("error: ", "hint: "))]
+    assert done.code == code, done.err
+    lines = [line for line in done.err.splitlines() if line.startswith(("error: ", "hint: "))]
     assert lines[0].startswith("error: ")
     assert error in lines[0]
     assert len(lines) == (2 if hint or len(lines) == 2 else 1)
     assert hint in lines[-1]
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
+    assert "Traceback" not in done.err
+    assert done.out == ""
     assert not list(tmp_path.rglob("*.csv"))
 
 
 def test_params_prints_every_number_with_its_origin() -> None:
     document = lab_json("params")
     assert {"group", "key", "value", "unit", "low", "high", "origin"} <= set(document["parameters"][0])
-    shown = lab("params").stdout
+    shown = lab("params").out
     assert max(map(len, shown.splitlines())) <= 80
 
 
@@ -171,10 +161,10 @@ def test_notes_are_counted_and_listed_on_request(tmp_path: Path) -> None:
     short, long = lab("fit-k92", *TRIALS, "--out", out), lab("fit-k92", *TRIALS, "--verbose")
     notes = {n for fit in lab_json("fit-k92", *TRIALS)["fits"] for n in fit["notes"]}
     assert notes
-    assert f"{len(notes)} notes of the fits: --verbose lists them" in short.stdout
-    assert len(long.stdout.splitlines()) > len(short.stdout.splitlines())
-    assert "--verbose" not in long.stdout
-    assert max(map(len, (short.stdout + long.stdout).splitlines())) <= 80
+    assert f"{len(notes)} notes of the fits: --verbose lists them" in short.out
+    assert len(long.out.splitlines()) > len(short.out.splitlines())
+    assert "--verbose" not in long.out
+    assert max(map(len, (short.out + long.out).splitlines())) <= 80
     table = pd.read_csv(out)
     assert list(table["trial"]) == [path.stem for path in TRIALS]
     assert set(table["data"]) == {"virtual"}
@@ -183,9 +173,9 @@ def test_notes_are_counted_and_listed_on_request(tmp_path: Path) -> None:
 def test_fit_atheta_names_its_trials_and_needs_three_speeds_for_a_verdict(tmp_path: Path) -> None:
     out = tmp_path / "points.csv"
     done = lab("fit-atheta", *TRIALS, "--out", out)
-    assert done.returncode == 0, done.stderr
-    assert "Not tested" in done.stdout
-    shown = " ".join(done.stdout.split())
+    assert done.code == 0, done.err
+    assert "Not tested" in done.out
+    shown = " ".join(done.out.split())
     assert "Virtual trials: virtual_v0.3_r1, virtual_v0.7_r1." in shown
     assert set(pd.read_csv(out)["data"]) == {"virtual"}
     assert lab_json("fit-atheta", *TRIALS)["agrees"] is None

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from granite_lab.effects.model_file import load_model
-from tests.cli.test_cli import ROOT, lab
+from tests.corpus.cli import ROOT, lab
 
 SAMPLES = ROOT / "data" / "samples"
 
@@ -24,9 +24,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = (SAMPLES / "virtual_v0.5_r1.csv").read_text(encoding="utf-8")
     (root / "trials" / "broken.csv").write_text(text.replace("imu_gy_radps", "tilt"), encoding="utf-8")
     done = lab("study", "trials", "--out", "reports/mine", "--json", cwd=root)
-    (root / "stdout").write_text(done.stdout, encoding="utf-8")
-    (root / "stderr").write_text(done.stderr, encoding="utf-8")
-    (root / "code").write_text(str(done.returncode), encoding="utf-8")
+    (root / "stdout").write_text(done.out, encoding="utf-8")
+    (root / "stderr").write_text(done.err, encoding="utf-8")
+    (root / "code").write_text(str(done.code), encoding="utf-8")
     return root
 
 
@@ -58,8 +58,8 @@ def test_it_says_why_no_search_was_run(folder: Path) -> None:
     model = "reports/mine/model.toml"
     log = "trials/virtual_v0.7_r1.csv"
     done = lab("study", log, "--model", model, "--out", "with", "--no-recordings", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    said = " ".join(done.stdout.split())
+    assert done.code == 0, done.err
+    said = " ".join(done.out.split())
     assert "Not searched. No search starts from a model with effects." in said
     assert not (folder / "with" / "model.toml").exists()
 
@@ -76,9 +76,9 @@ def test_report_and_recordings_are_complete(folder: Path) -> None:
     assert "broken" in page
     assert "virtual" in page.lower()
     unknown = lab("view", "reports/mine", "--trial", "nobody", cwd=folder)
-    assert unknown.returncode == 3
-    assert "no recording of trial 'nobody'" in unknown.stderr
-    assert "virtual_v0.5_r2" in unknown.stderr
+    assert unknown.code == 3
+    assert "no recording of trial 'nobody'" in unknown.err
+    assert "virtual_v0.5_r2" in unknown.err
 
 
 def test_an_unchanged_report_is_kept_and_an_edited_one_is_written_again(folder: Path) -> None:
@@ -87,13 +87,13 @@ def test_an_unchanged_report_is_kept_and_an_edited_one_is_written_again(folder: 
     text = page.read_bytes()
     done = lab("study", "trials", "--out", "reports/mine", "--json", cwd=folder)
     first = json.loads((folder / "stdout").read_text(encoding="utf-8"))
-    assert json.loads(done.stdout) == first | {"unchanged": True}
+    assert json.loads(done.out) == first | {"unchanged": True}
     assert stamps(report) == before
     page.write_text("edited", encoding="utf-8")
     done = lab("study", "trials", "--out", "reports/mine", cwd=folder)
-    assert "(unchanged" not in done.stdout
+    assert "(unchanged" not in done.out
     assert page.read_bytes() == text
-    assert "(unchanged" in lab("study", "trials", "--out", "reports/mine", cwd=folder).stdout
+    assert "(unchanged" in lab("study", "trials", "--out", "reports/mine", cwd=folder).out
 
 
 def stamps(folder: Path) -> dict[Path, int]:
@@ -102,8 +102,8 @@ def stamps(folder: Path) -> dict[Path, int]:
 
 def test_compare_writes_the_panels_of_a_trial(folder: Path) -> None:
     done = lab("compare", "trials/virtual_v0.7_r1.csv", "--out", "compared", "--json", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    document = json.loads(done.stdout)
+    assert done.code == 0, done.err
+    document = json.loads(done.out)
     channels = {m["channel"] for m in document["trials"][0]["misfits"]}
     assert {"velocity", "slip_f", "torque_r", "pitch"} <= channels
     assert document["files"]
@@ -112,12 +112,12 @@ def test_compare_writes_the_panels_of_a_trial(folder: Path) -> None:
 
 def test_fits_leave_out_a_trial_that_fails_unless_told_otherwise(folder: Path) -> None:
     done = lab("fit-k92", "trials", "--json", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    document = json.loads(done.stdout)
+    assert done.code == 0, done.err
+    document = json.loads(done.out)
     assert [fit["trial"] for fit in document["fits"]] == ["virtual_v0.5_r2", "virtual_v0.7_r1"]
     assert "trials/broken.csv" in {i["file"] for i in document["provenance"]["inputs"]}
-    assert "warning: broken: left out" in done.stderr
+    assert "warning: broken: left out" in done.err
     strict = lab("study", "trials", "--out", "strict", "--strict", "--no-discover", cwd=folder)
-    assert strict.returncode == 3
-    assert strict.stderr.startswith("error: trials/broken.csv")
+    assert strict.code == 3
+    assert strict.err.startswith("error: trials/broken.csv")
     assert not (folder / "strict").exists()

@@ -7,21 +7,19 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 import granite_lab as gl
-from granite_lab.cli import app
 from granite_lab.commands.options import slips_of
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.model.single_wheel import FORCES
 from granite_lab.parameters import GRAVITY
+from tests.corpus.cli import lab, refused
 
 
 def run(*words: str) -> str:
-    done = CliRunner().invoke(app, ["wheel", *words])
-    if done.exception is not None:
-        raise done.exception
-    return done.stdout
+    done = lab("wheel", *words)
+    assert done.code == 0, done.err
+    return done.out
 
 
 def test_a_sweep_becomes_a_table_and_a_picture(tmp_path: Path) -> None:
@@ -81,8 +79,7 @@ def test_wheel_and_soil_can_be_given_by_values() -> None:
     ],
 )
 def test_a_line_that_does_not_fit_is_told(words: list[str], kind: type[LabError], said: str) -> None:
-    with pytest.raises(kind, match=said):
-        run(*words)
+    refused(lab("wheel", *words), kind.exit_code, said)
 
 
 @pytest.mark.parametrize("text", ["nan", "0:nan:0.1", "-1:1:1e-9"])

@@ -40,14 +40,14 @@ class Done:
         return lines[-1] if lines else ""
 
 
-def lab(*args: object) -> Done:
+def lab(*args: object, cwd: Path | None = None) -> Done:
     """Run a command as a user does, errors and all; an exception that escapes is the test's failure."""
     forget()  # another process would read every file anew
     out, err, before = io.StringIO(), io.StringIO(), sys.argv
     sys.argv = ["granite-lab", *map(str, args)]
     code = 0
     try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        with contextlib.chdir(cwd or "."), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             main()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1

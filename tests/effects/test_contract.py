@@ -12,7 +12,7 @@ from granite_lab.effects.contract import Check, contract, refuse_failed
 from granite_lab.effects.library import neutral_gap, read_effects
 from granite_lab.errors import InputError
 from granite_lab.model import interpreted
-from tests.cli.test_cli import lab
+from tests.corpus.cli import lab
 from tests.effects.example import EXAMPLE
 
 
@@ -98,11 +98,11 @@ def test_the_command_reports_every_check_and_ends_with_3_on_failure(tmp_path: Pa
     good.write_text(EXAMPLE)
     bad.write_text(EXAMPLE.replace("sand box", "x").replace('"a fan in front of the x"', '"none"'))
     done = lab("effects", "check", good, "--json")
-    assert done.returncode == 0, done.stderr
-    checks = json.loads(done.stdout)["effects"]["head_wind"]
+    assert done.code == 0, done.err
+    checks = json.loads(done.out)["effects"]["head_wind"]
     assert [c["passed"] for c in checks].count(True) == 10
     done = lab("effects", "check", bad)
-    assert done.returncode == 3
-    assert "FAILED" in done.stdout
-    assert done.stderr.splitlines()[0].startswith(f"error: {bad}: effect 'head_wind': 1 of 12 checks failed")
-    assert lab("effects", "check", "no_such_effect").returncode == 2
+    assert done.code == 3
+    assert "FAILED" in done.out
+    assert done.err.splitlines()[0].startswith(f"error: {bad}: effect 'head_wind': 1 of 12 checks failed")
+    assert lab("effects", "check", "no_such_effect").code == 2

@@ -19,7 +19,7 @@ from granite_lab.errors import InputError, UsageError
 from granite_lab.hidden import kit_check
 from granite_lab.hidden.scoring import SCHEMA
 from granite_lab.logs import read_trial
-from tests.cli.test_cli import lab
+from tests.corpus.cli import lab
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside" / "o03"
 REACTION = [{"id": "drive_reaction", "parameters": {"share": 0.8}}]
@@ -221,13 +221,13 @@ def test_an_answer_that_was_not_promised_is_refused_and_changed_logs_are_told(ki
 
 def test_the_commands_write_a_kit_and_tell_its_judgement(kit: Path, tmp_path: Path) -> None:
     done = lab("kit", tmp_path / "other", "--json")
-    assert json.loads(done.stdout)["schema"] == "granite-lab/kit/1"
-    assert lab("kit", tmp_path / "other").returncode == 2
+    assert json.loads(done.out)["schema"] == "granite-lab/kit/1"
+    assert lab("kit", tmp_path / "other").code == 2
     finding(sealed(kit), "named", "drive_reaction")
     done = lab("reveal", kit)
-    assert done.returncode == 0, done.stderr
-    assert "made by planar simulator in C" in done.stdout
-    assert "judgement: right" in done.stdout
+    assert done.code == 0, done.err
+    assert "made by planar simulator in C" in done.out
+    assert "judgement: right" in done.out
 
 
 def test_the_checker_is_the_module_of_the_package(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.plot_search import candidates_figure, history_figures, intervals_figure, mean_of
 from granite_lab.reporting.report import Report, study_report
 from granite_lab.reporting.table import Table
-from tests.cli.test_cli import lab
+from tests.corpus.cli import lab
 from tests.reporting.made_up_finding import BUMP, LEFT, SIZE, STRENGTH, made_up_finding
 from tests.reporting.test_figures import texts
 from tests.reporting.test_report import Strict
@@ -344,14 +344,14 @@ def test_the_command_writes_page_model_and_numbers_and_prints_what_was_promised(
     folder.mkdir()
     (folder / "mine.txt").write_text("kept")
     done = lab("discover", "trials", "--out", "found", "--jobs", "1", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.code == 0, done.err
+    assert "Traceback" not in done.err
     for name in ("index.html", "report.md", "finding.json", "model.toml", "figures/found_gap.svg"):
         assert (folder / name).stat().st_size > 100, name
     assert (folder / "mine.txt").read_text() == "kept"
     assert not [p for p in tmp_path.rglob("*") if p.name.startswith(".")]
     assert "virtual_v0.7_r1" in (folder / "index.html").read_text(encoding="utf-8")
-    document = json.loads(done.stdout)
+    document = json.loads(done.out)
     assert document == json.loads((folder / "finding.json").read_text(encoding="utf-8"))
     assert document["verdict"] in VERDICTS
     for effect in document["effects"]:
