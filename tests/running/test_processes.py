@@ -14,24 +14,26 @@ from granite_lab.estimate import Estimate
 from granite_lab.inference.bench import Bench, Task, World
 from granite_lab.parameters import load_robot, load_soil, load_variants
 from granite_lab.processes import SHORT_OF_MEMORY
-from granite_lab.running import Execution, Options, each_trial
+from granite_lab.running import Cache, Execution, Options, each_trial
 from tests.running.work import measure
 
 
 @pytest.mark.parametrize("jobs", [1, 3])
-def test_errors_and_faults_of_one_trial_leave_the_others_alone(tmp_path: Path, jobs: int) -> None:
+def test_errors_and_faults_of_one_trial_leave_the_others_alone_each_time(tmp_path: Path, jobs: int) -> None:
     texts = ["a", "wrong", "bb", "fault", "ccc"]
     logs = [tmp_path / f"{i}.csv" for i in range(len(texts))]
     for log, text in zip(logs, texts, strict=True):
         log.write_text(text, encoding="utf-8")
-    found = each_trial(measure, logs, Options(), execution=Execution(jobs))
-    lengths = [f.value for f in found if isinstance(f, Estimate)]
-    assert lengths == [1, 2, 3]
-    assert isinstance(found[1], InputError)
-    assert found[1].hint == "mend it"
-    assert isinstance(found[3], LabError)
-    assert "ZeroDivisionError in work.py" in found[3].message
-    assert "report it" in found[3].hint
+    for _ in range(2):
+        how = Execution(jobs, cache=Cache(tmp_path / "cache"))
+        found = each_trial(measure, logs, Options(), execution=how)
+        lengths = [f.value for f in found if isinstance(f, Estimate)]
+        assert lengths == [1, 2, 3]
+        assert isinstance(found[1], InputError)
+        assert (found[1].message, found[1].hint) == (f"{logs[1]}: is wrong", "mend it")
+        assert isinstance(found[3], LabError)
+        assert "ZeroDivisionError in work.py" in found[3].message
+        assert "report it" in found[3].hint
 
 
 def test_a_process_that_dies_fails_only_the_trial_that_kills_it(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from granite_lab.errors import InputError, LabError
+from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
 from granite_lab.parameters import load_robot
 from granite_lab.parameters.catalogue import CATALOGUE
@@ -21,8 +21,6 @@ def measure(path: Path, options: Options) -> Estimate:
     """Stand in for the chain: the length of the log, with the robot's mass beside it."""
     worked.append(path.name)
     text = path.read_text(encoding="utf-8")
-    if "wrong" in text:
-        raise InputError(f"{path}: is wrong", "mend it")
     if "interrupt" in text:
         raise KeyboardInterrupt
     robot = load_robot(options.robot or text.partition("robot=")[2].strip() or "granite")
@@ -108,15 +106,6 @@ def test_a_new_sidecar_an_option_and_new_code_count(
     monkeypatch.setattr(cache, "code", lambda **_: "another version")
     run(logs, how)
     assert len(worked) == 4
-
-
-def test_failures_are_told_each_time(logs: list[Path], how: Execution) -> None:
-    logs[1].write_text("wrong", encoding="utf-8")
-    for _ in range(2):
-        found = run(logs, how)
-        assert isinstance(found[1], InputError)
-        assert (found[1].message, found[1].hint) == ("1.csv: is wrong", "mend it")
-        assert isinstance(found[2], Estimate)
 
 
 def test_a_damaged_entry_is_made_again(logs: list[Path], how: Execution) -> None:
