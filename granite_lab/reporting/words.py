@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
-WORDS: dict[str, Any] = tomllib.loads(
-    (Path(__file__).parent / "templates" / "words.toml").read_text(encoding="utf-8")
-)
+from granite_lab.parameters.quantity import parse_toml
+
+FILE = Path(__file__).parent / "templates" / "words.toml"
+WORDS: dict[str, Any] = parse_toml(FILE.read_text(encoding="utf-8"), FILE)
 
 SENSORS: dict[str, str] = WORDS["sensors"]
 """Channels of a finding, in the order of the report, as a reader calls them."""
