@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
 import typer
 
 from granite_lab.api.calls import hints_of, parameters_of
-from granite_lab.api.project import choose
 from granite_lab.commands.options import FLAGS, Flag, options_of, said_of
 from granite_lab.commands.printing import console, print_json, progress
 from granite_lab.errors import LabError
@@ -77,6 +76,8 @@ class Call(Generic[T]):
 
     def folder(self, name: str) -> Path:
         """Return the folder for results: as asked for, else of this name, where the project keeps them."""
+        from granite_lab.api.project import choose
+
         given = self.said.get("out")
         logs = self.said.get("logs") or [self.said[key] for key in ("imu",) if key in self.said]
         return Path(given) if given else choose(logs, self.said).out / name

@@ -13,8 +13,6 @@ from granite_lab.commands.command import Call, Output, command
 from granite_lab.commands.options import Flag, Format, picture_of
 from granite_lab.commands.printing import show, warn, write_picture
 from granite_lab.effects import get, library
-from granite_lab.effects.contract import Check, contract, refuse_failed
-from granite_lab.effects.library import read_effects
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import ending_of, write_table
 from granite_lab.parameters import load_paper, load_variants, names
@@ -22,6 +20,7 @@ from granite_lab.parameters import load_paper, load_variants, names
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from granite_lab.effects.contract import Check
     from granite_lab.model.effect import Effect
     from granite_lab.model.run import Run
     from granite_lab.parameters.catalogue import Provenance
@@ -221,6 +220,9 @@ def _contracts(effect: str) -> dict[str, tuple[Effect, list[Check]]]:
     Args:
         effect: effect file (.py), which is executed, or an id.
     """
+    from granite_lab.effects.contract import contract
+    from granite_lab.effects.library import read_effects
+
     own = effect.endswith(".py") or "/" in effect
     known = read_effects(effect) if own else {effect: get(effect)}
     return {name: (one, contract(one)) for name, one in known.items()}
@@ -231,6 +233,7 @@ def _contracts(effect: str) -> dict[str, tuple[Effect, list[Check]]]:
 def check_effect(call: Call[dict[str, tuple[Effect, list[Check]]]]) -> Output:
     """The exit code is 3 if a check fails."""
     found = call()
+    from granite_lab.effects.contract import refuse_failed
 
     def text(shown: Console) -> None:
         from granite_lab.reporting.grid import grid, row_of, say

@@ -20,7 +20,6 @@ import typer
 from granite_lab.api.calls import Parameter
 from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
-from granite_lab.logs.bag import ROLES
 from granite_lab.parameters import load_variants, names
 
 Complete = Callable[[], Iterable[str]]
@@ -94,6 +93,8 @@ def topics_of(given: Sequence[str]) -> dict[str, str]:
     Raises:
         UsageError: a text cannot be understood.
     """
+    from granite_lab.logs.bag import ROLES
+
     found: dict[str, str] = {}
     for text in given:
         role, sign, topic = (part.strip() for part in text.partition("="))
