@@ -112,20 +112,24 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
 def _explained(finding: Finding) -> Answer:
     """Say how far the model without effects is from the sensors."""
     alike = finding.verdict == "none"
-    gap, _, where = gap_pair(finding)
-    return Answer(
-        "model", "Does the paper's model explain the sensors?", "Yes" if alike else "No",
-        f"Sensors and model differ by {times(gap)} times {_limit(finding)}, {where}.",
-        "good" if alike else "fair",
-    )  # fmt: skip
+    question, differ = said("questions", "sensors"), _differ(finding, gap_pair(finding)[0])
+    return Answer("model", question, "Yes" if alike else "No", differ, "good" if alike else "fair")
+
+
+def _differ(finding: Finding, gap: float) -> str:
+    """Say how far the sensors are from the model without effects."""
+    where = gap_pair(finding)[2]
+    return said("answers", "differ", gap=times(gap), tolerance=percent(finding.tolerance), where=where)
 
 
 def _drove(trials: int, robots: Sequence[str], soils: Sequence[str], speeds: Sequence[float]) -> str:
     """Say what was driven; titles of robots and soils may repeat, and the most frequent ones come first."""
-    robot = listed([name for name, _ in Counter(r.split(",")[0] for r in robots).most_common()])
     # A title stands inside a sentence; an acronym keeps its capitals.
     small = [s[0].lower() + s[1:] if s[1:2].islower() else s for s in soils]
-    soil = listed([name for name, _ in Counter(small).most_common()])
+    robot, soil = (
+        listed([name for name, _ in Counter(titles).most_common()])
+        for titles in ([r.split(",")[0] for r in robots], small)
+    )
     velocities = listed([f"{v:g}" for v in speeds])
     return f"{plural(trials, 'trial')} of {robot} driving straight on {soil} at {velocities} m/s"
 
@@ -139,24 +143,24 @@ def _lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
         return f"None of {len(result.failures)} trials could be used. The reasons are listed below."
     runs = [r.comparison.run for r in result.trials]
     robots, soils = [r.robot.title for r in runs], [r.soil.title for r in runs]
-    drove = _drove(len(runs), robots, soils, [s.velocity for s in speeds])
     counts = {len(s.results) for s in speeds}
     each = f" ({counts.pop()} at each speed)" if len(counts) == 1 and len(speeds) > 1 else ""
     excluded = sum(f.excluded for f in result.failures)
     failed = len(result.failures) - excluded
     left_out = f" {plural(failed, 'more trial')} could not be used." if failed else ""
     left_out += f" {plural(excluded, 'more trial')} excluded by the user." if excluded else ""
-    return f"{drove}{each}.{left_out}"
+    return f"{_drove(len(runs), robots, soils, [s.velocity for s in speeds])}{each}.{left_out}"
 
 
 def _virtual(result: StudyResult) -> str:
     if not result.trials and result.finding is not None and result.finding.virtual:
         return said("page", "virtual_search")
-    count = sum(r.trial.info.virtual or r.comparison.motion.virtual for r in result.trials)
-    if not count:
-        return ""
-    which = "All trials are" if count == len(result.trials) else f"{count} of {len(result.trials)} trials are"
-    return said("page", "virtual_study", which=which)
+    count, n = (
+        sum(r.trial.info.virtual or r.comparison.motion.virtual for r in result.trials),
+        len(result.trials),
+    )
+    which = "All trials are" if count == n else f"{count} of {n} trials are"
+    return said("page", "virtual_study", which=which) if count else ""
 
 
 def _slip(speeds: Sequence[Speed]) -> Answer:
@@ -167,18 +171,15 @@ def _slip(speeds: Sequence[Speed]) -> Answer:
     )
     tone = "fair" if outside else "good"
     if not known:
-        verdict, text, tone = "Not known", "No trial has a steady part with a slip ratio.", "bad"
+        verdict, text, tone = "Not known", said("answers", "no_slip"), "bad"
     elif not inside and not outside:
-        text, tone = "The paper has no experiment to compare with.", ""
+        text, tone = said("answers", "no_experiment"), ""
     elif inside and outside:
-        text = (
-            f"The paper's experiment lies in the 95 % interval at {listed(inside)} m/s, and outside at "
-            f"{listed(outside)} m/s."
-        )
+        text = said("answers", "slip_in_part", inside=listed(inside), outside=listed(outside))
     else:
         every = " at every speed" if len(inside) + len(outside) > 1 else ""
-        text = f"The paper's experiment lies {'outside' if outside else 'in'} the 95 % interval{every}."
-    return Answer("slip", "How much does the robot slip?", verdict, text, tone)
+        text = said("answers", "slip", place="outside" if outside else "in", every=every)
+    return Answer("slip", said("questions", "slip"), verdict, text, tone)
 
 
 def a_theta_of(fit: AThetaFit | None) -> tuple[Number | None, bool | None]:
@@ -196,24 +197,19 @@ def _speeds_of(fit: AThetaFit) -> int:
 def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     """Say whether a_θ agrees with the paper's; a finding says whether the model lacks something."""
     number, agrees = a_theta_of(fit)
-    question = f"Does a_θ agree with the paper's {load_paper().a_theta:g} s/m?"
+    question = said("questions", "a_theta", paper=load_paper().a_theta)
     if fit is None or number is None:
-        text = "a_θ of k_92 = exp(−a_θ v) needs at least two trials in which k_92 could be fitted."
-        return Answer("a_theta", question, "Not known", text)
-    text = (
-        f"a_θ = {number.with_std} s/m, 95 % interval {number.interval} s/m, from "
-        f"{plural(len(fit.points), 'trial')}."
-    )
+        return Answer("a_theta", question, "Not known", said("answers", "no_law"))
+    text = said("answers", "law", number=number, trials=plural(len(fit.points), "trial"))
     if agrees is None:
-        least = f"A test of the law k_92 = exp(−a_θ v) needs {SPEEDS} speeds"
-        text += f" {least}; these trials have {_speeds_of(fit)}."
+        text += said("answers", "law_untested", least=SPEEDS, speeds=_speeds_of(fit))
         return Answer("a_theta", question, "Not tested", text)
     if agrees:
         return Answer("a_theta", question, "Yes", text, "good")
     way = "above" if number.value > fit.published else "below"
-    text += f" It is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
+    text += said("answers", "law_off", by=percent(abs(number.value / fit.published - 1)), way=way)
     if finding is not None and finding.effects:
-        text += " k_92 is fitted with the paper's model, so that what is missing can cause this."
+        text += said("answers", "law_missing")
     return Answer("a_theta", question, "No", text, "fair")
 
 
@@ -222,53 +218,46 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
     agree = [c for c in channels if c.tone == "good"]
     differ = sorted((c for c in channels if c.differs), key=lambda c: -c.rms / c.noise)
     unseen = [c.name for c in channels if not c.tone]
-    question = "Does the paper's model explain the measurements?"
+    question = said("questions", "model")
     if not agree and not differ:
-        return Answer("model", question, "Not known", "The noise of the measured quantities is not known.")
+        return Answer("model", question, "Not known", said("answers", "no_noise"))
     text = f"{len(agree)} of {plural(len(channels), 'quantity')} agree with the simulation."
     if differ:
-        worst = differ[0]
-        text += (
-            f" {capital(together([c.name for c in differ]))} {'differs' if len(differ) == 1 else 'differ'}; "
-            f"largest against its noise: {worst.name}, {with_unit(significant(worst.rms, 2), worst.unit)} "
-            f"rms, {significant(worst.rms / worst.noise, 2)} times the noise."
-        )
+        worst, names = differ[0], capital(together([c.name for c in differ]))
+        text += said(
+            "answers", "worst", names=names, verb="differs" if len(differ) == 1 else "differ",
+            worst=worst.name, rms=with_unit(significant(worst.rms, 2), worst.unit),
+            over=significant(worst.rms / worst.noise, 2),
+        )  # fmt: skip
     if unseen:
         text += f" Not judged: {listed(unseen)}."
     missing = finding is not None and finding.verdict != "none"
     verdict, tone = "In part", "fair"
     if not differ and missing:
-        text += " The readings of the sensors show more: see what is missing."
+        text += said("answers", "sensors_more")
     elif not differ:
         verdict, tone = "Yes", "good"
     elif finding is not None and not missing:
         verdict, tone = "Yes, once the sand is fitted", "good"
-        text = f"With the sand of the parameter file: {text} With the sand fitted, the sensors agree too."
+        text = said("answers", "sand_fitted", text=text)
     elif not agree:
         verdict, tone = "No", "bad"
     return Answer("model", question, verdict, text, tone)
 
 
-def _limit(finding: Finding) -> str:
-    return f"what noise and a tolerance of {percent(finding.tolerance)} of each sensor's rms explain"
-
-
 def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
     """Say which effect the model lacks, with its sizes; `reason` says why nothing was searched."""
-    question = "What is missing from the model?"
+    question = said("questions", "missing")
     if finding is None:
         text = reason and f"{capital(reason).rstrip('.')}."
-        return Answer("missing", question, "Not searched", text or "No search for a missing effect was run.")
+        return Answer("missing", question, "Not searched", text or said("answers", "not_searched"))
     if finding.verdict == "none":
         tone = "fair" if finding.provisional else "good"
-        text = "No effect of the library, and no other disagreement, is beyond noise and tolerance."
-        return Answer("missing", question, "Nothing that these trials show", text, tone)
+        return Answer("missing", question, "Nothing that these trials show", said("answers", "nothing"), tone)
     sizes = "; ".join(describe(e) for e in finding.effects)
     if finding.verdict == "unknown":
-        text = "No effect of the library explains the disagreement."
-        if finding.effects:
-            text += f" An empirical law stands in for it: {sizes}."
-        return Answer("missing", question, "Something unknown", text, "bad")
+        law = f" An empirical law stands in for it: {sizes}." if finding.effects else ""
+        return Answer("missing", question, "Something unknown", said("answers", "unknown") + law, "bad")
     twins = [
         f"These trials cannot tell {plain(e.id)} from {listed([plain(t) for t in e.twins], 'or')}."
         for e in finding.effects
@@ -288,16 +277,15 @@ def gap_pair(finding: Finding) -> tuple[float, float, str]:
 
 def closes_answer(finding: Finding) -> Answer:
     """Say how much of the gap between sensors and model closes with what was found."""
-    question = "How much of the gap does it close?"
+    question = said("questions", "closes")
     before, after, where = gap_pair(finding)
-    limit = _limit(finding)
     if not finding.effects:
-        text = f"Sensors and model differ by {times(before)} times {limit}, {where}."
-        return Answer("closes", question, "No gap" if finding.verdict == "none" else "Nothing", text)
-    text = (
-        f"{capital(where)}, the difference between sensors and model falls from {times(before)} to "
-        f"{times(after)} times {limit}."
-    )
+        verdict = "No gap" if finding.verdict == "none" else "Nothing"
+        return Answer("closes", question, verdict, _differ(finding, before))
+    text = said(
+        "answers", "closes", where=capital(where), before=times(before), after=times(after),
+        tolerance=percent(finding.tolerance),
+    )  # fmt: skip
     closes = 1 - finding.remainder
     verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
     return Answer("closes", question, verdict, text, "good" if finding.remainder <= MUCH else "fair")
@@ -332,11 +320,11 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
             better = f"{listed(counts)} left out of the fit are predicted better"
             grounds.append(f"{capital(with_found(finding))}, {better}.")
         elif finding.effects:
-            doubts.append("nothing could be left out of the fit, so that no prediction tests it")
+            doubts.append(said("answers", "no_prediction"))
     doubt = [f"Doubts: {'; '.join(doubts)}."] if doubts else []
-    text = " ".join([*grounds, *doubt, "Valid for these speeds, this robot and this sand."])
+    text = " ".join([*grounds, *doubt, said("answers", "valid")])
     verdict, tone = ("With care", "fair") if doubts else ("Well, for trials like these", "good")
-    return Answer("trust", "How far can this be trusted?", verdict, text, tone)
+    return Answer("trust", said("questions", "trust"), verdict, text, tone)
 
 
 def _next(steps: Sequence[str]) -> tuple[Answer, ...]:
@@ -344,7 +332,7 @@ def _next(steps: Sequence[str]) -> tuple[Answer, ...]:
         return ()
     text, _, command = steps[0].partition(": granite-lab ")
     command = f"granite-lab {command.rstrip('.')}" if command else ""
-    return (Answer("next", "What to do next?", "", f"{text.rstrip('.')}.", command=command),)
+    return (Answer("next", said("questions", "next"), "", f"{text.rstrip('.')}.", command=command),)
 
 
 def plural(n: int, what: str) -> str:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,11 @@ import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import Transform, blended_transform_factory
 
 from granite_lab.logs.trial import Array
+from granite_lab.reporting.words import said
 
 # Okabe and Ito's palette, safe for all common kinds of colour blindness. Blue tones are always
 # measured, orange tones simulated, the light tone of each the rear axle or the wheels.
@@ -44,6 +45,8 @@ GAP, BETWEEN = 0.3, 0.16  # between panels above and beside each other [in]
 
 DPI = 300
 """Resolution of a PNG, as journals ask for it."""
+
+TIME = "time since the start of the command [s]"
 
 STYLE = Path(__file__).parent / "templates" / "figure.mplstyle"
 
@@ -89,6 +92,21 @@ class Figure:
         return figure
 
 
+def drawing(
+    key: str, title: str, virtual: bool, make: Callable[..., Canvas], *given: object, name: str = "",
+    **parts: object,
+) -> Figure:  # fmt: skip
+    """Return a figure whose caption stands in ``words.toml``.
+
+    Args:
+        key: of the caption; also the name of the figure where none is given.
+        title, virtual, name: as in `Figure`.
+        make: makes it of `given`.
+        **parts: what fills the braces of the caption.
+    """
+    return Figure(name or key, title, said("figures", key, **parts), partial(make, *given), virtual)
+
+
 def mark_virtual(figure: Canvas, virtual: bool) -> None:
     """Write on the figure itself, in its lower left corner, that its data come from a simulator."""
     if virtual:
@@ -108,6 +126,8 @@ def panels(
     gap: float = GAP,
     width: float = WIDTH,
     label: float = 0.16,
+    y: Sequence[str] = (),
+    x: str = "",
 ) -> tuple[Canvas, list[Axes]]:
     """Return a figure and its panels, row by row; a column shares the x axis, a row the y axis.
 
@@ -118,6 +138,7 @@ def panels(
         gap: between rows, with room for a legend [in].
         width: of the figure [in].
         label: place of the labels of the y axes, from the left edge of the figure [in].
+        y, x: labels of the rows and of the lowest panel.
     """
     tall = head + sum(heights) + gap * (len(heights) - 1) + foot
     wide = (width - left - RIGHT - BETWEEN * (columns - 1)) / columns
@@ -132,6 +153,10 @@ def panels(
     )  # fmt: skip
     for axis in grid[:, 0]:
         axis.yaxis.set_label_coords(label, 0.5, transform=_inches_along(axis))
+    for axis, text in zip(grid[:, 0], y, strict=False):
+        axis.set_ylabel(text)
+        axis.yaxis.set_major_locator(MaxNLocator(5))
+    grid[-1, 0].set_xlabel(x)
     return figure, list(grid.flat)
 
 

@@ -14,24 +14,22 @@ import platform
 from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote, unquote
 
 from granite_lab.errors import InputError
 from granite_lab.files import readable
 from granite_lab.reporting.content import Source, shown_path
+from granite_lab.reporting.render import rendered
 from granite_lab.reporting.report import Report
 
 NAME = "ro-crate-metadata.json"
 
-_CONTEXT = ["https://w3id.org/ro/crate/1.1/context", {"sha256": "https://schema.org/sha256"}]
 _TYPES = {".md": "text/markdown", ".toml": "application/toml", ".tex": "text/x-tex", ".csv": "text/csv"}
 
-Entity = dict[str, Any]
 
-
-def crate(report: Report, source: Source, date: str, libraries: Sequence[str], files: Sequence[Path],
-          root: Path) -> str:  # fmt: skip
+def crate(
+    report: Report, source: Source, date: str, libraries: Sequence[str], files: Sequence[Path], root: Path
+) -> str:
     """Return the metadata of a report's folder as JSON-LD.
 
     Args:
@@ -42,57 +40,30 @@ def crate(report: Report, source: Source, date: str, libraries: Sequence[str], f
         files: that belong to it.
         root: folder of `files` on which their names are based.
     """
-    parts = []
-    for path in sorted(files):
-        data = path.read_bytes()
-        kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-        parts.append({
-            "@id": quote(path.relative_to(root).as_posix()), "@type": "File", "name": path.name,
-            "encodingFormat": kind, "contentSize": str(len(data)), "sha256": hashlib.sha256(data).hexdigest(),
-        })  # fmt: skip
-    inputs: list[Entity] = []  # what was read is not in the folder
-    for file in source.inputs:
-        name = shown_path(file.path)
-        inputs.append(
-            {"@id": f"#input/{quote(name)}", "@type": "CreativeWork", "name": name, "sha256": file.sha256}
-        )
     versions = {name: metadata.version(name) for name in libraries} | {"Python": platform.python_version()}
-    software: list[Entity] = [
-        {"@id": f"#{name}", "@type": "SoftwareApplication", "name": name, "version": version}
-        for name, version in ({"granite-lab": source.version} | versions).items()
-    ]
-    made, tools = software[0], software[1:]
-    made |= {
-        "description": f"SHA-256 of its sources and libraries: {source.code or 'not known'}",
-        "softwareRequirements": _links(tools),
-    }
-    graph: list[Entity] = [
-        {
-            "@id": NAME, "@type": "CreativeWork", "about": {"@id": "./"},
-            "conformsTo": {"@id": "https://w3id.org/ro/crate/1.1"},
-        },
-        {
-            "@id": "./", "@type": "Dataset", "name": report.name,
-            "description": f"{report.answers.lead} {report.answers.virtual}".strip(),
-            "datePublished": date, "license": {"@id": "#licence"}, "hasPart": _links(parts),
-            "mentions": [{"@id": "#study"}],
-        },
-        {
-            "@id": "#licence", "@type": "CreativeWork", "name": "not stated",
-            "description": "The owner of the trials decides how they and this report may be used.",
-        },
-        {
-            "@id": "#study", "@type": "CreateAction", "name": report.kind, "description": source.command,
-            "endTime": date, "instrument": {"@id": made["@id"]}, "object": _links(inputs),
-            "result": _links(parts),
-        },
-        made, *tools, *inputs, *parts,
-    ]  # fmt: skip
-    return json.dumps({"@context": _CONTEXT, "@graph": graph}, indent=1, ensure_ascii=False) + "\n"
+    text = rendered(
+        NAME, report=report, source=source, date=date,
+        parts=[_part(path, root) for path in sorted(files)],
+        inputs=[
+            {"@id": f"#input/{quote(name)}", "@type": "CreativeWork", "name": name, "sha256": file.sha256}
+            for file in source.inputs  # what was read is not in the folder
+            for name in [shown_path(file.path)]
+        ],
+        tools=[
+            {"@id": f"#{name}", "@type": "SoftwareApplication", "name": name, "version": version}
+            for name, version in versions.items()
+        ],
+    )  # fmt: skip
+    return json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
 
 
-def _links(entities: Sequence[Entity]) -> list[Entity]:
-    return [{"@id": e["@id"]} for e in entities]
+def _part(path: Path, root: Path) -> dict[str, str]:
+    data = path.read_bytes()
+    kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    return {
+        "@id": quote(path.relative_to(root).as_posix()), "@type": "File", "name": path.name,
+        "encodingFormat": kind, "contentSize": str(len(data)), "sha256": hashlib.sha256(data).hexdigest(),
+    }  # fmt: skip
 
 
 def changed_files(folder: Path) -> Iterator[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Literal
 
 from rich import box
@@ -13,20 +13,21 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from granite_lab.reporting.table import Table
+    from granite_lab.reporting.tables import Table
 
 TONES = {"good": "green", "fair": "yellow", "bad": "red"}
 VIRTUAL = "virtual data: written by a simulator"
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]+")
 
 
-def grid(*titles: str, words: Sequence[int] = ()) -> Grid:
-    """Return an empty table.
+def grid(*titles: str, words: Sequence[int] = (), rows: Iterable[Sequence[str | Text]] = ()) -> Grid:
+    """Return a table.
 
     Args:
         *titles: of the columns.
         words: places of columns that are flush left and may be wrapped; the others are flush right
             and stay on one line.
+        rows: its cells, as they are.
     """
     table = Grid(
         box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False, header_style="bold"
@@ -36,6 +37,8 @@ def grid(*titles: str, words: Sequence[int] = ()) -> Grid:
         least = max(map(len, title.split()), default=0)  # no heading is cut inside a word
         justify: Literal["left", "right"] = "left" if left else "right"
         table.add_column(Text(title), justify=justify, overflow="fold", no_wrap=not left, min_width=least)
+    for row in rows:
+        table.add_row(*row_of(*row))
     return table
 
 

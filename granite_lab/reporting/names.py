@@ -17,7 +17,7 @@ from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
 from granite_lab.reporting.rounding import decided, plus_minus, tidy_unit, with_unit
-from granite_lab.reporting.words import SENSORS
+from granite_lab.reporting.words import SENSORS, said
 
 PREFIXED = ("s", "m", "rad", "m/N", "rad/(N m)")
 """Units that take a milli or a micro in front."""
@@ -134,8 +134,8 @@ def together(names: Sequence[str]) -> str:
 def shared(lines: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
     """Say once what several trials say alike; each line is a trial's name and what it says."""
     speakers: dict[str, list[str]] = {}
-    for trial, said in lines:
-        for line in dict.fromkeys(said):
+    for trial, own in lines:
+        for line in dict.fromkeys(own):
             speakers.setdefault(line, []).append(trial)
     everybody = len(lines)
     return tuple(
@@ -215,37 +215,21 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple
         folder: of the report.
     """
     plan = f"granite-lab plan-next {_pasted(folder)}"
-    own = "granite-lab discover TRIALS --effects my_effect.py"
-    steps = []
-    if finding.provisional:
-        steps.append("Drive two trials or more at each of three speeds, then search again.")
+    steps = [said("steps", "again")] if finding.provisional else []
     if finding.verdict == "none":
-        steps.append(
-            f"Nothing needs to be added. Plan the trial that would show effects still hidden: {plan}"
-        )
-        return tuple(steps)
+        return (*steps, said("steps", "none", plan=plan))
     if finding.verdict == "unknown":
-        look = "Look where the model disagrees, then test the suspected cause as an effect of your own"
-        return (*steps, f"{look}: {own}", f"Plan the trial that would tell more: {plan}")
+        return (*steps, said("steps", "unknown"), said("steps", "tell", plan=plan))
     faults = [plain(e.id) for e in finding.effects if (known := met(e.id)) and known.fault]
     if faults:
-        steps.append(
-            f"{capital(listed(faults))} is an error of the measurement, not of the model: correct it on the "
-            "robot or in the logs by the number found, and search again."
-        )
+        steps.append(said("steps", "fault", faults=capital(listed(faults))))
     twins = {plain(e.id): listed([plain(t) for t in e.twins], "or") for e in finding.effects if e.twins}
-    steps += [f"Plan the trial that tells {one} from {others}: {plan}" for one, others in twins.items()]
+    steps += [said("steps", "twins", one=one, others=others, plan=plan) for one, others in twins.items()]
     if finding.remainder > MUCH:
-        steps.append(f"More is missing than was found. Try an effect of your own: {own}")
+        steps.append(said("steps", "more"))
     if model and len(faults) < len(finding.effects):
-        steps.append(
-            "Simulate with the effects found; at other speeds and on other sand that is a guess until a "
-            f"trial confirms it: granite-lab simulate --model {_pasted(f'{folder}/{Path(model).name}')} "
-            "--variant 0.5"
-        )
-    if not twins:
-        steps.append(f"Plan the trial that lowers the largest std: {plan}")
-    return tuple(steps)
+        steps.append(said("steps", "simulate", model=_pasted(f"{folder}/{Path(model).name}")))
+    return (*steps, *([] if twins else [said("steps", "least", plan=plan)]))
 
 
 def _pasted(path: str) -> str:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import MaxNLocator
 
 from granite_lab.errors import InputError, UsageError, printable
 from granite_lab.logs import Inspection
@@ -31,7 +30,7 @@ class Trace(NamedTuple):
     t: Array
     values: Array
     name: str
-    colour: str = canvas.MEASURED
+    colour: str
     dashes: str = "-"
 
 
@@ -78,17 +77,15 @@ def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Canva
     start = min(float(trace.t[0]) for _, traces in panels for trace in traces)
     origin = float(np.floor(start)) if start > DATE else 0.0
     with canvas.styled():
-        figure, axes = canvas.panels([HEIGHT] * len(panels), head=0.46, width=WIDTH)
-        for axis, (label, traces) in zip(axes, panels, strict=True):
+        labels, time = [label for label, _ in panels], f"time − {origin:.0f} s [s]" if origin else "time [s]"
+        time += "; grey: standstill" if rests else ""
+        figure, axes = canvas.panels([HEIGHT] * len(panels), head=0.46, width=WIDTH, y=labels, x=time)
+        for axis, (_, traces) in zip(axes, panels, strict=True):
             for begin, end in rests:
                 axis.axvspan(begin - origin, end - origin, color=canvas.SHADE, lw=0, zorder=0)
             for trace in traces:
                 _draw(axis, trace, origin)
-            axis.set_ylabel(label)
-            axis.yaxis.set_major_locator(MaxNLocator(4))
             canvas.legend(axis, columns=4)
-        time = f"time − {origin:.0f} s [s]" if origin else "time [s]"
-        axes[-1].set_xlabel(f"{time}; grey: standstill" if rests else time)
         name = printable(trial.name) + (" (virtual)" if trial.info.virtual else "")
         figure.text(canvas.LEFT / WIDTH, 0.99, name, va="top", fontsize=9.5, parse_math=False)
         canvas.mark_virtual(figure, trial.info.virtual)
@@ -98,29 +95,29 @@ def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Canva
 def _panels(trial: Trial) -> list[tuple[str, list[Trace]]]:
     """Return the label of each panel with its unit, and the lines in it; empty channels are left out."""
     panels: list[tuple[str, list[Trace]]] = []
-    if trial.imu is not None:
-        imu, colours = trial.imu, (canvas.MEASURED, canvas.MEASURED_LIGHT, canvas.GREY)
+    if (imu := trial.imu) is not None:
         what = "acceleration" if imu.gravity_removed else "specific force"
         for label, values in (
             (f"{what} [m/s²]", imu.specific_force),
             ("angular rate [rad/s]", imu.angular_rate),
         ):
+            colours = (canvas.MEASURED, canvas.MEASURED_LIGHT, canvas.GREY)
             panels.append((label, [Trace(imu.t, values[:, k], "xyz"[k], colours[k]) for k in range(3)]))
-    if trial.wheels is not None:
-        wheels = trial.wheels
-        label, values = "wheel angle [rad]", wheels.angle
-        if wheels.rate is not None:
-            label, values = "wheel rate [rad/s]", wheels.rate
-        panels.append((label, _of_wheels(wheels.t, values)))
+    if (wheels := trial.wheels) is not None:
+        label = "wheel angle [rad]" if wheels.rate is None else "wheel rate [rad/s]"
+        panels.append((label, _of_wheels(wheels.t, wheels.angle if wheels.rate is None else wheels.rate)))
     if trial.currents is not None:
         panels.append(("motor current [A]", _of_wheels(trial.currents.t, trial.currents.current)))
-    for label, lines in (
-        ("velocity [m/s]", {"command": trial.command, "reference": trial.reference_v}),
-        ("distance [m]", {"reference": trial.reference_x}),
+    for label, series, name, colour in (
+        ("velocity [m/s]", trial.command, "command", canvas.DESIRED),
+        ("velocity [m/s]", trial.reference_v, "reference", canvas.MEASURED),
+        ("distance [m]", trial.reference_x, "reference", canvas.MEASURED),
     ):
-        series = {name: one for name, one in lines.items() if one is not None}
-        colour = {"command": canvas.DESIRED, "reference": canvas.MEASURED}
-        panels.append((label, [Trace(s.t, s.value, name, colour[name]) for name, s in series.items()]))
+        if series is not None:
+            if panels and panels[-1][0] == label:
+                panels[-1][1].append(Trace(series.t, series.value, name, colour))
+            else:
+                panels.append((label, [Trace(series.t, series.value, name, colour)]))
     filled = [(label, [x for x in traces if np.isfinite(x.values).any()]) for label, traces in panels]
     return [(label, traces) for label, traces in filled if traces]
 

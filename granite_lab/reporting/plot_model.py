@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from granite_lab.model.command import steady_interval
 from granite_lab.model.single_wheel import WheelPoint
 from granite_lab.planning.imprint import Imprint, Seen
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Figure
+from granite_lab.reporting.canvas import Figure, drawing
 from granite_lab.reporting.rounding import significant, tidy_unit, with_unit
 from granite_lab.reporting.words import SENSORS
 
@@ -56,7 +55,8 @@ def effect_drawing(imprint: Imprint) -> Figure:
     """Draw one column a command and one row a channel, raw and after what else could explain it."""
     effect, sentence = imprint.active.effect, what_to_see(imprint)
     title = f"Signature of {effect.id}: {effect.title}"
-    return Figure(f"effect_{effect.id}", title, sentence, partial(_effect, imprint, sentence))
+    name = f"effect_{effect.id}"
+    return drawing("effect", title, False, _effect, imprint, sentence, name=name, sentence=sentence)
 
 
 def _effect(imprint: Imprint, sentence: str) -> Canvas:
@@ -143,7 +143,9 @@ def what_to_see(imprint: Imprint) -> str:
 def sweep_figure(points: Sequence[WheelPoint], title: str) -> Canvas:
     """Draw drawbar pull, torque and sinkage over slip, three panels above each other."""
     with canvas.styled():
-        figure, (pull, torque, sinkage) = canvas.panels([1.5] * 3, head=0.6, gap=0.14)
+        labels = ("pull [N]", "torque [N m]", "sinkage [mm]")
+        figure, axes = canvas.panels([1.5] * 3, head=0.6, gap=0.14, y=labels, x="slip ratio λ [–]")
+        pull, torque, sinkage = axes
         slip = [p.slip for p in points]
         for name, colour, dashes, label in (
             ("drawbar_pull", canvas.SIMULATED, "-", f"drawbar pull F + R, {title}"),
@@ -155,10 +157,7 @@ def sweep_figure(points: Sequence[WheelPoint], title: str) -> Canvas:
         sinkage.plot(slip, [1000 * p.sinkage for p in points], color=canvas.SIMULATED)
         for axis in (pull, torque):
             axis.axhline(0, color=canvas.INK, linewidth=0.6)
-        pull.set_ylabel("pull [N]")
-        torque.set_ylabel("torque [N m]")
-        top = 1.1 * max(1000 * p.sinkage for p in points)
-        sinkage.set(ylabel="sinkage [mm]", ylim=(0, top), xlabel="slip ratio λ [–]")
+        sinkage.set_ylim(0, 1.1 * max(1000 * p.sinkage for p in points))
         canvas.legend(pull, columns=1)
     return figure
 
@@ -166,14 +165,13 @@ def sweep_figure(points: Sequence[WheelPoint], title: str) -> Canvas:
 def arc_figure(point: WheelPoint, title: str) -> Canvas:
     """Draw normal and shear stress over the contact arc, the rear at the left."""
     with canvas.styled():
-        figure, (axis,) = canvas.panels([2.3], head=0.46)
+        angles = "angle from the lowest point ϑ [°], front at the right"
+        figure, (axis,) = canvas.panels([2.3], head=0.46, y=["stress [kPa]"], x=angles)
         angle = np.degrees(point.angle)
         axis.axhline(0, color=canvas.INK, linewidth=0.6)
         axis.axvline(0, color=canvas.INK, linewidth=0.6)
         label, light = f"normal stress σ, {title}", canvas.SIMULATED_LIGHT
         axis.plot(angle, point.normal_stress / 1000, color=canvas.SIMULATED, label=label)
         axis.plot(angle, point.shear_stress / 1000, color=light, linestyle="--", label="shear stress τ")
-        axis.set_xlabel("angle from the lowest point ϑ [°], front at the right")
-        axis.set_ylabel("stress [kPa]")
         canvas.legend(axis, columns=1)
     return figure

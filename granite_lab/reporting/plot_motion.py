@@ -5,24 +5,21 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import MaxNLocator
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Figure
+from granite_lab.reporting.canvas import Figure, drawing
 from granite_lab.reporting.names import together
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import Speed, channels_of, gaps, mean_of_known
-from granite_lab.reporting.words import said
 
 SLIP_STD_SHOWN = 0.04
 """Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
@@ -71,21 +68,17 @@ def motion_figure(speed: Speed) -> Figure:
     c, n = speed.typical.comparison, len(speed.results)
     like = f", the middle one of {n} by slip" if n > 1 else ""
     like += f"; as {PAPER[speed.velocity]} of the paper" if speed.velocity in PAPER else ""
-    return Figure(
-        f"motion_{speed.velocity:.2f}".replace(".", "p"),
-        f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}",
-        said("figures", "motion", trial=c.motion.trial, like=like),
-        partial(_history, c), any(r.comparison.motion.virtual for r in speed.results),
-    )  # fmt: skip
+    title = f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}"
+    virtual = any(r.comparison.motion.virtual for r in speed.results)
+    name = f"motion_{speed.velocity:.2f}".replace(".", "p")
+    return drawing("motion", title, virtual, _history, c, name=name, trial=c.motion.trial, like=like)
 
 
 def comparison_figure(c: Comparison, index: int) -> Figure:
     """Draw one trial, measured and simulated on one axis."""
     stem = re.sub(r"[^A-Za-z0-9._-]+", "_", c.motion.trial)[:80]
-    return Figure(
-        f"compare_{index:02d}_{stem}", f"{c.motion.trial}: {_verdict([c])}", said("figures", "compare"),
-        partial(_history, c), c.motion.virtual,
-    )  # fmt: skip
+    title, name = f"{c.motion.trial}: {_verdict([c])}", f"compare_{index:02d}_{stem}"
+    return drawing("compare", title, c.motion.virtual, _history, c, name=name)
 
 
 def _verdict(comparisons: Sequence[Comparison]) -> str:
@@ -133,7 +126,7 @@ class Line(NamedTuple):
 
 
 def _history(c: Comparison) -> Canvas:
-    figure, axes = canvas.panels([panel.height for panel in PANELS])
+    figure, axes = canvas.panels([p.height for p in PANELS], y=[p.label for p in PANELS], x=canvas.TIME)
     end = min(float(c.t[-1]), duration(c.run.variant) + 1.2)
     inside = (c.t >= -0.5) & (c.t <= end)
     t = c.t[inside]
@@ -153,8 +146,6 @@ def _history(c: Comparison) -> Canvas:
             unit = panel.label.partition("[")[2].rstrip("]")
             parts.append(f"±2σ of the measurement, not drawn: {significant(wide, 2)} {unit}")
         canvas.key(axis, "; ".join(filter(None, parts)))
-        axis.set_ylabel(panel.label)
-        axis.yaxis.set_major_locator(MaxNLocator(5))
     desired = c.run.signals.get("v_desired_mps")
     if desired is not None:
         s, y = canvas.envelope(t, np.interp(t, c.run.t, desired), points=200)
@@ -163,7 +154,6 @@ def _history(c: Comparison) -> Canvas:
         axes[0].plot([], [], color=colour, linewidth=width, label=source)
     canvas.legend(axes[0])
     axes[0].set_xlim(t[0], t[-1])
-    axes[-1].set_xlabel("time since the start of the command [s]")
     return figure
 
 

@@ -17,12 +17,11 @@ from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.parameters import Paper, load_paper
 from granite_lab.reporting import canvas
-from granite_lab.reporting.answers import Answers
-from granite_lab.reporting.canvas import Figure
+from granite_lab.reporting.answers import Answers, plural
+from granite_lab.reporting.canvas import Figure, drawing
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import Speed
 from granite_lab.reporting.two_studies import ALIKE, DIFFERS, Compared, Row
-from granite_lab.reporting.words import said
 
 VELOCITY, SLIP, RATIO = "desired velocity [m/s]", "robot slip ratio [%]", "contact-angle ratio k₉₂ [–]"
 APART, WIDE = 0.008, 0.05
@@ -38,17 +37,16 @@ Point = tuple[Estimate, Estimate, int]
 def slip_figure(answers: Answers, paper: Paper) -> Figure:
     """Draw λ_R over the desired velocity: each trial, the means with their intervals, and the paper."""
     known = [s for s in answers.speeds if math.isfinite(s.slip.value)]
-    title = ", ".join(f"{s.slip.quantity} slip at {s.velocity:g} m/s" for s in known) or "No slip ratio known"
-    if len(known) > 1:
-        rising = all(a.slip.value < b.slip.value for a, b in pairwise(known))
-        title = "Slip grows with speed" if rising else "Slip does not grow steadily with speed"
+    rising = all(a.slip.value < b.slip.value for a, b in pairwise(known))
+    title = "Slip grows with speed" if rising else "Slip does not grow steadily with speed"
+    if len(known) < 2:
+        title = (
+            "".join(f"{s.slip.quantity} slip at {s.velocity:g} m/s" for s in known) or "No slip ratio known"
+        )
     judged = [s for s in known if s.agrees is not None]
     if judged:
         inside = sum(bool(s.agrees) for s in judged)
-        where = f"in the interval at {inside} of {len(judged)} speeds"
-        if len(judged) == 1:
-            where = f"{'in' if inside else 'outside'} the interval"
-        title += f"; the paper's experiment is {where}"
+        title += f"; the paper's experiment is in the interval at {inside} of {plural(len(judged), 'speed')}"
 
     def draw(axis: Axes) -> None:
         points = _over_speed(answers.speeds, lambda c: c.motion.slip_ratio)
@@ -63,10 +61,7 @@ def slip_figure(answers: Answers, paper: Paper) -> Figure:
         axis.set_xlim(left=0)
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
 
-    return Figure(
-        "slip_over_speed", title,
-        said("figures", "slip_over_speed"), partial(_panel, draw, VELOCITY, SLIP), bool(answers.virtual),
-    )  # fmt: skip
+    return drawing("slip_over_speed", title, bool(answers.virtual), _panel, draw, VELOCITY, SLIP)
 
 
 def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
@@ -82,10 +77,7 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
         title = f"a_θ = {number.with_std} s/m; {where}"
     points, law = _over_speed(answers.speeds, lambda c: c.fit.k92), fit if number is not None else None
     draw = partial(_k92_panel, points, [s.velocity for s in answers.speeds], law, paper)
-    return Figure(
-        "k92_over_velocity", title,
-        said("figures", "k92_over_velocity"), partial(_panel, draw, VELOCITY, RATIO), bool(answers.virtual),
-    )  # fmt: skip
+    return drawing("k92_over_velocity", title, bool(answers.virtual), _panel, draw, VELOCITY, RATIO)
 
 
 def fits_figure(
@@ -100,7 +92,7 @@ def fits_figure(
     """
     points = [(Estimate(v, 0.0), k92, 1) for v, k92 in fits]
     draw = partial(_k92_panel, points, [v for v, _ in fits], law, load_paper())
-    return Figure("k92", "k_92 by trial", "", partial(_panel, draw, VELOCITY, RATIO), virtual)
+    return drawing("k92", "k_92 by trial", virtual, _panel, draw, VELOCITY, RATIO)
 
 
 def _k92_panel(
@@ -141,10 +133,7 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
         axis.axhline(0, color=canvas.INK, linewidth=0.6)
         axis.set_xlim(0, 100 * x[-1])
 
-    return Figure(
-        "k92_over_slip", title, said("figures", "k92_over_slip"),
-        partial(_panel, draw, SLIP, RATIO), bool(answers.virtual),
-    )  # fmt: skip
+    return drawing("k92_over_slip", title, bool(answers.virtual), _panel, draw, SLIP, RATIO)
 
 
 def _panel(draw: Callable[[Axes], None], x: str, y: str) -> Canvas:
@@ -220,11 +209,8 @@ def compared_figure(found: Compared) -> Figure | None:
         return None
     differ = [r.quantity for r in rows if r.verdict == DIFFERS]
     title = f"{len(differ)} of {len(rows)} quantities differ" if differ else "No difference is seen"
-    return Figure(
-        "differences", title,
-        said("figures", "differences", a=found.names[0], b=found.names[1]),
-        partial(_differences, rows), found.virtual,
-    )  # fmt: skip
+    a, b = found.names
+    return drawing("differences", title, found.virtual, _differences, rows, a=a, b=b)
 
 
 def _differences(rows: Sequence[Row]) -> Canvas:

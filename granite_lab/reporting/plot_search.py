@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import MaxNLocator
 
 from granite_lab.discovery.finding import Candidate, Finding, Residual
 from granite_lab.logs.trial import Array
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import gap_pair
-from granite_lab.reporting.canvas import AFTER, BEFORE, Figure
+from granite_lab.reporting.canvas import AFTER, BEFORE, Figure, drawing
 from granite_lab.reporting.names import (
     brief,
     capital,
@@ -28,7 +26,7 @@ from granite_lab.reporting.names import (
 )
 from granite_lab.reporting.rounding import places, significant, tidy_unit, times
 from granite_lab.reporting.summary import mean_of_known
-from granite_lab.reporting.words import WORDS, said, sensor
+from granite_lab.reporting.words import WORDS, sensor
 
 Pair = tuple[float, float]
 """Before and after; NaN where not known."""
@@ -55,14 +53,11 @@ def gap_figure(finding: Finding) -> Figure:
         title = (
             f"{capital(with_found(finding))}, the gap falls from {times(before)} to {times(after)} {where}"
         )
-    return Figure(
-        "found_gap", title,
-        said("figures", "found_gap"), partial(_dumbbells, lines, finding, rule=first), finding.virtual,
-    )  # fmt: skip
+    return drawing("found_gap", title, finding.virtual, _dumbbells, lines, finding, first)
 
 
-def _dumbbells(lines: Mapping[str, Pair], finding: Finding, *, rule: int) -> Canvas:
-    """Draw before and after of each row; a thin line stands above row number `rule` unless that is 0."""
+def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas:
+    """Draw before and after of each row; a thin line stands above row number `rule`."""
     known = [v for pair in lines.values() for v in pair if math.isfinite(v) and v > 0]
     low, high = 0.8 * min([*known, 0.9]), 1.25 * max([*known, 2.0])
     figure, (axis,) = canvas.named_rows(list(lines), row=0.2)
@@ -77,8 +72,7 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, *, rule: int) -> Can
         axis.plot(after, y, "D", color=AFTER, markersize=4, label=with_found(finding))
     canvas.log_axis(axis, low, high)
     axis.set_xlabel("gap over noise and tolerance [–]")
-    if rule:
-        axis.axhline(rule - 0.5, color=canvas.FAINT, linewidth=0.6)
+    axis.axhline(rule - 0.5, color=canvas.FAINT, linewidth=0.6)
     canvas.legend(axis, left=KEYS_LEFT)
     return figure
 
@@ -101,10 +95,7 @@ def candidates_figure(finding: Finding) -> Figure | None:
         title = f"Of {len(every)} candidates, {listed(named)} {are} in the model"
     more = len(every) - len(shown)
     rest = f" {more} others were screened out or are less likely; the table lists them." if more else ""
-    return Figure(
-        "found_candidates", title,
-        said("figures", "found_candidates", rest=rest), partial(_candidates, shown), finding.virtual,
-    )  # fmt: skip
+    return drawing("found_candidates", title, finding.virtual, _candidates, shown, rest=rest)
 
 
 def _candidates(shown: Sequence[Candidate]) -> Canvas:
@@ -134,11 +125,8 @@ def intervals_figure(finding: Finding) -> Figure | None:
     worst, n = max(finding.where, key=lambda d: d.share), len(finding.where)
     where = f"from {places(worst.start, 2)} s to {places(worst.end, 2)} s"
     most = f"most in the {sensor(worst.channel)} at {worst.variant:g} m/s {where}"
-    return Figure(
-        "found_intervals", f"The paper's model disagrees {most}",
-        said("figures", "found_intervals", intervals="One interval" if n == 1 else f"{n} intervals"),
-        partial(_intervals, finding), finding.virtual,
-    )  # fmt: skip
+    title, many = f"The paper's model disagrees {most}", "One interval" if n == 1 else f"{n} intervals"
+    return drawing("found_intervals", title, finding.virtual, _intervals, finding, intervals=many)
 
 
 TICKS = {1: "≤1", 2: "2", 5: "5", 10: "10", 20: "20", 50: "≥50"}
@@ -149,7 +137,7 @@ def _intervals(finding: Finding) -> Canvas:
     speeds, channels = sorted({d.variant for d in finding.where}), channels_of(finding)
     norm, colours = mpl.colors.LogNorm(1, 50), mpl.colormaps["cividis"]
     heights = [0.13 * len(channels)] * len(speeds)
-    figure, axes = canvas.panels(heights, left=canvas.NAMES, head=0.24, foot=0.98, gap=0.24)
+    figure, axes = canvas.panels(heights, left=canvas.NAMES, head=0.24, foot=0.98, gap=0.24, x=canvas.TIME)
     for axis, speed in zip(axes, speeds, strict=True):
         for d in (d for d in finding.where if d.variant == speed):
             colour = colours(norm(np.clip(100 * d.share, 1, 50)))
@@ -158,7 +146,6 @@ def _intervals(finding: Finding) -> Canvas:
         canvas.name_rows(axis, [sensor(c) for c in channels], 6.5)
         axis.text(0, 1.02, f"{speed:g} m/s", transform=axis.transAxes, fontsize=8, va="bottom")
     axes[0].set_xlim(-0.5, max(float(r.t[-1]) for r in finding.residuals if r.variant in speeds))
-    axes[-1].set_xlabel("time since the start of the command [s]")
     canvas.colour_bar(
         figure, mpl.cm.ScalarMappable(norm, colours), "difference over the sensor's rms [%]", TICKS
     )
@@ -178,30 +165,23 @@ def history_figures(finding: Finding) -> list[Figure]:
         if not drawn:
             continue
         n = max(map(len, own.values()))
+        title = f"{velocity:g} m/s: {_closer(finding, drawn)}"
+        name = f"found_history_{velocity:.2f}".replace(".", "p")
+        what = f"Mean of {n} trials" if n > 1 else "One trial"
         found.append(
-            Figure(
-                f"found_history_{velocity:.2f}".replace(".", "p"),
-                f"{velocity:g} m/s: {_closer(finding, drawn)}",
-                said("figures", "found_history", mean=f"Mean of {n} trials" if n > 1 else "One trial"),
-                partial(_history, finding, drawn), finding.virtual,
-            )
-        )  # fmt: skip
+            drawing("found_history", title, finding.virtual, _history, finding, drawn, name=name, mean=what)
+        )
     return found
 
 
 def _closer(finding: Finding, drawn: Mapping[str, Residual]) -> str:
-    if not finding.effects:
-        return "readings of the sensors with the largest gap"
-
-    def rms(values: Array) -> float:
-        known = values[np.isfinite(values)]
-        return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
-
-    rest = {c: (rms(m.before - m.measured), rms(m.after - m.measured)) for c, m in drawn.items()}
-    factor = {c: before / after for c, (before, after) in rest.items() if after > 0}
+    """Say which sensor comes closest with what was found."""
+    both = {c: [(v - m.measured) ** 2 for v in (m.before, m.after)] for c, m in drawn.items()}
+    squares = {c: [float(mean_of_known(x, 0)) for x in pair] for c, pair in both.items()}
+    factor = {c: math.sqrt(before / after) for c, (before, after) in squares.items() if after > 0}
     best = max(factor, key=lambda c: factor[c], default="")
-    if not best or factor[best] < 1.1:
-        return "no sensor comes closer"
+    if not finding.effects or not factor.get(best, 0.0) >= 1.1:
+        return "readings of the sensors with the largest gap"
     return f"{sensor(best)} is {significant(factor[best], 2)} times closer {with_found(finding)}"
 
 
@@ -216,10 +196,11 @@ def mean_of(group: Sequence[Residual]) -> Residual:
 
 
 def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
-    figure, axes = canvas.panels([1.1] * len(drawn), head=0.46)
+    milli = {unit: unit in ("rad", "rad/s") for unit in (m.unit for m in drawn.values())}
+    units = [f"[{'m' if milli[m.unit] else ''}{tidy_unit(m.unit)}]" for m in drawn.values()]
+    figure, axes = canvas.panels([1.1] * len(drawn), head=0.46, y=units, x=canvas.TIME)
     for axis, (name, mean) in zip(axes, drawn.items(), strict=True):
-        milli = mean.unit in ("rad", "rad/s")
-        scale, unit = (1e3, f"m{mean.unit}") if milli else (1.0, tidy_unit(mean.unit))
+        scale = 1e3 if milli[mean.unit] else 1.0
         zero = mean.before if mean.unit == "rad" else np.zeros_like(mean.before)
         for d in finding.where:
             if d.channel == name and d.variant == mean.variant:
@@ -232,11 +213,8 @@ def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
         for values, colour, width, label in lines:
             axis.plot(mean.t, scale * (values - zero), color=colour, linewidth=width, label=label)
         canvas.key(axis, sensor(name) + (" less model" if mean.unit == "rad" else ""))
-        axis.set_ylabel(f"[{unit}]")
-        axis.yaxis.set_major_locator(MaxNLocator(4))
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper left", ncols=3, bbox_to_anchor=(0.13, 1.0))
     t = next(iter(drawn.values())).t
     axes[0].set_xlim(float(t[0]), float(t[-1]))
-    axes[-1].set_xlabel("time since the start of the command [s]")
     return figure

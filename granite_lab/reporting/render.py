@@ -1,22 +1,27 @@
-"""The one renderer: reports as HTML and Markdown from templates, and tables as LaTeX.
+"""The one renderer: reports as HTML, Markdown and PDF, and tables as LaTeX, all from templates.
 
 Whatever comes from a log is escaped in each of them.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from granite_lab.reporting.table import Table
+from granite_lab.reporting.canvas import typeset
+from granite_lab.reporting.tables import Table
 from granite_lab.reporting.words import WORDS
+from granite_lab.shown import jsonable
 
 if TYPE_CHECKING:
+    from granite_lab.reporting.content import StudyResult
     from granite_lab.reporting.report import Report
 
 LONG = 30
@@ -38,13 +43,12 @@ _BREAKS = re.compile(r"[\r\n\t\v\f\x00-\x1f]+")
 
 def to_html(report: Report, pictures: Mapping[str, Markup]) -> str:
     """Return the report as one HTML page; `pictures` are its figures on the page, by name."""
-    return _environment("html").get_template("report.html").render(report=report, svg=pictures)
+    return rendered("report.html", report=report, svg=pictures)
 
 
 def to_markdown(template: str, **content: object) -> str:
     """Return a page as Markdown that shows the figures beside it."""
-    text = _environment("markdown").get_template(template).render(**content)
-    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
+    return re.sub(r"\n{3,}", "\n\n", rendered(template, **content)).rstrip() + "\n"
 
 
 def marked(text: object) -> Markup:
@@ -78,19 +82,42 @@ def to_latex(table: Table) -> str:
     wraps = [n > WRAPPED and not c.number for n, c in zip(longest, table.columns, strict=True)]
     wide = f"p{{{0.6 / max(sum(wraps), 1):.2f}\\linewidth}}"
     kinds = ["r" if c.number else wide if wrap else "l" for c, wrap in zip(table.columns, wraps, strict=True)]
-    template = _environment("latex").get_template("table.tex")
-    return template.render(t=table, kinds="".join(kinds), long=len(table.rows) > LONG)
+    return rendered("table.tex", t=table, kinds="".join(kinds), long=len(table.rows) > LONG)
+
+
+def to_pdf(result: StudyResult, report: Report, made: str, figures: Mapping[str, str]) -> bytes:
+    """Return the report as four pages of A4, set by Typst; the same study gives the same bytes.
+
+    Args:
+        result: the study.
+        report: its report, whose answers, figures and tables are set.
+        made: version, date and libraries, one phrase.
+        figures: SVG of each figure of the report by its name.
+    """
+    answers = report.answers
+    content = {
+        "name": report.name, "made": made, "lead": answers.lead, "virtual": answers.virtual,
+        "questions": answers.questions, "command": result.source.command, "tables": report.tables,
+        "figures": {f.name: {"title": f.title, "virtual": f.virtual} for f in report.figures},
+    }  # fmt: skip
+    files = {f"figures/{name}.svg": svg.encode() for name, svg in figures.items()}
+    source = (Path(__file__).parent / "templates" / "report.typ").read_bytes()
+    return typeset(source, files, "pdf", report=json.dumps(jsonable(content)))
+
+
+def rendered(template: str, **content: object) -> str:
+    """Return a template with its content; the ending of its name says how content is escaped."""
+    return _environment(Path(template).suffix).get_template(template).render(**content)
 
 
 @lru_cache
-def _environment(form: Literal["html", "markdown", "latex"]) -> Environment:
-    finalize = {"html": None, "markdown": plain_markdown, "latex": None}[form]
-    brackets: dict[str, Any] = (
-        {"variable_start_string": "<<", "variable_end_string": ">>"} if form == "latex" else {}
-    )
+def _environment(kind: str) -> Environment:
+    # Braces are a part of LaTeX.
+    brackets = {"variable_start_string": "<<", "variable_end_string": ">>"} if kind == ".tex" else {}
     environment = Environment(
-        loader=PackageLoader("granite_lab.reporting"), autoescape=form == "html", finalize=finalize,
-        undefined=StrictUndefined, keep_trailing_newline=True, **(brackets if form == "latex" else {}),
+        loader=PackageLoader("granite_lab.reporting"), autoescape=kind == ".html",
+        finalize=plain_markdown if kind == ".md" else None, undefined=StrictUndefined,
+        keep_trailing_newline=True, **cast("dict[str, Any]", brackets),
     )  # fmt: skip
     environment.filters["marked"] = marked
     environment.filters["latex"] = escaped

@@ -20,7 +20,7 @@ from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, shared
 from granite_lab.reporting.rounding import percent
 from granite_lab.reporting.summary import gaps
-from granite_lab.reporting.table import Table
+from granite_lab.reporting.tables import Table
 from granite_lab.reporting.words import said
 
 OPEN_SPEEDS = 4

@@ -74,24 +74,19 @@ def plus_minus(estimate: Estimate, unit: str = "", scale: float = 1.0) -> str:
         return NONE
     if not math.isfinite(std) or std == 0:
         return with_unit(significant(value), unit)
-    decimals = decimals_for(std)
     exponent = math.floor(math.log10(max(abs(value), std)))
-    if exponent >= 6 or decimals > 6:
+    if exponent >= 6 or decimals_for(std) > 6:
         shown = Estimate(value / 10.0**exponent, std / 10.0**exponent)
-        power = f"·10{str(exponent).translate(_SUPERSCRIPT)}"
-        return with_unit(f"({plus_minus(shown)}){power}", unit)
-    return with_unit(f"{places(value, decimals)} ± {places(std, decimals)}", unit)
+        return with_unit(f"({plus_minus(shown)})·10{str(exponent).translate(_SUPERSCRIPT)}", unit)
+    return with_unit(decided(value, std).with_std, unit)
 
 
 def interval(low: float, high: float, unit: str = "", scale: float = 1.0) -> str:
     """Return ``low to high unit``, both with the digits that half the width carries."""
     low, high = low * scale, high * scale
-    if not (math.isfinite(low) and math.isfinite(high)):
-        return NONE
-    if high <= low:
+    if math.isfinite(low) and high <= low:
         return with_unit(significant(low), unit)
-    decimals = decimals_for((high - low) / 4)
-    return with_unit(f"{places(low, decimals)} to {places(high, decimals)}", unit)
+    return with_unit(decided(low, (high - low) / 4, low, high).interval, unit)
 
 
 def times(gap: float) -> str:

@@ -11,7 +11,6 @@ import numpy as np
 
 from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.estimate import Estimate
-from granite_lab.fitting.likelihood import k92_interval
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Paper
 from granite_lab.reporting.content import StudyResult, TrialResult
@@ -104,6 +103,8 @@ class Speed:
 
 def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
     """Group the trials by desired velocity, to 0.01 m/s."""
+    from granite_lab.fitting.likelihood import k92_interval  # noqa: PLC0415, heavy
+
     groups: dict[float, list[TrialResult]] = {}
     for trial in result.trials:
         groups.setdefault(round(trial.comparison.motion.variant.velocity, 2), []).append(trial)
@@ -179,17 +180,10 @@ def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> Gap:
         return float(np.average(values, weights=[m.samples for m in of]))
 
     known = [m for m in misfits if math.isfinite(m.normalised)]
-    return Gap(
-        channel=channel,
-        unit=misfits[0].unit,
-        phase=phase,
-        rms=math.sqrt(mean([m.rms**2 for m in misfits], misfits)),
-        bias=mean([m.bias for m in misfits], misfits),
-        peak=max(m.peak for m in misfits),
-        normalised=math.sqrt(mean([m.normalised**2 for m in known], known)) if known else math.nan,
-        size=size,
-        trials=len(misfits),
-    )
+    rms = math.sqrt(mean([m.rms**2 for m in misfits], misfits))
+    normalised = math.sqrt(mean([m.normalised**2 for m in known], known)) if known else math.nan
+    bias, peak = mean([m.bias for m in misfits], misfits), max(m.peak for m in misfits)
+    return Gap(channel, misfits[0].unit, phase, rms, bias, peak, normalised, size, len(misfits))
 
 
 @dataclass(frozen=True)
@@ -197,12 +191,8 @@ class ChannelAnswer:
     """How well the model explains one quantity over whole trials.
 
     Attributes:
-        channel: as in `Comparison.measured`; "wheels" are all four.
-        name: as a reader calls it.
-        unit: of the three numbers, as printed.
-        rms: of simulated minus measured.
-        noise: std of the measurement.
-        largest: largest simulated magnitude.
+        channel, name: as in `Gap`, and as a reader calls it.
+        unit: of `rms`, `noise` (std of the measurement) and `largest` (simulated magnitude), as printed.
         verdict, tone: in words.
         worst: phase in which the difference is largest against the noise.
     """
@@ -229,7 +219,7 @@ def channels_of(found: dict[tuple[str, str], Gap]) -> tuple[ChannelAnswer, ...]:
     for gap in (g for g in found.values() if g.phase == "all"):
         unit, scale = shown_as(gap.unit)
         noise = gap.rms / gap.normalised if gap.normalised > 0 else math.nan
-        phases = [g for g in found.values() if g.channel == gap.channel and g.phase in PHASES]
+        phases = [found[gap.channel, p] for p in PHASES if (gap.channel, p) in found]
         known = [g for g in phases if math.isfinite(g.normalised)]
         worst = PHASES[max(known, key=lambda g: g.normalised).phase] if known else ""
         sizes = (gap.rms * scale, noise * scale, gap.size * scale)

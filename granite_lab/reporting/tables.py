@@ -1,28 +1,207 @@
-"""The tables of a report: what a study and a search found, by speed, quantity, trial, effect and sensor."""
+"""One type of table, written in every format, and the tables of a study by speed, quantity and trial."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.budget import LEFT_OUT, Budget, of_a_theta, of_mean
-from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit
+from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit, Law
 from granite_lab.reporting.answers import Answers
-from granite_lab.reporting.content import Source, StudyResult, shown_path
+from granite_lab.reporting.content import Source, StudyResult, TrialResult, shown_path
 from granite_lab.reporting.rounding import (
     NONE,
+    percent,
     places,
     plus_minus,
     shown_as,
     significant,
     tidy_unit,
+    with_unit,
 )
 from granite_lab.reporting.summary import ChannelAnswer, Gap, Speed, mean_over
-from granite_lab.reporting.table import Cell, Spec, Table, estimate, number, share, tabulate, words
 from granite_lab.reporting.words import WORDS, quantity
+
+Raw = float | int | bool | str | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: what stands above it, and the names of the plain columns it becomes in a CSV.
+
+    Attributes:
+        name: above the column, without a unit.
+        unit: of the printed cells; empty where the cells state theirs or have none.
+        keys: names in the CSV, with the unit behind them; one per raw value of a cell.
+        number: set flush right.
+    """
+
+    name: str
+    unit: str
+    keys: tuple[str, ...]
+    number: bool = True
+
+    @property
+    def title(self) -> str:
+        """What stands above the column: the name with the unit in brackets."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What is printed, and the plain values behind it.
+
+    Attributes:
+        text: as printed.
+        raw: as in the CSV, one per key of the column.
+        tone: "", "good", "fair" or "bad"; the text says the same.
+    """
+
+    text: str
+    raw: tuple[Raw, ...]
+    tone: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the report.
+
+    Attributes:
+        name: stem of its CSV.
+        title: what it lists.
+        caption: what to see in it.
+        columns, rows: its content; the first cell of a row names the row.
+        virtual: its data were written by a simulator; `heading` and a column of the CSV then say so.
+    """
+
+    name: str
+    title: str
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    virtual: bool = False
+
+    @property
+    def heading(self) -> str:
+        """The title, with "(virtual data)" behind it where that is so."""
+        return f"{self.title} (virtual data)" if self.virtual else self.title
+
+    def to_csv(self) -> str:
+        """Return the plain values as CSV, a column "data" last where they are virtual.
+
+        A text that a spreadsheet would run gets a leading quote.
+        """
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        data = ["virtual"] if self.virtual else []
+        writer.writerow([key for column in self.columns for key in column.keys] + ["data"] * len(data))
+        for row in self.rows:
+            writer.writerow([_plain(value) for cell in row for value in cell.raw] + data)
+        return out.getvalue()
+
+
+Cells = Mapping[str, Callable[[Any], "Cell | str | int"]]
+"""What makes the cells of a column, its text, or its whole number, of an item."""
+
+
+def tabulate(
+    name: str,
+    items: Iterable[Any],
+    cells: Cells | None = None,
+    *,
+    virtual: bool = False,
+    skip: Sequence[str] = (),
+    **parts: object,
+) -> Table:
+    """Return a table with a row for each item; title, caption and columns stand in ``words.toml``.
+
+    Args:
+        name: of the table; there it ends before "_of_".
+        items: what the rows are about.
+        cells: functions that make cells, by the names that columns give them.
+        virtual: as in `Table`.
+        skip: functions, or attributes, whose columns are left out.
+        **parts: what fills the braces of words.
+    """
+    known, own = WORDS["tables"][name.partition("_of_")[0]], cells or {}
+    columns, made = [], []
+    for heading, keys, how in WORDS["tables"][known.get("as", name.partition("_of_")[0])]["columns"]:
+        if how in skip:
+            continue
+        full = heading.format(**parts)
+        match = re.fullmatch(r"(.*) \[(.*)\]", full)
+        label, unit = match.groups() if match else (full, "")
+        plain = re.sub(r"\W+", "_", full.lower()).strip("_")
+        columns.append(Column(label, unit, tuple(keys.split()) or (plain,), bool(keys)))
+        made.append(own.get(how) or partial(_by_attribute, how))
+    rows = tuple(tuple(_cell(make(item)) for make in made) for item in items)
+    title, caption = (str(known[part].format(**parts)) for part in ("title", "caption"))
+    return Table(name.replace("_of_", "_"), title, caption, tuple(columns), rows, virtual)
+
+
+def _cell(made: Cell | str | int) -> Cell:
+    return made if isinstance(made, Cell) else Cell(str(made), (made,))
+
+
+def _by_attribute(how: str, item: Any) -> Cell:
+    """Return the cell "attribute:format" of an item; a number as attribute is a place."""
+    path, _, form = how.partition(":")
+    value = item
+    for part in path.split("."):
+        value = value[int(part)] if part.isdigit() else getattr(value, part)
+    form, _, factor = form.partition("*")
+    scale = float(factor or 1)
+    if isinstance(value, Cell):
+        return value
+    if form == "±":
+        return estimate(value, scale)
+    if form == "%":
+        return share(value)
+    if form.isdigit():
+        return number(value, int(form), scale=scale)
+    known = value not in (None, "") and not (isinstance(value, float) and math.isnan(value))
+    return Cell(format(value, form) if known else NONE, (value,))
+
+
+def words(text: str, tone: str = "") -> Cell:
+    """Return a cell that holds a text."""
+    return Cell(text, (text,), tone)
+
+
+def number(value: float, digits: int = 3, unit: str = "", scale: float = 1.0) -> Cell:
+    """Return a cell that holds a number without uncertainty; the raw value stays in the record's unit."""
+    text = with_unit(significant(value * scale, digits), unit) if math.isfinite(value) else NONE
+    return Cell(text, (value,))
+
+
+def share(value: float) -> Cell:
+    """Return a cell with a share in percent."""
+    return Cell(percent(value), (value,))
+
+
+def estimate(value: Estimate, scale: float = 1.0) -> Cell:
+    """Return a cell with value ± std; the raw values stay in the record's unit."""
+    return Cell(plus_minus(value, scale=scale), (value.value, value.std))
+
+
+def _plain(value: Raw) -> str:
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    flat = re.sub(r"[\r\n\t\v\f\x00]+", " ", str(value))
+    return f"'{flat}" if isinstance(value, str) and flat.lstrip().startswith(("=", "+", "-", "@")) else flat
+
 
 AGREES = {True: ("yes", "good"), False: ("no", "fair"), None: (NONE, "")}
 
@@ -32,24 +211,14 @@ FIT, LAWS = WORDS["fit"], WORDS["laws"]
 
 def slip_table(answers: Answers) -> Table:
     """Return slip and k_92 by speed beside the paper: the table of the first screen."""
-    return tabulate(
-        "slip_by_speed", answers.speeds,
-        [
-            ("speed [m/s]", "speed_mps", lambda s: Cell(f"{s.velocity:g}", (s.velocity,))),
-            ("slip [%]", "slip_ratio", lambda s: Cell(s.slip.text, (s.slip.value / 100,))),
-            ("95 % interval [%]", "slip_ratio_low95 slip_ratio_high95",
-             lambda s: Cell(s.slip.interval, (s.slip.low / 100, s.slip.high / 100))),
-            ("paper [%]", "slip_ratio_paper_experiment", lambda s: number(s.paper_slip / 100, 3, scale=100)),
-            ("paper inside", "", lambda s: Cell(AGREES[s.agrees][0], (s.agrees,), AGREES[s.agrees][1])),
-            ("k_92 [–]", "k92 k92_std",
-             lambda s: Cell(s.k92_note or s.k92.with_std, (s.k92.value, s.k92.std))),
-            # the paper's digits
-            ("paper's k_92 [–]", "k92_paper",
-             lambda s: Cell(f"{s.paper_k92:g}" if math.isfinite(s.paper_k92) else NONE, (s.paper_k92,))),
-            ("trials", "trials", lambda s: s.trials),
-        ],
-        virtual=bool(answers.virtual),
-    )  # fmt: skip
+    cells: Cells = {
+        "slip": lambda s: Cell(s.slip.text, (s.slip.value / 100,)),
+        "interval": lambda s: Cell(s.slip.interval, (s.slip.low / 100, s.slip.high / 100)),
+        "paper": lambda s: number(s.paper_slip / 100, 3, scale=100),
+        "agrees": lambda s: Cell(AGREES[s.agrees][0], (s.agrees,), AGREES[s.agrees][1]),
+        "k92": lambda s: Cell(s.k92_note or s.k92.with_std, (s.k92.value, s.k92.std)),
+    }
+    return tabulate("slip_by_speed", answers.speeds, cells, virtual=bool(answers.virtual))
 
 
 def channel_table(channels: Sequence[ChannelAnswer], virtual: bool) -> Table:
@@ -58,18 +227,13 @@ def channel_table(channels: Sequence[ChannelAnswer], virtual: bool) -> Table:
     def size(value: float, unit: str) -> Cell:
         return Cell(f"{significant(value, 2)} {unit}" if math.isfinite(value) else NONE, (value, unit))
 
-    return tabulate(
-        "channels", channels,
-        [
-            ("quantity", "", lambda c: c.name),
-            ("verdict", "", lambda c: words(c.verdict, c.tone)),
-            ("difference, rms", "rms rms_unit", lambda c: size(c.rms, c.unit)),
-            ("noise", "noise noise_unit", lambda c: size(c.noise, c.unit)),
-            ("largest value", "largest largest_unit", lambda c: size(c.largest, c.unit)),
-            ("largest difference", "", lambda c: c.worst or NONE),
-        ],
-        virtual=virtual,
-    )  # fmt: skip
+    cells: Cells = {
+        "verdict": lambda c: words(c.verdict, c.tone),
+        "rms": lambda c: size(c.rms, c.unit),
+        "noise": lambda c: size(c.noise, c.unit),
+        "largest": lambda c: size(c.largest, c.unit),
+    }
+    return tabulate("channels", channels, cells, virtual=virtual)
 
 
 def misfit_table(found: dict[tuple[str, str], Gap], virtual: bool) -> Table:
@@ -78,20 +242,14 @@ def misfit_table(found: dict[tuple[str, str], Gap], virtual: bool) -> Table:
     def size(value: float, gap: Gap) -> Cell:
         return number(value, 2, scale=shown_as(gap.unit)[1])
 
-    return tabulate(
-        "misfits", found.values(),
-        [
-            ("quantity", "", lambda g: quantity(g.channel)),
-            ("phase", "", lambda g: g.phase),
-            ("unit", "", lambda g: tidy_unit(shown_as(g.unit)[0])),
-            ("rms", "rms_si", lambda g: size(g.rms, g)),
-            ("mean", "bias_si", lambda g: size(g.bias, g)),
-            ("largest", "peak_si", lambda g: size(g.peak, g)),
-            ("rms over noise [–]", "rms_over_noise", lambda g: number(g.normalised, 2)),
-            ("trials", "trials", lambda g: g.trials),
-        ],
-        virtual=virtual,
-    )  # fmt: skip
+    cells: Cells = {
+        "name": lambda g: quantity(g.channel),
+        "unit": lambda g: tidy_unit(shown_as(g.unit)[0]),
+        "rms": lambda g: size(g.rms, g),
+        "bias": lambda g: size(g.bias, g),
+        "peak": lambda g: size(g.peak, g),
+    }
+    return tabulate("misfits", found.values(), cells, virtual=virtual)
 
 
 def law_table(fit: AThetaFit, virtual: bool) -> Table:
@@ -108,65 +266,56 @@ def law_table(fit: AThetaFit, virtual: bool) -> Table:
         if not math.isfinite(lead):
             caption = "Too few values of k_92 for an information criterion of every law."
     best = fit.laws[0].aicc if fit.laws else math.nan
-    return tabulate(
-        "laws", fit.laws,
-        [
-            ("law", "", lambda law: Cell(LAWS.get(law.id, law.formula), (law.id,))),
-            ("fitted numbers", "fitted_numbers values", lambda law: Cell(
-                str(law.n_parameters),
-                (law.n_parameters, "; ".join(f"{k} = {v.value:.6g}" for k, v in law.parameters.items())),
-            )),
-            ("rms residual [–]", "rms", lambda law: number(law.rms, 2)),
-            ("ΔAICc [–]", "delta_aicc", lambda law: Cell(
-                places(law.aicc - best, 1) if math.isfinite(law.aicc - best) else NONE, (law.aicc - best,)
-            )),
-        ],
-        virtual=virtual, verdict=caption,
-    )  # fmt: skip
+
+    def numbers(law: Law) -> Cell:
+        values = "; ".join(f"{k} = {v.value:.6g}" for k, v in law.parameters.items())
+        return Cell(str(law.n_parameters), (law.n_parameters, values))
+
+    def delta(law: Law) -> Cell:
+        over = law.aicc - best
+        return Cell(places(over, 1) if math.isfinite(over) else NONE, (over,))
+
+    cells: Cells = {
+        "law": lambda law: Cell(LAWS.get(law.id, law.formula), (law.id,)), "numbers": numbers, "delta": delta,
+    }  # fmt: skip
+    return tabulate("laws", fit.laws, cells, virtual=virtual, verdict=caption)
 
 
 def trial_table(result: StudyResult) -> Table:
     """Return one row per trial."""
     mixed = result.virtual and not all(r.trial.info.virtual for r in result.trials)
 
-    def speed(m: Motion) -> Cell:
-        source = "" if m.variant_source == "given" else f" ({m.variant_source})"
-        return Cell(f"{m.variant.velocity:.3g}{source}", (m.variant.velocity, m.variant_source))
+    def speed(r: TrialResult) -> Cell:
+        motion = r.comparison.motion
+        v, source = motion.variant.velocity, motion.variant_source
+        return Cell(f"{v:.3g}" + ("" if source == "given" else f" ({source})"), (v, source))
 
-    def repetition(n: int | None) -> Cell:
-        return Cell(NONE if n is None else str(n), (n,))
-
-    return tabulate(
-        "trials", [(r.trial, r.comparison.motion, r.comparison.fit) for r in result.trials],
-        [
-            ("trial", "", lambda r: r[0].name),
-            ("data", "", lambda r: "virtual" if r[0].info.virtual else "measured") if mixed else None,
-            ("speed [m/s]", "speed_mps speed_is", lambda r: speed(r[1])),
-            ("repetition", "repetition", lambda r: repetition(r[0].info.repetition)),
-            ("distance [m]", "distance_m distance_std_m", lambda r: estimate(r[1].distance)),
-            ("λ_R [%]", "slip_ratio slip_ratio_std", lambda r: estimate(r[1].slip_ratio, 100)),
-            *_k92_columns(lambda r: r[2]),
-            ("wheel stamps late [ms]", "wheel_stamps_late_s wheel_stamps_late_std_s",
-             lambda r: estimate(r[1].stamps_late, 1e3)),
-            ("estimate", "", lambda r: good(r[1].health.good)),
-            ("warnings", "warnings", lambda r: len(set(r[0].warnings) | set(r[1].warnings))),
-        ],
-        virtual=result.virtual and not mixed,
-    )  # fmt: skip
+    cells: Cells = {
+        "data": lambda r: "virtual" if r.trial.info.virtual else "measured",
+        "speed": speed,
+        "steady": lambda r: steady(r.comparison.fit),
+        "trajectory": lambda r: trajectory(r.comparison.fit),
+        "estimate": lambda r: good(r.comparison.motion.health.good),
+        "warnings": lambda r: len(set(r.trial.warnings) | set(r.comparison.motion.warnings)),
+    }
+    skip = () if mixed else ("data",)
+    return tabulate("trials", result.trials, cells, virtual=result.virtual and not mixed, skip=skip)
 
 
-def _k92_columns(fit: Callable[[Any], K92Fit]) -> list[Spec[Any]]:
-    """Return the columns of both fits of k_92; where one is no inner optimum it stands with the reason."""
+def _fitted(value: Estimate, status: FitStatus) -> Cell:
+    """Return a fit of k_92; where it is no inner optimum it stands with the reason."""
+    text, raw = plus_minus(value), (value.value, value.std, FIT[status])
+    return Cell(text, raw) if status == "ok" else Cell(f"{text} ({FIT[status]})", raw, "fair")
 
-    def fitted(value: Estimate, status: FitStatus) -> Cell:
-        text, raw = plus_minus(value), (value.value, value.std, FIT[status])
-        return Cell(text, raw) if status == "ok" else Cell(f"{text} ({FIT[status]})", raw, "fair")
 
-    return [
-        ("k_92, steady slip [–]", "k92 k92_std k92_status", lambda r: fitted(fit(r).k92, fit(r).status)),
-        ("k_92, trajectory [–]", "k92_trajectory k92_trajectory_std k92_trajectory_status",
-         lambda r: fitted(fit(r).k92_trajectory, fit(r).status_trajectory)),
-    ]  # fmt: skip
+def steady(fit: K92Fit) -> Cell:
+    """Return k_92 by the steady slip."""
+    return _fitted(fit.k92, fit.status)
+
+
+def trajectory(fit: K92Fit) -> Cell:
+    """Return k_92 by the whole trajectory."""
+    return _fitted(fit.k92_trajectory, fit.status_trajectory)
 
 
 def good(is_good: bool) -> Cell:
@@ -176,16 +325,14 @@ def good(is_good: bool) -> Cell:
 
 def k92_table(fits: Sequence[K92Fit]) -> Table:
     """Return k_92 of each trial, by the steady slip and by the whole trajectory."""
-    return tabulate(
-        "k92", fits,
-        [
-            ("trial", "", lambda f: f.trial),
-            ("speed [m/s]", "speed_mps", lambda f: Cell(f"{f.variant.velocity:.3g}", (f.variant.velocity,))),
-            ("λ_R [%]", "slip_ratio slip_ratio_std", lambda f: estimate(f.slip_measured, 100)),
-            *_k92_columns(lambda f: f),
-        ],
-        virtual=any(f.virtual for f in fits),
-    )  # fmt: skip
+    cells: Cells = {"steady": steady, "trajectory": trajectory}
+    return tabulate("k92", fits, cells, virtual=any(f.virtual for f in fits))
+
+
+def motion_table(motions: Sequence[Motion]) -> Table:
+    """Return what was estimated of each trial."""
+    cells: Cells = {"estimate": lambda m: good(m.health.good)}
+    return tabulate("motions", motions, cells, virtual=any(m.virtual for m in motions))
 
 
 COMBINED = "combined standard uncertainty"
@@ -222,50 +369,33 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[Table]:
 def _budget_table(what: str, of: Sequence[Budget], virtual: bool) -> Table:
     """Return the budgets of one quantity as one table, the combined uncertainty of each last."""
     title, unit, scale = BUDGETS[what]
-    rows = [(b, part, b.share(part)) for b in of for part in b.parts] + [
-        (b, Part(COMBINED, "A", "", "", b.result.std, b.combined), 1.0) for b in of
-    ]
-    rows.sort(key=lambda r: of.index(r[0]))
+    rows = []
+    for b in of:
+        rows += [(b.speed, part, b.share(part)) for part in b.parts]
+        rows.append((b.speed, Part(COMBINED, "A", "", "", b.result.std, b.combined), 1.0))
 
     def std(part: Part) -> Cell:
         text = f"{significant(part.std, 2)} {tidy_unit(part.unit if part.unit != '1' else '')}".strip()
         return Cell(text if part.unit else NONE, (part.std if part.unit else None, part.unit))
 
-    speed = None
-    if what != "a_theta":
-        speed = ("speed [m/s]", "speed_mps", lambda r: Cell(f"{r[0].speed:g}", (r[0].speed,)))
+    cells: Cells = {
+        "type": lambda r: "" if r[1].name == COMBINED else r[1].kind,
+        "std": lambda r: std(r[1]),
+        "sensitivity": lambda r: number(r[1].sensitivity if r[1].unit else math.nan, 2, scale=scale),
+        "contribution": lambda r: number(r[1].contribution, 2, scale=scale),
+    }
+    each = what != "a_theta"
     return tabulate(
-        f"budget_of_{what}", rows,
-        [
-            ("component", "", lambda r: r[1].name),
-            speed,
-            ("type", "", lambda r: "" if r[1].name == COMBINED else r[1].kind),
-            ("distribution", "", lambda r: r[1].distribution or NONE),
-            ("standard uncertainty", "std std_unit", lambda r: std(r[1])),
-            (f"sensitivity [{unit} per its unit]", "sensitivity",
-             lambda r: number(r[1].sensitivity if r[1].unit else math.nan, 2, scale=scale)),
-            (f"contribution [{unit}]", "contribution", lambda r: number(r[1].contribution, 2, scale=scale)),
-            ("share", "share", lambda r: share(r[2])),
-        ],
-        virtual=virtual, quantity=title, left_out=LEFT_OUT[what],
-        mean="Mean over the trials of a speed. " if speed else "",
+        f"budget_of_{what}", rows, cells, virtual=virtual, skip=() if each else ("0:g",), unit=unit,
+        quantity=title, left_out=LEFT_OUT[what], mean="Mean over the trials of a speed. " if each else "",
     )  # fmt: skip
 
 
 def parameter_table(source: Source) -> Table:
     """Return every parameter in force and its origin."""
-    return tabulate(
-        "parameters", source.parameters,
-        [
-            ("parameter", "", lambda p: p[0]),
-            ("value", "value", lambda p: p[1]),
-            ("unit", "", lambda p: tidy_unit(p[2])),
-            ("origin", "", lambda p: p[3]),
-        ],
-    )  # fmt: skip
+    return tabulate("parameters", source.parameters, {"unit": lambda p: tidy_unit(p[2])})
 
 
 def input_table(source: Source) -> Table:
     """Return the files that were read; of an absolute path only the name."""
-    columns = [("file", "", lambda i: shown_path(i.path)), ("SHA-256", "", lambda i: i.sha256)]
-    return tabulate("inputs", source.inputs, columns)
+    return tabulate("inputs", source.inputs, {"file": lambda i: shown_path(i.path)})

@@ -22,11 +22,10 @@ from granite_lab.reporting import answers as decide
 from granite_lab.reporting import search_tables, tables
 from granite_lab.reporting.answers import Answer
 from granite_lab.reporting.content import Source, StudyResult
-from granite_lab.reporting.grid import TONES, VIRTUAL, clean, grid, row_of, say, show_table
+from granite_lab.reporting.grid import TONES, VIRTUAL, clean, grid, say, show_table
 from granite_lab.reporting.names import in_plain_words, latency_in_words, shared
 from granite_lab.reporting.rounding import NONE, significant, tidy_unit
 from granite_lab.reporting.summary import channels_of, gaps
-from granite_lab.reporting.table import Cell, estimate, tabulate
 
 
 def show_study(
@@ -64,19 +63,7 @@ def _answers(questions: Sequence[Answer], console: Console) -> None:
 
 def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]], console: Console) -> None:
     """Print what was estimated of each trial, where its table stands, and how it meets a reference."""
-    table = tabulate(
-        "motions", [motion for motion, _, _ in rows],
-        [
-            ("trial", "", lambda m: m.trial),
-            ("speed [m/s]", "speed_mps", lambda m: Cell(f"{m.variant.velocity:.3g}", (m.variant.velocity,))),
-            ("distance [m]", "distance_m distance_std_m", lambda m: estimate(m.distance)),
-            ("slip λ_R [%]", "slip_ratio slip_ratio_std", lambda m: estimate(m.slip_ratio, 100)),
-            ("wheel stamps late [ms]", "late_s late_std_s", lambda m: estimate(m.stamps_late, 1e3)),
-            ("estimate", "", lambda m: tables.good(m.health.good)),
-        ],
-        virtual=any(m.virtual for m, _, _ in rows),
-    )  # fmt: skip
-    show_table(table, console)
+    show_table(tables.motion_table([motion for motion, _, _ in rows]), console)
     for motion, path, judged in rows:
         if not motion.health.good:
             say(console, f"{motion.trial}: {motion.health.verdict}", "yellow")
@@ -180,36 +167,24 @@ def _file(report: FileReport, console: Console) -> None:
             f"{d.header_line}, first row in line {d.data_line}"
         )
         say(console, text, "dim")
-    table = grid("column", "becomes", "unit", "sure [%]", "from", "to", words=(0, 1, 2))
+    columns = []
     for c in report.columns:
         tone = "good" if c.confidence >= 0.9 else "fair" if c.confidence >= 0.6 else "bad"
         ends = ("" if math.isnan(end) else significant(end) for end in (c.low, c.high))
-        name, becomes = c.name or f"(column {c.place + 1})", clean(c.why or "not used", "dim")
-        if c.to:
-            sure = Text(f"{100 * c.confidence:.0f}", TONES[tone])
-            table.add_row(*row_of(name, ", ".join(c.to), tidy_unit(c.unit), sure, *ends))
-        else:
-            table.add_row(*row_of(name, becomes, "", "", *ends))
-    console.print(table)
+        used = (", ".join(c.to), tidy_unit(c.unit), Text(f"{100 * c.confidence:.0f}", TONES[tone]))
+        unused = (clean(c.why or "not used", "dim"), "", "")
+        columns.append((c.name or f"(column {c.place + 1})", *(used if c.to else unused), *ends))
+    titles: tuple[str, ...] = ("column", "becomes", "unit", "sure [%]", "from", "to")
+    console.print(grid(*titles, words=(0, 1, 2), rows=columns))
     if report.streams:
-        titles = ("clock", "samples", "from [s]", "to [s]", "rate [Hz]", "jitter [ms]", "gaps")
-        clocks = grid(*titles, words=(0,))
+        clocks = []
         for s in report.streams:
             missing = f"{s.gaps} (≤ {significant(s.longest_gap, 2)} s)" if s.gaps else "0"
-            jitter = significant(1e3 * s.jitter, 2)
-            clocks.add_row(
-                *row_of(
-                    s.what,
-                    str(s.samples),
-                    f"{s.start:.2f}",
-                    f"{s.end:.2f}",
-                    significant(s.rate),
-                    jitter,
-                    missing,
-                )
-            )
+            span = (f"{s.start:.2f}", f"{s.end:.2f}", significant(s.rate), significant(1e3 * s.jitter, 2))
+            clocks.append((s.what, str(s.samples), *span, missing))
+        titles = ("clock", "samples", "from [s]", "to [s]", "rate [Hz]", "jitter [ms]", "gaps")
         console.print()
-        console.print(clocks)
+        console.print(grid(*titles, words=(0,), rows=clocks))
     rests = ", ".join(f"{start:.2f}–{end:.2f} s" for start, end in report.rests)
     say(console, f"standstills: {rests or 'none found'}")
     if report.motion is not None:
@@ -224,34 +199,33 @@ def _file(report: FileReport, console: Console) -> None:
         say(console, f"doubt: {doubt}", "yellow")
 
 
-def show_parameters(rows: Sequence[Provenance], variants: Sequence[Variant], console: Console) -> None:
+def show_parameters(known: Sequence[Provenance], variants: Sequence[Variant], console: Console) -> None:
     """Print every parameter in force with symbol, unit, allowed range and origin."""
-    for group in dict.fromkeys(row.group for row in rows):
-        members = [row for row in rows if row.group == group]
+    for group in dict.fromkeys(row.group for row in known):
+        members = [row for row in known if row.group == group]
         common = Counter(row.origin for row in members).most_common(1)[0][0]
         console.print(Text.assemble((group, "bold"), (f"  from {common}", "dim")))
-        table = grid("key", "symbol", "value", "unit", "allowed", "", words=(0, 1, 3, 4, 5))
+        rows = []
         for row in members:
             value = f"{row.value:g}" if isinstance(row.value, (int, float)) else str(row.value)
             other = clean(row.origin if row.origin != common else "", "dim")
-            allowed = f"{row.low:g} … {row.high:g}"
-            table.add_row(*row_of(row.key, row.symbol, value, row.unit, allowed, other))
-        console.print(table)
+            rows.append((row.key, row.symbol, value, row.unit, f"{row.low:g} … {row.high:g}", other))
+        titles = ("key", "symbol", "value", "unit", "allowed", "")
+        console.print(grid(*titles, words=(0, 1, 3, 4, 5), rows=rows))
         console.print()
     say(console, "variants (Table 2)", "bold")
-    table = grid("velocity [m/s]", "acceleration [m/s²]", "distance [m]")
-    for v in variants:
-        table.add_row(*row_of(f"{v.velocity:g}", f"{v.acceleration:g}", f"{v.distance:g}"))
-    console.print(table)
+    driven = [(f"{v.velocity:g}", f"{v.acceleration:g}", f"{v.distance:g}") for v in variants]
+    console.print(grid("velocity [m/s]", "acceleration [m/s²]", "distance [m]", rows=driven))
 
 
 def show_effects(effects: Sequence[Effect], console: Console) -> None:
     """Print one line per effect."""
-    table = grid("effect", "what it is", "parameters", words=(0, 1, 2))
-    table.columns[0].no_wrap = True  # an id is there to be copied
+    rows = []
     for effect in effects:
         named = [f"{p.name} [{tidy_unit(p.unit)}]" if p.unit else p.name for p in effect.parameters]
-        table.add_row(*row_of(effect.id, effect.title, ", ".join(named)))
+        rows.append((effect.id, effect.title, ", ".join(named)))
+    table = grid("effect", "what it is", "parameters", words=(0, 1, 2), rows=rows)
+    table.columns[0].no_wrap = True  # an id is there to be copied
     console.print(table)
 
 
@@ -261,9 +235,9 @@ def show_effect(effect: Effect, console: Console) -> None:
     texts = {"equation": effect.equation, "source": effect.source, "signature": effect.signature}
     for label, text in texts.items():
         console.print(Text.assemble(clean(f"{label}: ", "dim"), clean(text)))
-    table = grid("parameter", "unit", "neutral", "allowed", "expected", "meaning", words=(0, 1, 3, 4, 5))
+    rows = []
     for p in effect.parameters:
-        allowed, expected = f"{p.low:g} … {p.high:g}", f"{p.prior_low:g} … {p.prior_high:g}"
-        unit = tidy_unit(p.unit) or NONE
-        table.add_row(*row_of(p.name, unit, f"{p.neutral:g}", allowed, expected, p.meaning))
-    console.print(table)
+        ends = (f"{p.low:g} … {p.high:g}", f"{p.prior_low:g} … {p.prior_high:g}")
+        rows.append((p.name, tidy_unit(p.unit) or NONE, f"{p.neutral:g}", *ends, p.meaning))
+    titles = ("parameter", "unit", "neutral", "allowed", "expected", "meaning")
+    console.print(grid(*titles, words=(0, 1, 3, 4, 5), rows=rows))

@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from granite_lab.reporting.content import load_report
 from granite_lab.reporting.names import plain
 from granite_lab.reporting.rounding import interval, tidy_unit
-from granite_lab.reporting.table import Cell, Table, number, tabulate, words
+from granite_lab.reporting.tables import Cell, Cells, Table, number, tabulate, words
+from granite_lab.reporting.words import said
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,11 +34,15 @@ DIFFERS, ALIKE, UNKNOWN = "differs", "no difference seen", "not known"
 
 
 class Value(NamedTuple):
-    """A number of one study with its 95 % interval; NaN where it is not known."""
+    """A number with its 95 % interval; NaN where it is not known."""
 
     value: float = math.nan
     low: float = math.nan
     high: float = math.nan
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the number as it stands in JSON."""
+        return {"value": self.value, "ci95": [self.low, self.high]}
 
 
 @dataclass(frozen=True)
@@ -74,10 +79,8 @@ class Row:
     def verdict(self) -> str:
         """Whether the interval of the difference holds zero."""
         d = self.difference
-        if self.only:
-            return self.only
-        if not math.isfinite(d.low + d.high):
-            return UNKNOWN
+        if self.only or not math.isfinite(d.low + d.high):
+            return self.only or UNKNOWN
         return ALIKE if d.low <= 0 <= d.high else DIFFERS
 
 
@@ -155,24 +158,21 @@ def _value(known: Mapping[str, Any]) -> Value:
 
 
 def _notes(a: Mapping[str, Any], b: Mapping[str, Any], rows: Sequence[Row]) -> Iterator[str]:
-    judged = [r for r in rows if r.verdict in (DIFFERS, ALIKE)]
-    yield (
-        f"Each interval holds the true difference in 95 of 100 cases: of {len(judged)} rows, about "
-        f"{0.05 * len(judged):.1f} would differ by chance."
-    )
+    judged = sum(r.verdict in (DIFFERS, ALIKE) for r in rows)
+    yield said("compared", "chance", rows=judged, wrong=0.05 * judged)
     first, second = ({i["sha256"] for i in d["provenance"]["inputs"]} for d in (a, b))
     if first & second:
-        yield f"{len(first & second)} files are read by both studies; the intervals take them as independent."
-    yield "Errors that both studies share, such as that of the wheel radius, cancel only partly."
+        yield said("compared", "same", files=len(first & second))
+    yield said("compared", "shared")
     p, q = ({(p["key"], p["value"]) for p in d["provenance"]["parameters"]} for d in (a, b))
-    other = sorted({key for key, _ in p ^ q})
-    if other:
-        yield f"The parameter files differ in {', '.join(other[:6])}{' and more' if len(other) > 6 else ''}."
+    if other := sorted({key for key, _ in p ^ q}):
+        names = f"{', '.join(other[:6])}{' and more' if len(other) > 6 else ''}"
+        yield said("compared", "parameters", names=names)
     for name, d in zip("AB", (a, b), strict=True):
         if d["discovery"] is None:
-            yield f"{name} has no search for a missing effect: effects are not compared."
+            yield said("compared", "unsearched", study=name)
     if a["virtual"] != b["virtual"]:
-        yield f"The data of {'A' if a['virtual'] else 'B'} are virtual, those of the other study are not."
+        yield said("compared", "virtual", study="A" if a["virtual"] else "B")
 
 
 def compared_table(found: Compared) -> Table:
@@ -182,38 +182,25 @@ def compared_table(found: Compared) -> Table:
         return Cell(number(v.value, 4 if abs(v.value) >= 10 else 3).text, v)
 
     tones = {DIFFERS: "fair", ALIKE: "good"}
-    return tabulate(
-        "differences", found.rows,
-        [
-            ("quantity", "", lambda r: r.quantity),
-            ("unit", "", lambda r: tidy_unit(r.unit)),
-            ("A", "a a_low95 a_high95", lambda r: value(r.a)),
-            ("B", "b b_low95 b_high95", lambda r: value(r.b)),
-            ("B − A, 95 %", "difference difference_low95 difference_high95",
-             lambda r: Cell(interval(r.difference.low, r.difference.high), r.difference)),
-            ("detectable", "smallest_seen", lambda r: number(r.smallest, 2)),
-            ("verdict", "", lambda r: words(r.verdict, tones.get(r.verdict, ""))),
-        ],
-        virtual=found.virtual, a=found.names[0], b=found.names[1],
-    )  # fmt: skip
+    cells: Cells = {
+        "unit": lambda r: tidy_unit(r.unit),
+        "a": lambda r: value(r.a),
+        "b": lambda r: value(r.b),
+        "difference": lambda r: Cell(interval(r.difference.low, r.difference.high), r.difference),
+        "verdict": lambda r: words(r.verdict, tones.get(r.verdict, "")),
+    }
+    a, b = found.names
+    return tabulate("differences", found.rows, cells, virtual=found.virtual, a=a, b=b)
 
 
 def compared_as_json(found: Compared) -> dict[str, Any]:
     """Return the comparison as plain objects."""
-
-    def value(v: Value) -> dict[str, Any]:
-        return {"value": v.value, "ci95": [v.low, v.high]}
-
-    return {
-        "schema": "granite-lab/compare-studies/1",
-        "studies": list(found.names),
-        "virtual": found.virtual,
-        "rows": [
-            {
-                "quantity": r.quantity, "unit": r.unit, "a": value(r.a), "b": value(r.b),
-                "difference": value(r.difference), "smallest_seen": r.smallest, "verdict": r.verdict,
-            }
-            for r in found.rows
-        ],
-        "notes": list(found.notes),
-    }  # fmt: skip
+    rows = [
+        {
+            "quantity": r.quantity, "unit": r.unit, "a": r.a.as_json(), "b": r.b.as_json(),
+            "difference": r.difference.as_json(), "smallest_seen": r.smallest, "verdict": r.verdict,
+        }
+        for r in found.rows
+    ]  # fmt: skip
+    about = {"studies": found.names, "virtual": found.virtual, "rows": rows, "notes": found.notes}
+    return {"schema": "granite-lab/compare-studies/1"} | about

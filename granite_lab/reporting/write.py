@@ -16,10 +16,9 @@ from granite_lab.reporting import canvas, crate
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, on_page
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.json_report import dumps, to_json
-from granite_lab.reporting.paper import report_pdf
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.plot_results import compared_figure
-from granite_lab.reporting.render import to_html, to_latex, to_markdown
+from granite_lab.reporting.render import to_html, to_latex, to_markdown, to_pdf
 from granite_lab.reporting.report import (
     LIBRARIES,
     Block,
@@ -30,8 +29,7 @@ from granite_lab.reporting.report import (
     today,
 )
 from granite_lab.reporting.summary import channels_of, gaps
-from granite_lab.reporting.table import Table
-from granite_lab.reporting.tables import channel_table, misfit_table
+from granite_lab.reporting.tables import Table, channel_table, misfit_table
 from granite_lab.reporting.two_studies import Compared, compared_table
 
 
@@ -75,7 +73,7 @@ def _finish(
     result: StudyResult, report: Report, folder: Path, new: Path, drawn: Mapping[str, str]
 ) -> None:  # fmt: skip
     """Add ``report.pdf`` and the provenance of all files to a new report."""
-    (new / "report.pdf").write_bytes(report_pdf(result, report, made_by(result.source), drawn))
+    (new / "report.pdf").write_bytes(to_pdf(result, report, made_by(result.source), drawn))
     for name in (MODEL, DESIGN):
         if (folder / name).is_file():
             shutil.copyfile(folder / name, new / name)  # so that report and record belong together

@@ -81,17 +81,6 @@ def test_simulations_before_and_after_stand_beside_what_was_measured(
     )
 
 
-def test_the_discrepancy_stands_with_its_band(trial: TrialResult, finding: Finding, back: ReadBack) -> None:
-    r = next(r for r in finding.residuals if r.trial == trial.trial.name and r.channel == "pitch_rate")
-    before, after = "/discrepancy_pitch_rate/from_model", "/discrepancy_pitch_rate/remaining"
-    np.testing.assert_allclose(back.scalars(before), DEGREE * r.discrepancy_before)
-    np.testing.assert_allclose(back.scalars(after), DEGREE * r.discrepancy_after)
-    variance = back.values(after, "Measurements:variances")[:, 0].astype(float)
-    np.testing.assert_allclose(np.sqrt(variance), DEGREE * r.std)
-    assert back.fixed(after, "Measurements:names") == ["with the effect"]
-    assert back.fixed(after, "Measurements:units") == ["°/s"]
-
-
 def test_a_gap_in_the_log_is_a_gap_in_the_line(back: ReadBack) -> None:
     assert np.isnan(back.scalars("/found_accel_x/measured")[42])
     assert np.isfinite(back.scalars("/found_accel_x/from_model")[42]).all()
@@ -117,7 +106,6 @@ def test_nothing_found_is_said_and_no_after_is_drawn(trial: TrialResult, tmp_pat
     ]
     assert back.scalars("/found_pitch_rate/from_model").ndim == 1
     assert back.fixed("/found_pitch_rate/from_model", "Measurements:names") == ["simulated"]
-    assert "/discrepancy_pitch_rate/from_model" not in back.entities()
 
 
 def test_a_trial_that_was_not_searched_has_no_bars_and_one_that_was_dropped_says_why(

@@ -18,8 +18,7 @@ from granite_lab.reporting.content import StudyResult, TrialResult
 from granite_lab.reporting.render import LONG, escaped, to_latex
 from granite_lab.reporting.report import study_report
 from granite_lab.reporting.summary import by_speed
-from granite_lab.reporting.table import Cell, Column, Table, words
-from granite_lab.reporting.tables import COMBINED, budget_tables
+from granite_lab.reporting.tables import COMBINED, Cell, Column, Table, budget_tables, words
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding

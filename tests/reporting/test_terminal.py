@@ -69,7 +69,6 @@ def test_colours_appear_on_a_terminal(study: StudyResult) -> None:
 @pytest.mark.parametrize(
     ("name", "needed"),
     [
-        ("study", ("0.3", "8.35", "22.9", "4.919 s/m", "Not tested", "virtual", "noise")),
         ("finding named", (
             "What is missing from the model? Multi pass.", "Rear wheels in the compacted rut",
             "pressure 0.300 ± 0.004 97 %", "cannot tell multi pass from slip sinkage",

@@ -14,32 +14,16 @@ from granite_lab.reporting.recording.events import DIFFERS
 from granite_lab.reporting.recording.lines import CHANNELS, Line
 from granite_lab.reporting.recording.scene import VIEWPOINT
 from granite_lab.reporting.recording.stream import TIMELINE
-from granite_lab.reporting.words import SENSORS
+from granite_lab.reporting.words import SENSORS, WORDS
 
-TITLES = {
-    "velocity": "Velocity",
-    "slip": "Slip of the axles",
-    "torque": "Drive torque per wheel",
-    "pitch": "Pitch, positive nose down, equal before the start",
-    "wheel_velocity": "Circumferential wheel velocity",
-    "wheel_slip": "Slip of each wheel, measured",
-    "current": "Motor current, measured",
-    "specific_force": "IMU specific force, forward, equal before the start",
-    "pitch_rate": "IMU pitch rate, equal before the start",
-    "innovation": "Innovations of the filter over their predicted std",
-}
+TITLES: dict[str, str] = dict(WORDS["plots"])
 FOUND = {k: capital(name) for k, name in SENSORS.items()}
 TITLES |= {f"residual_{k}": f"{TITLES[k].split(',')[0]}: simulated − measured" for k in CHANNELS}
 TITLES |= {f"found_{k}": v + (": measured − simulated" if "wheel" in k else "") for k, v in FOUND.items()}
-TITLES |= {f"discrepancy_{k}": f"{v}: not explained by the model" for k, v in FOUND.items()}
 """Plot to its title, without unit."""
-TABS = {
-    "Motion": ("velocity", "slip", "torque", "pitch"),
-    "Residuals": tuple(f"residual_{k}" for k in CHANNELS),
-    "Wheels": ("wheel_velocity", "wheel_slip", "current"),
-    "Sensors": ("specific_force", "pitch_rate", "innovation"),
-    "Missing effect": tuple(f"found_{k}" for k in FOUND),
-    "Discrepancy": tuple(f"discrepancy_{k}" for k in FOUND),
+TABS: dict[str, list[str]] = WORDS["tabs"] | {
+    "Residuals": [f"residual_{k}" for k in CHANNELS],
+    "Missing effect": [f"found_{k}" for k in FOUND],
 }
 OVERLAY = "all_trials"
 """Entity below which the plots of all trials stand."""
@@ -49,36 +33,21 @@ MOST_NAMED, MOST_ROWS = 5, 5
 plots of a tab that stand below each other."""
 
 
-def extent_of(lines: Sequence[Line]) -> tuple[float, float]:
-    """Return the range of values that a plot shows at first, with at least two numbers on its axis.
+def _series(origin: str, title: str, lines: Sequence[Line], *, legend: bool = True) -> Any:
+    """Return the view of one plot; its legend stands where the robot is at rest again.
 
     Slip (1) is a quotient of small numbers as the robot starts and stops and may take any value there,
     so its plots show the range that most samples need; all others show all samples.
     """
-    known = np.concatenate([line.value.ravel() for line in lines])
+    axis = None
     if "slip" in lines[0].entity:
+        known = np.concatenate([line.value.ravel() for line in lines])
         low, high = np.nanpercentile(np.append(known, 0.0), [4, 96])
-        low, high = 10 * np.floor(low / 10 - 0.2), 10 * np.ceil(high / 10 + 0.2)
-    else:
-        margin = 0.08 * np.ptp(known[np.isfinite(known)]) + 1e-9
-        low, high = np.nanmin(known) - margin, np.nanmax(known) + margin
-    step = 10.0 ** np.ceil(np.log10((high - low) / 9))  # the viewer writes numbers at powers of ten
-    for _ in range(2):  # one end is moved to the next number, then perhaps the other
-        if np.floor(high / step) - np.ceil(low / step) < 1:
-            below, above = step * np.floor(low / step), step * np.ceil(high / step)
-            low, high = (below, high) if 0 < low - below < above - high else (low, above)
-    return float(low), float(high)
-
-
-def _series(origin: str, title: str, lines: Sequence[Line], *, legend: bool = True) -> Any:
-    """Return the view of one plot; its legend stands where the robot is at rest again."""
+        axis = rrb.ScalarAxis(range=(10 * np.floor(low / 10 - 0.2), 10 * np.ceil(high / 10 + 0.2)))
     return rrb.TimeSeriesView(
-        origin=origin,
-        name=f"{title} [{lines[0].unit}]",
-        axis_x=TIME_AXIS,
-        axis_y=rrb.ScalarAxis(range=extent_of(lines)),
+        origin=origin, name=f"{title} [{lines[0].unit}]", axis_x=TIME_AXIS, axis_y=axis,
         plot_legend=rrb.PlotLegend("RightTop", visible=legend),
-    )
+    )  # fmt: skip
 
 
 def _scene(root: str) -> Any:
@@ -117,9 +86,8 @@ def trial_layout(root: str, lines: Sequence[Line], *, lanes: int, name: str) -> 
         time_view=TIME_AXIS,
     )
     key = rrb.TextDocumentView(origin=f"{root}/key", name="Key")
-    about = rrb.TextDocumentView(origin=f"{root}/about", name="About this trial")
     shares = [4.4, 1.4 + 0.52 * min(lanes, 7), 2.0]
-    left = [rrb.Horizontal(_scene(root), key, column_shares=[5, 3]), bars, rrb.Tabs(_log(root), about)]
+    left = [rrb.Horizontal(_scene(root), key, column_shares=[5, 3]), bars, _log(root)]
     tabs = []
     for title, keys in TABS.items():
         if views := [_series(f"{root}/{k}", TITLES[k], plots[k]) for k in keys if k in plots]:

@@ -179,7 +179,7 @@ def residuals_of(finding: Finding, comparison: Comparison) -> list[Residual]:
 
 
 def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
-    """Yield what the sensors read beside the simulation without and with what was found, and the discrepancy.
+    """Yield what the sensors read beside the simulation without and with what was found.
 
     Wheel angles grow all the time, so that of them the difference to the simulation is drawn.
     """
@@ -194,11 +194,6 @@ def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
         else:
             yield Line(f"found_{r.channel}/measured", ("measured",), r.unit, t, r.measured, (MEASURED,))
         yield _simulated(f"found_{r.channel}", names, r.unit, t, both, later[:many])
-        plot = f"discrepancy_{r.channel}"
-        if many > 1:
-            yield _simulated(plot, effect[:1], r.unit, t, r.discrepancy_before, later[:1])
-        names, after = effect[1:] if many > 1 else ("discrepancy",), r.discrepancy_after
-        yield Line(f"{plot}/remaining", names, r.unit, t, after, (later[many - 1],), std=r.std, step=MEDIUM)
 
 
 def overlaid(row: str, name: str, comparison: Comparison, colour: Rgb) -> list[Line]:

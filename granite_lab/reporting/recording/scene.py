@@ -1,4 +1,4 @@
-"""The 3D view: the measured robot, the simulated one as an outline, cut-away sand, forces and torques.
+"""The 3D view: the measured robot, the simulated one as an outline, cut-away sand, and forces.
 
 Axes as in frame R: x forward, y left, z up, origin midway between the axles at wheel-centre height.
 """
@@ -20,8 +20,8 @@ from granite_lab.reporting.recording.stream import Writer
 
 STEP = 0.04
 """Spacing of the poses [s]."""
-FORCE_SCALE, TORQUE_SCALE = 0.0022, 0.35
-"""Length of a force arrow [m/N] and sweep of a torque's arc [rad/(N m)]."""
+FORCE_SCALE = 0.0022
+"""Length of an arrow [m/N]."""
 FORCES = {"ground_reaction": (240, 90, 200), "thrust": (0, 190, 140), "resistance": (235, 60, 50)}
 PARTS = (
     ("ground_reaction", 0, "force_x_{}_N"), ("ground_reaction", 2, "force_z_{}_N"),
@@ -30,7 +30,6 @@ PARTS = (
 """Arrow, its axis, and the signal that gives its length."""
 VIEWPOINT = "scene/viewpoint"
 SAND, SAND_CUT, TICK, DEPTH = (214, 184, 132), (181, 148, 97), (110, 84, 48), (150, 118, 72)
-TORQUE_MEASURED = (150, 215, 255)
 PAINT, DARK, WHITE = (52, 120, 178), (45, 47, 52), (235, 235, 235)
 TYRE, LUG, RIM = (38, 38, 40), (72, 72, 76), (58, 58, 62)
 EDGE = 0.0016
@@ -103,9 +102,7 @@ def write_scene(writer: Writer, comparison: Comparison) -> None:
             writer.static(f"{entity}/{corner}/tyre", *wheel)
             turn = _quaternion(pose.spin[:, i])
             writer.rows(f"{entity}/{corner}/tyre", t, rr.Transform3D.columns(quaternion=turn))
-    t = t[::2]  # forces and torques need less
-    _write_forces(writer, comparison, chassis, t, poses(comparison, t)[0])
-    _write_torques(writer, comparison, chassis, t)
+    _write_forces(writer, comparison, chassis, t, measured)
 
 
 def _mount(chassis: Chassis) -> dict[str, tuple[float, float]]:
@@ -186,15 +183,9 @@ def _write_sand(writer: Writer, robot: Robot, chassis: Chassis, start: float, en
     writer.static("scene/sand", _boxes([top, cut]))
     face = near - 0.003
     tick = 0.25 * 10.0 ** max(0, np.ceil(np.log10((end - start + 0.1) / 25)))
-    marks = tick * np.arange(np.ceil(start / tick), end / tick + 1) + 0.0  # no "-0 m"
-    named = marks[np.isclose(np.remainder(marks / tick, 2), 0)]
-    ticks = [[(x, face, 0), (x, face, -(0.03 if x in named else 0.018))] for x in marks]
+    marks = tick * np.arange(np.ceil(start / tick), end / tick + 1) + 0.0
+    ticks = [[(x, face, 0), (x, face, -0.02)] for x in marks]
     writer.static("scene/sand/distance", rr.LineStrips3D(ticks, colors=TICK, radii=0.0012))
-    signs = rr.Points3D(
-        [(x, face, -0.09) for x in named], labels=[f"{x:g} m" for x in named],
-        colors=(240, 235, 225), radii=0.0005, show_labels=True,
-    )  # fmt: skip
-    writer.static("scene/sand/distance_names", signs)
     depths = np.arange(0.01, 0.031, 0.01)
     strata = [[(low, face + 0.001, -z), (high, face + 0.001, -z)] for z in depths]
     writer.static("scene/sand/depth_10_20_30_mm", rr.LineStrips3D(strata, colors=DEPTH, radii=0.0006))
@@ -217,35 +208,3 @@ def _write_forces(writer: Writer, comparison: Comparison, chassis: Chassis, t: A
         writer.static(entity, rr.Arrows3D.from_fields(colors=colour, radii=0.005))
         columns = rr.Arrows3D.columns(vectors=rows[name].reshape(-1, 3), origins=origins.reshape(-1, 3))
         writer.rows(entity, t, columns.partition([2] * len(t)))
-
-
-def arc_arrow(radius: float, sweep: Array, steps: int = 7) -> Array:
-    """Return arcs with an arrow head in the plane y = 0, (N, steps + 3, 3) points of a line strip each [m].
-
-    Each begins at the top and sweeps by an angle (N,) [rad], positive the way a wheel rolls forward.
-    """
-    a = sweep[:, None] * np.linspace(0, 1, steps)[None, :]
-    points = radius * np.stack([np.sin(a), np.zeros_like(a), np.cos(a)], axis=-1)
-    tip, zero = points[:, -1], np.zeros_like(sweep)
-    forward = np.sign(sweep)[:, None] * np.stack([np.cos(sweep), zero, -np.sin(sweep)], axis=-1)
-    outward = np.stack([np.sin(sweep), zero, np.cos(sweep)], axis=-1)
-    head = 0.22 * radius * np.minimum(1, np.abs(sweep) / 0.3)[:, None]
-    barbs = [tip - head * forward + 0.6 * side * head * outward for side in (1, -1)]
-    return np.concatenate([points, barbs[0][:, None], tip[:, None], barbs[1][:, None]], axis=1)
-
-
-def _write_torques(writer: Writer, comparison: Comparison, chassis: Chassis, t: Array) -> None:
-    """Write the drive torques as arcs on the near wheels: as measured where currents were, else simulated."""
-    run = comparison.run
-    y = -run.robot.wheels.width / 2 - 0.008  # does not turn with the wheel
-    for axle, wheel in (("f", "fr"), ("r", "rr")):
-        mount = _mount(chassis)[wheel]
-        measured = comparison.measured.get(f"torque_{axle}", np.full(1, np.nan))
-        known = bool(np.isfinite(measured).any())
-        torque = _at(t, comparison.t, measured) if known else _at(t, run.t, run[f"torque_{axle}_Nm"])
-        sweep = np.clip(TORQUE_SCALE * torque, -2.8, 2.8)
-        strips = arc_arrow(0.84 * run.robot.wheels.radius, sweep) + np.array([mount[0], mount[1] + y, 0.0])
-        entity = f"scene/measured/{wheel}_torque"
-        colour = TORQUE_MEASURED if known else SIMULATED
-        writer.static(entity, rr.LineStrips3D.from_fields(colors=colour, radii=0.003))
-        writer.rows(entity, t, rr.LineStrips3D.columns(strips=list(strips.astype(np.float32))))

@@ -19,11 +19,10 @@ from granite_lab.logs.trial import Trial
 from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.recording.events import Interval, intervals_of, write_events
 from granite_lab.reporting.recording.layout import OVERLAY, blueprint, overlay, trial_layout
-from granite_lab.reporting.recording.lines import OF_TRIALS, SHOWN, Line, lines_of, overlaid, write_lines
+from granite_lab.reporting.recording.lines import OF_TRIALS, Line, lines_of, overlaid, write_lines
 from granite_lab.reporting.recording.scene import write_scene
 from granite_lab.reporting.recording.stream import Writer, drawable, recording, root_of
 from granite_lab.reporting.render import to_markdown
-from granite_lab.reporting.rounding import plus_minus, significant
 
 
 def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: Finding | None = None) -> Path:
@@ -120,7 +119,6 @@ class _Content:
         write_scene(writer, self.comparison)
         write_events(writer, self.comparison, self.bars, self.finding)
         motion = self.comparison.motion
-        writer.static("about", _about(self.trial, self.comparison))
         writer.static("key", _page("recording_key.md", virtual=motion.virtual, study=False))
 
 
@@ -129,41 +127,14 @@ def _page(template: str, **content: object) -> Any:
     return rr.TextDocument(drawable(to_markdown(template, **content).strip()), media_type="text/markdown")
 
 
-def _about(trial: Trial, comparison: Comparison) -> Any:
-    """Return the page that says what a trial is and what came out."""
-    motion, run, fit = comparison.motion, comparison.run, comparison.fit
-    v, effects = motion.variant, ", ".join(run.effects) or "none"
-    command = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m ({motion.variant_source})"
-    rows = {
-        "robot, soil": f"{run.robot.title}; {run.soil.title}",
-        "desired motion": command,
-        "slip λ_R (2), measured": plus_minus(motion.slip_ratio, "%", 100),
-        "slip λ_R (2), simulated": f"{100 * run.slip_ratio:.1f} %",
-        "distance, measured": plus_minus(motion.distance, "m"),
-        "k_92 by steady slip": f"{plus_minus(fit.k92)} ({fit.status})",
-        "k_92 by whole trajectory": f"{plus_minus(fit.k92_trajectory)} ({fit.status_trajectory})",
-        "simulated with": f"{run.k92_law} k_92 law, {run.k92_value:.4g}; effects: {effects}",
-        "filter": motion.health.verdict,
-        "written by": f"granite-lab {__version__}",
-    }
-    misfits = []
-    for m in (m for m in comparison.misfits if m.phase == "all"):
-        unit, factor = SHOWN.get(m.unit or "-", (m.unit, 1.0))
-        misfits.append((m.channel, *(significant(factor * x) for x in (m.rms, m.bias, m.peak)), unit))
-    return _page("recording_about.md", name=trial.name, motion=motion, rows=rows, misfits=misfits)
-
-
 def _properties(trial: Trial, comparison: Comparison) -> Any:
     """Return what a program should know of a trial without reading its samples; units in the names."""
     motion, run, fit = comparison.motion, comparison.run, comparison.fit
-    slip = motion.slip_ratio
     return rr.AnyValues(
         name=trial.name, virtual=motion.virtual, version=__version__,
         robot=run.robot.name, soil=run.soil.name, effects=list(run.effects) or ["none"],
-        variant_mps=motion.variant.velocity, acceleration_mps2=motion.variant.acceleration,
-        distance_m=motion.variant.distance, command_start_s=motion.t_start.value,
-        slip_ratio_measured=slip.value, slip_ratio_measured_std=slip.std, slip_ratio_simulated=run.slip_ratio,
+        variant_mps=motion.variant.velocity, command_start_s=motion.t_start.value,
+        slip_ratio_measured=motion.slip_ratio.value, slip_ratio_measured_std=motion.slip_ratio.std,
         k92=fit.k92.value, k92_std=fit.k92.std, k92_status=fit.status,
-        k92_trajectory=fit.k92_trajectory.value, k92_trajectory_std=fit.k92_trajectory.std,
         inputs_sha256=[file.sha256 for file in trial.inputs] or ["none"],
     )  # fmt: skip
