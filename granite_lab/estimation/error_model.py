@@ -221,6 +221,12 @@ def add_vibration(Q: Array, F: Array, dt: Array, moving: np.ndarray, size: Array
     Q[:, P:, P:] += np.where(moving[:, None, None], stationary - A @ stationary @ A.transpose(0, 2, 1), 0.0)
 
 
+def std_of(P: Array, parts: dict[int, float]) -> Array:
+    """(K,) std of a sum of states, each times its factor, by their covariances (K, 14, 14)."""
+    variance = sum(a * b * P[:, i, j] for i, a in parts.items() for j, b in parts.items())
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
 @dataclass(frozen=True, eq=False)
 class Update:
     """One scalar measurement: z = H state + noise of variance R."""

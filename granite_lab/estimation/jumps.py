@@ -1,8 +1,8 @@
 """Where the slip velocity changes further than it usually does, by the IMU alone.
 
-Over a quarter of a second an IMU knows a change of velocity to a millimetre a second, whatever it drifts by
-over seconds. So the rolled distance less the one that the IMU alone finds shows each change of slip: wheels
-that slip through, that spin on while the body stands, or that stand while the body slides on. A change far
+Over a quarter of a second an IMU knows a change of velocity to some millimetres a second, whatever it drifts
+by over seconds. So the rolled distance less the one by the IMU alone shows each change of slip: wheels that
+slip through, that spin on while the body stands, or that stand while the body slides on. A change far
 beyond the usual ones is a jump: there the slip ratio may take any value, and elsewhere it scatters no more
 for it. Such breaks are looked for in the same way in economic time series [1].
 
@@ -17,12 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import P, V, X
+from granite_lab.estimation.error_model import BA, BM, TH, P, V, X, std_of
 from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.rest import COAST
 from granite_lab.estimation.smoother import Solution, solve
 from granite_lab.estimation.wheels import Rolling, runs
 from granite_lab.logs.trial import Array
+from granite_lab.parameters import GRAVITY
 
 BIN = 0.25
 """Time over which slip is averaged [s]: the body follows the wheels on sand within it."""
@@ -40,6 +41,7 @@ class Changes:
         slip: (J, 2) mean slip velocity in each [m/s].
         wheel: (J, 2) mean wheel velocity in each [m/s], signed, at least `COAST`.
         unsure: (J,) std of the body's velocity by the IMU alone, which both have in common [m/s].
+        drift: (J,) std of its change from one to the other by pitch and biases [m/s].
     """
 
     begin: Array
@@ -47,6 +49,7 @@ class Changes:
     slip: Array
     wheel: Array
     unsure: Array
+    drift: Array
 
     @property
     def size(self) -> Array:
@@ -95,10 +98,12 @@ def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
     """
     nodes, found = alone.nodes, alone.smoothed
     travelled = np.interp(nodes.t, alone.nominal.t, alone.nominal.x) + found.x[:, X] - found.x[:, P]
-    spread = np.sqrt(np.maximum(found.P[:, V, V], 0.0))
+    spread = std_of(found.P, {V: 1.0})
+    pull = std_of(found.P, {TH: GRAVITY, BA: -1.0, BM: -1.0})
     known = np.isfinite(rolling.mean)
     stamps, rolled = rolling.t[known] + offset, rolling.mean[known]
-    parts = [Changes(np.empty(0), np.empty(0), np.empty((0, 2)), np.empty((0, 2)), np.empty(0))]
+    none, pair = np.empty(0), np.empty((0, 2))
+    parts = [Changes(none, none, pair, pair, none, none)]
     for a, b in zip(*runs(nodes.moving), strict=True):
         begin, end = nodes.t[max(a - 1, 0)], nodes.t[b - 1]
         edges = np.linspace(begin, end, max(round((end - begin) / BIN), 1) + 1)
@@ -110,9 +115,10 @@ def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
             Changes(
                 edges[:-2], edges[2:], np.stack([slip[:-1], slip[1:]], axis=1),
                 np.stack([wheel[:-1], wheel[1:]], axis=1), np.interp(edges[1:-1], nodes.t, spread),
+                width * np.interp(edges[1:-1], nodes.t, pull),
             )
         )  # fmt: skip
-    names = ("begin", "end", "slip", "wheel", "unsure")
+    names = ("begin", "end", "slip", "wheel", "unsure", "drift")
     return Changes(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
@@ -121,7 +127,7 @@ def usual_size(problem: Problem, changes: Changes) -> Array:
 
     It is made of the scatter of the ratio, by the median of all changes; of what the slip model allows while
     the wheels' speed changes; of the error of the body's velocity, which looks like a change of the ratio
-    where the wheels' speed changes; and of the IMU's white noise.
+    where the wheels' speed changes; and of what the IMU's pitch, biases and white noise change by meanwhile.
     """
     noise, wheel = problem.noise, np.abs(changes.wheel)
     scatter = 1.4826 * float(np.median(changes.size / changes.slower)) if changes.unsure.size else 0.0
@@ -129,4 +135,5 @@ def usual_size(problem: Problem, changes: Changes) -> Array:
     level = changes.unsure * np.abs(1.0 / changes.wheel[:, 1] - 1.0 / changes.wheel[:, 0])
     # means of a random walk over neighbouring bins differ by two thirds of its variance in a bin
     white = np.hypot(noise.accel, noise.accel_motion) * np.sqrt(2.0 / 3.0 * BIN)
-    return np.asarray(np.hypot(np.sqrt(scatter**2 + ramp**2 + level**2) * changes.slower, white))
+    by_imu = np.hypot(white, changes.drift)
+    return np.asarray(np.hypot(np.sqrt(scatter**2 + ramp**2 + level**2) * changes.slower, by_imu))

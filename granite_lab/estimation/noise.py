@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
-from granite_lab.estimation.spectrum import hann, spectral_density
+from granite_lab.estimation.spectrum import hann, periodograms
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
@@ -157,15 +157,19 @@ def vibration(
     if part.size < 64 or dt > 0.05:
         return 0.0, prior_frequency, 0.3
     size = int(min(part.size, 2 ** np.ceil(np.log2(1.28 / dt))))
-    frequency, density = spectral_density(part, 1.0 / dt, hann(size))
-    excess = np.maximum(density - 2.0 * accel**2, 0.0)
+    frequency, densities = periodograms(part, 1.0 / dt, hann(size))
+    excess = np.maximum(densities.mean(axis=0) - 2.0 * accel**2, 0.0)
     band = frequency >= min(5.0, 0.2 / dt)
     width = frequency[1] - frequency[0]
     power = float(excess[band].sum() * width)
     if power <= (0.5 * accel) ** 2 / dt:
         return float(np.sqrt(power)), prior_frequency, 0.3
-    peak = float(frequency[band][np.argmax(excess[band])])
-    share = np.cumsum(excess[band]) / excess[band].sum()
+    # a jerk of the body at a change of speed is in few segments: it is no vibration
+    usual = np.maximum(np.median(densities, axis=0) - 2.0 * accel**2, 0.0)[band]
+    if not usual.any():
+        return float(np.sqrt(power)), prior_frequency, 0.3
+    peak = float(frequency[band][np.argmax(usual)])
+    share = np.cumsum(usual) / usual.sum()
     low, high = np.interp([0.16, 0.84], share, frequency[band])
     damping = float(np.clip(0.5 * (high - low) / peak, 0.05, 0.7))
     return float(np.sqrt(power)), peak, damping

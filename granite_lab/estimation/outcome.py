@@ -12,7 +12,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.budget import slip_parts
 from granite_lab.estimation.clock import LATENCY
-from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X
+from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X, std_of
 from granite_lab.estimation.motion import Health, Motion, PhaseName
 from granite_lab.estimation.nodes import QUICK, Problem
 from granite_lab.estimation.rest import Interval, find_rests, inside
@@ -134,12 +134,6 @@ def motion_without_imu(
         clock_offset=Estimate(0.0), variant=variant, variant_source=source, noise={}, health=health,
         warnings=(*trial.warnings, *rolling.warnings, said, *([doubt] if doubt else [])),
     )  # fmt: skip
-
-
-def std_of(P: Array, parts: dict[int, float]) -> Array:
-    """(K,) std of a sum of states, each times its factor, by their covariances (K, 14, 14)."""
-    variance = sum(a * b * P[:, i, j] for i, a in parts.items() for j, b in parts.items())
-    return np.sqrt(np.maximum(variance, 0.0))
 
 
 def _by_latency(t: Array, v: Array, problem: Problem, offset: Estimate) -> Array:

@@ -13,8 +13,8 @@ BLACKMAN_HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
 """Coefficients of the cosines of the window with four terms and the least side lobes (Harris, 1978)."""
 
 
-def spectral_density(values: Array, rate: float, window: Array) -> tuple[Array, Array]:
-    """Return the spectral density of a signal, averaged over segments that overlap by half (Welch).
+def periodograms(values: Array, rate: float, window: Array) -> tuple[Array, Array]:
+    """Return the spectral density of each segment of a signal; they overlap by half.
 
     Args:
         values: (N,) samples; the mean of each segment is removed.
@@ -22,14 +22,20 @@ def spectral_density(values: Array, rate: float, window: Array) -> tuple[Array, 
         window: (M,) weights of a segment, M <= N.
 
     Returns:
-        frequencies [Hz] and one-sided densities [unit^2/Hz].
+        (F,) frequencies [Hz] and (S, F) one-sided densities [unit^2/Hz].
     """
     size = window.size
     parts = np.lib.stride_tricks.sliding_window_view(values, size)[:: max(1, size - size // 2)]
     parts = parts - parts.mean(axis=1, keepdims=True)
     power = np.abs(np.fft.rfft(parts * window, axis=1)) ** 2 / (rate * np.sum(window**2))
     power[:, 1 : None if size % 2 else -1] *= 2.0
-    return np.asarray(np.fft.rfftfreq(size, 1.0 / rate)), np.asarray(power.mean(axis=0))
+    return np.asarray(np.fft.rfftfreq(size, 1.0 / rate)), np.asarray(power)
+
+
+def spectral_density(values: Array, rate: float, window: Array) -> tuple[Array, Array]:
+    """Return the mean of the `periodograms` (Welch)."""
+    frequency, density = periodograms(values, rate, window)
+    return frequency, np.asarray(density.mean(axis=0))
 
 
 def hann(size: int) -> Array:
