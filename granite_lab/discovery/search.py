@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -131,6 +131,7 @@ def search(
     """
     found: dict[tuple[str, ...], Model] = {(): _model((), base, candidates)}
     looks: dict[tuple[str, ...], tuple[Look, ...]] = {}
+    own = frozenset(c for c in candidates if any(p.per_trial for p in problem.parameters_of(c)))
 
     def fitted(effects: Sequence[str], start: Point, near: Fit) -> None:
         """Fit a set unless it is fitted."""
@@ -158,24 +159,6 @@ def search(
     def settled(model: Model) -> bool:
         return good(problem, model.fit, tolerance) and not strained(problem, model.fit)
 
-    def left_open(model: Model) -> Callable[[str], bool]:
-        """Return which candidates are of interest beside a model that leaves no discrepancy.
-
-        It says nothing of what differs from trial to trial. Where the formulas of its effects need the
-        largest error that is allowed, another effect may be hidden there, which is no rival of theirs.
-        """
-        if not model.effects:
-            return lambda _: True
-        rivals: set[str] = set()
-        if model.fit.scales.formula >= FORMULAS[1]:
-            for screens in looks.values():
-                promises = {c: p.gain for c, p in _promises(screens).items()}
-                rivals |= {c for c, g in promises.items() if g >= RIVAL * max(promises.values())}
-        else:
-            rivals |= set(candidates)
-        own = {c for c in candidates if any(p.per_trial for p in problem.parameters_of(c))}
-        return lambda c: not is_empirical(c) and (c in own or c not in rivals)
-
     def best_of(model: Model, tried: Sequence[Score]) -> Model:
         sets = [tuple(sorted((*model.effects, s.candidate))) for s in tried]
         return max((found[e] for e in sets if e in found), key=lambda m: m.log_posterior, default=model)
@@ -185,7 +168,7 @@ def search(
     path: list[tuple[str, list[Score]]] = []
     for _ in range(MOST):
         fine = settled(current)
-        wanted = left_open(current) if fine else lambda _: True
+        wanted = left_open(current, looks, own) if fine else lambda _: True
         tried = extended(current, wanted, 1 if fine else TRIED)
         best = best_of(current, tried)
         if fine and best is not current:
@@ -207,6 +190,39 @@ def search(
                 fitted(rival.effects, rival, current.fit)
     models = sorted(found.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), looks, frozenset(small))
+
+
+def left_open(
+    model: Model, looks: Mapping[tuple[str, ...], tuple[Look, ...]], own: Collection[str]
+) -> Callable[[str], bool]:
+    """Return which candidates are of interest beside a model that leaves no discrepancy.
+
+    It says nothing of what differs from trial to trial. Where the formulas of its effects need the largest
+    error that is allowed, another effect may be hidden there, which is no rival of theirs: one that promised
+    little without them, or that promises as much beside them as without.
+
+    Args:
+        model: the effects with their fit.
+        looks: screens so far; that beside the model is there when a candidate is asked for.
+        own: candidates with numbers of their own in each trial.
+    """
+    if not model.effects:
+        return lambda _: True
+    if model.fit.scales.formula < FORMULAS[1]:
+        return lambda c: c in own
+    without: dict[str, float] = {}
+    rivals: set[str] = set()
+    for promises in (_promises(screens) for effects, screens in looks.items() if effects != model.effects):
+        best = max(p.gain for p in promises.values())
+        rivals |= {c for c, p in promises.items() if p.gain >= RIVAL * best}
+        without |= {c: max(p.gain, without.get(c, -np.inf)) for c, p in promises.items()}
+
+    def wanted(c: str) -> bool:
+        if is_empirical(c):
+            return False
+        return c in own or c not in rivals or _promises(looks[model.effects])[c].gain >= without[c]
+
+    return wanted
 
 
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:

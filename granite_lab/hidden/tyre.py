@@ -25,9 +25,11 @@ class TyreWindup(Influence):
         "by retardation/compliance; a fifth of the wheel's inertia sits in the tread"
     )
     declared = (
-        Size("compliance", "rad/(N m)", "twist of a tyre per lasting torque", 1e-3, 3e-3, 0, 0.02),
+        # trials show twists faster than rubber relaxes: there it is as stiff as both springs
+        Size("compliance", "rad/(N m)", "twist of a tyre per lasting torque", 1e-3, 3e-3, 0, 0.02,
+             kind="equivalent"),
         Size("retardation", "s", "damping over stiffness", 0.005, 0.03, 5e-4, 0.2, kind="shape"),
-    )
+    )  # fmt: skip
 
     def setup(self) -> None:
         """Claim twist, rate of the tread and twist of the second spring."""
