@@ -77,6 +77,10 @@ class GearBacklash(Influence):
         )
 
     def torque(self, y: Array) -> Array:
+        """Return what drives the wheels: the teeth."""
+        return self.passed_on(y)
+
+    def passed_on(self, y: Array) -> Array:
         """Return what the teeth pass on: nothing within the play."""
         gap, soft = self.half_play * y[self.lead], self.soft
         bite = np.maximum(np.abs(gap) - self.half_play, 0.0)
@@ -88,7 +92,8 @@ class GearBacklash(Influence):
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Add the rates of the motors."""
         dy = super().rates(t, y, wheel)
-        motor = (super().torque(y) - self.torque(y)) / self.motor_inertia
+        # not `self.torque`: friction at the wheel, if that is hidden as well, does not act on the motor
+        motor = (super().torque(y) - self.passed_on(y)) / self.motor_inertia
         dy[self.lead] = y[self.lead_rate]
         dy[self.lead_rate] = (motor - dy[OMEGA]) / self.half_play
         return dy

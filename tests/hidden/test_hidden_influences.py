@@ -212,6 +212,15 @@ def test_backlash_lets_the_motor_lead_by_half_the_play_and_the_wheel_start_late(
     assert moved[0] > moved[1] + 0.02
 
 
+def test_the_motor_overcomes_friction_behind_play_as_well() -> None:
+    _, play = typical("gear_backlash", play=0.3)
+    truth = model("gear_backlash", "drivetrain_friction", play=0.3, coulomb=0.8, viscous=0.0)
+    more = mean(run_of(truth), "current") - mean(play, "current")
+    d = truth.drive
+    torque = d.gear_efficiency * d.gear_ratio * d.torque_constant * more
+    assert torque == pytest.approx(np.full(2, 0.8), rel=0.05)
+
+
 def test_little_backlash_is_little_and_remains_play() -> None:
     truth, r = typical("gear_backlash", play=0.02)
     lead = np.degrees(truth.shaft(r.state.T)[0].T - r.state[:, ANGLE])
