@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from granite_lab.comparison.record import Comparison
+from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration
 from granite_lab.parameters import WHEELS
@@ -206,3 +208,55 @@ def _mark_beyond(axis: Axes, t: Array, lines: Sequence[Line], edge: float, sign:
             textcoords="offset points", ha="left" if right else "right", va="top" if sign > 0 else "bottom",
             fontsize=7, annotation_clip=False,
         )  # fmt: skip
+
+
+KINDS = (
+    (canvas.MEASURED, "o"), (canvas.SIMULATED, "s"), (canvas.FITTED, "^"), (canvas.PAPER, "D"),
+    (canvas.SIMULATED_LIGHT, "v"),
+)  # fmt: skip
+"""Colour and marker of the kinds of innovations."""
+
+SHOWN_INNOVATIONS = 200
+"""Innovations of each kind that are drawn at most."""
+
+
+def health_figure(motion: Motion, index: int) -> Figure:
+    """Draw the checks of one estimate: velocity and innovations with their bounds, standstills shaded."""
+    h = motion.health
+    ratio = h.innovation / np.where(h.innovation_std > 0, h.innovation_std, np.nan)
+    outside = 100 * float(np.mean(np.abs(ratio[np.isfinite(ratio)]) > 2)) if np.isfinite(ratio).any() else 0.0
+    squares = ", ".join(f"{kind.replace('_', ' ')} {significant(x, 2)}" for kind, x in h.nis.items())
+    title = f"{motion.trial}: the estimate is {'good' if h.good else 'doubtful'}"
+    return drawing(
+        "health", title, motion.virtual, _health, motion, ratio, name=f"health_{index:02d}",
+        outside=significant(outside, 2), squares=squares or "none",
+    )  # fmt: skip
+
+
+def _health(motion: Motion, ratio: Array) -> Canvas:
+    h, kinds = motion.health, np.array(motion.health.kind, dtype=object)
+    figure, axes = canvas.panels(
+        [1.0, 1.2], gap=0.3 if len(set(h.kind)) < 4 else 0.46,
+        y=["velocity [m/s]", "innovation [σ]"], x="time of the log [s]",
+    )  # fmt: skip
+    for axis in axes:
+        for start, end in h.rests:
+            axis.axvspan(start, end, color=canvas.SHADE, linewidth=0, zorder=0)
+    t, v, std = canvas.envelope(motion.t, motion.v, motion.v_std, points=300)
+    canvas.band(axes[0], t, v, std, "body velocity")
+    axes[1].axhspan(-2, 2, color=canvas.FAINT, alpha=0.4, linewidth=0, zorder=0.5)
+    for kind, (colour, marker) in zip(dict.fromkeys(h.kind), itertools.cycle(KINDS), strict=False):
+        own = np.flatnonzero(kinds == kind)
+        own = own[:: -(-own.size // SHOWN_INNOVATIONS)]
+        axes[1].plot(
+            np.asarray(h.t)[own], ratio[own], marker=marker, markersize=1.8, linestyle="none",
+            color=colour, label=kind.replace("_", " "), markeredgewidth=0,
+        )  # fmt: skip
+    highest = float(np.nanmax(np.abs(ratio))) if np.isfinite(ratio).any() else 3.0
+    limit = min(max(3.2, 1.1 * highest), 8.0)
+    axes[1].set_ylim(-limit, limit)
+    for axis in axes:
+        canvas.legend(axis)
+    axes[0].set_xlim(float(motion.t[0]), float(motion.t[-1]))
+    axes[-1].ticklabel_format(axis="x", useOffset=False)
+    return figure

@@ -143,7 +143,7 @@ def study_report(result: StudyResult, *, model: Path | str | None = None, folder
     if result.finding is not None:
         sections.append(Section("missing", "What is missing", _kept(_missing(result.finding))))
     if result.trials:
-        sections.append(Section("trials", "Quality of the trials", _kept(_quality(result))))
+        sections.append(Section("trials", "Quality of the trials", _kept(_quality(result, decided))))
     sections.append(_provenance(result.source, decided.steps[1:]))
     if result.trials or result.finding is None:
         first = tables.slip_table(decided) if decided.speeds else None
@@ -213,7 +213,7 @@ def _failures(result: StudyResult) -> list[str]:
     return [f"{f.trial}: {f.message}" + (f" ({f.hint})" if f.hint else "") for f in result.failures]
 
 
-def _quality(result: StudyResult) -> Iterator[Maybe]:
+def _quality(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     n = len(result.trials)
     doubtful = [r for r in result.trials if not r.comparison.motion.health.good]
     text = f"All {n} estimates of the motion are good." if n > 1 else "The estimate of the motion is good."
@@ -229,6 +229,12 @@ def _quality(result: StudyResult) -> Iterator[Maybe]:
     yield "Warnings:" if warnings else None
     yield list(warnings)
     yield _fold("Results of each trial", tables.trial_table(result))
+    typical = [s.typical for s in decided.speeds]
+    checked = [r for r in result.trials if r in typical or r in doubtful]
+    checks = [plot_motion.health_figure(r.comparison.motion, k) for k, r in enumerate(checked, 1)]
+    yield _fold(
+        "Checks of the estimates: the typical trial of each speed, and doubtful ones", _gallery(*checks)
+    )
 
 
 def _provenance(source: Source, steps: Sequence[str]) -> Section:
