@@ -131,7 +131,7 @@ def correct(
     faults = replace(faults, restarts=restarts)
     if restarts:
         imu = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
-    problem = replace(problem, imu=imu, faults=faults)
+    problem = replace(problem, imu=imu, faults=faults, slip=SlipModel(fades=True))
     warnings = [*signs, *_complain(problem, offset)]
     if far:
         problem = refer(problem, offset, slip_std)

@@ -72,6 +72,9 @@ class SlipModel:
         memory: slip velocity goes with the wheel speed of the last and next seconds, `memory` in all [s],
             so that a change of the wheels' speed says nothing about a steady slip ratio; 0: with the
             present speed.
+        fades: the steady slip ratio goes down with the speed below `V_FLOOR`, as the ground's resistance
+            does: wheels that coast to rest slip less. The moments that tell the clocks' offset are judged
+            without it, or twisting tyres pass for an offset.
     """
 
     steady: float = 0.15
@@ -86,10 +89,12 @@ class SlipModel:
     limit_time: float = 300.0
     thrust: float = 0.0
     memory: float = 0.0
+    fades: bool = False
 
-    def expected(self, growth: Array) -> Array:
-        """(K,) slip ratio expected while the wheels' speed grows by `growth` (K,) [m/s^2]."""
-        return np.clip(self.steady + self.per_acceleration * growth, -0.3, 0.5)
+    def expected(self, growth: Array, speed: Array) -> Array:
+        """(K,) slip ratio expected while the wheels' speed (K,) [m/s] grows by `growth` (K,) [m/s^2]."""
+        resisted = np.tanh(np.abs(speed) / V_FLOOR) if self.fades else 1.0
+        return np.clip(self.steady * resisted + self.per_acceleration * growth, -0.3, 0.5)
 
 
 def transitions(

@@ -250,7 +250,7 @@ def _expected_slip(
         none = np.zeros(t.size)
         pace = Pace(v, v, none, none, none > 0)
     w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), COAST)
-    mean_slip = slip.expected(pace.growth)
+    mean_slip = slip.expected(pace.growth, pace.speed)
     if slip.memory:
         w = lasting_speed(t, pace.speed, moving, slip.memory)
         mean_slip = np.clip(mean_slip + slip.thrust * push(problem.imu)[index], -0.4, 0.4)
