@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,11 @@ from granite_lab.logs.trial import Array
 
 KEPT = 2
 """Number of shifts for which the matrices are remembered: a fit tries one, and may go back."""
+
+WHEELS, IMU, CURRENTS = 0, 1, 2
+
+SENSOR_OF = (IMU, IMU, IMU, WHEELS, WHEELS, CURRENTS, CURRENTS, WHEELS)
+"""The sensor that shows each simulated signal, in the order of `bench.SIGNALS`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +39,9 @@ class Stream:
     window: float = 0.0
 
     @property
-    def is_imu(self) -> bool:
-        """Whether the IMU stamped it."""
-        return bool(self.weights[:3].any())
+    def sensor(self) -> int:
+        """Which sensor stamped it, as `SENSOR_OF`."""
+        return SENSOR_OF[int(np.flatnonzero(self.weights)[0])]
 
 
 def means(t: Array, start: Array, end: Array) -> Any:
@@ -80,7 +85,7 @@ class _Group:
     weights: Array
     stamps: Array
     window: float
-    is_imu: bool
+    sensor: int
     to_bins: Any
 
     def to_stamps(self, t: Array, shift: float) -> Any:
@@ -116,20 +121,22 @@ class Binning:
         to_bins = at_edges_or_between(s, edges)
         used = np.unique(to_bins.indices)
         weights = np.stack([streams[name].weights for name in names])
-        return _Group(tuple(names), weights, s.t[used] - t_start, s.window, s.is_imu, to_bins[:, used])
+        return _Group(tuple(names), weights, s.t[used] - t_start, s.window, s.sensor, to_bins[:, used])
 
-    def __call__(self, t: Array, response: Array, start: float, latency: float = 0.0) -> dict[str, Array]:
+    def __call__(
+        self, t: Array, response: Array, start: float, late: Sequence[float] = (0.0, 0.0, 0.0)
+    ) -> dict[str, Array]:
         """Return channel to its (n,) bins, or to the (n, k) bins of k responses.
 
         Args:
             t: (M,) time since the start of the command [s], the same for each response of that length.
             response: (8, M) or (8, M, k) simulated signals.
             start: by how much the command starts later than `t_start` [s].
-            latency: by how much the stamps of the IMU come later than those of the wheels [s].
+            late: by how much the stamps of each sensor of `SENSOR_OF` are late [s].
         """
         found: dict[str, Array] = {}
         for number, group in enumerate(self._groups):
-            matrix = self._matrix(number, t, start + latency if group.is_imu else start)
+            matrix = self._matrix(number, t, start + late[group.sensor])
             for name, weights in zip(group.names, group.weights, strict=True):
                 used = np.flatnonzero(weights)
                 found[name] = matrix @ sum(weights[k] * response[k] for k in used)

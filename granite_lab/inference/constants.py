@@ -21,6 +21,10 @@ LATENCY_STD = 0.03
 """Std of the latency before a trial was seen [s]: loggers reach 20 ms, clocks that were never set together
 more. The trials determine it within a millisecond."""
 
+CURRENT_LATENCY_STD = LATENCY_LIMIT / 2
+"""Std of the latency of the motor currents behind the encoders, which share a clock [s]: controllers poll
+and filter them."""
+
 SMOOTH = (0.1, 0.5)
 """Time over which the discrepancy of the model is smooth [s]: the pitch and slip transients of the robot last
 0.1 s, its way to steady slip 0.35 s."""

@@ -11,16 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.inference.bench import ACCURACY, RAKED, SAND
-from granite_lab.inference.constants import LATENCY_STD, RAKING, SENSOR_STD
+from granite_lab.inference.constants import CURRENT_LATENCY_STD, LATENCY_STD, RAKING, SENSOR_STD
 from granite_lab.inference.observation import Observation
 from granite_lab.logs.trial import Array
 from granite_lab.model.instants import instants
 from granite_lab.parameters import Robot
 
-SENSORS = ("latency", "arm_x", "arm_z")
-"""What all trials share of the sensors: latency of the IMU's stamps [s], its place off the file [m]."""
+SENSORS = ("latency", "arm_x", "arm_z", "current_latency")
+"""What all trials share of the sensors: latency of the IMU's stamps behind those of the wheels [s], its place
+off the file [m], latency of the currents behind the wheels [s]."""
 
-SENSORS_STD = np.array([LATENCY_STD, SENSOR_STD["arm"], SENSOR_STD["arm"]])
+SENSORS_STD = np.array([LATENCY_STD, SENSOR_STD["arm"], SENSOR_STD["arm"], CURRENT_LATENCY_STD])
 
 _SHIFT_STEP = 1e-3
 
@@ -69,7 +70,8 @@ class TrialModel:
 
     def bins_of(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
         """Return channel to the (n,) bins of an (8, M) response, or (n, k) of (8, M, k)."""
-        return self.observation.binned(self.t, response, float(x[RAKED]), float(sensors[0]))
+        imu, currents = (float(sensors[SENSORS.index(name)]) for name in ("latency", "current_latency"))
+        return self.observation.binned(self.t, response, float(x[RAKED]), (0.0, imu, currents))
 
     def predict(self, response: Array, x: Array, sensors: Array) -> Array:
         """Return the (C, n) bins that the trial should show."""
@@ -117,13 +119,14 @@ class TrialModel:
         return np.stack([np.concatenate([own[c] for c in self.channels]) for own in columns], axis=1)
 
     def sensor_columns(self, response: Array, x: Array, sensors: Array) -> Array:
-        """Return the (C n, 3) derivatives of `predict` by `SENSORS`."""
-        late = self._later(response)
+        """Return the (C n, 4) derivatives of `predict` by `SENSORS`."""
+        late, late_currents = self._later(response), np.zeros_like(response)
+        late_currents[5:7] = late[5:7]
         late[3:] = 0.0  # only the IMU
         turning = self._turning(response)
         arm_x, arm_z = np.zeros_like(turning), np.zeros_like(turning)
         arm_z[0], arm_x[1] = turning[0], turning[1]
-        b = self.bins_of(np.dstack([late, arm_x, arm_z]), x, sensors)
+        b = self.bins_of(np.dstack([late, arm_x, arm_z, late_currents]), x, sensors)
         return np.concatenate([b[c] for c in self.channels])
 
     def effect_columns(self, changes: Array, x: Array, sensors: Array) -> Array:

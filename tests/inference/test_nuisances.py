@@ -1,4 +1,4 @@
-"""Derivatives of what a trial shows are those of differences; latency moves the IMU and nothing else."""
+"""Derivatives of what a trial shows are those of differences; a latency moves its sensor and nothing else."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from granite_lab.model.command import duration
 from tests.inference.stub import COMMANDS, drawn, predicted, problem_of
 
 IMU = ("accel_x", "accel_z", "pitch_rate")
+CURRENTS = ("current_f", "current_r")
 
 
 @pytest.fixture(scope="module")
@@ -81,16 +82,19 @@ def test_columns_far_from_the_start_are_those_of_differences_but_for_products(pr
         assert cosine > 0.99
 
 
-def test_latency_moves_the_imu_alone(trial: TrialModel, response: Array) -> None:
-    x, late = np.zeros(trial.size), np.array([0.004, 0.0, 0.0])
-    now, later = trial.predict(response, x, np.zeros(3)), trial.predict(response, x, late)
+@pytest.mark.parametrize(("name", "own"), [("latency", IMU), ("current_latency", CURRENTS)])
+def test_a_latency_moves_the_channels_of_its_sensor_alone(
+    trial: TrialModel, response: Array, name: str, own: tuple[str, ...]
+) -> None:
+    x, none, late = np.zeros(trial.size), np.zeros(len(SENSORS)), np.zeros(len(SENSORS))
+    late[SENSORS.index(name)] = 0.004
+    now, later = trial.predict(response, x, none), trial.predict(response, x, late)
     for k, c in enumerate(trial.channels):
-        if c in IMU:
-            continue
-        assert np.array_equal(now[k], later[k]), c
+        if c not in own:
+            assert np.array_equal(now[k], later[k]), c
     shifted = np.stack([np.interp(trial.t - 0.004, trial.t, s) for s in response])
-    wanted = trial.predict(shifted, x, np.zeros(3))
-    for c in IMU:
+    wanted = trial.predict(shifted, x, none)
+    for c in own:
         k = trial.channels.index(c)
         change = np.abs(later[k] - now[k]).max()
         assert np.abs(later[k] - wanted[k]).max() < 0.05 * change, c
@@ -99,8 +103,8 @@ def test_latency_moves_the_imu_alone(trial: TrialModel, response: Array) -> None
 def test_a_late_start_moves_all_channels(trial: TrialModel, response: Array) -> None:
     x = np.zeros(trial.size)
     x[RAKED] = 0.01
-    late = trial.predict(response, x, np.zeros(3))
-    now = trial.predict(response, np.zeros(trial.size), np.zeros(3))
+    late = trial.predict(response, x, np.zeros(len(SENSORS)))
+    now = trial.predict(response, np.zeros(trial.size), np.zeros(len(SENSORS)))
     k = trial.channels.index("wheel")
     middle = np.abs(trial.observation.t - duration(COMMANDS[1]) / 2) < 0.1
     rate = np.gradient(now[k], trial.observation.t)
@@ -110,12 +114,12 @@ def test_a_late_start_moves_all_channels(trial: TrialModel, response: Array) -> 
 def test_an_imu_further_forward_feels_the_pitching(trial: TrialModel, response: Array) -> None:
     """A rigid body: x forward, z up, Θ positive nose down; ω̇ × r for r = (x, 0, z)."""
     x = np.zeros(trial.size)
-    now = trial.predict(response, x, np.zeros(3))
+    now = trial.predict(response, x, np.zeros(len(SENSORS)))
     pitching = trial.bins_of(
-        np.stack([np.gradient(response[2], trial.t)] * 2 + [*response[2:]]), x, np.zeros(3)
+        np.stack([np.gradient(response[2], trial.t)] * 2 + [*response[2:]]), x, np.zeros(len(SENSORS))
     )["accel_x"]
     for name, channel, sign in (("arm_z", "accel_x", 1.0), ("arm_x", "accel_z", -1.0)):
-        sensors = np.zeros(3)
+        sensors = np.zeros(len(SENSORS))
         sensors[SENSORS.index(name)] = 0.02
         change = trial.predict(response, x, sensors) - now
         for k, c in enumerate(trial.channels):
@@ -126,8 +130,8 @@ def test_an_imu_further_forward_feels_the_pitching(trial: TrialModel, response: 
 def test_a_tilted_imu_turns_forces_and_keeps_their_size(trial: TrialModel, response: Array) -> None:
     x = np.zeros(trial.size)
     x[[s.name for s in trial.slacks].index("tilt")] = 0.01
-    plain = trial.predict(response, np.zeros(trial.size), np.zeros(3))
-    tilted = trial.predict(response, x, np.zeros(3))
+    plain = trial.predict(response, np.zeros(trial.size), np.zeros(len(SENSORS)))
+    tilted = trial.predict(response, x, np.zeros(len(SENSORS)))
     k, j = (trial.channels.index(c) for c in ("accel_x", "accel_z"))
     before, after = np.hypot(plain[k], plain[j]), np.hypot(tilted[k], tilted[j])
     assert after == pytest.approx(before, rel=1e-4)
