@@ -129,6 +129,9 @@ def fit(
             if tried is not None and drop > 0:
                 state = _State(aim, state.slopes, tried, residuals, state.normal.at(white))
                 damping, fresh = damping / 10 if damping > 0.02 else 0.0, False
+                if drop < LEAST and renew <= 0:  # at a kink of the model a step never brings what is promised
+                    converged = True
+                    break
             else:
                 damping = max(10 * damping, 0.1)
                 if damping > MOST_DAMPED:

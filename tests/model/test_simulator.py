@@ -118,8 +118,8 @@ def test_each_run_is_integrated_unless_sensors_with_faults_look_at_the_same_moti
         looked += 1
         return rest(*args)  # type: ignore[arg-type]
 
-    rest = simulator.rest_state
-    monkeypatch.setattr(simulator, "rest_state", evaluated)
+    rest = simulator._rest_state
+    monkeypatch.setattr(simulator, "_rest_state", evaluated)
     simulator._remembered.cache_clear()  # another test may have looked at this motion
     for _ in range(2):
         integrate(p)
