@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from benchmarks.against_truth import Velocities, errors, inside, rms, table
 from benchmarks.blind_code import commit
-
-if TYPE_CHECKING:
-    from benchmarks.real_logs import LogSet
+from benchmarks.log_set import LogSet
 
 HIGH = 0.4
 """Slip ratio above which coverage is told apart."""

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from benchmarks.against_truth import Velocities, errors, inside, rms, slip_ratio
+from benchmarks.log_set import LogSet, wheel_speed
 from benchmarks.real_logs import (
-    LogSet,
     boreal,
     delay,
     delays,
@@ -21,7 +21,6 @@ from benchmarks.real_logs import (
     sliding,
     small_car,
     standstills,
-    wheel_speed,
 )
 from granite_lab.logs.trial import Series, Trial, TrialInfo, WheelStream
 
