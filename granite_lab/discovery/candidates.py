@@ -153,7 +153,7 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
         len(each),
     )
     first = [everyone[0] for everyone in problem.commands]
-    raw = dict(zip(first, problem.columns_of(first, fit.point, fit.slopes, further), strict=True))
+    raw = {i: problem.columns(i, fit.point, fit.slopes, further) for i in first}
     normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, known=raw)
     std, mean = problem.prior(fit.point, fit.scales)
     marginal = normal.marginal(fit.scales)

@@ -141,7 +141,7 @@ def search(
             with suppress(EstimateError):
                 found[key] = _model(key, fit(problem, start, near.scales), candidates)
 
-    def extended(model: Model, wanted: Callable[[str], bool], most: int = TRIED) -> list[Score]:
+    def extended(model: Model, wanted: Callable[[str, float], bool], most: int = TRIED) -> list[Score]:
         """Fit the promising ones of the wanted candidates beside those of a model, and return them."""
         if model.effects not in looks:
             tell(f"screening candidates beside {_words(model.effects)}")
@@ -150,7 +150,8 @@ def search(
             sizes = FEW if closed else ALL
             origins = _origins(problem, model.fit)
             looks[model.effects] = tuple(_look(problem, f, others, sizes) for f in origins)
-        promising = _promising({c: p for c, p in _promises(looks[model.effects]).items() if wanted(c)}, most)
+        promises = _promises(looks[model.effects])
+        promising = _promising({c: p for c, p in promises.items() if wanted(c, p.gain)}, most)
         for origin, score in promising:
             start = problem.with_effect(origin.point, score.candidate, score.values, score.own)
             fitted((*model.effects, score.candidate), start, model.fit)
@@ -168,7 +169,7 @@ def search(
     path: list[tuple[str, list[Score]]] = []
     for _ in range(MOST):
         fine = settled(current)
-        wanted = left_open(current, looks, own) if fine else lambda _: True
+        wanted = left_open(current, looks, own) if fine else lambda *_: True
         tried = extended(current, wanted, 1 if fine else TRIED)
         best = best_of(current, tried)
         if fine and best is not current:
@@ -194,8 +195,8 @@ def search(
 
 def left_open(
     model: Model, looks: Mapping[tuple[str, ...], tuple[Look, ...]], own: Collection[str]
-) -> Callable[[str], bool]:
-    """Return which candidates are of interest beside a model that leaves no discrepancy.
+) -> Callable[[str, float], bool]:
+    """Return which candidates, by their gain, are of interest beside a model that leaves no discrepancy.
 
     It says nothing of what differs from trial to trial. Where the formulas of its effects need the largest
     error that is allowed, another effect may be hidden there, which is no rival of theirs: one that promised
@@ -203,13 +204,13 @@ def left_open(
 
     Args:
         model: the effects with their fit.
-        looks: screens so far; that beside the model is there when a candidate is asked for.
+        looks: screens so far.
         own: candidates with numbers of their own in each trial.
     """
     if not model.effects:
-        return lambda _: True
+        return lambda *_: True
     if model.fit.scales.formula < FORMULAS[1]:
-        return lambda c: c in own
+        return lambda c, _: c in own
     without: dict[str, float] = {}
     rivals: set[str] = set()
     for promises in (_promises(screens) for effects, screens in looks.items() if effects != model.effects):
@@ -217,12 +218,7 @@ def left_open(
         rivals |= {c for c, p in promises.items() if p.gain >= RIVAL * best}
         without |= {c: max(p.gain, without.get(c, -np.inf)) for c, p in promises.items()}
 
-    def wanted(c: str) -> bool:
-        if is_empirical(c):
-            return False
-        return c in own or c not in rivals or _promises(looks[model.effects])[c].gain >= without[c]
-
-    return wanted
+    return lambda c, gain: not is_empirical(c) and (c in own or c not in rivals or gain >= without[c])
 
 
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:

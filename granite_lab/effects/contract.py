@@ -209,10 +209,9 @@ def _linear(effect: Effect) -> tuple[bool | None, str]:
     plain = simulate(variant, robot, soil)
     worst, where = 0.0, ""
     for p in declared:
+        sizes = (p.neutral + share * (p.prior_high - p.neutral) for share in (0.25, 1.0))
         few, many = (
-            simulate(variant, robot, soil, effects=(activate(effect, {p.name: p.neutral + share * size}),))
-            for size in (p.prior_high - p.neutral,)
-            for share in (0.25, 1.0)
+            simulate(variant, robot, soil, effects=(activate(effect, {p.name: size}),)) for size in sizes
         )
         traces = np.array([[run[c] - plain[c] for c in CHANNELS] for run in (few, many)])
         weight = np.array([np.abs(plain[c]).max() for c in CHANNELS])[:, None]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
 from types import TracebackType
-from typing import ClassVar, Self, TypeVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -20,9 +19,6 @@ from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
 from granite_lab.processes import forked, spread
-
-X = TypeVar("X")
-Y = TypeVar("Y")
 
 SIGNALS = (
     "imu_ax_mps2", "imu_az_mps2", "imu_gy_radps", "enc_f_rad", "enc_r_rad", "cur_f_A", "cur_r_A", "v_mps",
@@ -142,7 +138,6 @@ class Bench:
         self._respond = respond
         self._tick = tick
         self._pool = forked(jobs, _enter, world) if respond is None else None
-        self._threads = ThreadPoolExecutor(jobs) if jobs > 1 else None
         self._known: dict[Task, Array | None] = {}
 
     def __enter__(self) -> Self:
@@ -153,13 +148,6 @@ class Bench:
     ) -> None:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
-        if self._threads is not None:
-            self._threads.shutdown(cancel_futures=True)
-            self._threads = None  # the problem may still be looked at, in this thread
-
-    def beside(self, call: Callable[[X], Y], items: Iterable[X]) -> list[Y]:
-        """Return ``call(item)`` of each item, several at a time: linear algebra, which threads can share."""
-        return list(map(call, items) if self._threads is None else self._threads.map(call, items))
 
     def run(self, tasks: Sequence[Task], *, keep: bool = True) -> list[Array | None]:
         """Return the (8, M) signals of each task, None where a run has no solution.

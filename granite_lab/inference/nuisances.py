@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.inference.bench import ACCURACY, RAKED, SAND
+from granite_lab.inference.binning import CURRENTS, IMU, SENSOR_OF
 from granite_lab.inference.constants import CURRENT_LATENCY_STD, LATENCY_STD, RAKING, SENSOR_STD
 from granite_lab.inference.observation import Observation
 from granite_lab.logs.trial import Array
@@ -120,13 +121,12 @@ class TrialModel:
 
     def sensor_columns(self, response: Array, x: Array, sensors: Array) -> Array:
         """Return the (C n, 4) derivatives of `predict` by `SENSORS`."""
-        late, late_currents = self._later(response), np.zeros_like(response)
-        late_currents[5:7] = late[5:7]
-        late[3:] = 0.0  # only the IMU
+        late, sensor = self._later(response), np.array(SENSOR_OF)[:, None]
+        late_imu, late_currents = (np.where(sensor == own, late, 0.0) for own in (IMU, CURRENTS))
         turning = self._turning(response)
         arm_x, arm_z = np.zeros_like(turning), np.zeros_like(turning)
         arm_z[0], arm_x[1] = turning[0], turning[1]
-        b = self.bins_of(np.dstack([late, arm_x, arm_z, late_currents]), x, sensors)
+        b = self.bins_of(np.dstack([late_imu, arm_x, arm_z, late_currents]), x, sensors)
         return np.concatenate([b[c] for c in self.channels])
 
     def effect_columns(self, changes: Array, x: Array, sensors: Array) -> Array:

@@ -390,21 +390,19 @@ class Problem:
         size = end + each * len(self.trials) + 1
         shared = np.arange(local, end)
 
-        def whitened(i: int) -> tuple[Places, Array]:
-            own, candidates = np.arange(first[i], first[i + 1]), end + i * each + np.arange(each)
-            place = np.concatenate([own, shared, candidates])
-            columns = known[i] if i in known else self.columns(i, point, slopes, further)
-            return place, self.whiten(i, columns)
-
         parts = []
         for command, everyone in enumerate(self.commands):
-            rows = dict(zip(everyone, self.bench.beside(whitened, everyone), strict=True))
+            rows: dict[int, tuple[Places, Array]] = {}
+            for i in everyone:
+                own, candidates = np.arange(first[i], first[i + 1]), end + i * each + np.arange(each)
+                columns = known[i] if i in known else self.columns(i, point, slopes, further)
+                rows[i] = np.concatenate([own, shared, candidates]), self.whiten(i, columns)
             traces = self._traces(point, slopes, command)
-            for own in [(i,) for i in everyone] if apart else [everyone]:
-                at = np.unique(np.concatenate([*(rows[i][0] for i in own), [size - 1]]))
-                names = dict.fromkeys(c for i in own for c in self.trials[i].channels)
-                of = partial(self._channel, command, own, at, rows, white, traces)
-                parts.append(CommandPart(at, tuple(self.bench.beside(of, names))))
+            for some in [(i,) for i in everyone] if apart else [everyone]:
+                at = np.unique(np.concatenate([*(rows[i][0] for i in some), [size - 1]]))
+                names = dict.fromkeys(c for i in some for c in self.trials[i].channels)
+                of = partial(self._channel, command, some, at, rows, white, traces)
+                parts.append(CommandPart(at, tuple(map(of, names))))
         return Normal(tuple(parts), size, p)
 
     def _traces(self, point: Point, slopes: Slopes, command: int) -> dict[str, list[Array]]:
@@ -448,12 +446,6 @@ class Problem:
             across[:, k] += B.T @ full
             rows.append(Rows(i, bins, place, A, B))
         return ChannelPart(name, whole.columns, kind, tuple(rows), gram, basis, across)
-
-    def columns_of(
-        self, trials: Sequence[int], point: Point, slopes: Slopes, further: Further | None = None
-    ) -> list[Array]:
-        """Return `columns` of several trials."""
-        return self.bench.beside(lambda i: self.columns(i, point, slopes, further), trials)
 
     def columns(self, i: int, point: Point, slopes: Slopes, further: Further | None = None) -> Array:
         """Return the (C n, k) derivatives of what a trial should show.

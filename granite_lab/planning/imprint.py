@@ -12,7 +12,7 @@ from granite_lab.inference import noise
 from granite_lab.inference.bench import ACCURACY, Bench, World
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.observation import CHANNELS, Observation
-from granite_lab.inference.problem import Further, Problem
+from granite_lab.inference.problem import Further, Problem, stacked
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil, Variant
@@ -84,7 +84,8 @@ def imprint(
         hint = "the effect is too strong for this robot on this soil"
         raise EstimateError(f"{active.id}: a simulation does not converge", hint)
     problem.weigh(noise.nominal(problem), point, slopes)
-    change = tuple((run - response)[..., None] for run, response in zip(runs, slopes.response, strict=True))
+    pairs = zip(runs, slopes.response, strict=True)
+    change = tuple(stacked([run - response], response) for run, response in pairs)
     nothing = [np.zeros_like(t.measured) for t in trials]
     normal = problem.normal(point, slopes, nothing, further=Further(change))
     rows: dict[tuple[int, str], Array] = {}  # whitened, the change behind the nuisances

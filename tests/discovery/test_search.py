@@ -31,18 +31,22 @@ LOOKS = {
 
 
 @pytest.mark.parametrize(
-    ("candidate", "open_"),
+    ("candidate", "gain", "open_"),
     [
-        ("reaction", True),  # nothing of it is explained: the other effect of a pair
-        ("friction", False),  # a rival, in part explained away, that closes what the formula leaves
-        ("drag", True),  # never a rival
-        ("empirical.force_slip", False),
+        ("reaction", 380.0, True),  # nothing of it is explained: the other effect of a pair
+        ("friction", 101.0, False),  # a rival, in part explained away, that closes what the formula leaves
+        ("drag", 5.0, True),  # never a rival
+        ("empirical.force_slip", 400.0, False),
     ],
 )
-def test_beside_a_formula_at_its_limit_rivals_are_no_candidates(candidate: str, open_: bool) -> None:
-    assert left_open(beside_play(FORMULAS[1]), LOOKS, ())(candidate) is open_
+def test_beside_a_formula_at_its_limit_rivals_are_no_candidates(
+    candidate: str, gain: float, open_: bool
+) -> None:
+    assert left_open(beside_play(FORMULAS[1]), LOOKS, ())(candidate, gain) is open_
 
 
 def test_beside_a_model_that_leaves_nothing_only_what_differs_from_trial_to_trial_is_open() -> None:
     wanted = left_open(beside_play(0.5 * FORMULAS[1]), LOOKS, {"drag"})
-    assert [c for c in LOOKS["play",][0].scores if wanted(c.candidate)] == [LOOKS["play",][0].scores[2]]
+    assert [c for c in LOOKS["play",][0].scores if wanted(c.candidate, c.gain)] == [
+        LOOKS["play",][0].scores[2]
+    ]
