@@ -28,7 +28,6 @@ def test_the_imu_without_noise_measures_the_motion(kind: str) -> None:
         draw_sensors(rng), accel=0, gyro=0, accel_bias=0, gyro_bias=0, shake=0, late=0, imu_rate=200
     )
     imu = sense(course, sensors, rng).imu
-    assert imu is not None
     rate = imu.angular_rate[:, 1]
     pitch = course.pitch[0] + np.cumsum(rate) / 200
     force = imu.specific_force[:, 0] + 9.81 * np.sin(pitch) + 0.10 * rate**2
@@ -61,7 +60,6 @@ def test_who_is_told_more_knows_more() -> None:
         rng = np.random.default_rng(seed)
         course, sensors = make_course("is stuck", rng), draw_sensors(rng)
         imu = sense(course, sensors, rng).imu
-        assert imu is not None
         v = np.interp(imu.t - sensors.late, course.t, course.v)
         for told in squares:
             squares[told] += rms(by_least_squares(course, sensors, imu, slip_told=told) - v) ** 2

@@ -21,7 +21,7 @@ PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
 SAMPLE = ROOT / "data" / "samples" / "virtual_v0.3_r1.csv"
 COMMANDS = {
     name: [p for p in command.params if p.name not in ("help", "install_completion", "show_completion")]
-    for name, command in typer.main.get_command(app).commands.items()  # type: ignore[attr-defined]
+    for name, command in typer.main.get_command(app).commands.items()
 }
 TEXTS = st.one_of(
     st.sampled_from(

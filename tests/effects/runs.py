@@ -10,8 +10,6 @@ from granite_lab.model.effect import activate
 from granite_lab.parameters import load_robot, load_soil, variant_of
 
 ROBOT, SOIL = load_robot(), load_soil()
-assert ROBOT.chassis is not None
-assert ROBOT.drive is not None
 CHASSIS, DRIVE = ROBOT.chassis, ROBOT.drive
 
 

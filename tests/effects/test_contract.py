@@ -5,15 +5,23 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from granite_lab.effects import get, library, load_effects
-from granite_lab.effects.contract import Check, contract, refuse_failed
+from granite_lab.effects.contract import CHANNELS, Check, contract, typical
+from granite_lab.effects.documentation import markdown
 from granite_lab.effects.library import neutral_gap, read_effects
 from granite_lab.errors import InputError
-from granite_lab.model import interpreted
-from tests.corpus.cli import lab
+from granite_lab.model import interpreted, simulate
+from granite_lab.model.effect import activate
+from granite_lab.parameters import load_variants
+from tests.corpus.cli import ROOT, lab
 from tests.effects.example import EXAMPLE
+from tests.effects.runs import ROBOT, SOIL, run, variant_of
+
+NOISE = dict(zip(CHANNELS, (0.05, 0.07, 0.003, 3e-5, 3e-5, 0.05, 0.05), strict=True))
+"""Of a single sample (encoders: half a count)."""
 
 
 @pytest.mark.parametrize("effect_id", library())
@@ -23,6 +31,22 @@ def test_an_effect_of_the_library_keeps_the_contract(effect_id: str) -> None:
     assert [c for c in checks if c.passed is False] == []
     # the library's effects are the paper's model to the last digit, not only to rounding
     assert neutral_gap(get(effect_id)) == 0.0
+
+
+@pytest.mark.parametrize("effect_id", library())
+def test_a_typical_strength_shows_in_some_channel(effect_id: str) -> None:
+    active, largest = typical(get(effect_id)), 0.0
+    for variant in load_variants():
+        plain, run = (simulate(variant, ROBOT, SOIL, effects=e) for e in ((), (active,)))
+        largest = max(largest, *(np.abs(run[c] - plain[c]).max() / NOISE[c] for c in CHANNELS))
+    assert largest > 1
+
+
+def test_effects_add_up() -> None:
+    """Several at once: the graph is built, each acts, and the order changes little."""
+    pair = [typical(get(i)) for i in ("tyre_windup", "drive_reaction", "gear_backlash", "clock_offset")]
+    a, b = (simulate(load_variants()[2], ROBOT, SOIL, effects=tuple(e)) for e in (pair, pair[::-1]))
+    np.testing.assert_allclose(a["v_mps"], b["v_mps"], rtol=0, atol=5e-4)
 
 
 def checks_of(tmp_path: Path, source: str) -> dict[str, Check]:
@@ -76,23 +100,6 @@ def test_where_there_is_no_compiler_that_check_is_left_open(monkeypatch: pytest.
     assert "no compiler" in last.detail
 
 
-def test_the_example_of_the_page_keeps_the_contract_and_is_loaded_all_the_same(tmp_path: Path) -> None:
-    assert [c for c in checks_of(tmp_path, EXAMPLE).values() if c.passed is False] == []
-    assert list(load_effects(tmp_path / "my_effect.py")) == ["head_wind"]
-
-
-def test_failed_checks_are_refused_with_their_number() -> None:
-    checks = [
-        Check("a", True, ""),
-        Check("b", None, ""),
-        Check("c", False, "too late"),
-        Check("d", False, ""),
-    ]
-    refuse_failed({"x": checks[:2]}, "f.py")
-    with pytest.raises(InputError, match=r"f\.py: effect 'x': 2 of 4 checks failed, first: c: too late"):
-        refuse_failed({"x": checks}, "f.py")
-
-
 def test_the_command_reports_every_check_and_ends_with_3_on_failure(tmp_path: Path) -> None:
     good, bad = tmp_path / "good.py", tmp_path / "bad.py"
     good.write_text(EXAMPLE)
@@ -106,3 +113,30 @@ def test_the_command_reports_every_check_and_ends_with_3_on_failure(tmp_path: Pa
     assert "FAILED" in done.out
     assert done.err.splitlines()[0].startswith(f"error: {bad}: effect 'head_wind': 1 of 12 checks failed")
     assert lab("effects", "check", "no_such_effect").code == 2
+
+
+def test_the_page_of_effects_is_what_the_effects_say() -> None:
+    page = ROOT / "docs" / "effects.md"
+    assert page.read_text(encoding="utf-8") == markdown(), "python -m granite_lab.effects.documentation"
+
+
+def test_an_effect_file_is_loaded_and_acts(tmp_path: Path) -> None:
+    file = tmp_path / "my_effect.py"
+    file.write_text(EXAMPLE)
+    effects = load_effects(file)
+    assert list(effects) == ["head_wind"]
+    assert load_effects(file)["head_wind"] is effects["head_wind"]  # one graph serves all runs
+    windy = simulate(variant_of(0.5), ROBOT, SOIL, effects=(activate(effects["head_wind"], {"force": 5.0}),))
+    assert windy.slip_ratio > run().slip_ratio + 0.005
+    assert windy.effects == {"head_wind": {"force": 5.0}}
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['(("force", "other"),)', '("force", "force")', "3", "((1, 2),)", '(("force", []),)', '(("force",),)'],
+)
+def test_circles_are_pairs_of_parameters(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "my_effect.py"
+    file.write_text(EXAMPLE.replace("    source =", f"    circles = {text}\n    source ="))
+    with pytest.raises(InputError, match="not a pair of parameters"):
+        load_effects(file)

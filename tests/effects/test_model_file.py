@@ -14,10 +14,8 @@ from granite_lab.effects import get, load_effects
 from granite_lab.effects.model_file import FittedEffect, ModelFile, load_model, save_model
 from granite_lab.errors import InputError
 from granite_lab.estimate import Estimate
-from granite_lab.model import simulate
 from granite_lab.parameters.quantity import toml
 from tests.effects.example import EXAMPLE
-from tests.effects.runs import ROBOT, SOIL, variant_of
 
 MODEL = ModelFile(
     "granite",
@@ -49,14 +47,6 @@ def test_a_model_comes_back_as_it_was_written(tmp_path: Path) -> None:
     assert [a.id for a in back.effects] == ["tyre_windup", "drive_reaction"]
     assert back.effects[0].as_dict() == {"compliance": 2.1e-3, "retardation": 0.012, "tread_share": 0.18}
     assert (back.k92, back.a_theta) == (None, 4.87)
-
-
-def test_a_loaded_model_simulates(tmp_path: Path) -> None:
-    path = tmp_path / "model.toml"
-    save_model(MODEL, path)
-    model = load_model(path)
-    r = simulate(variant_of(0.3), ROBOT, SOIL, a_theta=model.a_theta, effects=model.effects)
-    assert set(r.effects) == {"tyre_windup", "drive_reaction"}
 
 
 @settings(max_examples=200, deadline=None)

@@ -21,8 +21,8 @@ MODEL = model_parameters(ROBOT, SOIL, variant_of(0.5), a_theta=4.919)
 
 def steady_force(r: object, name: str) -> float:
     """Return the sum over the four wheels at the end of the steady part."""
-    t = r.steady[1]  # type: ignore[attr-defined]
-    return 2 * (at(r, t, f"{name}_f_N") + at(r, t, f"{name}_r_N"))  # type: ignore[arg-type]
+    t = r.steady[1]
+    return 2 * (at(r, t, f"{name}_f_N") + at(r, t, f"{name}_r_N"))
 
 
 def test_pushing_sand_ahead_costs_slip_and_the_passive_pressure_of_rankine() -> None:

@@ -38,15 +38,15 @@ def _tyre(κ: float, T_r: float, share: float, T: float, resist: float, t: np.nd
 
     def rates(_: float, x: np.ndarray) -> list[float]:
         states = dict(zip(effect.states, [x[1], x[2], 0.0, 0.0], strict=True))
-        own = Own(values, states, 0.0, None)  # type: ignore[arg-type]
+        own = Own(values, states, 0.0, None)
         moment = -resist * (x[0] - κ * x[2])
         axle = SimpleNamespace(
             state=SimpleNamespace(front=True), forces=SimpleNamespace(moment=moment),
             rim_acceleration=lambda inertia: (T + moment) / inertia,
         )  # fmt: skip
-        found = effect.rates((axle, axle), p, own)  # type: ignore[arg-type]
+        found = effect.rates((axle, axle), p, own)
         rigid = axle.rim_acceleration(CHASSIS.wheel_inertia)
-        turning = effect.rim_acceleration(rigid, axle, p, own)  # type: ignore[arg-type]
+        turning = effect.rim_acceleration(rigid, axle, p, own)
         return [turning, found["torque_f"], found["torque_rate_f"]]
 
     run = solve_ivp(rates, (0, t[-1]), [0.0] * 3, t_eval=t, method="LSODA", rtol=1e-10, atol=1e-12)
@@ -195,8 +195,8 @@ def test_the_bus_gives_the_current_after_its_time_constant() -> None:
     p = SimpleNamespace(drive=DRIVE)
 
     def rate(_: float, x: np.ndarray) -> float:
-        own = Own({"time": T_s}, {"drawn": x[0]}, 0.0, None)  # type: ignore[arg-type]
-        return float(effect.rates((axles[0], axles[1]), p, own)["drawn"])  # type: ignore[arg-type]
+        own = Own({"time": T_s}, {"drawn": x[0]}, 0.0, None)
+        return float(effect.rates((axles[0], axles[1]), p, own)["drawn"])
 
     drawn = solve_ivp(rate, (0, 0.05), [0.0], t_eval=t, rtol=1e-9, atol=1e-12).y[0]
     power = 2 * (6.0 * 2.0 + 5.0 * 3.0)

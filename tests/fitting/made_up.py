@@ -95,7 +95,7 @@ def made_up_trial(
         slip_std=np.where(np.isnan(slip), np.nan, velocity_std / floor),
         slip_velocity=v_wheel.mean(axis=1) - v,
         slip_velocity_std=np.full(t.size, velocity_std),
-        phase=tuple(phase_of(t - start, variant)),  # type: ignore[arg-type]
+        phase=tuple(phase_of(t - start, variant)),
         slip_ratio=Estimate(run.slip_ratio + slip_std * rng.standard_normal(), slip_std),
         distance=Estimate(float(run["x_m"][-1]), 0.005),
         distance_wheels=Estimate(float(run["theta_f_rad"][-1]) * robot.wheels.radius, 0.001),
@@ -107,7 +107,6 @@ def made_up_trial(
         noise={},
         health=HEALTHY,
     )
-    assert trial.imu is not None
     corrected = dataclasses.replace(trial, imu=dataclasses.replace(trial.imu, robot_axes=True))
     return motion, corrected, run, start
 

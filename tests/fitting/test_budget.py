@@ -43,7 +43,6 @@ def test_the_budget_of_a_theta_adds_up(shift: dict[float, float], scatter: float
     trials = fits(shift, scatter)
     found = fit_a_theta(trials)
     budget = of_a_theta(found, trials)
-    assert budget is not None
     assert budget.combined == pytest.approx(found.a_theta.std, rel=1e-6)
     assert sum(budget.share(p) for p in budget.parts) == pytest.approx(1.0)
     assert ("departure of the speeds from the law (27)" in {p.name for p in budget.parts}) == bool(shift)
@@ -61,11 +60,9 @@ def test_the_sensitivity_of_a_theta_is_its_derivative() -> None:
 def test_what_scatters_beyond_the_stated_std_is_a_component_of_type_a() -> None:
     parts = [(Part("sensor", "A", "normal", "m/s²", 0.01, 0.002),)] * 3
     budget = of_mean(0.3, Estimate(0.1, 0.004), parts)
-    assert budget is not None
     assert budget.combined == pytest.approx(0.004)
     scatter = next(p for p in budget.parts if p.name == SCATTER)
     assert scatter.contribution == pytest.approx(math.sqrt(0.004**2 - 0.002**2 / 3))
     assert scatter.kind == "A"
     narrow = of_mean(0.3, Estimate(0.1, 0.002 / math.sqrt(3)), parts)
-    assert narrow is not None
     assert [p.name for p in narrow.parts] == ["sensor"]

@@ -49,8 +49,6 @@ def plain() -> K92Fit:
 
 def late(trial: Trial, by: float, *, said: bool = False) -> Trial:
     """Encoders and currents whose stamps are early, and perhaps a log that says so."""
-    assert trial.wheels is not None
-    assert trial.currents is not None
     return replace(
         trial,
         wheels=replace(trial.wheels, t=trial.wheels.t - by),
@@ -71,7 +69,7 @@ def restarted(trial: Trial, at: float) -> Trial:
 def apart(found: K92Fit) -> tuple[float, float]:
     """Difference to the good trial's k_92 by slip and by trajectory, over its std."""
     pairs = (found.k92, plain().k92), (found.k92_trajectory, plain().k92_trajectory)
-    return tuple(abs(one.value - other.value) / other.std for one, other in pairs)  # type: ignore[return-value]
+    return tuple(abs(one.value - other.value) / other.std for one, other in pairs)
 
 
 def test_good_trial_has_the_k92_of_the_simulator() -> None:

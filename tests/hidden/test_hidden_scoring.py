@@ -78,12 +78,9 @@ def test_parameters_are_judged_where_the_name_is_right() -> None:
     assert parameter.z == pytest.approx(2.0)
     assert parameter.relative == pytest.approx(0.25)
     assert score(answer("b"), finding("named", ("a",))).parameters == ()
-
-
-def test_a_parameter_without_std_has_no_z() -> None:
-    found = finding("named", ("a",))
-    found["effects"][0]["parameters"]["size"]["std"] = None
-    (parameter,) = score(answer("a"), found).parameters
+    without = finding("named", ("a",))
+    without["effects"][0]["parameters"]["size"]["std"] = None
+    (parameter,) = score(answer("a"), without).parameters
     assert parameter.z is None
     assert parameter.relative == pytest.approx(0.25)
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from granite_lab.api.hidden import hide, reveal
-from granite_lab.cli import main
 from granite_lab.errors import UsageError
 from granite_lab.hidden.contact import faster, forces_by_loops, forces_of_arrays
 from granite_lab.hidden.lab import Lab, bench, drives, lab_of, wild
@@ -22,6 +21,7 @@ from granite_lab.hidden.sensors import read_imu
 from granite_lab.hidden.wish import Wish
 from granite_lab.logs import read_trial
 from granite_lab.parameters import Variant, load_robot, load_soil
+from tests.corpus import cli
 from tests.truth.simulator import body_from_run, simulate
 
 SHORT = (Variant(velocity=0.3, acceleration=1.2, distance=0.4),)
@@ -120,8 +120,6 @@ def test_the_trials_of_a_seed_share_the_laboratory_whatever_is_hidden() -> None:
     assert (a["raking"], a["radii"]) == (b["raking"], b["radii"])
     assert np.std(a["radii"]) < 4 * one["lab"]["wheels"]["radius"]
     first, second = (trials[0].wheels for trials, _ in made)
-    assert first is not None
-    assert second is not None
     assert first.t.size == second.t.size  # it stands still as long
 
 
@@ -131,7 +129,6 @@ def test_wheels_roll_by_their_radii_or_are_counted_by_them() -> None:
         (trial,), answer = make_set(
             Wish("none", seed, lab="wild"), load_robot(), load_soil(), repetitions=1, variants=SHORT
         )
-        assert trial.wheels is not None
         radii = np.array(answer["trials"]["hidden_v0.3_r1"]["radii"])
         angle = trial.wheels.angle[-1]
         apart = np.ptp(angle) / angle.mean()
@@ -167,22 +164,16 @@ def test_robot_and_sand_lie_beside_the_trials_and_are_found_from_anywhere(folder
         assert not trial.warnings
         assert load_robot(trial.info.robot or "") == lab.filed
         assert load_soil(trial.info.soil or "") == lab.filed_soil
-        assert trial.wheels is not None
         rolled = trial.wheels.angle[-1].mean() * lab.filed.wheels.radius
         assert rolled == pytest.approx(trial.info.distance, rel=0.02)
     assert lab.filed.imu.x != lab.robot.imu.x
 
 
-def test_the_sealed_answer_holds_what_was_drawn(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_sealed_answer_holds_what_was_drawn(folder: Path) -> None:
     drawn = reveal(folder).answer["lab"]
     assert drawn["name"] == "wild"
     assert {"robot", "soil", "sand_off", "scatter", "imu", "wheels", "currents", "near_rest"} <= set(drawn)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["granite-lab", "reveal", str(folder)])
-        with pytest.raises(SystemExit) as end:
-            main()
-    assert not end.value.code
-    shown = capsys.readouterr().out
+    shown = cli.lab("reveal", folder).out
     assert "Nothing is hidden" in shown
     assert "near_rest: holds_below" in shown
 
@@ -192,7 +183,6 @@ def test_the_offset_of_the_clocks_is_told_as_the_stamps_show_it() -> None:
     lab, sizes = labs()[3], {"clock_offset.offset": -0.03}
     wish = Wish("clock_offset", 3, lab="wild", sizes=sizes)
     _, answer = make_set(wish, load_robot(), load_soil(), variants=SHORT, repetitions=1)
-    assert lab.robot.imu_grade is not None
     late = lab.late + 0.5 / lab.robot.imu_grade.rate
     told = answer["effects"][0]["parameters"]["offset"]["value"]
     assert told == pytest.approx(-0.03 - late)

@@ -100,12 +100,12 @@ def _log(rng: np.random.Generator, low: float, high: float) -> float:
 
 def _changed(record: T, new: Any) -> T:
     changes = {}
-    for field in dataclasses.fields(record):  # type: ignore[arg-type]
+    for field in dataclasses.fields(record):
         if "unit" in field.metadata:
             low, high = field.metadata["low"], field.metadata["high"]
             value = float(new(low, high, getattr(record, field.name)))
             changes[field.name] = min(max(value, low), high)
-    return dataclasses.replace(record, **changes)  # type: ignore[type-var]
+    return dataclasses.replace(record, **changes)
 
 
 def scaled(robot: Robot, soil: Soil, size: float) -> tuple[Robot, Soil]:
@@ -115,8 +115,6 @@ def scaled(robot: Robot, soil: Soil, size: float) -> tuple[Robot, Soil]:
     with `size` and currents with its power 2.5.
     """
     s, n = size, soil.exponent
-    assert robot.chassis is not None
-    assert robot.drive is not None
     w, c, d = robot.wheels, robot.chassis, robot.drive
     return (
         dataclasses.replace(
@@ -179,8 +177,6 @@ def energies(run: Run) -> Energies:
     Everything is taken in the ground frame from the motion of R, independently of (20)-(23).
     """
     c, d = run.robot.chassis, run.robot.drive
-    assert c is not None
-    assert d is not None
     t, Θ, q = run.t, run["pitch_rad"], run["pitch_rate_radps"]
     ż = run["v_z_mps"]
     ẋ = (run["v_mps"] + np.sin(Θ) * ż) / np.cos(Θ)

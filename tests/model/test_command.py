@@ -21,7 +21,7 @@ variants = st.builds(
 
 def evaluate(function: object, variant: Variant, t: np.ndarray) -> np.ndarray:
     symbol = ca.SX.sym("t")
-    return np.array(ca.Function("f", [symbol], [function(symbol, variant)])(t[None, :])).ravel()  # type: ignore[operator]
+    return np.array(ca.Function("f", [symbol], [function(symbol, variant)])(t[None, :])).ravel()
 
 
 @given(variants)

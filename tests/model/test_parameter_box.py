@@ -10,7 +10,6 @@ import pytest
 from granite_lab.errors import EstimateError
 from granite_lab.model import Accuracy, Run, simulate
 from granite_lab.model.body import BodyState, accelerations, ground_load
-from granite_lab.model.contact import WheelState, contact_angles, wheel_forces
 from granite_lab.model.limits import MAX_SAMPLES
 from granite_lab.model.simulator import rest_state
 from granite_lab.model.symbols import model_parameters
@@ -29,8 +28,6 @@ REASONS = (
     "the desired velocity is never steady",
 )
 USUAL, FINE = Accuracy(), Accuracy(1e-6, 1e-8, 0.0005)
-assert ROBOT.chassis is not None
-assert ROBOT.drive is not None
 
 
 def run_of(d: Draw, accuracy: Accuracy = USUAL) -> Run | str:
@@ -73,8 +70,6 @@ def test_a_random_robot_gives_a_consistent_run_or_a_reason(batch: int) -> None:
 def assert_no_runaway(run: Run, number: int) -> None:
     """With effects that change masses, radii and forces a rough bound on kinetic energy remains."""
     c, d = run.robot.chassis, run.robot.drive
-    assert c is not None
-    assert d is not None
     power = sum(
         2 * d.gear_ratio * d.torque_constant * run[f"current_{a}_A"] * run[f"omega_{a}_radps"] for a in "fr"
     )
@@ -161,8 +156,6 @@ def test_a_robot_of_another_size_slips_alike(size: float, number: int) -> None:
 @pytest.mark.parametrize("factor", [0.2, 7.0])
 def test_all_forces_by_one_factor_leave_the_motion_as_it_is(factor: float) -> None:
     c, d = ROBOT.chassis, ROBOT.drive
-    assert c is not None
-    assert d is not None
     names = ("body_mass", "wheel_mass", "wheel_inertia", "pitch_inertia", "contact_damping")
     heavy = dataclasses.replace(
         ROBOT,
@@ -201,41 +194,18 @@ def test_mirrored_forces_give_mirrored_accelerations() -> None:
     """(19)-(22): forward and nose-down change sign together, wherever the forces act."""
     rng = np.random.default_rng(2)
     for _ in range(50):
-        c = dataclasses.replace(ROBOT.chassis, com_x=rng.normal(0, 0.2), com_z=rng.normal(0, 0.2))  # type: ignore[type-var]
-        mirrored = dataclasses.replace(c, com_x=-c.com_x)  # type: ignore[union-attr]
+        c = dataclasses.replace(ROBOT.chassis, com_x=rng.normal(0, 0.2), com_z=rng.normal(0, 0.2))
+        mirrored = dataclasses.replace(c, com_x=-c.com_x)
         pitch, forces = rng.normal(0, 0.3), rng.normal(0, 100, 4)
-        half = c.wheel_base / 2  # type: ignore[union-attr]
+        half = c.wheel_base / 2
         a = accelerations(
             c, ground_load(BodyState(0, 0, pitch, 0, 0, 0), c, [(half, *forces[:2]), (-half, *forces[2:])])
-        )  # type: ignore[arg-type]
+        )
         x1, z1, x2, z2 = forces
         turned = [(half, -x2, z2), (-half, -x1, z1)]
-        b = accelerations(mirrored, ground_load(BodyState(0, 0, -pitch, 0, 0, 0), mirrored, turned))  # type: ignore[arg-type]
+        b = accelerations(mirrored, ground_load(BodyState(0, 0, -pitch, 0, 0, 0), mirrored, turned))
         got, want = [float(v) for v in (b.x, b.z, b.pitch)], [float(v) for v in (-a.x, a.z, -a.pitch)]
         assert got == pytest.approx(want, rel=1e-12, abs=1e-12)
-
-
-def contact(
-    slip: float, k92: float, sinkage: float = 0.015, k_phi: float = SOIL.frictional_modulus
-) -> dict[str, float]:
-    """Return forces [N] and power taken [W] of one rolling wheel at 0.5 m/s."""
-    r = ROBOT.wheels.radius
-    v = 0.5 * (1 - slip)
-    state = WheelState(
-        front=True, travel=0, angle=0, rate=0.5 / r, tread_rate=0.5 / r, velocity=v, sinkage=sinkage,
-        sinkage_rate=0, radius=r, width=ROBOT.wheels.width, v_desired=0.5,
-    )  # fmt: skip
-    soil = dataclasses.replace(SOIL, frictional_modulus=k_phi)
-    f = wheel_forces(state, contact_angles(state, k92), soil, 0)
-    longitudinal, moment = float(f.longitudinal), float(f.moment)
-    return {"resistance": float(f.resistance), "thrust": float(f.thrust), "moment": moment,
-            "taken": -moment * 0.5 / r - longitudinal * v}  # fmt: skip
-
-
-def test_equal_contact_angles_have_no_resistance() -> None:
-    for slip in (0.0, 0.1, 0.5):
-        assert contact(slip, 1.0)["resistance"] == pytest.approx(0, abs=1e-9)
-    assert contact(0.1, 0.9)["resistance"] < -0.1
 
 
 def test_as_k92_goes_to_one_the_run_goes_to_that_at_one() -> None:
@@ -265,11 +235,3 @@ def test_on_hard_ground_sinkage_and_slip_vanish_together() -> None:
     slips = [abs(run.slip_ratio) for run in runs]
     assert slips[2] < 1e-3
     assert runs[2]["sinkage_f_m"].max() < 1e-3
-
-
-def test_without_slip_thrust_vanishes_with_the_contact_and_the_ground_takes_power() -> None:
-    small, smaller = (contact(0.0, 1.0, sinkage=z) for z in (1e-4, 1e-6))
-    assert 0 < smaller["thrust"] < 1e-2 * small["thrust"] < 1e-3
-    for k92 in (0.0, 0.3, 1.0):
-        for slip in (0.0, 0.05, 0.3, 0.9):
-            assert contact(slip, k92)["taken"] >= 0

@@ -1,4 +1,7 @@
-"""The simulator reproduces the known figures, conserves what must be conserved and knows its limits."""
+"""The simulator conserves what must be conserved and knows its limits.
+
+It gives the known figures as it agrees with `tests.truth.simulator`, which is held to them.
+"""
 
 from __future__ import annotations
 
@@ -25,26 +28,10 @@ from granite_lab.parameters import (
 )
 
 ROBOT, SOIL = load_robot(), load_soil()
-KNOWN = [(0.2, 0.33, 0.0547), (0.3, 0.26, 0.0817), (0.5, 0.111, 0.1625), (0.7, 0.026, 0.2312)]
 
 
 def run_of(variant: Variant, **options: object) -> Run:
-    return simulate(variant, ROBOT, SOIL, **options)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(("speed", "k92", "slip"), KNOWN)
-def test_steady_slip_meets_the_known_figures_within_a_tenth_of_a_point(
-    speed: float, k92: float, slip: float
-) -> None:
-    assert run_of(variant_of(speed), k92=k92).slip_ratio == pytest.approx(slip, abs=0.001)
-
-
-@pytest.mark.parametrize(("k92", "front", "rear"), [(0.33, 15.0, 16.1), (0.026, 18.5, 19.9)])
-def test_running_sinkage_meets_the_known_figures(k92: float, front: float, rear: float) -> None:
-    run = run_of(variant_of(0.3), k92=k92)
-    steady = (run.t > run.steady[0]) & (run.t < run.steady[1])
-    assert 1000 * run["sinkage_f_m"][steady].mean() == pytest.approx(front, abs=0.1)
-    assert 1000 * run["sinkage_r_m"][steady].mean() == pytest.approx(rear, abs=0.1)
+    return simulate(variant, ROBOT, SOIL, **options)
 
 
 @pytest.mark.parametrize("options", [{"k92": 0.1}, {"a_theta": 4.919}, {"k92": 1.0}])
@@ -60,7 +47,6 @@ def test_a_robot_at_rest_neither_creeps_nor_drifts(options: dict[str, float]) ->
 
 def test_at_rest_the_ground_carries_the_weight_and_the_accelerometer_reads_gravity() -> None:
     run = run_of(variant_of(0.3))
-    assert ROBOT.chassis is not None
     weight = ROBOT.chassis.total_mass * GRAVITY
     assert 2 * (run["force_z_f_N"][0] + run["force_z_r_N"][0]) == pytest.approx(weight, rel=1e-8)
     pitch = run["pitch_rad"][0]
@@ -71,7 +57,6 @@ def test_at_rest_the_ground_carries_the_weight_and_the_accelerometer_reads_gravi
 @pytest.mark.parametrize("variant", load_variants(), ids=lambda v: f"{v.velocity:g}")
 def test_momentum_gained_is_the_impulse_of_the_ground(variant: Variant) -> None:
     run = run_of(variant, accuracy=Accuracy(1e-7, 1e-9, 0.0025))
-    assert ROBOT.chassis is not None
     force = 2 * (run["force_x_f_N"] + run["force_x_r_N"])
     impulse = np.concatenate([[0], np.cumsum((force[1:] + force[:-1]) / 2 * np.diff(run.t))])
     # R moves along the ground at v / cos(pitch) but for terms of second order; the centre of mass adds z_CM q
@@ -116,7 +101,7 @@ def test_each_run_is_integrated_unless_sensors_with_faults_look_at_the_same_moti
     def evaluated(*args: object) -> object:
         nonlocal looked
         looked += 1
-        return rest(*args)  # type: ignore[arg-type]
+        return rest(*args)
 
     rest = simulator._rest_state
     monkeypatch.setattr(simulator, "_rest_state", evaluated)

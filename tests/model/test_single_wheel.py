@@ -49,6 +49,8 @@ def test_the_resistance_is_the_work_of_compaction_for_any_exponent(exponent: flo
 
 def test_a_symmetric_arc_without_shear_resists_nothing() -> None:
     assert at(0.02, 0.3, 1.0, SLICK).drawbar_pull == pytest.approx(0, abs=1e-9)
+    assert at(0.02, 0.3, 1.0).resistance == pytest.approx(0, abs=1e-9)
+    assert at(0.02, 0.1, 0.9).resistance < -0.1
 
 
 def test_a_spinning_wheel_on_soil_that_yields_at_once_has_the_strength_of_the_soil_all_over_its_arc() -> None:
@@ -115,12 +117,17 @@ def test_stresses_over_the_arc_integrate_to_the_forces() -> None:
     assert (p.load, p.torque) == (pytest.approx(load, rel=2e-3), pytest.approx(torque, rel=2e-3))
 
 
-@pytest.mark.parametrize("slip", [-0.8, -0.2, 0.1, 0.6])
-def test_soil_gains_no_energy_from_nothing(slip: float) -> None:
+@pytest.mark.parametrize("slip", [-0.8, -0.2, 0.0, 0.1, 0.3, 0.9])
+@pytest.mark.parametrize("k92", [0.0, 0.3, 1.0])
+def test_soil_gains_no_energy_from_nothing(slip: float, k92: float) -> None:
     """What the axle puts in beyond the pull is spent in the soil, and never negative."""
-    motion = rolling(slip, R)
-    p = SingleWheel(RIM, SAND).at_load(105.0, motion, Ratio(0.3))
+    motion, p = rolling(slip, R), at(0.015, slip, k92)
     assert p.torque * motion.rate - p.drawbar_pull * motion.velocity > 0
+
+
+def test_without_slip_thrust_vanishes_with_the_contact() -> None:
+    small, smaller = (at(z, 0.0, 1.0).thrust for z in (1e-4, 1e-6))
+    assert 0 < smaller < 1e-2 * small < 1e-3
 
 
 def test_the_wheels_of_a_driving_robot_are_such_wheels() -> None:
@@ -175,7 +182,6 @@ def test_an_effect_acts_as_its_formula_says() -> None:
 def test_a_soft_tyre_stands_deeper_by_its_deflection() -> None:
     """The effect has a state, the load that deflects the tyre, which is solved for."""
     tyre = activate(get("radial_tyre_compliance"), {"compliance": 2e-5})
-    assert ROBOT.chassis is not None
     p = SingleWheel(RIM, SAND, [tyre], ROBOT.chassis).at_load(100.0, rolling(0.2, R), Ratio(0.4))
     plain = SingleWheel(RIM, SAND).at_load(100.0, rolling(0.2, R), Ratio(0.4))
     assert plain.sinkage < p.sinkage < plain.sinkage + 100.0 * 2e-5

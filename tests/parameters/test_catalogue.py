@@ -22,8 +22,6 @@ GRANITE = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")
 
 def test_robot_is_the_one_of_section_4() -> None:
     robot = load_robot()
-    assert robot.chassis is not None
-    assert robot.drive is not None
     assert robot.chassis.total_mass == pytest.approx(43.10)
     assert (robot.wheels.radius, robot.wheels.width) == (0.0965, 0.128)
     assert robot.drive.inductance / robot.drive.resistance == pytest.approx(0.26e-3, rel=0.01)

@@ -22,7 +22,6 @@ def steady(conditions: Conditions, setting: Setting = ()) -> np.ndarray:
     """What the sensors read at constant speed."""
     world = StagedWorld(ROBOT, SOIL, (SLOW,), library() | STAGING, conditions=(conditions,))
     response = world.respond(Task(0, (0.0,) * len(SAND), setting))
-    assert response is not None
     return np.asarray(response[:, np.searchsorted(instants(SLOW, ACCURACY), 1.8)])
 
 
@@ -41,7 +40,6 @@ def test_a_slope_changes_its_sign_for_a_robot_that_is_turned_round_and_nothing_e
 def test_wheels_in_the_air_need_the_friction_of_their_drives_alone() -> None:
     spun = steady(Conditions(wheels_up=True), (("drivetrain_friction", (1.0, 0.0, 0.005)),))
     drive = ROBOT.drive
-    assert drive is not None
     torque = drive.torque_constant * drive.gear_ratio * drive.gear_efficiency
     assert spun[5] == pytest.approx(1.0 / torque, rel=0.02)
     assert spun[:3] == pytest.approx([0, GRAVITY, 0], abs=1e-6)

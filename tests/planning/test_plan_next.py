@@ -224,7 +224,6 @@ def test_proposals_stay_within_room_speed_and_what_the_robot_can_do() -> None:
     assert len({(o.variant, o.conditions) for o in found}) == len(found)
     assert {o.variant for o in found if o.repeats} == {v for v in load_variants() if v.velocity <= 0.3}
     drive = ROBOT.drive
-    assert drive is not None
     free = drive.voltage_max / (drive.emf_constant * drive.gear_ratio) * ROBOT.wheels.radius
     near = Variant(velocity=round(0.75 * free, 2), acceleration=2.4, distance=20.0)
     fastest = max(o.variant.velocity for o in options(design_of(driven_of(near)), []))

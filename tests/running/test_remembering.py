@@ -86,11 +86,11 @@ def test_an_edited_robot_counts_whoever_names_it(logs: list[Path], how: Executio
     options = Options(robot="mine.toml") if by == "option" else Options()
     if by == "log":
         logs[1].write_text("robot=mine.toml", encoding="utf-8")
-    assert run(logs[1:2], how, options)[0].std == 5.0  # type: ignore[union-attr]
-    assert run(logs[1:2], how, options)[0].std == 5.0  # type: ignore[union-attr]
+    assert run(logs[1:2], how, options)[0].std == 5.0
+    assert run(logs[1:2], how, options)[0].std == 5.0
     assert worked == []
     robot_file(Path("mine.toml"), 6.0)
-    assert run(logs[1:2], how, options)[0].std == 6.0  # type: ignore[union-attr]
+    assert run(logs[1:2], how, options)[0].std == 6.0
     assert worked == ["1.csv"]
 
 
@@ -110,7 +110,6 @@ def test_a_new_sidecar_an_option_and_new_code_count(
 
 def test_a_damaged_entry_is_made_again(logs: list[Path], how: Execution) -> None:
     first = run(logs, how)
-    assert how.cache is not None
     entries = sorted(how.cache.folder.glob("*/*.bin"))
     data = entries[0].read_bytes()
     entries[0].write_bytes(data[: len(data) // 2])
@@ -125,8 +124,6 @@ def test_a_cache_that_cannot_be_written_costs_nothing_but_time(logs: list[Path],
     (tmp_path / "file").write_text("")
     how = Execution(1, cache=Cache(tmp_path / "file" / "cache"))
     assert len(run(logs, how)) == 4
-    assert how.cache is not None
-    assert how.cache.trouble is not None
     assert "cannot be written" in how.cache.trouble.message
 
 
@@ -135,7 +132,6 @@ def test_the_cache_stays_within_its_size_and_drops_what_was_used_longest_ago(
 ) -> None:
     run(logs, how)
     cache = how.cache
-    assert cache is not None
     entries = sorted(cache.folder.glob("*/*.bin"))
     for age, path in enumerate(entries):
         os.utime(path, (time.time() - 100 * age,) * 2)

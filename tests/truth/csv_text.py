@@ -2,55 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from granite_lab.hidden.contact import Array
+from granite_lab.logs import write_canonical
 from granite_lab.logs.trial import Trial
-from granite_lab.parameters import WHEELS
-
-IMU_COLUMNS = [f"imu_a{axis}_mps2" for axis in "xyz"] + [f"imu_g{axis}_radps" for axis in "xyz"]
-ENCODER_COLUMNS = [f"enc_{wheel}_rad" for wheel in WHEELS]
-CURRENT_COLUMNS = [f"cur_{wheel}_A" for wheel in WHEELS]
 
 Rows = list[list[str]]
 
 
 def to_csv(trial: Trial) -> str:
-    """Return the trial as one canonical CSV: a row per stamp of any sensor, other cells empty."""
-    blocks: list[tuple[list[str], Array, Array]] = []
-    if trial.imu is not None:
-        blocks.append(
-            (IMU_COLUMNS, trial.imu.t, np.hstack([trial.imu.specific_force, trial.imu.angular_rate]))
-        )
-    if trial.wheels is not None:
-        blocks.append((ENCODER_COLUMNS, trial.wheels.t, trial.wheels.angle))
-    if trial.currents is not None:
-        blocks.append((CURRENT_COLUMNS, trial.currents.t, trial.currents.current))
-    for name, series in (("ref_x_m", trial.reference_x), ("ref_v_mps", trial.reference_v)):
-        if series is not None:
-            blocks.append(([name], series.t, series.value[:, None]))
-    columns = [name for names, _, _ in blocks for name in names]
-    rows, done = [], 0
-    for names, t, values in blocks:
-        left, right = [""] * done, [""] * (len(columns) - done - len(names))
-        for stamp, sample in zip(t, values, strict=True):
-            cells = ["" if np.isnan(value) else f"{value:.9g}" for value in sample]
-            rows.append((float(stamp), [f"{stamp:.6f}", *left, *cells, *right]))
-        done += len(names)
-    rows.sort(key=lambda row: row[0])
-    info = trial.info
-    known = {
-        "robot": f'"{info.robot}"' if info.robot else None,
-        "soil": f'"{info.soil}"' if info.soil else None,
-        "v_desired_mps": info.v_desired,
-        "a_max_mps2": info.a_max,
-        "distance_m": info.distance,
-        "repetition": info.repetition,
-    }
-    head = [f"# {key} = {value}" for key, value in known.items() if value is not None]
-    return "\n".join([*head, ",".join(["t_s", *columns]), *(",".join(cells) for _, cells in rows), ""])
+    """Return the trial as canonical CSV that says neither the encoder's step nor that it is virtual."""
+    bare = replace(trial, info=replace(trial.info, virtual=False), wheels=replace(trial.wheels, step=0.0))
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "trial.csv"
+        write_canonical(path, bare)
+        return path.read_text(encoding="utf-8")
 
 
 def split(text: str) -> tuple[list[str], list[str], Rows]:
@@ -97,40 +67,22 @@ def wrapped_counts(text: str, counts_per_rev: int, bits: int, start: int = 0) ->
     return join([*head, f"# enc_counts_per_rev = {counts_per_rev}"], new, changed)
 
 
-def with_rows(text: str, change: Callable[[Rows], Rows]) -> str:
-    """Apply a change to the rows."""
-    head, columns, rows = split(text)
-    return join(head, columns, change(rows))
-
-
 def duplicated(text: str, every: int, disturb: float = 0.0) -> str:
     """Repeat every so many rows under the same stamp; the copy is off by `disturb` in all its values."""
-
-    def change(rows: Rows) -> Rows:
-        out: Rows = []
-        for i, row in enumerate(rows):
-            out.append(row)
-            if i % every == every - 1:
-                out.append([row[0], *(f"{float(cell) + disturb:.9g}" if cell else cell for cell in row[1:])])
-        return out
-
-    return with_rows(text, change)
+    head, columns, rows = split(text)
+    out: Rows = []
+    for i, row in enumerate(rows):
+        out.append(row)
+        if i % every == every - 1:
+            out.append([row[0], *(f"{float(cell) + disturb:.9g}" if cell else cell for cell in row[1:])])
+    return join(head, columns, out)
 
 
 def unsorted(text: str, seed: int, reach: int = 5) -> str:
     """Shuffle the rows within a window of `reach` rows, as loggers with several threads do."""
-    rng = np.random.default_rng(seed)
-
-    def change(rows: Rows) -> Rows:
-        keys = np.arange(len(rows)) + rng.uniform(0, reach, len(rows))
-        return [rows[i] for i in np.argsort(keys)]
-
-    return with_rows(text, change)
-
-
-def backwards(text: str) -> str:
-    """Write the rows in reverse order of time."""
-    return with_rows(text, lambda rows: rows[::-1])
+    head, columns, rows = split(text)
+    keys = np.arange(len(rows)) + np.random.default_rng(seed).uniform(0, reach, len(rows))
+    return join(head, columns, [rows[i] for i in np.argsort(keys)])
 
 
 def with_gap_of_nan(text: str, column: str, start: float, stop: float) -> str:

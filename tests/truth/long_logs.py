@@ -45,7 +45,6 @@ def sensed(calm: Drive, seed: int, accel: float = 0.002, gyro: float = 1e-4, sha
     bounded; it is there while the robot moves.
     """
     imu = calm.trial.imu
-    assert imu is not None
     rng = np.random.default_rng(seed + 2)
     shape, rate = imu.specific_force.shape, 1.0 / float(np.median(np.diff(imu.t)))
     vibration = lfilter(*iirpeak(12.0, 5.0, fs=rate), rng.standard_normal(shape), axis=0)
@@ -59,7 +58,6 @@ def sensed(calm: Drive, seed: int, accel: float = 0.002, gyro: float = 1e-4, sha
 def turning(straight: Drive, seed: int, std: float = 0.2, time: float = 2.0) -> Drive:
     """Let a drive wind: yaw rate of some std [rad/s] while it moves, R without sideways velocity."""
     imu = straight.trial.imu
-    assert imu is not None
     rng = np.random.default_rng(seed + 1)
     yaw = wander(rng, straight.t.size, std, time) * np.minimum(np.abs(straight.v) / 0.2, 1.0)
     growth = np.gradient(yaw, straight.t)
@@ -75,8 +73,6 @@ def turning(straight: Drive, seed: int, std: float = 0.2, time: float = 2.0) -> 
 def write_log(path: Path, log: Drive) -> None:
     """Write the log as a canonical CSV, one row a stamp of either sensor."""
     imu, wheels = log.trial.imu, log.trial.wheels
-    assert imu is not None
-    assert wheels is not None
     names = [*(f"imu_a{a}_mps2" for a in "xyz"), *(f"imu_g{a}_radps" for a in "xyz")]
     inertial = _table(imu.t, np.hstack([imu.specific_force, imu.angular_rate]), names)
     rolled = _table(wheels.t, wheels.angle, [f"enc_{wheel}_rad" for wheel in WHEELS])

@@ -46,7 +46,6 @@ def faultless(monkeypatch: pytest.MonkeyPatch) -> Robot:
 def test_faultless_readings_integrate_back_to_the_truth(faultless: Robot, seed: int) -> None:
     truth = generate(seed, velocity=0.7, robot=faultless, scale_error=0.0, wobble=0.0)
     imu, arm = truth.trial.imu, faultless.imu
-    assert imu is not None
     dt, q = 0.005, imu.angular_rate[:, 1]
     ends = imu.t + 0.5 * dt  # a reading is the mean over the window around its stamp
     pitch = truth.at(imu.t[0], "pitch") + dt * np.cumsum(q)
@@ -98,7 +97,7 @@ def test_errors_have_the_size_of_the_grade() -> None:
         drawn = [generate(seed, grade=name, duration=1.0) for seed in range(40)]
         bias = np.array([truth.accel_bias for truth in drawn]).ravel()
         assert bias.std() == pytest.approx(grade.accel_bias, rel=0.25)
-        noise = np.mean([t.trial.imu.angular_rate[t.trial.imu.t < 1.9].std(axis=0) for t in drawn])  # type: ignore[union-attr]
+        noise = np.mean([t.trial.imu.angular_rate[t.trial.imu.t < 1.9].std(axis=0) for t in drawn])
         assert noise == pytest.approx(grade.gyro_noise * np.sqrt(grade.rate / 2), rel=0.05)
         tilt = np.array([np.degrees(truth.mounting[0, 2]) for truth in drawn])
         assert tilt.std() == pytest.approx(load_robot().imu.tilt, rel=0.35)
@@ -114,7 +113,6 @@ def test_sensors_do_not_change_the_motion() -> None:
 def test_encoder_stamps_lie_behind_by_the_clock_offset(offset: float) -> None:
     truth = generate(5, clock_offset=offset)
     wheels = truth.trial.wheels
-    assert wheels is not None
     rolled = rolled_by(truth.v_wheel[:, 0])
     expected = np.interp(wheels.t + offset, truth.t, rolled)
     assert np.abs(wheels.angle[:, 0] - expected).max() < 4e-3
