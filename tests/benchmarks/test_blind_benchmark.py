@@ -139,11 +139,6 @@ def test_the_figures_count_each_kind_by_its_own_rule() -> None:
     ]  # fmt: skip
 
 
-def test_an_interval_is_wilsons() -> None:
-    texts = [text for _, text, _, _ in figures([line() for _ in range(20)])]
-    assert "20/20 = 100 % (84–100)" in texts  # Wilson 1927, 95 %
-
-
 def test_a_set_of_twins_is_no_wrong_single_name() -> None:
     twins = [{"id": "imu_tilt", "indistinguishable_from": ["payload_mass"]}]
     assert not wrong_single(line(outcome="wrong_name", right=False, effects=twins))

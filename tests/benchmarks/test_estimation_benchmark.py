@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from benchmarks.estimation import cell_row, drawn, remembered, report, seed_of, summaries
 from benchmarks.estimation_cell import Cell, Score, score, successive_correlation, summarise
 from granite_lab.estimation.motion import Health
+from tests.fitting.made_up import HEALTHY
 
 
 def made_up(error: float, std: float) -> Score:
@@ -20,22 +22,12 @@ def made_up(error: float, std: float) -> Score:
     )  # fmt: skip
 
 
-def health_of(innovation: np.ndarray, std: float) -> Health:
-    n, nothing = innovation.size, np.zeros(0)
-    return Health(
-        t=np.arange(n, dtype=float),
-        kind=("wheel",) * n,
-        innovation=innovation,
-        innovation_std=np.full(n, std),
-        nis={},
-        accel_bias=nothing,
-        accel_bias_std=nothing,
-        gyro_bias=nothing,
-        gyro_bias_std=nothing,
-        rests=(),
-        verdict="",
-        good=True,
-    )
+def health_of(innovation: np.ndarray) -> Health:
+    n = innovation.size
+    return replace(
+        HEALTHY, t=np.arange(n, dtype=float), kind=("wheel",) * n, innovation=innovation,
+        innovation_std=np.ones(n),
+    )  # fmt: skip
 
 
 def test_errors_as_large_as_stated_give_unit_nees_and_normal_coverage() -> None:
@@ -88,10 +80,10 @@ def test_figures_outside_the_aim_are_named() -> None:
 def test_correlation_of_innovations() -> None:
     rng = np.random.default_rng(2)
     white = rng.standard_normal(2000)
-    assert abs(successive_correlation(health_of(white, 1.0), "wheel")) < 0.06
+    assert abs(successive_correlation(health_of(white), "wheel")) < 0.06
     coloured = np.convolve(white, [1.0, 1.0], mode="valid")
-    assert successive_correlation(health_of(coloured, 1.0), "wheel") == pytest.approx(0.5, abs=0.05)
-    assert math.isnan(successive_correlation(health_of(white[:5], 1.0), "wheel"))
+    assert successive_correlation(health_of(coloured), "wheel") == pytest.approx(0.5, abs=0.05)
+    assert math.isnan(successive_correlation(health_of(white[:5]), "wheel"))
 
 
 def test_no_two_trials_share_a_seed() -> None:

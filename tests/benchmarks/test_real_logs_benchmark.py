@@ -18,7 +18,6 @@ from benchmarks.real_logs import (
     delays,
     husky,
     only,
-    sliding,
     small_car,
     standstills,
 )
@@ -93,14 +92,6 @@ class TestWithTheLogs:
             assert 0.4 < motion.distance.std / motion.distance.value < 0.7, name
             way = motion.distance.value - motion.distance_wheels.value
             assert abs(way) < 2 * motion.distance.std, name
-
-    def test_slip_of_the_three_wheeled_robot_by_its_camera(self) -> None:
-        published = {"table": (12, 15), "brown": (16, 19), "gray": (22, 24), "green": (39, 45)}
-        found = sliding(DATA)
-        assert len(found) == 8
-        for name, (rolled, camera) in found.items():
-            low, high = published[name.split("_")[0]]
-            assert low <= 100 * (1 - camera / rolled) <= high, name
 
 
 def made_up(late: float = 0.0) -> Velocities:

@@ -13,12 +13,11 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from granite_lab.cli import app
-from tests.corpus.cli import CODES, GRANITE, LOG, ROOT, SAND, Done, lab
+from tests.corpus.cli import CODES, GRANITE, LOG, SAND, Done, lab
 from tests.soak import SOAK
 
 # Each example is a whole command, so shrinking one takes too long.
 PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
-SAMPLE = ROOT / "data" / "samples" / "virtual_v0.3_r1.csv"
 COMMANDS = {
     name: [p for p in command.params if p.name not in ("help", "install_completion", "show_completion")]
     for name, command in typer.main.get_command(app).commands.items()
@@ -190,9 +189,3 @@ def test_help_says_what_every_option_is(name: str) -> None:
     unknown = lab(name, "--no-such-option")
     assert unknown.code == 2
     assert "Traceback" not in unknown.err
-
-
-def test_the_sample_is_the_good_case() -> None:
-    document = json.loads(lab("inspect", SAMPLE, "--json").out)
-    finite(document, [])
-    assert document["schema"] == "granite-lab/inspect/1"

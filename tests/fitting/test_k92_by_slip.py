@@ -17,7 +17,6 @@ from granite_lab.model import simulate
 from granite_lab.model.command import steady_interval, steady_part
 from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, variant_of
 from tests.fitting.made_up import draw_soil, made_up_trial
-from tests.truth.simulator import simulate as simulate_truth
 
 ROBOT, SOIL = load_robot(), load_soil()
 
@@ -36,12 +35,6 @@ def test_the_papers_measured_slip_gives_its_k92(velocity, k92):
     fitted = k92_of(row.slip_measured, velocity)
     assert fitted == pytest.approx(k92, abs=0.0005)
     assert fitted == pytest.approx(row.k92, abs=0.005)
-
-
-def test_k92_of_the_independent_simulator_is_found_from_its_slip():
-    truth = simulate_truth(velocity=0.5, acceleration=1.2, distance=2.5, k92=0.2)
-    slip = truth.slip_ratio(*steady_part(variant_of(0.5)))
-    assert k92_of(slip, 0.5) == pytest.approx(0.2, abs=5e-4)
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import io
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from rich.console import Console
 from scipy.signal import lfilter
 
 import granite_lab as gl
-from granite_lab.cli import main
 from granite_lab.commands.plan import show_plan
 from granite_lab.discovery.finding import DESIGN, Finding, Residual
 from granite_lab.effects import library
@@ -39,6 +37,7 @@ from granite_lab.planning.design import (
 from granite_lab.planning.plan import options, plan_next
 from granite_lab.planning.question import question
 from granite_lab.planning.stage import trial_model, whitener_of
+from tests.corpus.cli import lab, refused
 from tests.reporting.made_up_finding import made_up_finding
 
 ROBOT, SOIL = load_robot(), load_soil()
@@ -269,24 +268,13 @@ def test_where_much_is_known_no_trial_is_worth_it() -> None:
     assert "First choice" not in words
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["granite-lab", "plan-next", *arguments])
-    try:
-        main()
-    except SystemExit as end:
-        return cast("int", end.code or 0)
-    return 0
-
-
-def test_the_document_and_the_table_carry_the_figures_of_the_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_document_and_the_table_carry_the_figures_of_the_folder(tmp_path: Path) -> None:
     """The folder holds what `discover` and `study` both write, and no log."""
     finding = made_up_finding("named", speeds=(0.2,), repetitions=2)
     save_design(finding, trials_of(finding), tmp_path / DESIGN)
-    told = ("--room", "1", "--max-speed", "0.2", "--jobs", "1")
-    assert run(monkeypatch, str(tmp_path), "--json", *told) == 0
-    document = json.loads(capsys.readouterr().out)
+    done = lab("plan-next", tmp_path, "--json", "--room", 1, "--max-speed", 0.2, "--jobs", 1)
+    assert done.code == 0, done.err
+    document = json.loads(done.out)
     assert document["schema"] == "granite-lab/plan/2"
     assert document["measure"] == "relative standard deviation"
     ((name, now),) = document["now"].items()
@@ -306,14 +294,10 @@ def test_the_document_and_the_table_carry_the_figures_of_the_folder(
         ('{"schema": "granite-lab/design/2", "verdict": "none"}', "is missing"),
     ],
 )
-def test_a_folder_without_a_search_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-    content: str | None, says: str,
-) -> None:  # fmt: skip
+def test_a_folder_without_a_search_is_refused(tmp_path: Path, content: str | None, says: str) -> None:
     if content is not None:
         (tmp_path / DESIGN).write_text(content)
-    assert run(monkeypatch, str(tmp_path)) == 3
-    assert says in capsys.readouterr().err
+    refused(lab("plan-next", tmp_path), 3, says)
 
 
 def test_a_channel_with_a_noise_of_nothing_has_the_floor_of_its_kind() -> None:

@@ -163,24 +163,6 @@ def _share(picture: np.ndarray, colour: tuple[int, int, int]) -> float:
 
 
 @draws
-def test_a_trial_looks_right_at_three_times(headless: Any, tmp_path: Path) -> None:
-    result = made_up_trial(0.3)
-    path = record_trial(result.trial, result.comparison, tmp_path / "trial.rrd")
-    pictures = []
-    for t in (-1.0, 0.2, 4.0):
-        views = _shown(headless, path, t)
-        assert len(views) > 15
-        _picture(headless.take_screenshot(), f"recording_{t:g}s")
-        robot = next(view for view in views.values() if view.view_class == "3D")
-        pictures.append(_picture(headless.take_screenshot(robot.view_id), f"recording_robot_{t:g}s"))
-    for picture in pictures:
-        assert _share(picture, SAND) > 0.12
-        assert _share(picture, PAINT) > 0.05
-        assert _share(picture, MAGENTA) > 0.001
-    assert np.abs(pictures[2] - pictures[0]).mean() > 1  # it moves
-
-
-@draws
 def test_a_discovery_is_seen_as_bars(headless: Any, tmp_path: Path) -> None:
     result = made_up_trial(0.3)
     path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd", finding=made_up_finding())
@@ -202,7 +184,10 @@ def test_a_picture_shows_the_time_that_was_asked_for(tmp_path: Path) -> None:
     assert early.shape == late.shape == (1080 - 37, 1920, 3)
     robot = (slice(100, 400), slice(0, 600))
     assert np.abs(early[robot] - late[robot]).mean() > 1  # it has moved on
-    assert _share(early, SAND) > 0.01
+    for picture in (early, late):
+        assert _share(picture, SAND) > 0.01
+        assert _share(picture, PAINT) > 0.005
+        assert _share(picture, MAGENTA) > 1e-4
     with pytest.raises(UsageError, match="nothing at 99 s") as caught:
         save_picture(path, tmp_path / "a.png", 99.0)
     assert "-2.00 s to 9.9" in caught.value.hint
