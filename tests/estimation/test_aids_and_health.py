@@ -140,13 +140,6 @@ def test_verdict_on_a_bias_that_drifts() -> None:
     assert motion.v_std.mean() > plain().v_std.mean()
 
 
-def test_verdict_on_a_trial_without_final_standstill() -> None:
-    health = run(faults.cut(truth().trial, stop=8.0)).health
-    assert not health.good
-    assert health.grade != "good"
-    assert "no standstill at the end: velocity drifts there" in health.verdict
-
-
 def test_correlation_and_ljung_box_tell_white_from_coloured() -> None:
     rng = np.random.default_rng(0)
     chances = np.array([ljung_box(rng.standard_normal(400)) for _ in range(400)])

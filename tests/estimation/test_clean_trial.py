@@ -18,9 +18,7 @@ from tests.truth.trials import TruthTrial, generate
 
 @cache
 def good() -> TruthTrial:
-    truth = generate(61, velocity=0.5, duration=5.0, grade="industrial", clock_offset=0.003)
-    assert truth.trial.currents is not None
-    return truth
+    return generate(61, velocity=0.5, duration=5.0, grade="industrial", clock_offset=0.003)
 
 
 def robot(**imu: object) -> Robot:
@@ -65,10 +63,11 @@ def test_corrected_trial_is_estimated_as_the_log_was() -> None:
     assert again.corrections == clean.corrections
 
 
-@pytest.mark.parametrize("wheels", [("fl",), ("fr", "rr"), WHEELS])
+@pytest.mark.parametrize("wheels", [("fl",), ("fl", "rl"), ("fr", "rr"), ("fr", "rl"), WHEELS])
 def test_reversed_encoders_are_the_good_ones(wheels: tuple[str, ...]) -> None:
-    clean, _ = correct(faults.flipped(good().trial, *wheels), robot())
+    clean, motion = correct(faults.flipped(good().trial, *wheels), robot())
     assert np.array_equal(clean.wheels.angle, plain()[0].wheels.angle)
+    assert np.array_equal(motion.v, plain()[1].v)
     assert {made.where for made in said(clean, "sign turned")} == {f"encoder {name}" for name in wheels}
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -65,10 +63,3 @@ def test_offset_is_unobservable_where_nothing_accelerates() -> None:
     steady = faults.cut(truth.trial, start=4.0, stop=8.0)
     motion = estimate(steady, load_robot("granite", "industrial"), rests=[(4.0, 4.05)])
     assert np.isnan(motion.clock_offset.std) or motion.clock_offset.std > 0.05
-
-
-def test_offset_given_in_the_metadata_is_taken() -> None:
-    truth = draw(*TRIALS[4])
-    info = dataclasses.replace(truth.trial.info, clock_offset=0.123)
-    motion = estimate(dataclasses.replace(truth.trial, info=info), load_robot("granite", TRIALS[4][3]))
-    assert motion.clock_offset.value == 0.123

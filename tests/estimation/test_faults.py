@@ -170,15 +170,6 @@ def test_encoder_that_never_counts_is_left_out() -> None:
     hold(lambda d: faults.dead_encoder(d.trial, "fr", 0.0, 99.0), said="encoder fr gives no counts")
 
 
-@pytest.mark.parametrize("wheels", [("fl",), ("fl", "rl"), ("fr", "rr"), ("fr", "rl"), WHEELS])
-def test_encoders_that_count_backwards_are_turned(wheels: tuple[str, ...]) -> None:
-    for i in (0, 1):
-        motion = estimate(faults.flipped(good(i).trial, *wheels), robot(i))
-        assert np.array_equal(motion.v, plain(i).v)
-        assert np.array_equal(motion.v_wheel, plain(i).v_wheel, equal_nan=True)
-        assert any("sign" in line for line in motion.warnings)
-
-
 @pytest.mark.parametrize(
     "pairs", [[("fl", "fr"), ("rl", "rr")], [("fl", "rl"), ("fr", "rr")], [("fl", "rr")]]
 )

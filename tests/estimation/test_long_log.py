@@ -92,7 +92,6 @@ def test_velocity_and_distance_are_inside_their_std(six_minutes: Ingested) -> No
 
 def test_every_stamp_of_the_imu_has_its_velocity_and_every_stop_is_found(six_minutes: Ingested) -> None:
     motion, log = six_minutes.motion, six_minutes.log
-    assert log.trial.imu is not None
     np.testing.assert_allclose(motion.t, log.trial.imu.t, atol=1e-6)
     assert np.isfinite(motion.v).all()
     assert len(motion.health.rests) == DURATION / 30.0 + 1

@@ -20,8 +20,6 @@ SEEDS = (11, 12)
 def louder(truth: TruthTrial, grade: str, times: float, seed: int) -> Motion:
     """Estimate a trial whose accelerometer has `times` its white noise while the robot moves."""
     robot, imu = load_robot("granite", grade), truth.trial.imu
-    assert robot.imu_grade is not None
-    assert imu is not None
     moving = (imu.t > truth.start) & (imu.t < truth.stop + 0.2)
     one = robot.imu_grade.accel_noise * np.sqrt(0.5 * robot.imu_grade.rate * (times**2 - 1.0))
     noise = one * moving[:, None] * np.random.default_rng(seed).standard_normal(imu.specific_force.shape)
@@ -92,8 +90,6 @@ def test_the_mean_of_each_band_is_of_its_ordinates() -> None:
 def shaken(truth: TruthTrial, density: float, seed: int) -> Motion:
     """Estimate a trial whose pitch gyro has white noise of this density [rad/s sqrt(s)] in motion."""
     robot, imu = load_robot("granite", "industrial"), truth.trial.imu
-    assert robot.imu_grade is not None
-    assert imu is not None
     moving = (imu.t > truth.start) & (imu.t < truth.stop + 0.2)
     rate = imu.angular_rate.copy()
     one = density * np.sqrt(robot.imu_grade.rate)

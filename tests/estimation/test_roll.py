@@ -48,7 +48,6 @@ def test_drift_of_the_gyro_between_standstills_is_taken_out() -> None:
 
 
 def test_bias_of_the_accelerometer_stays_within_the_stated_std() -> None:
-    assert ROBOT.imu_grade is not None
     truth = tilting(0.005, -0.01)
     found, std = roll_angle(leaning(truth, bias=ROBOT.imu_grade.accel_bias), REST, ROBOT)
     assert 0.5 * std < np.abs(found - truth).max() < 1.3 * std

@@ -37,7 +37,7 @@ def found_in(truth: Drive, monkeypatch: pytest.MonkeyPatch) -> float:
     found: list[SlipModel] = []
     original = identification.identify_scatter
 
-    def spy(problem, offset):  # type: ignore[no-untyped-def]
+    def spy(problem, offset):
         found.append(original(problem, offset))
         return found[-1]
 

@@ -10,7 +10,6 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimate import Estimate
 from granite_lab.estimation import Motion, estimate, smoother
 from granite_lab.estimation.error_model import BA, SIZE, TH, TINY, D, G, P, S, Update, V, X
 from granite_lab.estimation.nodes import Nodes
@@ -39,7 +38,7 @@ def captured() -> Nodes:
         kept.append(nodes)
         return original(nodes)
 
-    smoother.run = spy  # type: ignore[assignment]
+    smoother.run = spy
     try:
         estimate(truth().trial, load_robot("granite", "industrial"))
     finally:
@@ -240,10 +239,3 @@ def test_wheel_radius_scales_the_wheels_and_not_the_body(radius: float) -> None:
     assert np.sqrt(np.mean(error**2)) < 0.006
     ratio = 1 - (1 - plain().slip_ratio.value) / radius
     assert motion.slip_ratio.value == pytest.approx(ratio, abs=0.02)
-
-
-def test_measured_distance_of_no_weight_changes_nothing() -> None:
-    motion = estimate(
-        truth().trial, load_robot("granite", "industrial"), distance_measured=Estimate(0.0, 1e4)
-    )
-    assert motion.v == pytest.approx(plain().v, abs=1e-7)

@@ -10,6 +10,7 @@ import pytest
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion, correct, estimate
+from granite_lab.estimation.clock import bridged_rests
 from granite_lab.estimation.smoother import Innovations, mismatch
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
@@ -55,10 +56,10 @@ def test_twisting_tyres_bend_no_velocity_and_make_no_offset(velocity: float, com
     assert abs(motion.clock_offset.value) < 3.0 * motion.clock_offset.std
 
 
-def spinning(truth: TruthTrial) -> Trial:
-    """Let the wheels turn on when the body has stopped."""
+def spinning(truth: TruthTrial, duration: float | None = None) -> Trial:
+    """Let the wheels turn on when the body has stopped, to the end or for some time [s]."""
     wheels = truth.trial.wheels
-    on = np.clip(wheels.t - truth.stop, 0.0, None) * 0.3 / ROBOT.wheels.radius
+    on = np.clip(wheels.t - truth.stop, 0.0, duration) * 0.3 / ROBOT.wheels.radius
     return replace(truth.trial, wheels=replace(wheels, angle=wheels.angle + on[:, None]))
 
 
@@ -72,6 +73,21 @@ def test_standstill_named_by_hand_is_believed_where_wheels_spin() -> None:
     rest = motion.t > truth.stop + 0.8
     assert np.abs(motion.v[rest]).max() < 0.001
     assert np.array(motion.phase)[rest].tolist() == ["rest"] * int(rest.sum())
+
+
+def test_wheels_that_spin_on_bend_neither_velocity_nor_clock() -> None:
+    truth = generate(91, velocity=0.5, duration=5.0, still=(1.5, 2.0), grade="industrial")
+    motion = estimate(spinning(truth, 0.8), ROBOT)
+    moving = (motion.t > truth.start) & (motion.t < truth.stop + 1.3)
+    off = (motion.v - truth.at(motion.t, "v"))[moving]
+    assert np.sqrt(np.mean(off**2)) < 0.006
+    assert np.mean(np.abs(off) < 2.0 * motion.v_std[moving]) > 0.88
+    assert motion.clock_applied == 0.0
+
+
+def test_standstills_between_which_no_wheel_turned_are_one() -> None:
+    rests = [(0.0, 1.0), (1.2, 2.0), (5.0, 6.0)]
+    assert bridged_rests(rests, np.array([2.5, 4.0])) == [(0.0, 2.0), (5.0, 6.0)]
 
 
 def test_standstill_named_where_the_robot_moved_is_refused() -> None:

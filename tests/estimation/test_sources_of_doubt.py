@@ -53,7 +53,6 @@ def cruising(truth: TruthTrial, motion: Motion) -> tuple[float, float]:
 
 def test_scale_error_of_the_accelerometer_is_in_the_std() -> None:
     """Scale errors of 2 % shift the velocity by 2 %; the std is that of a grade that says so."""
-    assert ROBOT.imu_grade is not None
     coarse = dataclasses.replace(ROBOT, imu_grade=dataclasses.replace(ROBOT.imu_grade, accel_scale=0.02))
     normalised = []
     for seed in range(4):

@@ -44,7 +44,7 @@ def rows(
 
 def lines(**options: float) -> list[str]:
     """Return the lines of a canonical log, the header first."""
-    t, imu, wheels = rows(**options)  # type: ignore[arg-type]
+    t, imu, wheels = rows(**options)
     table = np.column_stack([t, imu, wheels])
     return [HEADER, *(",".join(f"{value:.9g}" for value in row) for row in table)]
 

@@ -15,7 +15,6 @@ from granite_lab.logs.quantities import find_unit
 from tests.logs import make
 
 COUNTS = find_unit("counts")
-assert COUNTS is not None
 PLAIN = Column(to=())
 
 

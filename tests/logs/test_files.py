@@ -116,8 +116,3 @@ def test_the_file_holds_it(tmp_path: Path) -> None:
     write_table(tmp_path / "t.csv", table)
     expected = table.to_csv(index=False, float_format=DIGITS, lineterminator="\n")
     assert (tmp_path / "t.csv").read_bytes() == expected.encode()
-
-
-def test_stamps_since_1970_keep_their_microseconds() -> None:
-    table = pd.DataFrame({"t_s": [1_700_000_000.123456, 1_700_000_000.123457], "v_mps": [1.0, 2.0]})
-    assert "".join(csv_blocks(table)).splitlines()[1:] == ["1700000000.123456,1", "1700000000.123457,2"]

@@ -10,8 +10,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import granite_lab
-from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
 from granite_lab.logs.guess import by_name
 from granite_lab.logs.inspection import FileReport
@@ -164,8 +162,3 @@ def test_any_header_can_be_inspected_and_mapped(names: list[str], seed: int, tmp
     if any("t" in column.to for column in report.entries):
         report = inspect_logs([report.path], map=own).files[0]
     assert report.dialect is not None
-
-
-def test_a_file_that_does_not_exist_is_an_error_and_no_report(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.csv: cannot be read: does not exist"):
-        granite_lab.inspect(tmp_path / "none.csv")

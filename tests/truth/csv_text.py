@@ -65,31 +65,3 @@ def wrapped_counts(text: str, counts_per_rev: int, bits: int, start: int = 0) ->
 
     changed = [[count(cell) if i in hit and cell else cell for i, cell in enumerate(row)] for row in rows]
     return join([*head, f"# enc_counts_per_rev = {counts_per_rev}"], new, changed)
-
-
-def duplicated(text: str, every: int, disturb: float = 0.0) -> str:
-    """Repeat every so many rows under the same stamp; the copy is off by `disturb` in all its values."""
-    head, columns, rows = split(text)
-    out: Rows = []
-    for i, row in enumerate(rows):
-        out.append(row)
-        if i % every == every - 1:
-            out.append([row[0], *(f"{float(cell) + disturb:.9g}" if cell else cell for cell in row[1:])])
-    return join(head, columns, out)
-
-
-def unsorted(text: str, seed: int, reach: int = 5) -> str:
-    """Shuffle the rows within a window of `reach` rows, as loggers with several threads do."""
-    head, columns, rows = split(text)
-    keys = np.arange(len(rows)) + np.random.default_rng(seed).uniform(0, reach, len(rows))
-    return join(head, columns, [rows[i] for i in np.argsort(keys)])
-
-
-def with_gap_of_nan(text: str, column: str, start: float, stop: float) -> str:
-    """Write NaN into a column between two stamps [s]."""
-    head, columns, rows = split(text)
-    at = columns.index(column)
-    for row in rows:
-        if start <= float(row[0]) <= stop and row[at]:
-            row[at] = "NaN"
-    return join(head, columns, rows)
