@@ -18,10 +18,11 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimation import correct
 from granite_lab.inference.constants import TOLERANCE
 from granite_lab.logs import read_trial
-from granite_lab.logs.trial import CurrentStream, Trial
+from granite_lab.logs.trial import Trial
 from granite_lab.model.command import duration
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Robot, load_robot, load_soil
+from tests.truth import faults
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside"
 FEW = {id_: get(id_) for id_ in ("com_offset", "drive_reaction", "tyre_windup")}
@@ -112,22 +113,7 @@ def test_trials_without_repetition_do_not_take_what_is_missing_for_noise(short_l
 def test_logs_that_end_soon_after_the_stop_are_analysed(short_law: None) -> None:
     def cut(trial: Trial) -> Trial:
         _, motion = correct(trial, load_robot())
-        end = motion.t_start.value + duration(motion.variant) + 0.4
-        assert trial.imu is not None
-        assert trial.wheels is not None
-        assert trial.currents is not None
-        a, b, c = (s.t < end for s in (trial.imu, trial.wheels, trial.currents))
-        return replace(
-            trial,
-            imu=replace(
-                trial.imu,
-                t=trial.imu.t[a],
-                specific_force=trial.imu.specific_force[a],
-                angular_rate=trial.imu.angular_rate[a],
-            ),
-            wheels=replace(trial.wheels, t=trial.wheels.t[b], angle=trial.wheels.angle[b]),
-            currents=CurrentStream(trial.currents.t[c], trial.currents.current[c]),
-        )
+        return faults.cut(trial, stop=motion.t_start.value + duration(motion.variant) + 0.4)
 
     finding = found([cut(t) for t in logs("o03", PAIR)], FEW)
     assert effects_of(finding) == ["drive_reaction"]
@@ -140,9 +126,16 @@ def test_logs_that_end_soon_after_the_stop_are_analysed(short_law: None) -> None
     assert len(finding.trials_left_out) == 2
 
 
+def turned_imu(trial: Trial) -> Trial:
+    return faults.turned(trial, faults.SIDEWAYS)
+
+
+def late_stamps(trial: Trial) -> Trial:
+    return faults.late(trial, 0.03)
+
+
 def blocked(trial: Trial) -> Trial:
     """The encoders stop in the middle of the run."""
-    assert trial.wheels is not None
     angle = trial.wheels.angle.copy()
     middle = angle.shape[0] // 2
     angle[middle:] = angle[middle]
@@ -200,41 +193,6 @@ def test_a_robot_that_cannot_be_simulated_is_refused(short_law: None) -> None:
             [t for t, _ in trials], load_robot(), load_soil(), effects=FEW, motions=[m for _, m in trials],
             respond=lambda _, tasks: [None] * len(tasks),
         )  # fmt: skip
-
-
-def reversed_encoder(trial: Trial) -> Trial:
-    assert trial.wheels is not None
-    angle = trial.wheels.angle * np.array([1.0, -1.0, 1.0, 1.0])
-    return replace(trial, wheels=replace(trial.wheels, angle=angle))
-
-
-def test_a_reversed_encoder_leaves_nothing_behind_for_a_search() -> None:
-    (trial,) = logs("o03", PAIR[:1])
-    (good, motion), (turned, other) = (correct(t, load_robot()) for t in (trial, reversed_encoder(trial)))
-    assert good.wheels is not None
-    assert turned.wheels is not None
-    assert np.array_equal(good.wheels.angle, turned.wheels.angle, equal_nan=True)
-    assert motion.t_start == other.t_start
-    assert [c.what for c in turned.corrections] == [*(c.what for c in good.corrections), "sign turned"]
-
-
-def turned_imu(trial: Trial) -> Trial:
-    """Mounted with its x axis to the left."""
-    assert trial.imu is not None
-    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    force, rate = trial.imu.specific_force @ turn.T, trial.imu.angular_rate @ turn.T
-    return replace(trial, imu=replace(trial.imu, specific_force=force, angular_rate=rate))
-
-
-def late_stamps(trial: Trial) -> Trial:
-    """Encoders and currents are stamped 30 ms late."""
-    assert trial.wheels is not None
-    assert trial.currents is not None
-    return replace(
-        trial,
-        wheels=replace(trial.wheels, t=trial.wheels.t + 0.03),
-        currents=replace(trial.currents, t=trial.currents.t + 0.03),
-    )
 
 
 @pytest.mark.parametrize(("spoil", "within"), [(turned_imu, 0.1), (late_stamps, 0.5)])

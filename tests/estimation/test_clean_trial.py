@@ -123,12 +123,7 @@ def test_restart_of_the_imu_leaves_no_step() -> None:
 
 @pytest.mark.parametrize("offset", [0.03, -0.05])
 def test_large_clock_offset_is_taken_out_of_the_stamps(offset: float) -> None:
-    wheels, currents = good().trial.wheels, good().trial.currents
-    late = replace(
-        good().trial,
-        wheels=replace(wheels, t=wheels.t - offset),
-        currents=replace(currents, t=currents.t - offset),
-    )
+    late = faults.late(good().trial, -offset)
     clean, motion = correct(late, robot())
     made = said(clean, "clock")[0]
     apart = clean.wheels.t - plain()[0].wheels.t

@@ -21,7 +21,6 @@ from tests.truth.simulator import simulate
 from tests.truth.trials import TruthTrial, log_run
 
 A_THETA, TENTH = 4.7, 0.1
-SIDEWAYS = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @cache
@@ -49,15 +48,6 @@ def plain() -> K92Fit:
     return fitted(good().trial, robot())
 
 
-def late(trial: Trial, by: float) -> Trial:
-    """Encoders and currents whose stamps are early."""
-    return replace(
-        trial,
-        wheels=replace(trial.wheels, t=trial.wheels.t - by),
-        currents=replace(trial.currents, t=trial.currents.t - by),
-    )
-
-
 def restarted(trial: Trial, at: float) -> Trial:
     jump = {"accel_jump": np.array([0.15, -0.1, 0.1]), "gyro_jump": np.array([0.01, 0.02, -0.01])}
     return faults.imu_restart(trial, at, gap=0.1, **jump)
@@ -77,7 +67,7 @@ def test_good_trial_has_the_k92_of_the_simulator() -> None:
 @pytest.mark.parametrize(
     ("fault", "mounting"),
     [
-        (lambda t: faults.turned(t, SIDEWAYS), {"forward": "find"}),
+        (lambda t: faults.turned(t, faults.SIDEWAYS), {"forward": "find"}),
         (lambda t: restarted(t, 0.8), {}),
     ],
     ids=["IMU axes found", "restart at rest"],
@@ -99,4 +89,4 @@ def test_spikes_that_are_left_out_cost_information_but_no_more() -> None:
 @pytest.mark.parametrize("by", [0.03, -0.03])
 @pytest.mark.xfail(reason="estimation leaves such an offset in the stamps: 0.7 to 0.9 std")
 def test_an_offset_that_nobody_states_is_gone(by: float) -> None:
-    assert max(apart(fitted(late(good().trial, by), robot()))) < TENTH
+    assert max(apart(fitted(faults.late(good().trial, -by), robot()))) < TENTH

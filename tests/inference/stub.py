@@ -171,7 +171,6 @@ def problem_of(
     problem = Problem(models, Bench(world, respond=respond or Respond()))
     start = problem.neutral()
     slopes = problem.slopes(start)
-    assert slopes is not None
     problem.weigh(nominal(problem), start, slopes)
     return problem
 

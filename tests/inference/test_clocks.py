@@ -14,6 +14,7 @@ from granite_lab.inference.clocks import one_clock
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_variants
 from tests.fitting.made_up import made_up_trial
+from tests.truth import faults
 
 STD = 0.006
 
@@ -27,13 +28,9 @@ def one() -> tuple[Motion, Trial]:
 def moved(one: tuple[Motion, Trial], applied: Sequence[float]) -> tuple[list[Trial], list[Motion]]:
     """Return a trial as often as there are offsets, as estimation leaves it after applying each."""
     motion, trial = one
-    assert trial.wheels is not None
-    assert trial.currents is not None
     trials, motions = [], []
     for by in applied:
-        wheels = replace(trial.wheels, t=trial.wheels.t + by)
-        currents = replace(trial.currents, t=trial.currents.t + by)
-        trials.append(replace(trial, wheels=wheels, currents=currents))
+        trials.append(faults.late(trial, by))
         start = replace(motion.t_start, value=motion.t_start.value + by)
         motions.append(replace(motion, clock_offset=Estimate(by, STD), clock_applied=by, t_start=start))
     return trials, motions
@@ -51,8 +48,6 @@ def test_stamps_of_one_logger_are_moved_by_the_same(
         assert motion.clock_applied == pytest.approx(common)
         assert motion.t_start.value == pytest.approx(told.t_start.value)
         for stream, wanted in ((trial.wheels, expected.wheels), (trial.currents, expected.currents)):
-            assert stream is not None
-            assert wanted is not None
             np.testing.assert_allclose(stream.t, wanted.t, atol=1e-12)
 
 

@@ -161,7 +161,6 @@ def objective(problem: Problem, point: Point, scales: Scales) -> float:
     """Return the misfit, simulated anew, and the priors."""
     begun = fit(problem, problem.neutral(), rounds=0)
     responses = simulated(problem, point)
-    assert responses is not None
     std, mean = problem.prior(point, scales)
     white = problem.white(problem.residuals(point, responses))
     squares = sum(begun.normal.misfits(white, scales).values())
@@ -236,10 +235,8 @@ def test_slopes_are_taken_backwards_where_a_step_has_no_solution() -> None:
     """The response is linear, so that both directions give the same derivative."""
     free = problem_of(FOUR)
     expected = free.slopes(free.neutral())
-    assert expected is not None
     point = replace(free.neutral(), shared=np.where(np.arange(len(SHARED)) == 0, 0.095, 0.0))
     one_way = problem_of(FOUR, respond=Respond(bound=0.1)).slopes(point)
-    assert one_way is not None
     for a, b in zip(expected.sand, one_way.sand, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-9)
 

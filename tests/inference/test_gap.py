@@ -33,7 +33,6 @@ def linear(problem: Problem, rng: np.random.Generator, share: float) -> Fit:
     """
     point = problem.neutral()
     slopes = problem.slopes(point)
-    assert slopes is not None
     std, _ = problem.prior(point, FIRST)
     θ = std * rng.normal(size=std.size)
     first = np.cumsum([0, *(x.size for x in point.trials)])

@@ -32,7 +32,6 @@ def trial(problem: Problem) -> TrialModel:
 @pytest.fixture(scope="module")
 def response(problem: Problem) -> Array:
     found = problem.respond([problem.task(problem.neutral(), 1)])
-    assert found is not None
     return found[0]
 
 
@@ -53,7 +52,6 @@ def test_all_columns_are_those_of_differences(problem: Problem) -> None:
     """At the files' values, where the trial's response is that of its command."""
     point = problem.neutral()
     slopes = problem.slopes(point)
-    assert slopes is not None
     first = np.cumsum([0, *(x.size for x in point.trials)])
     for i, t in enumerate(problem.trials):
         columns = problem.columns(i, point, slopes)
@@ -71,7 +69,6 @@ def test_columns_far_from_the_start_are_those_of_differences_but_for_products(pr
     rng = np.random.default_rng(2)
     point = drawn(problem, rng, common=0.3, own=0.3)
     slopes = problem.slopes(point)
-    assert slopes is not None
     first = np.cumsum([0, *(x.size for x in point.trials)])
     columns = problem.columns(1, point, slopes)
     places = [*range(first[1], first[2]), *range(first[-1], first[-1] + len(SHARED))]

@@ -129,3 +129,13 @@ def shifted_time(trial: Trial, origin: float) -> Trial:
         s and replace(s, t=s.t + origin) for s in (trial.imu, trial.wheels, trial.currents)
     )
     return replace(trial, imu=imu, wheels=wheels, currents=currents)
+
+
+def late(trial: Trial, by: float) -> Trial:
+    """Stamp encoders and currents later than the IMU [s]."""
+    wheels, currents = (s and replace(s, t=s.t + by) for s in (trial.wheels, trial.currents))
+    return replace(trial, wheels=wheels, currents=currents)
+
+
+SIDEWAYS = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Takes a vector from the robot's axes to those of an IMU that is mounted with its x axis to the left."""
