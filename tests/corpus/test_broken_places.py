@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.corpus.cli import GRANITE, LOG, ROOT, lab, refused
+from tests.corpus.cli import LOG, ROOT, lab, refused
 from tests.effects.example import EXAMPLE
 
 SAMPLE = ROOT / "data" / "samples" / "virtual_v0.3_r1.csv"
@@ -192,4 +192,3 @@ def test_the_user_s_own_code_is_said_to_be_run_and_nothing_else_is(tmp_path: Pat
     own.write_text(code + EXAMPLE)
     assert lab("effects", "--effects", own).code == 0
     assert trace.exists()
-    assert GRANITE

@@ -38,13 +38,6 @@ def test_a_command_that_a_sentence_names_exists(text: str) -> None:
     assert {word.split("=")[0] for word in rest if word.startswith("-")} <= known
 
 
-@pytest.mark.parametrize("wrong", [["study", "--no-such", "a.csv"], ["hide"], ["view"]])
-def test_a_command_that_does_not_fit_would_be_seen(wrong: list[str]) -> None:
-    command, rest = command_of(wrong)
-    with pytest.raises(Exception, match=r"(?i)no such option|missing"):
-        command.make_context("granite-lab", rest)
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_and_pictures_of_a_page_lead_somewhere(page: Path) -> None:
     for target, heading in LINK.findall(text_of(page)):

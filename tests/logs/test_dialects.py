@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from granite_lab.logs import read_trial
 from tests.logs import make
 
 LINES = make.lines()
@@ -82,19 +79,3 @@ def test_a_million_blank_lines(tmp_path: Path) -> None:
     blank = "\n" * 1_000_000
     trial = make.read(tmp_path, blank + "\n".join(LINES[:300]) + blank + "\n".join(LINES[300:]))
     assert len(trial.imu.t) == len(LINES) - 1
-
-
-def test_six_minutes_are_read_in_two_seconds(tmp_path: Path) -> None:
-    """A tenth of the hour that may take 20 s."""
-    path = tmp_path / "long.csv"
-    t = np.arange(72_000) / 200
-    cells = np.random.default_rng(1).normal(0, 0.02, (len(t), 7)) + np.array([0, 0, 9.81, 0, 0, 0, 0])
-    rows = [
-        f"{a:.6f},{x:.6f},{y:.6f},{z:.6f},{p:.6f},{q:.6f},{r:.6f}" + (f",{s:.6f}" * 4 if k % 2 else ",,,,")
-        for k, (a, (x, y, z, p, q, r, s)) in enumerate(zip(t, cells, strict=True))
-    ]
-    path.write_text("\n".join([make.HEADER, *rows]))
-    start = time.process_time()
-    trial = read_trial(path)
-    assert time.process_time() - start < 2
-    assert (len(trial.imu.t), len(trial.wheels.t)) == (72_000, 36_000)
