@@ -16,7 +16,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Transform, blended_transform_factory
 
 from granite_lab.logs.trial import Array
@@ -204,34 +204,6 @@ def band(axis: Axes, t: Array, value: Array, std: Array, label: str) -> None:
 def key(axis: Axes, text: str) -> None:
     """Write what lines are above the right end of a panel."""
     axis.text(1, 1.02, text, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)
-
-
-def colour_bar(figure: Canvas, colours: Any, label: str, ticks: Mapping[int, str]) -> None:
-    """Put a scale of colours along the lower edge of a figure of named rows.
-
-    Args:
-        figure: with room for it.
-        colours: norm and colour map, as a `ScalarMappable`.
-        label: of the scale, with its unit.
-        ticks: where something stands, and what.
-    """
-    height = figure.get_size_inches()[1]
-    place = figure.add_axes((NAMES / WIDTH, 0.4 / height, (WIDTH - NAMES - RIGHT) / WIDTH, 0.09 / height))
-    scale = figure.colorbar(colours, cax=place, orientation="horizontal", ticks=[*ticks])
-    scale.set_ticklabels([*ticks.values()])
-    scale.ax.minorticks_off()
-    assert scale.solids is not None
-    scale.solids.set(rasterized=False, edgecolor="face", linewidth=0.3)  # no image inside the SVG
-    scale.set_label(label, fontsize=8)
-
-
-def log_axis(axis: Axes, low: float, high: float) -> None:
-    """Make the x axis logarithmic with about four plain numbers."""
-    axis.set_xscale("log")
-    axis.set_xlim(low, high)
-    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 30 * low else (1,), numticks=5))
-    axis.xaxis.set_major_formatter("{x:g}")
-    axis.xaxis.set_minor_locator(NullLocator())
 
 
 def envelope(t: Array, *values: Array, points: int = 700) -> tuple[Array, ...]:

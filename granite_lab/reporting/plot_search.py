@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import LogLocator, NullLocator
 
 from granite_lab.discovery.finding import Candidate, Finding, Residual
 from granite_lab.logs.trial import Array
@@ -70,7 +70,10 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
             y, np.fmin(before, after), np.fmax(before, after), color=canvas.FAINT, linewidth=1.6, zorder=1
         )
         axis.plot(after, y, "D", color=AFTER, markersize=4, label=with_found(finding))
-    canvas.log_axis(axis, low, high)
+    axis.set(xscale="log", xlim=(low, high))
+    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 30 * low else (1,), numticks=5))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_locator(NullLocator())
     axis.set_xlabel("gap over noise and tolerance [–]")
     axis.axhline(rule - 0.5, color=canvas.FAINT, linewidth=0.6)
     canvas.legend(axis, left=KEYS_LEFT)
@@ -129,26 +132,16 @@ def intervals_figure(finding: Finding) -> Figure | None:
     return drawing("found_intervals", title, finding.virtual, _intervals, finding, intervals=many)
 
 
-TICKS = {1: "≤1", 2: "2", 5: "5", 10: "10", 20: "20", 50: "≥50"}
-"""Differences over the rms of a sensor [%] on the scale of colours."""
-
-
 def _intervals(finding: Finding) -> Canvas:
     speeds, channels = sorted({d.variant for d in finding.where}), channels_of(finding)
-    norm, colours = mpl.colors.LogNorm(1, 50), mpl.colormaps["cividis"]
     heights = [0.13 * len(channels)] * len(speeds)
-    figure, axes = canvas.panels(heights, left=canvas.NAMES, head=0.24, foot=0.98, gap=0.24, x=canvas.TIME)
+    figure, axes = canvas.panels(heights, left=canvas.NAMES, gap=0.24, x=canvas.TIME)
     for axis, speed in zip(axes, speeds, strict=True):
         for d in (d for d in finding.where if d.variant == speed):
-            colour = colours(norm(np.clip(100 * d.share, 1, 50)))
-            axis.barh(channels.index(d.channel), d.end - d.start, 0.8, d.start, linewidth=0, color=colour)
-        axis.set_facecolor(colours(0.0))
+            axis.barh(channels.index(d.channel), d.end - d.start, 0.8, d.start, linewidth=0, color=BEFORE)
         canvas.name_rows(axis, [sensor(c) for c in channels], 6.5)
-        axis.text(0, 1.02, f"{speed:g} m/s", transform=axis.transAxes, fontsize=8, va="bottom")
+        canvas.key(axis, f"{speed:g} m/s")
     axes[0].set_xlim(-0.5, max(float(r.t[-1]) for r in finding.residuals if r.variant in speeds))
-    canvas.colour_bar(
-        figure, mpl.cm.ScalarMappable(norm, colours), "difference over the sensor's rms [%]", TICKS
-    )
     return figure
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -30,8 +30,7 @@ OUTLIER = 4.0
 MOST_OUTLIERS = 20
 
 
-@dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """A bar: start and end since command start [s], its channel, which is a lane, and what it says."""
 
     start: float
@@ -40,8 +39,7 @@ class Interval:
     label: str
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(NamedTuple):
     """One log line: time since command start [s], text, and level, "INFO" or "WARN"."""
 
     t: float

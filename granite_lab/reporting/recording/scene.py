@@ -6,8 +6,7 @@ Axes as in frame R: x forward, y left, z up, origin midway between the axles at 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -38,8 +37,7 @@ Block = tuple[tuple[float, float, float], tuple[float, float, float], Rgb]
 """A box: lowest corner and highest corner [m], colour."""
 
 
-@dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(NamedTuple):
     """(N,) x and z of R above the ground [m], pitch, nose down [rad], and (N, 4) wheel angles [rad]."""
 
     x: Array

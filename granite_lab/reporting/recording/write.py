@@ -12,7 +12,6 @@ from typing import Any
 import rerun as rr
 import rerun.blueprint as rrb
 
-from granite_lab import __version__
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.logs.trial import Trial
@@ -43,7 +42,6 @@ def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: F
     """
     content = _Content(trial, comparison, finding)
     with recording(path, trial.name, blueprint(content.layout("", trial.name))) as stream:
-        stream.send_property("trial", _properties(trial, comparison))
         content.write(Writer(stream))
     return path
 
@@ -71,17 +69,10 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
         ]
     first = overlay(rows, max(map(len, speeds.values())))
     with recording(path, result.name, blueprint(rrb.Tabs(first, *tabs, active_tab=0))) as stream:
-        study = rr.AnyValues(
-            name=result.name, virtual=result.virtual, version=__version__, trials=names,
-            failures=[f"{f.trial}: {f.message}" for f in result.failures] or ["none"],
-        )  # fmt: skip
-        stream.send_property("study", study)
         Writer(stream).static("key", _page("recording_key.md", virtual=result.virtual, study=True))
         write_lines(Writer(stream), chain(*rows.values()))
         for name, own in contents.items():
-            root = root_of(name)
-            stream.send_property(root.removeprefix("/"), _properties(own.trial, own.comparison))
-            own.write(Writer(stream, root))
+            own.write(Writer(stream, root_of(name)))
     return path
 
 
@@ -125,16 +116,3 @@ class _Content:
 def _page(template: str, **content: object) -> Any:
     """Return a Markdown document."""
     return rr.TextDocument(drawable(to_markdown(template, **content).strip()), media_type="text/markdown")
-
-
-def _properties(trial: Trial, comparison: Comparison) -> Any:
-    """Return what a program should know of a trial without reading its samples; units in the names."""
-    motion, run, fit = comparison.motion, comparison.run, comparison.fit
-    return rr.AnyValues(
-        name=trial.name, virtual=motion.virtual, version=__version__,
-        robot=run.robot.name, soil=run.soil.name, effects=list(run.effects) or ["none"],
-        variant_mps=motion.variant.velocity, command_start_s=motion.t_start.value,
-        slip_ratio_measured=motion.slip_ratio.value, slip_ratio_measured_std=motion.slip_ratio.std,
-        k92=fit.k92.value, k92_std=fit.k92.std, k92_status=fit.status,
-        inputs_sha256=[file.sha256 for file in trial.inputs] or ["none"],
-    )  # fmt: skip
