@@ -55,18 +55,17 @@ def reveal(call: Call[api.Revealed]) -> Output:
 
 
 def _show_answer(answer: Mapping[str, Any], shown: Console) -> None:
-    from granite_lab.reporting.grid import grid, row_of, say
+    from granite_lab.reporting.grid import grid, say
 
     trials = "virtual trials" if answer.get("virtual", True) else "trials"
     if answer["effects"]:
         say(shown, f"Hidden in these {trials}", "bold")
-        table = grid("effect", "parameter", "value", "unit", words=(0, 1, 3))
+        rows = []
         for effect in answer["effects"]:
             named = effect["id"] + ("" if effect["library"] else " (not in the library)")
             values = [(name, f"{p['value']:.4g}", p["unit"]) for name, p in effect["parameters"].items()]
-            for k, cells in enumerate(values or [("", "", "")]):
-                table.add_row(*row_of(named if k == 0 else "", *cells))
-        shown.print(table)
+            rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", "", "")])]
+        shown.print(grid("effect", "parameter", "value", "unit", words=(0, 1, 3), rows=rows))
         for effect in answer["effects"]:
             told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
             say(shown, f"{effect['id']}: {told}.")
@@ -87,18 +86,18 @@ def _show_answer(answer: Mapping[str, Any], shown: Console) -> None:
 
 
 def _show_score(judged: Score, shown: Console) -> None:
-    from granite_lab.reporting.grid import grid, row_of, say
+    from granite_lab.reporting.grid import grid, say
 
     mark = "right" if judged.right else "wrong"
     named = ", ".join(judged.named) or judged.verdict
     say(shown, f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
     if judged.parameters:
-        table = grid("effect", "parameter", "hidden", "found", "std", "z", "meaning", words=(0, 1, 6))
+        rows = []
         for p in judged.parameters:
             std, z = "" if p.std is None else f"{p.std:.2g}", "" if p.z is None else f"{p.z:+.1f}"
-            cells = (p.effect, f"{p.name} [{p.unit}]", f"{p.true:.4g}", f"{p.value:.4g}", std, z, p.kind)
-            table.add_row(*row_of(*cells))
-        shown.print(table)
+            rows.append((p.effect, f"{p.name} [{p.unit}]", f"{p.true:.4g}", f"{p.value:.4g}", std, z, p.kind))
+        titles = ("effect", "parameter", "hidden", "found", "std", "z", "meaning")
+        shown.print(grid(*titles, words=(0, 1, 6), rows=rows))
     for part, share in judged.gap_closed.items():
         if share is not None:
             say(shown, f"gap closed, {part.replace('_', ' ')} trials: {100 * share:.1f} %")

@@ -27,13 +27,13 @@ def check(call: Call[checks.Checked]) -> Output:
     found = call()
 
     def text(shown: Console) -> None:
-        from granite_lab.reporting.grid import clean, grid, row_of, say
+        from granite_lab.reporting.grid import clean, grid, say
 
-        table = grid("", "check", "found", words=(0, 1, 2))
-        for one in found.checks:
-            mark = clean("good", "green") if one.good else clean("BAD", "bold red")
-            table.add_row(*row_of(mark, one.name, one.found if one.good else f"{one.found}. {one.advice}."))
-        shown.print(table)
+        marks = {True: clean("good", "green"), False: clean("BAD", "bold red")}
+        rows = (
+            (marks[c.good], c.name, c.found if c.good else f"{c.found}. {c.advice}.") for c in found.checks
+        )
+        shown.print(grid("", "check", "found", words=(0, 1, 2), rows=rows))
         if found.virtual:
             say(shown, "virtual data: written by a simulator.", "yellow")
         if found.good:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -52,20 +53,20 @@ def simulate(
 
 
 def _show_run(run: Run, path: Path, log: Path | None, shown: Console) -> None:
-    from granite_lab.reporting.grid import grid, row_of, say
+    from granite_lab.reporting.grid import grid, say
 
     steady = (run.t >= run.steady[0]) & (run.t <= run.steady[1])
     say(shown, f"Simulated run, {run.variant.velocity:g} m/s", "bold")
-    table = grid("quantity", "front", "rear", "unit", words=(0, 3))
-    for label, name, factor, unit in (
-        ("slip ratio", "slip_{}", 100, "%"),
-        ("sinkage", "sinkage_{}_m", 1000, "mm"),
-        ("driving torque", "torque_{}_Nm", 1, "N m"),
-        ("motor current", "current_{}_A", 1, "A"),
-    ):
-        values = [f"{factor * run[name.format(axle)][steady].mean():.2f}" for axle in "fr"]
-        table.add_row(*row_of(label, *values, unit))
-    shown.print(table)
+    rows = [
+        (label, *(f"{factor * run[name.format(axle)][steady].mean():.2f}" for axle in "fr"), unit)
+        for label, name, factor, unit in (
+            ("slip ratio", "slip_{}", 100, "%"),
+            ("sinkage", "sinkage_{}_m", 1000, "mm"),
+            ("driving torque", "torque_{}_Nm", 1, "N m"),
+            ("motor current", "current_{}_A", 1, "A"),
+        )
+    ]
+    shown.print(grid("quantity", "front", "rear", "unit", words=(0, 3), rows=rows))
     law = f"k_92 = {run.k92_value:g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:g} s/m"
     show(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
     for name, values_of in run.effects.items():
@@ -111,22 +112,22 @@ def wheel(
 
 
 def _show_wheel(run: api.WheelRun, shown: Console) -> None:
-    from granite_lab.reporting.grid import grid, row_of, say
+    from granite_lab.reporting.grid import grid, say
 
-    table = grid("slip", "drawbar pull", "torque", "sinkage", "load", "k_92", "front", "rear", "σ max")
-    table.add_row(*row_of("", "N", "N m", "mm", "N", "", "°", "°", "kPa"), style="dim")
-    for p, row in zip(run.points, run.to_frame().itertuples(), strict=True):
-        table.add_row(
-            *row_of(
-                f"{p.slip:g}", f"{p.drawbar_pull:.2f}", f"{p.torque:.3f}", f"{row.sinkage_mm:.2f}",
-                f"{p.load:.1f}", f"{p.k92:.3f}", f"{row.angle_front_deg:.1f}", f"{row.angle_rear_deg:.1f}",
-                f"{p.normal_stress.max() / 1000:.1f}",
-            )
-        )  # fmt: skip
     say(shown, f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}")
     for e in run.effects:
         say(shown, f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
-    shown.print(table)
+    titles = ("slip", "drawbar pull", "torque", "sinkage", "load", "k_92", "front", "rear", "σ max")
+    units = [("", "N", "N m", "mm", "N", "", "°", "°", "kPa")]
+    rows = [
+        (
+            f"{p.slip:g}", f"{p.drawbar_pull:.2f}", f"{p.torque:.3f}", f"{1000 * p.sinkage:.2f}",
+            f"{p.load:.1f}", f"{p.k92:.3f}", f"{math.degrees(p.angle_front):.1f}",
+            f"{math.degrees(p.angle_rear):.1f}", f"{p.normal_stress.max() / 1000:.1f}",
+        )
+        for p in run.points
+    ]  # fmt: skip
+    shown.print(grid(*titles, rows=units + rows))
 
 
 @command(api.params)
@@ -236,15 +237,13 @@ def check_effect(call: Call[dict[str, tuple[Effect, list[Check]]]]) -> Output:
     from granite_lab.effects.contract import refuse_failed
 
     def text(shown: Console) -> None:
-        from granite_lab.reporting.grid import grid, row_of, say
+        from granite_lab.reporting.grid import grid, say
 
+        marks = {True: "ok", False: "FAILED", None: "-"}
         for name, (effect, checks) in found.items():
             say(shown, f"{name}: {effect.title}", "bold")
-            table = grid("", "check", "found", words=(0, 1, 2))
-            for c in checks:
-                mark = {True: "ok", False: "FAILED", None: "-"}[c.passed]
-                table.add_row(*row_of(mark, c.name, c.detail))
-            shown.print(table)
+            rows = ((marks[c.passed], c.name, c.detail) for c in checks)
+            shown.print(grid("", "check", "found", words=(0, 1, 2), rows=rows))
 
     checks, error = {name: own for name, (_, own) in found.items()}, None
     try:

@@ -57,7 +57,7 @@ MEASURE = ("expected log Bayes factor", "relative standard deviation")
 
 def show_plan(plan: Plan, most: int, shown: Console) -> None:
     """Print a plan so that it fits 80 columns."""
-    from granite_lab.reporting.grid import grid, row_of, say
+    from granite_lab.reporting.grid import grid, say
 
     sharpens = plan.question.kind == "sharpen"
     say(shown, asked(plan) + (" (virtual data)" if plan.design.virtual else ""), "bold")
@@ -65,10 +65,10 @@ def show_plan(plan: Plan, most: int, shown: Console) -> None:
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
         say(shown, f"No trial is recommended: {why}.", "bold")
-    table = grid("", "next trial", "std" if sharpens else "log Bayes\nfactor", "because", words=(1, 3))
-    for k, p in enumerate(plan.proposals[:most], 1):
-        table.add_row(*row_of(str(k), trial(p), _change(plan, p), because(plan, p)))
-    shown.print(table)
+    shown_first = enumerate(plan.proposals[:most], 1)
+    rows = ((str(k), trial(p), _change(plan, p), because(plan, p)) for k, p in shown_first)
+    titles = ("", "next trial", "std" if sharpens else "log Bayes\nfactor", "because")
+    shown.print(grid(*titles, words=(1, 3), rows=rows))
     if plan.worth:
         best = plan.proposals[0].option
         say(shown, f"First choice: {best.how}.")

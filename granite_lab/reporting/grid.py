@@ -38,13 +38,8 @@ def grid(*titles: str, words: Sequence[int] = (), rows: Iterable[Sequence[str | 
         justify: Literal["left", "right"] = "left" if left else "right"
         table.add_column(Text(title), justify=justify, overflow="fold", no_wrap=not left, min_width=least)
     for row in rows:
-        table.add_row(*row_of(*row))
+        table.add_row(*(cell if isinstance(cell, Text) else clean(cell) for cell in row))
     return table
-
-
-def row_of(*cells: str | Text) -> list[Text]:
-    """Return cells that hold texts as they are."""
-    return [cell if isinstance(cell, Text) else clean(cell) for cell in cells]
 
 
 def clean(text: str, style: str = "") -> Text:
@@ -70,9 +65,8 @@ def show_table(table: Table, console: Console, *, only: Sequence[str] = ()) -> N
     for name, unit in ((table.columns[i].name.replace(" %", "\u00a0%"), table.columns[i].unit) for i in kept):
         lines = textwrap.wrap(name, max(9, len(name) // 2), break_long_words=False)
         heads.append("\n".join([*lines, f"[{unit}]"] if unit else lines))
-    shown = grid(*heads, words=[k for k, i in enumerate(kept) if not table.columns[i].number])
-    for row in table.rows:
-        shown.add_row(*(clean(row[i].text, TONES.get(row[i].tone, "")) for i in kept))
-    console.print(shown)
+    words = [k for k, i in enumerate(kept) if not table.columns[i].number]
+    rows = ([clean(row[i].text, TONES.get(row[i].tone, "")) for i in kept] for row in table.rows)
+    console.print(grid(*heads, words=words, rows=rows))
     if table.virtual:
         say(console, f"{VIRTUAL}.", "yellow")

@@ -10,14 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from granite_lab.inference.noise import NOMINAL
 from granite_lab.model.command import steady_interval
 from granite_lab.model.single_wheel import WheelPoint
 from granite_lab.planning.imprint import Imprint, Seen
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Figure, drawing
-from granite_lab.reporting.rounding import significant, tidy_unit, with_unit
-from granite_lab.reporting.words import SENSORS
+from granite_lab.reporting.rounding import percent, significant, tidy_unit, with_unit
 
 
 class Row(NamedTuple):
@@ -39,40 +37,28 @@ ROWS = (
     Row("current_r", "rear current", "A", 1.0, 0.05),
 )
 
-WHEN = {
-    "rest": "at rest before the start", "accelerate": "while accelerating", "steady": "at constant speed",
-    "brake": "while braking", "coast": "while coming to rest",
-}  # fmt: skip
-
-WINDOW = 15
-"""Number of bins over which the strongest place of a signal is sought."""
-
 WIDE, PANEL = 9.2, 1.02
 """Of the figure and height of a panel [in]."""
 
 
 def effect_drawing(imprint: Imprint) -> Figure:
     """Draw one column a command and one row a channel, raw and after what else could explain it."""
-    effect, sentence = imprint.active.effect, what_to_see(imprint)
-    title = f"Signature of {effect.id}: {effect.title}"
-    name = f"effect_{effect.id}"
-    return drawing("effect", title, False, _effect, imprint, sentence, name=name, sentence=sentence)
+    effect = imprint.active.effect
+    title, name = f"Signature of {effect.id}: {effect.title}", f"effect_{effect.id}"
+    share = percent(imprint.share) if imprint.share else "Nothing"
+    return drawing("effect", title, False, _effect, imprint, name=name, share=share)
 
 
-def _effect(imprint: Imprint, sentence: str) -> Canvas:
+def _effect(imprint: Imprint) -> Canvas:
     heading = textwrap.wrap(f"{imprint.active.effect.title}: {sizes(imprint)}", 84)
-    lines = textwrap.wrap(sentence, 132)
-    below = 0.13 + 0.18 * len(heading)  # the heading
-    above = below + 0.49 + 0.16 * len(lines)
+    above = 0.62 + 0.18 * len(heading)
     figure, axes = canvas.panels(
         [PANEL] * len(ROWS), len(imprint.seen), left=0.85, head=above, gap=0.16, width=WIDE, label=0.34
     )
-    inches = figure.dpi_scale_trans
-    tall = figure.get_size_inches()[1]
+    inches, tall = figure.dpi_scale_trans, figure.get_size_inches()[1]
     figure.text(
         0.12, tall - 0.1, "\n".join(heading), transform=inches, va="top", fontsize=10.5, weight="bold"
     )
-    figure.text(0.12, tall - below, "\n".join(lines), transform=inches, va="top", fontsize=9)
     grid = np.array(axes).reshape(len(ROWS), -1)
     for row, own in zip(ROWS, grid, strict=True):
         half = max([row.half, *(_signals(a, s, row) for a, s in zip(own, imprint.seen, strict=True))])
@@ -115,29 +101,6 @@ def sizes(imprint: Imprint) -> str:
         size = with_unit(significant(value, 2), tidy_unit(p.unit)).replace("\u00a0°", "°")
         named.setdefault(size, []).append(p.name.replace("_", " "))
     return ", ".join(f"{' = '.join(names)} = {size}" for size, names in named.items())
-
-
-def what_to_see(imprint: Imprint) -> str:
-    """Say in one sentence where the effect shows most, and how much of it nothing else imitates."""
-    best: tuple[float, Seen, str, int] | None = None
-    for seen in imprint.seen:
-        for channel, values in seen.left.items():
-            energy = np.convolve((values / NOMINAL[channel]) ** 2, np.ones(WINDOW), mode="same")
-            k = int(np.argmax(energy))
-            if best is None or energy[k] > best[0]:
-                best = float(energy[k]), seen, channel, k
-    if best is None or best[0] == 0:
-        return "At this size the effect changes nothing that these sensors read."
-    _, seen, channel, k = best
-    phase, t = seen.observation.phase[k], seen.observation.t[k]
-    when = WHEN["coast" if phase == "rest" and t > 0 else phase]
-    share = 100 * imprint.share
-    left = f"{share:.0f} %" if share >= 10 else f"{significant(share, 2)} %"
-    return (
-        f"Largest change relative to the noise: {SENSORS[channel]} {when}, at "
-        f"{seen.observation.variant.velocity:g} m/s. {left} of the change remains after sand, start time and "
-        "offsets of the sensors are fitted again (blue)."
-    )
 
 
 def sweep_figure(points: Sequence[WheelPoint], title: str) -> Canvas:

@@ -106,7 +106,7 @@ def test_the_command_writes_the_picture_it_names(tmp_path: Path, monkeypatch: py
     done = run(app, ["effects", "show", "payload_mass", "--picture", "mass.svg", "--json"])
     document = json.loads(done.stdout)
     assert document["picture"] == "mass.svg"
-    assert document["picture_shows"].startswith("Largest change relative to the noise")
+    assert document["picture_shows"].endswith("are fitted again (blue).")
     assert "rear current" in Path("mass.svg").read_text()
     done = run(app, ["effects", "show", "payload_mass"])
     assert "reports/effects/payload_mass.png" in done.stdout
