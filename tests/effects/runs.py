@@ -22,9 +22,3 @@ def run(effect_id: str | None = None, v: float = 0.5, step: float = 0.005, **val
 def at(r: Run, t: float, name: str) -> float:
     """Return a signal at an instant."""
     return float(np.interp(t, r.t, r[name]))
-
-
-def mean(r: Run, name: str, start: float, end: float) -> float:
-    """Return the mean of a signal between two instants."""
-    inside = (r.t >= start) & (r.t <= end)
-    return float(r[name][inside].mean())

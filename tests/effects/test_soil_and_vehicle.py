@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from granite_lab.effects import get
-from granite_lab.effects.bulldozing import UNIT_WEIGHT
 from granite_lab.model.contact import ContactAngles, WheelState, contact_angles, wheel_forces
 from granite_lab.model.effect import Axle, Own
 from granite_lab.model.symbols import model_parameters
-from granite_lab.parameters import GRAVITY, variant_of
-from tests.effects.runs import CHASSIS, ROBOT, SOIL, at, mean, run
+from granite_lab.parameters import variant_of
+from tests.effects.runs import ROBOT, SOIL, at, run
 
 MODEL = model_parameters(ROBOT, SOIL, variant_of(0.5), a_theta=4.919)
 
@@ -23,59 +22,6 @@ def steady_force(r: object, name: str) -> float:
     """Return the sum over the four wheels at the end of the steady part."""
     t = r.steady[1]
     return 2 * (at(r, t, f"{name}_f_N") + at(r, t, f"{name}_r_N"))
-
-
-def test_pushing_sand_ahead_costs_slip_and_the_passive_pressure_of_rankine() -> None:
-    plain, changed = run(), run("bulldozing", strength=0.5)
-    assert changed.slip_ratio > plain.slip_ratio + 0.01
-    t = plain.steady[1]
-    for a in "fr":
-        z = at(changed, t, f"sinkage_{a}_m")
-        K_p = (1 + np.sin(np.radians(30))) / (1 - np.sin(np.radians(30)))
-        F_b = ROBOT.wheels.width * (2 * SOIL.cohesion * np.sqrt(K_p) * z + UNIT_WEIGHT * K_p * z**2 / 2)
-        added = at(changed, t, f"force_x_{a}_N") - (
-            at(changed, t, f"thrust_{a}_N") + at(changed, t, f"resistance_{a}_N")
-        )
-        assert added == pytest.approx(-0.5 * F_b, rel=1e-6)
-
-
-def test_slip_makes_the_wheels_sink_deeper_and_standstill_does_not() -> None:
-    plain, changed = run(v=0.7), run("slip_sinkage", v=0.7, growth=0.4)
-    assert at(changed, -0.5, "sinkage_f_m") == pytest.approx(at(plain, -0.5, "sinkage_f_m"), abs=1e-9)
-    slow = run("slip_sinkage", v=0.2, growth=0.4)
-    deeper = [
-        mean(c, "sinkage_r_m", *p.steady) - mean(p, "sinkage_r_m", *p.steady)
-        for c, p in ((slow, run(v=0.2)), (changed, plain))
-    ]
-    assert 0 < deeper[0] < 0.3 * deeper[1]
-
-
-def test_the_rear_wheels_rise_once_they_reach_the_rut_of_the_front_wheels() -> None:
-    plain, changed = run(), run("multi_pass", pressure=0.5, shear=0.2)
-    before = plain["x_m"] < CHASSIS.wheel_base - 0.05
-    np.testing.assert_allclose(changed["sinkage_r_m"][before], plain["sinkage_r_m"][before], atol=1e-6)
-    late = float(np.interp(CHASSIS.wheel_base + 0.2, plain["x_m"], plain.t))
-    assert at(changed, late, "sinkage_r_m") < at(plain, late, "sinkage_r_m") - 1e-3
-    assert at(changed, late, "pitch_rad") > at(plain, late, "pitch_rad")  # nose down
-
-
-def test_soil_that_stiffens_with_speed_carries_the_faster_robot_higher() -> None:
-    rise = []
-    for v in (0.2, 0.7):
-        plain, changed = run(v=v), run("rate_dependent_soil", v=v, stiffening=0.5)
-        rise.append(mean(plain, "sinkage_f_m", *plain.steady) - mean(changed, "sinkage_f_m", *plain.steady))
-        assert at(changed, -0.5, "sinkage_f_m") == pytest.approx(at(plain, -0.5, "sinkage_f_m"), abs=1e-9)
-    assert 0 < rise[0] < rise[1]
-
-
-def test_the_lugs_ripple_stands_in_the_spectrum_at_lugs_times_wheel_rate() -> None:
-    r, plain = run("tread_ripple", cos_front=0.1, cos_rear=0.1), run()
-    inside = (r.t > r.steady[0]) & (r.t < r.steady[1])
-    ripple = (r["imu_az_mps2"] - plain["imu_az_mps2"])[inside]
-    power = np.abs(np.fft.rfft((ripple - ripple.mean()) * np.hanning(ripple.size))) ** 2
-    loudest = np.fft.rfftfreq(ripple.size, r.t[1] - r.t[0])[power.argmax()]
-    expected = ROBOT.wheels.lugs * mean(r, "omega_f_radps", *r.steady) / (2 * np.pi)
-    assert loudest == pytest.approx(expected, rel=0.03)
 
 
 def test_a_run_out_of_the_wheels_heaves_the_body_by_as_much() -> None:
@@ -90,16 +36,6 @@ def test_a_run_out_of_the_wheels_heaves_the_body_by_as_much() -> None:
     assert slope == pytest.approx(-e, rel=0.1)
 
 
-def test_a_lagging_contact_angle_follows_the_desired_one_late_and_ends_there() -> None:
-    plain, changed = run(), run("contact_angle_lag", time=0.2)
-    ratio = changed["angle_rear_f_rad"] / changed["angle_front_f_rad"]
-    ramp = plain.variant.velocity / plain.variant.acceleration
-    assert float(np.interp(ramp, changed.t, ratio)) > at(changed, ramp, "k92") + 0.1
-    end = plain.steady[1]
-    assert float(np.interp(end, changed.t, ratio)) == pytest.approx(at(changed, end, "k92"), abs=1e-4)
-    assert changed.slip_ratio == pytest.approx(plain.slip_ratio, abs=2e-4)
-
-
 def test_a_contact_angle_that_follows_the_actual_speed_is_that_of_the_actual_speed() -> None:
     changed = run("contact_angle_actual_speed", weight=1.0)
     moving = changed["v_mps"] > 0.1
@@ -112,31 +48,6 @@ def test_thrown_sand_costs_slip_where_the_wheels_slip_fast() -> None:
     more = [run("sand_throw", v=v, loss=0.1).slip_ratio - run(v=v).slip_ratio for v in (0.2, 0.7)]
     assert 0 < more[0] < 0.001
     assert more[1] > 0.01
-
-
-def test_a_slope_costs_the_weight_s_part_along_it() -> None:
-    plain, changed = run(), run("ground_slope", slope=1.0)
-    more = steady_force(changed, "force_x") - steady_force(plain, "force_x")
-    assert more == pytest.approx(CHASSIS.total_mass * GRAVITY * np.sin(np.radians(1.0)), rel=0.01)
-    assert changed.slip_ratio > plain.slip_ratio
-
-
-def test_a_payload_sinks_the_robot_and_loads_the_wheels_with_its_weight() -> None:
-    plain, changed = run(), run("payload_mass", mass=4.0)
-    assert steady_force(changed, "force_z") - steady_force(plain, "force_z") == pytest.approx(
-        4.0 * GRAVITY, rel=1e-3
-    )
-    for a in "fr":
-        assert at(changed, -0.5, f"sinkage_{a}_m") > at(plain, -0.5, f"sinkage_{a}_m") + 5e-4
-
-
-def test_a_centre_of_mass_further_forward_loads_the_front_by_weight_times_shift_over_wheelbase() -> None:
-    plain, changed = run(), run("com_offset", forward=0.02)
-    shift = 2 * (at(changed, -0.5, "force_z_f_N") - at(plain, -0.5, "force_z_f_N"))
-    weight = CHASSIS.total_mass * GRAVITY
-    nose = at(changed, -0.5, "pitch_rad") - at(plain, -0.5, "pitch_rad")
-    assert shift == pytest.approx(weight * (0.02 + CHASSIS.com_z * nose) / CHASSIS.wheel_base, rel=2e-3)
-    assert at(changed, -0.9, "x_m") == pytest.approx(0, abs=1e-6)
 
 
 def test_drag_is_as_large_as_stated_and_grows_with_the_chosen_power() -> None:

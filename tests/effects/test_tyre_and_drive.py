@@ -12,23 +12,7 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from granite_lab.effects import get
 from granite_lab.effects.gear_backlash import GIVE, ROUND, SEATING
 from granite_lab.model.effect import Own
-from granite_lab.parameters import GRAVITY
 from tests.effects.runs import CHASSIS, DRIVE, ROBOT, at, run
-
-
-def test_the_drives_reaction_moves_the_load_rearward_by_torque_over_wheelbase() -> None:
-    """Moments about the rear axle; the nose that rises carries the centre of mass back a little, too."""
-    plain, changed = run(), run("drive_reaction", share=1.0)
-    t = plain.steady[1]
-    lost = 2 * (at(plain, t, "force_z_f_N") - at(changed, t, "force_z_f_N"))
-    gained = 2 * (at(changed, t, "force_z_r_N") - at(plain, t, "force_z_r_N"))
-    torque = 2 * (at(changed, t, "torque_f_Nm") + at(changed, t, "torque_r_Nm"))
-    raised = at(plain, t, "pitch_rad") - at(changed, t, "pitch_rad")
-    tilt = CHASSIS.total_mass * GRAVITY * CHASSIS.com_z * raised
-    for shift in (lost, gained):
-        assert shift == pytest.approx((torque + tilt) / CHASSIS.wheel_base, rel=0.003)
-    assert tilt < 0.03 * torque
-    assert at(changed, -0.5, "force_z_f_N") == pytest.approx(at(plain, -0.5, "force_z_f_N"), abs=1e-6)
 
 
 def _tyre(κ: float, T_r: float, share: float, T: float, resist: float, t: np.ndarray) -> np.ndarray:
@@ -131,17 +115,6 @@ def test_a_softer_tyre_lowers_the_axles_by_load_over_stiffness_at_rest() -> None
     plain = run()
     assert at(r, -0.5, "sinkage_f_m") < at(plain, -0.5, "sinkage_f_m")
     assert at(r, -0.5, "load_f_N") == pytest.approx(at(plain, -0.5, "load_f_N"), rel=1e-3)
-
-
-def test_friction_in_the_gears_costs_current_and_not_speed() -> None:
-    plain, changed = run(), run("drivetrain_friction", coulomb=1.0, viscous=0.1)
-    t = plain.steady[1]
-    for a in "fr":
-        more = at(changed, t, f"current_{a}_A") - at(plain, t, f"current_{a}_A")
-        lost = 1.0 + 0.1 * at(changed, t, f"omega_{a}_radps")
-        per_ampere = DRIVE.gear_efficiency * DRIVE.gear_ratio * DRIVE.torque_constant
-        assert more == pytest.approx(lost / per_ampere, rel=2e-3)
-    assert changed.slip_ratio == pytest.approx(plain.slip_ratio, abs=1e-4)
 
 
 def test_play_in_the_gears_delays_the_start_by_the_time_the_motor_needs_to_take_it_up() -> None:

@@ -1,4 +1,7 @@
-"""What is hidden obeys mechanics: balances and directions worked out here, not taken from the library."""
+"""What is hidden obeys mechanics: balances and directions worked out here, not taken from the library.
+
+What mechanics demands of the library's effects, too, stands in `tests/effects/test_mechanics.py`.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from granite_lab.hidden.contact import (
 )
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, VX, Truth
 from granite_lab.hidden.parts import Stance, Trapezoid, exponential_k92
-from granite_lab.parameters import GRAVITY, load_robot, load_soil
+from granite_lab.parameters import load_robot, load_soil
 from tests.truth.simulator import Result, integrate
 
 V, A, DISTANCE = 0.5, 1.2, 1.4
@@ -115,9 +118,8 @@ def test_an_unknown_name_is_answered_with_the_nearest() -> None:
     assert "tyre_windup" in found.value.hint
 
 
-@pytest.mark.parametrize("name", ["rolling_drag", "bulldozing", "ground_slope", "soil_adhesion"])
-def test_what_resists_costs_speed_and_current_in_the_steady_part(name: str) -> None:
-    _, r = typical(name)
+def test_sand_that_sticks_costs_speed_and_current_in_the_steady_part() -> None:
+    _, r = typical("soil_adhesion")
     assert mean(r, "v") < mean(plain(), "v") - 1e-4
     assert (mean(r, "current") > mean(plain(), "current") + 0.01).all()
 
@@ -129,47 +131,6 @@ def test_drag_is_what_the_wheels_pull_with_beyond_nothing() -> None:
     u = np.abs(r.v) / 0.5
     late = steady(r)
     assert (pull - gained)[late] == pytest.approx((20.0 * (0.5 * u + 0.5 * u**2))[late], abs=0.05)
-
-
-def test_a_slope_is_climbed_by_its_share_of_the_weight_and_felt_at_rest() -> None:
-    truth, r = typical("ground_slope", slope=1.5)
-    weight = truth.mass * GRAVITY * np.sin(np.radians(1.5))
-    pull = 2 * (r.F + r.R).sum(axis=1) - truth.mass * np.gradient(r.state[:, VX], r.t)
-    assert pull[steady(r)] == pytest.approx(weight, abs=0.1)
-    assert r.rise == pytest.approx(np.radians(1.5))
-    assert np.abs(r.v[r.t < 0]).max() < 1e-6
-
-
-def test_the_drive_reaction_shifts_load_rearward_by_torque_over_wheel_base() -> None:
-    truth, r = typical("drive_reaction", share=1.0)
-    shifted = mean(r, "normal") - mean(plain(), "normal")
-    wheel_base = load_robot().chassis.wheel_base
-    expected = mean(r, "torque").sum() / wheel_base
-    assert shifted == pytest.approx([-expected, expected], rel=0.05)
-    assert truth.rest()[2] == pytest.approx(model().rest()[2])
-
-
-def test_a_centre_of_mass_further_forward_loads_the_front_at_rest_by_the_lever() -> None:
-    truth, base = model("com_offset", forward=0.03), model()
-    wheel_base = load_robot().chassis.wheel_base
-    moved = truth.contact(-1.0, truth.rest()).normal - base.contact(-1.0, base.rest()).normal
-    assert 2 * moved[0] == pytest.approx(truth.mass * GRAVITY * 0.03 / wheel_base, rel=2e-2)
-    assert moved.sum() == pytest.approx(0.0, abs=1e-6)
-
-
-def test_a_payload_weighs_and_lowers_the_robot() -> None:
-    truth, base = model("payload_mass", mass=5.0), model()
-    normal = truth.contact(-1.0, truth.rest()).normal
-    assert 2 * normal.sum() == pytest.approx((base.mass + 5.0) * GRAVITY)
-    assert truth.rest()[1] < base.rest()[1] - 3e-4
-
-
-def test_friction_costs_current_and_nothing_else() -> None:
-    truth, r = typical("drivetrain_friction", coulomb=1.0, viscous=0.05)
-    d = truth.drive
-    extra = (1.0 + 0.05 * V / truth.r) / (d.gear_efficiency * d.gear_ratio * d.torque_constant)
-    assert mean(r, "current") - mean(plain(), "current") == pytest.approx(extra, rel=1e-3)
-    assert mean(r, "v") == pytest.approx(mean(plain(), "v"), abs=1e-4)
 
 
 def test_a_wrong_torque_constant_scales_the_currents_alone() -> None:
@@ -236,40 +197,6 @@ def test_the_wedge_weighs_as_much_as_passive_pressure_at_the_sinkage_of_referenc
     assert (with_it.F == without.F).all()
 
 
-def test_slip_sinks_the_wheels_only_where_they_slip() -> None:
-    truth, r = typical("slip_sinkage")
-    assert (mean(r, "sinkage") > mean(plain(), "sinkage") + 1e-3).all()
-    assert truth.rest()[1] == pytest.approx(model().rest()[1], abs=1e-9)
-
-
-def test_the_rut_begins_one_wheel_base_on_and_carries_the_rear_wheels_higher() -> None:
-    _, r = typical("multi_pass")
-    x = np.interp(r.t, plain().t, plain().x)
-    before = (x < 0.425 - 0.04) & (r.t > 0)
-    after = (x > 0.425 + 0.1) & steady(r)
-    assert np.abs(r.sinkage - plain().sinkage)[before].max() < 1e-6
-    assert (r.sinkage - plain().sinkage)[after, 1].mean() < -1e-3
-    assert (r.pitch - plain().pitch)[after].mean() > 0  # nose down
-    assert mean(r, "slip")[0] < mean(plain(), "slip")[0]
-
-
-def test_soil_that_stiffens_with_the_rate_lifts_the_moving_robot_and_not_the_resting_one() -> None:
-    truth, r = typical("rate_dependent_soil")
-    assert (mean(r, "sinkage") < mean(plain(), "sinkage") - 5e-4).all()
-    assert truth.rest()[1] == pytest.approx(model().rest()[1], abs=1e-9)
-
-
-def test_lugs_strike_at_their_number_times_the_wheels_rate() -> None:
-    _, r = typical("tread_ripple")
-    late = steady(r)
-    spectrum = np.abs(
-        np.fft.rfft((r.acceleration[late, 1] - r.acceleration[late, 1].mean()) * np.hanning(late.sum()))
-    )
-    frequency = np.fft.rfftfreq(late.sum(), 0.0025)[spectrum.argmax()]
-    assert frequency == pytest.approx(24 * V / 0.0965 / (2 * np.pi), abs=1.5)
-    assert mean(r, "v") == pytest.approx(mean(plain(), "v"), abs=1e-3)
-
-
 def test_a_wheel_out_of_true_lifts_the_robot_once_a_revolution() -> None:
     truth = model("wheel_eccentricity", cos_front=1e-3, sin_front=0.0, cos_rear=1e-3, sin_rear=0.0)
     y = truth.rest()
@@ -281,14 +208,6 @@ def test_a_wheel_out_of_true_lifts_the_robot_once_a_revolution() -> None:
     turned[ANGLE], turned[OMEGA] = 0.5, 4.0
     a, b = truth.stance(0.0, turned), truth.stance(0.0, turned + np.eye(12)[6] * 4e-6 + np.eye(12)[7] * 4e-6)
     assert (b.z0 - a.z0) / 1e-6 == pytest.approx(a.dz0, rel=1e-3)  # the rate is the derivative
-
-
-def test_a_lagging_angle_helps_the_start_and_leaves_the_steady_part() -> None:
-    _, r = typical("contact_angle_lag", time=0.2, exponent=0.0)
-    ramp = (r.t > 0.1) & (r.t < V / A)
-    assert (r.v - plain().v)[ramp].mean() > 3e-3
-    assert r.v[steady(r)][-1] == pytest.approx(plain().v[steady(plain())][-1], abs=5e-4)
-    assert (r.k92[ramp] > plain().k92[ramp]).all()
 
 
 def test_the_angle_of_the_actual_speed_is_its_law_of_the_last_centimetres() -> None:
