@@ -17,3 +17,12 @@ def cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GRANITE_LAB_CACHE", str(folder / "cache"))
         yield
+
+
+@pytest.fixture(scope="module")
+def one_blas_thread() -> Iterator[None]:
+    """Sums that are split among threads differ in their last digits with the number of threads."""
+    from granite_lab.processes import one_thread
+
+    with one_thread():
+        yield

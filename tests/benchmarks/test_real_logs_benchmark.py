@@ -12,15 +12,7 @@ import pytest
 
 from benchmarks.against_truth import Velocities, errors, inside, rms, slip_ratio
 from benchmarks.log_set import LogSet, wheel_speed
-from benchmarks.real_logs import (
-    boreal,
-    delay,
-    delays,
-    husky,
-    only,
-    small_car,
-    standstills,
-)
+from benchmarks.real_logs import boreal, delay, delays, husky, only, small_car, standstills
 from granite_lab.logs.trial import Series, Trial, TrialInfo, WheelStream
 
 DATA = Path(os.environ.get("GRANITE_LAB_REAL_LOGS") or Path(__file__).parents[3] / "shared" / "data")

@@ -96,14 +96,18 @@ def finite(value: Any, args: list[str]) -> None:
         assert math.isfinite(value), args
 
 
-LIGHT = ("inspect", "ingest", "params", "effects", "wheel", "reveal", "plan-next", "view", "fit-atheta")
-LIGHT_ONLY = tuple(name for name in LIGHT if name != "fit-atheta")
+def examples(count: int, *, soak: int) -> settings:
+    return settings(
+        max_examples=soak if SOAK else count, deadline=None, phases=PHASES,
+        suppress_health_check=list(HealthCheck),
+    )  # fmt: skip
 
 
-@given(args=command_lines(LIGHT_ONLY))
-@settings(
-    max_examples=3000 if SOAK else 80, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck)
-)
+LIGHT = ("inspect", "ingest", "params", "effects", "wheel", "reveal", "plan-next", "view")
+
+
+@given(args=command_lines(LIGHT))
+@examples(80, soak=3000)
 def test_any_command_line_ends_well(args: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder_of(tmp_path))
     hold(lab(*args), args)
@@ -116,9 +120,7 @@ def test_any_command_line_ends_well(args: list[str], tmp_path: Path, monkeypatch
         max_size=5,
     )
 )
-@settings(
-    max_examples=1000 if SOAK else 40, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck)
-)
+@examples(40, soak=1000)
 def test_any_motion_is_simulated_or_refused(
     given_: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,9 +154,7 @@ VALUES = st.one_of(
 
 
 @given(changes=st.lists(st.tuples(st.booleans(), st.integers(0, 100), VALUES), min_size=1, max_size=3))
-@settings(
-    max_examples=1500 if SOAK else 40, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck)
-)
+@examples(40, soak=1500)
 def test_any_parameter_file_is_used_or_refused(changes: list[tuple[bool, int, str]], tmp_path: Path) -> None:
     """Numbers of robot and soil replaced by anything; with what is accepted a run is made or refused."""
     texts = {True: GRANITE, False: SAND}

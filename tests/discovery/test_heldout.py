@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -14,18 +12,12 @@ from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import tolerated
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
-from granite_lab.processes import one_thread
 from tests.inference.stub import problem_of
 from tests.inference.test_gap import linear
 
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
 TOLERANCE = 0.02
 CHANNELS = ("pitch_rate", "wheel", "current_f")
-
-
-@pytest.fixture(autouse=True, scope="module")
-def single() -> Iterator[None]:
-    with one_thread():
-        yield
 
 
 def dense(problem: Problem, found: Fit) -> list[tuple[Array, Array, Array, Array]]:

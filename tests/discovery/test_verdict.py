@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from types import SimpleNamespace
@@ -20,19 +19,13 @@ from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import FORMULAS, fit
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
-from granite_lab.processes import one_thread
 from tests.inference.stub import drawn, measure, problem_of
 
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
 SIX = (0, 0, 1, 1, 2, 2)
 LAW = ("empirical.force_motion", "empirical.moment_time")
 CANDIDATES = ("pull", "push", "shake", *LAW)
 TOLERANCE = 0.02
-
-
-@pytest.fixture(autouse=True, scope="module")
-def single() -> Iterator[None]:
-    with one_thread():
-        yield
 
 
 @dataclass(frozen=True, eq=False)

@@ -165,14 +165,7 @@ def test_currents_of_the_wrong_sign_are_turned(wheels: tuple[str, ...]) -> None:
 
 
 def test_gravity_that_the_logger_removed_is_put_back() -> None:
-    truth = good()
-    imu = truth.trial.imu
-    pitch = truth.at(imu.t, "pitch")
-    gravity = 9.81 * np.stack([-np.sin(pitch), np.zeros(pitch.size), np.cos(pitch)], axis=1)
-    without = replace(
-        imu, specific_force=imu.specific_force - gravity @ truth.mounting.T, gravity_removed=True
-    )
-    clean, _ = correct(replace(truth.trial, imu=without), robot())
+    clean, _ = correct(good().without_gravity(), robot())
     apart = (channels(clean) - channels(plain()[0]))[:, [0, 2]]
     made = said(clean, "gravity put back")[0]
     assert not clean.imu.gravity_removed

@@ -267,19 +267,10 @@ def test_without_pitch_gyro_the_std_grows() -> None:
     hold(lambda d: blanked(d, *everywhere, 4), grown=3.0, said="no pitch rate")
 
 
-def without_gravity(truth: TruthTrial, attitude_error: float) -> Trial:
-    """Let the logger take gravity out, by an attitude that is off by a slow wave [rad]."""
-    imu = truth.trial.imu
-    pitch = truth.at(imu.t, "pitch") + attitude_error * np.sin(0.8 * imu.t + 1.0)
-    gravity = 9.81 * np.stack([-np.sin(pitch), np.zeros(pitch.size), np.cos(pitch)], axis=1)
-    force = imu.specific_force - gravity @ truth.mounting.T
-    return replace(truth.trial, imu=replace(imu, specific_force=force, gravity_removed=True))
-
-
 @pytest.mark.parametrize("attitude_deg", [0.0, 0.3])
 def test_gravity_removed_by_the_logger_grows_the_std(attitude_deg: float) -> None:
     hold(
-        lambda d: without_gravity(d, np.radians(attitude_deg)),
+        lambda d: d.without_gravity(np.radians(attitude_deg)),
         grown=2.0,
         said="gravity was removed by the logger",
     )

@@ -15,12 +15,7 @@ import pytest
 
 from granite_lab.errors import UsageError
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, influence, model_of
-from granite_lab.hidden.contact import (
-    NearRest,
-    clenshaw_curtis,
-    forces_by_loops,
-    forces_of_arrays,
-)
+from granite_lab.hidden.contact import NearRest, clenshaw_curtis, forces_by_loops, forces_of_arrays
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, VX, Truth
 from granite_lab.hidden.parts import Stance, Trapezoid, exponential_k92
 from granite_lab.parameters import load_robot, load_soil

@@ -21,15 +21,7 @@ from granite_lab.model.effect import activate
 from granite_lab.model.instants import Accuracy
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
-from granite_lab.parameters import (
-    GRAVITY,
-    Robot,
-    Variant,
-    load_paper,
-    load_robot,
-    load_soil,
-    load_variants,
-)
+from granite_lab.parameters import GRAVITY, Robot, Variant, load_paper, load_robot, load_soil, load_variants
 
 VARIANT = load_variants()[3]
 START = 2.013

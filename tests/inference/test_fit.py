@@ -14,21 +14,15 @@ from granite_lab.inference.fit import FIRST, SHARES, Fit, fit, log_prior, simula
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import SHARED, Point, Problem
-from granite_lab.processes import one_thread
 from tests.inference.stub import Respond, drawn, measure, problem_of
 
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
 FOUR = (0, 0, 1, 1)
 PLAIN = {
     0.02: ("wheel", "wheel_split"),
     0.08: ("pitch_rate", "wheel", "wheel_split", "current_f", "current_r"),
 }
 """Channels in which a discrepancy of a share is as large as the noise of a bin, or larger."""
-
-
-@pytest.fixture(autouse=True, scope="module")
-def single() -> object:
-    with one_thread():
-        yield
 
 
 def std_of(found: Fit) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,17 +12,11 @@ from granite_lab.inference.fit import FIRST, Fit, fit
 from granite_lab.inference.gap import beyond, discrepancies
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
-from granite_lab.processes import one_thread
 from tests.inference.stub import predicted, problem_of
 
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
 TOLERANCE = 0.02
 FOUR = (0, 0, 1, 1)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def single() -> Iterator[None]:
-    with one_thread():
-        yield
 
 
 def linear(problem: Problem, rng: np.random.Generator, share: float) -> Fit:

@@ -7,14 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from granite_lab.parameters import (
-    CATALOGUE,
-    load_paper,
-    load_robot,
-    load_soil,
-    load_variants,
-    names,
-)
+from granite_lab.parameters import CATALOGUE, load_paper, load_robot, load_soil, load_variants, names
 from granite_lab.parameters.catalogue import in_force
 
 GRANITE = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")

@@ -77,17 +77,13 @@ def test_what_a_search_found_survives_the_file(tmp_path: Path) -> None:
     assert design.sand[0] == finding.sand["a_theta"].value
     assert design.latency == 0.004
     assert design.share == finding.tolerance > finding.discrepancy
+    assert saved(replace(finding, discrepancy=0.07), tmp_path / "other.json").share == 0.07
     assert {s.name: s.value for s in design.scales} == finding.scales
     assert design.possible[0].name == "com_offset"
     assert {d.variant for d in design.driven} == set(load_variants())
     assert all(d.count == 3 for d in design.driven)
     assert design.driven[0].before == pytest.approx(0.49)
     assert design.driven[0].after == pytest.approx(1.5, abs=0.02)
-
-
-def test_a_discrepancy_beyond_the_tolerance_is_planned_with(tmp_path: Path) -> None:
-    finding = replace(made_up_finding("named"), discrepancy=0.07)
-    assert saved(finding, tmp_path / DESIGN).share == 0.07
 
 
 def test_trials_of_one_command_under_other_conditions_are_another_command(tmp_path: Path) -> None:

@@ -66,6 +66,15 @@ class TruthTrial:
         rolled = np.trapezoid(self.v_wheel[inside].mean(axis=1), self.t[inside])
         return float(1.0 - np.trapezoid(self.v[inside], self.t[inside]) / rolled)
 
+    def without_gravity(self, attitude_error: float = 0.0) -> Trial:
+        """Return the trial of a logger that takes gravity out, its attitude off by a slow wave [rad]."""
+        imu = self.trial.imu
+        pitch = self.at(imu.t, "pitch") + attitude_error * np.sin(0.8 * imu.t + 1.0)
+        gravity = 9.81 * np.stack([-np.sin(pitch), np.zeros(pitch.size), np.cos(pitch)], axis=1)
+        force = imu.specific_force - gravity @ self.mounting.T
+        imu = dataclasses.replace(imu, specific_force=force, gravity_removed=True)
+        return dataclasses.replace(self.trial, imu=imu)
+
 
 def observe(
     rng: np.random.Generator,
