@@ -11,7 +11,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
-from granite_lab.estimation.clock import ClockOffset, find_offset, slow_offset
+from granite_lab.estimation.clock import agreed, find_offset, slow_offset
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
@@ -114,14 +114,11 @@ def correct(
     far = rolling is not None and _far_from_rest(still, imu)
     problem = Problem(imu, rolling, robot, still, faults, identify(imu, rolling, robot, still), SlipModel())
     if trial.info.clock_offset is not None:
-        offset = Estimate(trial.info.clock_offset, 1e-3)
-        clock = ClockOffset(offset, offset)
+        offset = found = Estimate(trial.info.clock_offset, 1e-3)
     elif far and rolling is not None:
-        offset = slow_offset(imu, rolling)
-        clock = ClockOffset(offset, offset)
+        offset = found = slow_offset(imu, rolling)
     else:
-        clock = find_offset(problem)
-        offset = clock.applied
+        offset, found = find_offset(problem)
     if rolling is not None and offset.value != 0.0:
         still = find_rests(imu, rolling, grade, offset=offset.value, by_hand=rests)
         problem = replace(problem, rests=still, noise=identify(imu, rolling, robot, still))
@@ -144,13 +141,15 @@ def correct(
         if _spun(problem, offset.value):
             slip = replace(slip, walk=max(slip.walk, SPIN))
         problem = replace(problem, slip=slip)
-    solution = replace(solve(problem, offset, distance=distance_measured), offset=clock.found)
+    solution = solve(problem, offset, distance=distance_measured)
+    if found is not offset:
+        solution = replace(solution, offset=agreed(found, solution.refined_offset))
     if far and slip_std is None:
         error = steady_slip(solution.nodes, UNKNOWN)
         solution = replace(solution, smoothed=with_error(solution.nodes, solution.smoothed, error))
     health = assess(solution, imu.t, still, faults, problem.noise)
     motion = motion_of(trial, problem, solution, health, known, tuple(warnings))
-    motion = replace(motion, clock_applied=0.0 if far else clock.applied.value)
+    motion = replace(motion, clock_applied=0.0 if far else offset.value)
     clean = clean_trial(
         trial, robot, motion, wheels=wheels, rolling=rolling, imu=imu, faults=faults, solution=solution
     )

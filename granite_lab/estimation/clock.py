@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
@@ -21,6 +21,9 @@ LARGEST, FARTHEST = 0.4, 1.0
 
 STEP = 0.005
 """Spacing of the correlation [s]."""
+
+WIDE, FINE = 0.02, 0.005
+"""Spacing of the offsets whose likelihood is compared, at first and about the best of them [s]."""
 
 TEMPER = 0.5
 """Weight of the likelihood of an offset: the slip model is an idealisation, exact to millimetres only."""
@@ -40,9 +43,6 @@ STILL, MOVED = 0.25, 0.5
 
 HIDDEN = 0.015
 """Std of an offset that rests on changes during which samples are missing or at the rail [s]."""
-
-BLUR = 0.25
-"""Std of an offset by the moments' being spread over an IMU's sample [share of its period]."""
 
 LATENCY = 0.01
 """Filters, buses and logging delay one sensor against the other by up to this [s]. A smaller offset is not
@@ -144,46 +144,37 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     return Estimate(0.0)
 
 
-@dataclass(frozen=True)
-class ClockOffset:
-    """The offset of the encoders' clock.
-
-    Attributes:
-        found: as the trial shows it [s]; std NaN: nothing shows it.
-        applied: what the wheels' stamps are moved by: 0 for an ordinary latency [s]. Its std is that of what
-            is left to the filter.
-    """
-
-    found: Estimate
-    applied: Estimate
-
-
-def find_offset(problem: Problem) -> ClockOffset:
+def find_offset(problem: Problem) -> tuple[Estimate, Estimate]:
     """Find the clock offset by correlation, then by the likelihood of onsets and stops.
 
     A body that follows its wheels by tyres, play or a soft mount looks like an offset when it sets off. So
-    the whole trial must prefer a large offset to an ordinary latency, and where it shows such compliance the
-    moments of onset and stop are judged again with the displacement that it allows.
+    the whole trial must prefer a large offset to an ordinary latency.
+
+    Returns:
+        what the wheels' stamps are to be moved by, 0 for an ordinary latency, with the std of what is left
+        to the filter; the offset as onsets and stops show it; std NaN where nothing shows it [s].
     """
     coarse = coarse_offset(problem.imu, problem.rolling) if problem.rolling is not None else Estimate(0.0)
-    first = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
-    if first is None:
-        return ClockOffset(coarse, coarse)
-    candidates = [Estimate(0.0, LATENCY)]
-    if abs(first.value) > max(2.0 * LATENCY, CLEAR * first.std):
-        candidates.append(Estimate(first.value, LATENCY))
-    solved = [solve(problem, candidate, robust=False) for candidate in candidates]
-    likely = [one.smoothed.innovations.log_likelihood for one in solved]
-    place = int(likely[-1] - likely[0] > UNUSUAL)
-    applied, compliance = candidates[place], solved[place].compliance
-    found = first
-    if compliance > problem.compliance:
-        about = Estimate(applied.value, coarse.std)
-        found = by_changes(replace(problem, compliance=compliance), about) or first
-    if applied.value == 0.0:  # an ordinary latency, then
-        weight = LATENCY**2 / (LATENCY**2 + found.std**2)
-        found = Estimate(weight * found.value, float(np.sqrt(weight)) * found.std)
-    return ClockOffset(found, applied)
+    found = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
+    if found is None:
+        return coarse, coarse
+    if abs(found.value) > max(2.0 * LATENCY, CLEAR * found.std):
+        candidates = Estimate(0.0, LATENCY), Estimate(found.value, LATENCY)
+        solved = [solve(problem, one, robust=False).smoothed.innovations for one in candidates]
+        if solved[1].log_likelihood - solved[0].log_likelihood > UNUSUAL:
+            return candidates[1], found
+    weight = LATENCY**2 / (LATENCY**2 + found.std**2)
+    return Estimate(0.0, LATENCY), Estimate(weight * found.value, float(np.sqrt(weight)) * found.std)
+
+
+def agreed(one: Estimate, other: Estimate) -> Estimate:
+    """Middle of two estimates of one offset from the same samples [s].
+
+    Onsets and stops, and the ramps between them, each take a lag of the body for an offset in a way of
+    their own: the std covers half of what the two differ by, and their errors need not cancel.
+    """
+    std = np.hypot(0.5 * (one.std + other.std), 0.5 * (one.value - other.value))
+    return Estimate(0.5 * (one.value + other.value), float(std))
 
 
 def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
@@ -247,23 +238,17 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     parts = [problem.cut(begin, end, coarse.value) for begin, end in windows]
     nominal = [nominal_of(part, coarse.value) for part in parts]
 
-    def posterior(candidates: Array) -> tuple[float, float]:
-        scores = TEMPER * np.array([
-            [log_likelihood(build(p, n, float(c), 1e-6)) for c in candidates]
-            for p, n in zip(parts, nominal, strict=True)
-        ])  # fmt: skip
-        scores -= scores.max(axis=1, keepdims=True)
-        score = np.logaddexp(scores, -UNUSUAL).sum(axis=0)
-        score -= 0.5 * ((candidates - coarse.value) / coarse.std) ** 2
-        weight = np.exp(score - score.max())
-        mean = float(weight @ candidates / weight.sum())
-        return mean, float(np.sqrt(weight @ (candidates - mean) ** 2 / weight.sum()))
+    def posterior(centre: float, reach: float, spacing: float) -> tuple[float, float]:
+        """Mean and std by offsets that stand for all within half their spacing, by the filter's state TAU."""
+        offsets = np.arange(centre - reach, centre + reach + 0.5 * spacing, spacing)
+        score = -0.5 * ((offsets - coarse.value) / coarse.std) ** 2
+        for part, about in zip(parts, nominal, strict=True):
+            likely = np.array([log_likelihood(build(part, about, float(c), 0.5 * spacing)) for c in offsets])
+            score += np.logaddexp(TEMPER * (likely - likely.max()), -UNUSUAL)
+        weight = np.exp(score - score.max()) / np.exp(score - score.max()).sum()
+        mean = float(weight @ offsets)
+        return mean, float(np.hypot(np.sqrt(weight @ (offsets - mean) ** 2), 0.5 * spacing))
 
-    spacing = 0.02
-    wide = np.arange(-2.0 * coarse.std, 2.0 * coarse.std + spacing, spacing)
-    centre, std = posterior(np.asarray(coarse.value + wide))
-    reach = max(0.016, 2.5 * std)
-    spacing = max(0.003, reach / 7.0)
-    centre, std = posterior(np.asarray(centre + np.arange(-reach, reach + spacing, spacing)))
-    blurred = BLUR * problem.imu.period
-    return Estimate(centre, float(np.sqrt(std**2 + spacing**2 / 12.0 + LEFT_OVER**2 + doubt**2 + blurred**2)))
+    found, std = posterior(coarse.value, 2.0 * coarse.std, WIDE)
+    found, std = posterior(found, max(1.5 * WIDE, 2.5 * std), FINE)
+    return Estimate(found, float(np.sqrt(std**2 + LEFT_OVER**2 + doubt**2)))

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtri
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import BA, BM, TH, P, V, X, std_of
@@ -28,8 +29,8 @@ from granite_lab.parameters import GRAVITY
 BIN = 0.25
 """Time over which slip is averaged [s]: the body follows the wheels on sand within it."""
 
-RARE = 3.0
-"""A change of slip this many std from none is a jump."""
+CHANCE = 0.01
+"""In so many logs without a jump one of all the usual changes is taken for one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,8 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
     alone = solve(replace(problem, rolling=None), Estimate(offset), robust=False)
     changes = slip_changes(alone, rolling, offset)
     size = changes.size
-    jump = size > RARE * usual_size(problem, changes)
+    rare = -ndtri(0.5 * CHANCE / max(size.size, 1))
+    jump = size > rare * usual_size(problem, changes)
     if not jump.any():
         return problem
     # the ratio to wheels that nearly stand says little of how far the slip velocity itself changed

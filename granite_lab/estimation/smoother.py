@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import BA, BG, SIZE, TH, C
+from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, C
 from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
 from granite_lab.estimation.nominal import Nominal, integrate, quieten
 from granite_lab.logs.trial import Array
@@ -106,6 +106,12 @@ class Solution:
     smoothed: Smoothed
     offset: Estimate
     compliance: float
+
+    @property
+    def refined_offset(self) -> Estimate:
+        """The offset with what the filter's state TAU adds to it [s]."""
+        x, P = self.smoothed.x[-1], self.smoothed.P[-1]
+        return Estimate(self.offset.value + float(x[TAU]), float(np.sqrt(P[TAU, TAU])))
 
 
 def forward(nodes: Nodes) -> tuple[Array, Array, Innovations]:
