@@ -82,11 +82,6 @@ def test_a_band_that_is_quieter_than_the_low_frequencies_shows_that_those_are_mo
     assert identification.added_share(density, shape, np.array([[25.0, 100.0], [1.0, 100.0]])) < 0.5
 
 
-def test_the_mean_of_each_band_is_of_its_ordinates() -> None:
-    bands = identification.band_means(np.array([6.0, 9.0, 21.0]), np.array([1.0, 3.0, 5.0]))
-    np.testing.assert_allclose(bands, [[2.0, 2.0], [5.0, 1.0]])
-
-
 def shaken(truth: TruthTrial, density: float, seed: int) -> Motion:
     """Estimate a trial whose pitch gyro has white noise of this density [rad/s sqrt(s)] in motion."""
     robot, imu = load_robot("granite", "industrial"), truth.trial.imu

@@ -92,11 +92,6 @@ def every_kind() -> pd.DataFrame:
     )
 
 
-def test_every_kind_of_cell() -> None:
-    table = every_kind()
-    assert "".join(csv_blocks(table)) == table.to_csv(index=False, float_format=DIGITS, lineterminator="\n")
-
-
 @pytest.mark.parametrize(
     "part",
     [

@@ -1,17 +1,17 @@
-"""Trials as canonical CSV text, and what can go wrong in such a file."""
+"""Trials as canonical CSV text, in other units or with counters that wrap."""
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import pandas as pd
 
 from granite_lab.logs import write_canonical
 from granite_lab.logs.trial import Trial
-
-Rows = list[list[str]]
 
 
 def to_csv(trial: Trial) -> str:
@@ -23,17 +23,15 @@ def to_csv(trial: Trial) -> str:
         return path.read_text(encoding="utf-8")
 
 
-def split(text: str) -> tuple[list[str], list[str], Rows]:
-    """Return comment lines, column names and rows of a canonical CSV."""
-    lines = text.splitlines()
-    head = [line for line in lines if line.startswith("#")]
-    body = [line.split(",") for line in lines if not line.startswith("#")]
-    return head, body[0], body[1:]
+def _split(text: str, prefix: str) -> tuple[str, pd.DataFrame, list[str]]:
+    """Return comment lines, table, and names of the columns that begin with `prefix`."""
+    head = "".join(line for line in text.splitlines(keepends=True) if line.startswith("#"))
+    table = pd.read_csv(io.StringIO(text), comment="#")
+    return head, table, [name for name in table if name.startswith(prefix)]
 
 
-def join(head: list[str], columns: list[str], rows: Rows) -> str:
-    """Return the text of the parts."""
-    return "\n".join([*head, ",".join(columns), *(",".join(row) for row in rows), ""])
+def _renamed(table: pd.DataFrame, names: list[str], suffix: str) -> str:
+    return table.rename(columns={n: f"{n.rsplit('_', 1)[0]}_{suffix}" for n in names}).to_csv(index=False)
 
 
 def converted(text: str, prefix: str, factor: float, suffix: str | None = None) -> str:
@@ -41,27 +39,14 @@ def converted(text: str, prefix: str, factor: float, suffix: str | None = None) 
 
     Without `suffix` the name lies about the unit, as after a mistake in the logger's settings.
     """
-    head, columns, rows = split(text)
-    hit = [i for i, name in enumerate(columns) if name.startswith(prefix)]
-    new = [
-        f"{name.rsplit('_', 1)[0]}_{suffix}" if suffix and i in hit else name
-        for i, name in enumerate(columns)
-    ]
-    changed = [
-        [f"{float(cell) * factor:.12g}" if i in hit and cell else cell for i, cell in enumerate(row)]
-        for row in rows
-    ]
-    return join(head, new, changed)
+    head, table, names = _split(text, prefix)
+    table[names] *= factor
+    return head + (_renamed(table, names, suffix) if suffix else table.to_csv(index=False))
 
 
 def wrapped_counts(text: str, counts_per_rev: int, bits: int, start: int = 0) -> str:
     """Write the encoders as unsigned counters of some bits that begin near `start` and wrap."""
-    head, columns, rows = split(text)
-    hit = [i for i, name in enumerate(columns) if name.startswith("enc_")]
-    new = [f"{name.rsplit('_', 1)[0]}_counts" if i in hit else name for i, name in enumerate(columns)]
-
-    def count(cell: str) -> str:
-        return str((start + round(float(cell) * counts_per_rev / (2 * np.pi))) % 2**bits)
-
-    changed = [[count(cell) if i in hit and cell else cell for i, cell in enumerate(row)] for row in rows]
-    return join([*head, f"# enc_counts_per_rev = {counts_per_rev}"], new, changed)
+    head, table, names = _split(text, "enc_")
+    counts = (start + (table[names] * counts_per_rev / (2 * np.pi)).round()) % 2**bits
+    table = table.assign(**counts.astype("Int64"))
+    return f"{head}# enc_counts_per_rev = {counts_per_rev}\n" + _renamed(table, names, "counts")

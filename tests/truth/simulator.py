@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, PITCH, VX, VZ, Q, Truth, X
 from granite_lab.hidden.parts import Law, Method, Trapezoid, exponential_k92
-from granite_lab.hidden.simulator import DT, Body, solve
+from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
 
 
@@ -19,6 +20,7 @@ class Result(SimpleNamespace):
     """Signals of one run at `t` (N,), SI units; (N, 2) where front and rear differ.
 
     Attributes:
+        truth: what was integrated.
         state: (N, 12) or wider, in the order of `granite_lab.hidden.model`.
         x: position of R along O; v, w: components of its velocity along R's x and z.
         pitch, pitch_rate, pitch_acceleration: of the body; acceleration: (N, 2) of R along R's x and z.
@@ -27,7 +29,6 @@ class Result(SimpleNamespace):
             velocity of the wheel centres along O's x and z; read_rate: that the encoders tell.
         current, voltage, torque: of the drives.
         v_d, s_d: desired velocity and distance.
-        rise: of the ground [rad].
     """
 
     def at(self, t: float, name: str) -> Array:
@@ -66,6 +67,7 @@ def signals(truth: Truth, t: Array, state: Array) -> Result:
         for name in ("slip", "sinkage", "W", "R", "F", "M", "normal")
     }
     return Result(
+        truth=truth,
         t=t,
         state=state,
         x=state[:, X] + c * rx + s * rz,
@@ -87,7 +89,6 @@ def signals(truth: Truth, t: Array, state: Array) -> Result:
         v_d=np.array([truth.command.velocity(ti) for ti in t]),
         s_d=np.array([truth.command.position(ti) for ti in t]),
         read_rate=np.array([truth.reading(yi)[1] for yi in state]),
-        rise=truth.rise,
         **forces,
     )
 
@@ -139,38 +140,14 @@ def simulate(
     return integrate(truth, t, rtol=rtol, atol=atol)
 
 
-def body_from_run(run: Result, *, steady: tuple[float, float], radius: float) -> Body:
-    """Return the motion of a run of the reference simulator, its first sample moved to t = 0.
+def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
+    """Return the motion of a run, its first sample moved to t = 0.
 
     Args:
         run: with samples dense enough for cubic interpolation (5 ms or less).
         steady: settled interval in the run's own time [s].
-        radius: of the wheels [m].
     """
     origin = float(run.t[0])
-    t = np.asarray(DT * np.arange(int((run.t[-1] - origin) / DT + 1e-6) + 1))
-
-    def fine(signal: Array) -> Array:
-        return np.asarray(CubicSpline(run.t - origin, signal)(t))
-
-    v, pitch, zeros = fine(run.v), fine(run.pitch) - run.rise, np.zeros(t.size)
-    w = fine(run.w)
-    still = np.flatnonzero(run.v_d > 0)
-    both = [0, 0, 1, 1]
-    return Body(
-        t=t,
-        x=fine(run.x) - run.x[0],
-        v=v,
-        a=np.gradient(v, DT),
-        w=w,
-        dw=np.gradient(w, DT),
-        pitch=pitch,
-        roll=zeros,
-        yaw_rate=zeros,
-        v_wheel=np.stack([radius * fine(run.read_rate[:, i]) for i in both], axis=1),
-        force=np.stack([fine((run.F + run.R)[:, i]) for i in both], axis=1),
-        current=np.stack([np.interp(t, run.t - origin, run.current[:, i]) for i in both], axis=1),
-        start=-origin,
-        stop=float(run.t[still[-1]]) - origin,
-        steady=(steady[0] - origin, steady[1] - origin),
-    )
+    t = np.asarray(origin + DT * np.arange(int((run.t[-1] - origin) / DT + 1e-6) + 1))
+    body = body_from_states(run.truth, t, CubicSpline(run.t, run.state)(t))
+    return replace(body, steady=(steady[0] - origin, steady[1] - origin))

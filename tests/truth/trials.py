@@ -187,7 +187,7 @@ def log_run(
     cruising = run.t[run.v_d > run.v_d.max() - 1e-9]
     rig = load_robot(robot, grade)
     steady = 0.5 * float(cruising[0] + cruising[-1]), float(cruising[-1])
-    body = body_from_run(run, steady=steady, radius=rig.wheels.radius)
+    body = body_from_run(run, steady=steady)
     v = float(run.v_d.max())
     return observe(
         np.random.default_rng(seed),
