@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from typer.testing import CliRunner
 
-from granite_lab.cli import app
 from granite_lab.effects import get
 from granite_lab.model.effect import Effect, EffectParameter, Own, activate
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, load_robot, load_soil, load_variants
 from granite_lab.planning.imprint import Imprint, imprint
 from granite_lab.reporting.plot_model import ROWS, effect_drawing
+from tests.corpus.cli import lab, refused
 
 TWO = (load_variants()[1], load_variants()[3])
 
@@ -99,22 +98,17 @@ def test_every_panel_has_units_and_no_text_is_cut_off_or_covered(slope: Imprint)
 def test_the_command_writes_the_picture_it_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("granite_lab.parameters.load_variants", lambda: TWO[:1])
-    run = CliRunner().invoke
-    done = run(app, ["effects", "show", "payload_mass", "--no-picture"])
-    assert done.exit_code == 0
+    show = ("effects", "show", "payload_mass")
+    assert lab(*show, "--no-picture").code == 0
     assert not list(tmp_path.rglob("*.png"))
-    done = run(app, ["effects", "show", "payload_mass", "--picture", "mass.svg", "--json"])
-    document = json.loads(done.stdout)
+    document = json.loads(lab(*show, "--picture", "mass.svg", "--json").out)
     assert document["picture"] == "mass.svg"
     assert document["picture_shows"].endswith("are fitted again (blue).")
     assert "rear current" in Path("mass.svg").read_text()
-    done = run(app, ["effects", "show", "payload_mass"])
-    assert "reports/effects/payload_mass.png" in done.stdout
+    assert "reports/effects/payload_mass.png" in lab(*show).out
     assert Path("reports/effects/payload_mass.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("options", [["--picture", "a.gif"], ["--picture", "a.png", "--no-picture"]])
 def test_a_picture_that_cannot_be_made_is_refused(options: list[str]) -> None:
-    done = CliRunner().invoke(app, ["effects", "show", "payload_mass", *options])
-    assert done.exit_code != 0
-    assert "--picture" in str(done.exception)
+    refused(lab("effects", "show", "payload_mass", *options), 2, "--picture")

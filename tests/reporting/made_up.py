@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from granite_lab.comparison.record import Comparison, Misfit
+from granite_lab.comparison.compare import UNITS, misfits_of
+from granite_lab.comparison.record import Comparison
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Health, Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit, Law
@@ -35,10 +36,6 @@ from granite_lab.reporting.content import Failure, Source, StudyResult, TrialRes
 ORIGIN, REST = 100.0, 2.0
 """First stamp of the log [s], and how much later the command begins."""
 SLIP = {0.2: 0.055, 0.3: 0.083, 0.5: 0.163, 0.7: 0.231}
-UNITS = {
-    "velocity": "m/s", **dict.fromkeys((f"wheel_{w}" for w in WHEELS), "m/s"), "slip_f": "-", "slip_r": "-",
-    "torque_f": "N m", "torque_r": "N m", "pitch": "rad", "accel": "m/s^2", "pitch_rate": "rad/s",
-}  # fmt: skip
 
 
 def trapezoid(t: Array, variant: Variant) -> Array:
@@ -156,7 +153,6 @@ def made_up_trial(
 
 def compared(motion: Motion, run: Run, fit: K92Fit, trial: Trial, torque: dict[str, Array]) -> Comparison:
     τ = motion.t - fit.t_start.value
-    assert trial.imu is not None
     channels: dict[str, tuple[Array, Array | float, str]] = {
         "velocity": (motion.v, motion.v_std, "v_mps"),
         **{f"wheel_{w}": (motion.v_wheel[:, i], 0.001, f"v_wheel_{w[0]}_mps") for i, w in enumerate(WHEELS)},
@@ -171,17 +167,8 @@ def compared(motion: Motion, run: Run, fit: K92Fit, trial: Trial, torque: dict[s
     measured = {c: value for c, (value, _, _) in channels.items()}
     std = {c: np.broadcast_to(s, τ.shape).copy() for c, (_, s, _) in channels.items()}
     simulated = {c: np.interp(τ, run.t, run[name]) for c, (_, _, name) in channels.items()}
-    misfits = []
-    for c, unit in UNITS.items():
-        d = simulated[c] - measured[c]
-        for phase in ("all", "rest", "accelerate", "steady", "brake"):
-            keep = np.isfinite(d) & ((np.array(motion.phase) == phase) | (phase == "all"))
-            e, nothing = d[keep], not keep.any()
-            numbers = (math.nan,) * 4 if nothing else (
-                float(np.sqrt(np.mean(e**2))), float(e.mean()), float(np.abs(e).max()),
-                float(np.sqrt(np.mean((e / std[c][keep]) ** 2))),
-            )  # fmt: skip
-            misfits.append(Misfit(c, unit, phase, *numbers, int(keep.sum())))
+    phase = np.array(motion.phase)
+    misfits = [m for c in UNITS for m in misfits_of(c, measured[c], std[c], simulated[c], phase)]
     return Comparison(motion, run, fit, τ, measured, std, simulated, UNITS, tuple(misfits))
 
 
