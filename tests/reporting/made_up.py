@@ -1,7 +1,6 @@
-"""Study results made of smooth functions: no stage of the chain is needed to test a report or a recording.
+"""Study results made of smooth functions beside a simulation: what a report and a recording need, no more.
 
-The velocity follows the command with a lag and a constant slip; the measured signals differ from the
-simulated ones by known amounts.
+The measured velocity follows the command with a lag and a constant slip.
 """
 
 from __future__ import annotations
@@ -9,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import zlib
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +28,9 @@ from granite_lab.logs.trial import (
     TrialInfo,
     WheelStream,
 )
-from granite_lab.model.command import duration, steady_interval
+from granite_lab.model.command import duration
 from granite_lab.model.run import Run
+from granite_lab.model.simulator import simulate
 from granite_lab.parameters import WHEELS, Variant, load_paper, load_robot, load_soil, variant_of
 from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult
 
@@ -47,36 +48,9 @@ def integral(t: Array, v: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t))])
 
 
-def made_up_run(variant: Variant, slip: float) -> Run:
-    robot = load_robot()
-    t = np.arange(-1.0, duration(variant) + 1.0, 0.005)
-    wheel, body = trapezoid(t - 0.03, variant), (1 - slip) * trapezoid(t - 0.06, variant)
-    accel = np.gradient(body, t)
-    pitch = -0.008 - 0.01 * accel
-    moving = np.tanh(wheel / 0.05)
-    signals = {
-        "t_s": t, "x_m": integral(t, body), "v_mps": body, "v_desired_mps": trapezoid(t, variant),
-        "pitch_rad": pitch, "pitch_rate_radps": np.gradient(pitch, t), "imu_ax_mps2": accel - 9.81 * pitch,
-    }  # fmt: skip
-    for axle, depth, load, drag in (
-        ("f", 0.0150, 105.7 - 8 * accel, 1.6),
-        ("r", 0.0161, 105.7 + 8 * accel, 1.9),
-    ):
-        signals |= {
-            f"theta_{axle}_rad": integral(t, wheel) / robot.wheels.radius,
-            f"v_wheel_{axle}_mps": wheel,
-            f"slip_{axle}": (wheel - body) / np.maximum(np.maximum(wheel, body), 0.02),
-            f"sinkage_{axle}_m": depth + 0.006 * wheel / variant.velocity,
-            f"force_x_{axle}_N": 2.0 * accel,
-            f"force_z_{axle}_N": load,
-            f"thrust_{axle}_N": 18 * moving,
-            f"resistance_{axle}_N": -18 * moving + 2.0 * accel,
-            f"torque_{axle}_Nm": drag * moving + 1.2 * accel,
-        }
-    k92 = float(np.exp(-4.919 * variant.velocity))
-    return Run(
-        variant, robot, load_soil(), "constant", k92, {}, signals, slip, steady_interval(variant), 0.01
-    )
+@cache
+def made_up_run(variant: Variant) -> Run:
+    return simulate(variant, load_robot(), load_soil(), k92=math.exp(-4.919 * variant.velocity))
 
 
 def made_up_trial(
@@ -86,7 +60,7 @@ def made_up_trial(
     variant = variant_of(velocity)
     rng = np.random.default_rng(round(1000 * velocity) + repetition)
     slip = SLIP[velocity] + 0.004 * (repetition - 2)
-    run = made_up_run(variant, SLIP[velocity])
+    run = made_up_run(variant)
     name = name or f"{'virtual' if virtual else 'trial'}_{velocity:g}_{repetition}"
     start = ORIGIN + REST
     t = ORIGIN + np.arange(0, run.t[-1] + 2 * REST, 0.005)
