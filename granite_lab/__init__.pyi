@@ -2,8 +2,7 @@ from .api.check import Checked, check
 from .api.hidden import hide, kit, reveal
 from .api.logs import ingest, inspect, view
 from .api.model import list_effects, params, show_effect, simulate, wheel
-from .api.search import discover, plan_next
-from .api.trials import compare, fit_a_theta, fit_k92, record, report, study
+from .api.trials import compare, discover, fit_a_theta, fit_k92, plan_next, record, report, study
 from .errors import EstimateError, InputError, LabError, UsageError
 from .estimate import Estimate
 from .reporting.two_studies import compare_studies

@@ -27,7 +27,7 @@ COMMANDS = {
     "view": ("logs", "Open a recording in the viewer."),
     "compare-studies": ("trials", "Compare two studies."),
     "discover": ("trials", "Find the effect that the model lacks."),
-    "plan-next": ("plan", "Propose the most useful next trial."),
+    "plan-next": ("trials", "Propose the most useful next trial."),
     "params": ("model", "Print the parameters in force."),
     "hide": ("hidden", "Write virtual trials with a hidden effect."),
     "reveal": ("hidden", "Open a sealed answer and judge a discovery."),

@@ -33,6 +33,11 @@ class Shown:
         return figure
 
 
+def picked(record: object, *names: str) -> dict[str, Any]:
+    """Return some attributes of a record by their names."""
+    return {name: getattr(record, name) for name in names}
+
+
 def jsonable(value: Any) -> Any:
     """Return the value as JSON can hold it: NaN and infinity become null, records become objects."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

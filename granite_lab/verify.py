@@ -59,7 +59,7 @@ def verify(
     """
     path = report / "report.json" if report.is_dir() else report
     old = load_report(path)
-    from granite_lab.reporting.crate import changed_files  # noqa: PLC0415, heavy
+    from granite_lab.reporting.json_report import changed_files  # noqa: PLC0415, heavy
     from granite_lab.study import study, write  # noqa: PLC0415, heavy
 
     origin = old["provenance"]

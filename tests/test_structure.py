@@ -122,7 +122,7 @@ def test_what_is_unpickled_names_only_records() -> None:
     ("code", "heavy"),
     [
         ("granite_lab.cli", ("numpy", "scipy", "pandas", "casadi", "rerun")),
-        ("granite_lab.api.search", ("filterpy", "scipy.stats", "scipy.signal", "matplotlib", "rerun")),
+        ("granite_lab.api.trials", ("filterpy", "scipy.stats", "scipy.signal", "matplotlib", "rerun")),
     ],
     ids=["help", "search"],
 )

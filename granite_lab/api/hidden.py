@@ -299,7 +299,7 @@ def _searched_kit(folder: Path, jobs: int) -> Path:
         InputError: there is no log, or one cannot be used.
         EstimateError: the search is impossible.
     """
-    from granite_lab.api.search import discover  # noqa: PLC0415, heavy, and nothing to `hide`
+    from granite_lab.api.trials import discover  # noqa: PLC0415, heavy, and nothing to `hide`
 
     trials, found = folder / TRIALS, folder / FINDING
     if (found / "finding.json").is_file():

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from granite_lab.api import hidden as api
-from granite_lab.commands.command import Call, Output, command
+from granite_lab.commands.command import Call, Output, command, show, warn
 from granite_lab.commands.options import Flag
-from granite_lab.commands.printing import show, warn
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE
 from granite_lab.hidden.lab import LABS
 from granite_lab.hidden.scoring import MEANING

@@ -10,9 +10,8 @@ import typer
 from granite_lab.api import check as checks
 from granite_lab.api import logs as api
 from granite_lab.api.records import Records
-from granite_lab.commands.command import Call, Output, command
+from granite_lab.commands.command import Call, Output, command, show, warn_of
 from granite_lab.commands.options import Flag, Format
-from granite_lab.commands.printing import show, warn_of
 from granite_lab.files import ending_of, write_table, write_text
 
 if TYPE_CHECKING:

@@ -10,13 +10,13 @@ import typer
 
 from granite_lab.api import model as api
 from granite_lab.api.records import Records
-from granite_lab.commands.command import Call, Output, command
+from granite_lab.commands.command import Call, Output, command, show, warn, write_picture
 from granite_lab.commands.options import Flag, Format, picture_of
-from granite_lab.commands.printing import show, warn, write_picture
 from granite_lab.effects import get, library
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import ending_of, write_table
 from granite_lab.parameters import load_paper, load_variants, names
+from granite_lab.shown import picked
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,17 +38,9 @@ def simulate(
     run = call()
     path = out or Path("reports") / "simulate" / f"v{run.variant.velocity:g}{ending}"
     write_table(path, run.to_frame(), ending)
-    document = {
-        "variant_mps": run.variant.velocity,
-        "slip_ratio": run.slip_ratio,
-        "steady_s": run.steady,
-        "k92_law": run.k92_law,
-        "k92_value": run.k92_value,
-        "effects": run.effects,
-        "wall_s": run.wall,
-        "run": path,
-        "log": log,
-    }
+    document = picked(run, "slip_ratio", "k92_law", "k92_value", "effects")
+    document |= {"variant_mps": run.variant.velocity, "steady_s": run.steady, "wall_s": run.wall}
+    document |= {"run": path, "log": log}
     return Output("simulate/1", document, lambda shown: _show_run(run, path, log, shown))
 
 
@@ -276,5 +268,4 @@ def _draw(effect: Effect, path: Path) -> str:
 
 def _described(effect: Effect) -> dict[str, Any]:
     """Return an effect as it stands in JSON."""
-    names = ("id", "title", "equation", "source", "signature", "parameters")
-    return {name: getattr(effect, name) for name in names}
+    return picked(effect, "id", "title", "equation", "source", "signature", "parameters")

@@ -1,4 +1,4 @@
-"""`granite-lab fit-k92`, `fit-atheta`, `compare`, `study`, `discover`: the model held against trials."""
+"""`granite-lab fit-k92`, `fit-atheta`, `compare`, `study`, `discover`, `plan-next`: model and trials."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granite_lab.api import search as searches
 from granite_lab.api import trials as api
 from granite_lab.api.records import Origin, Records, Studied
-from granite_lab.commands.command import Call, Output, command
+from granite_lab.commands.command import Call, Output, command, show, warn, warn_of
 from granite_lab.commands.options import Flag, Table
-from granite_lab.commands.printing import show, warn, warn_of
 from granite_lab.errors import LabError
 from granite_lab.reporting import two_studies
 from granite_lab.running import Execution
 from granite_lab.running.output import trouble
+from granite_lab.shown import picked
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from granite_lab.comparison.record import Comparison
     from granite_lab.fitting.fit import AThetaFit, K92Fit
+    from granite_lab.planning.plan import Plan, Proposal
     from granite_lab.verify import Verification
 
 MOST = 20
@@ -216,8 +216,8 @@ def compare_studies(
 
 
 @command(
-    searches.discover,
-    run=searches.discovered,
+    api.discover,
+    run=api.discovered,
     busy="discovering",
     out=_folder("reports/discover", "Folder of the report, finding.json and model.toml."),
 )
@@ -241,3 +241,83 @@ def discover(call: Call[Studied]) -> Output:
 
     document = finding_as_json(finding, written.model) | excluded
     return Output("discovery/2", document, text, trouble(finding.failures))
+
+
+@command(api.plan_next, busy="looking at trials")
+def plan_next(
+    call: Call[Plan], most: Annotated[int, typer.Option(min=1, help="Rows of the table.")] = 8
+) -> Output:
+    """Proposals are ranked, the best first."""
+    found = call()
+    return Output("plan/2", _document(found), lambda shown: show_plan(found, most, shown))
+
+
+def _document(plan: Plan) -> dict[str, Any]:
+    """Return a plan as it stands in JSON."""
+    return {
+        "question": asked(plan),
+        "kind": plan.question.kind,
+        "models": [dict(model) for model in plan.models],
+        "virtual": plan.design.virtual,
+        "measure": MEASURE[plan.question.kind == "sharpen"],
+        "proposals": [
+            picked(p.option, "variant", "conditions", "repeats", "why", "how")
+            | picked(p, "after", "improves", "worth")
+            | {"log_lines": p.option.conditions.lines}
+            for p in plan.proposals
+        ],
+    } | picked(plan, "now", "worth", "failed")
+
+
+MEASURE = ("expected log Bayes factor", "relative standard deviation")
+
+
+def show_plan(plan: Plan, most: int, shown: Console) -> None:
+    """Print a plan so that it fits 80 columns."""
+    from granite_lab.reporting.grid import grid, say
+    from granite_lab.reporting.rounding import significant
+
+    sharpens = plan.question.kind == "sharpen"
+
+    def size(value: float) -> str:
+        if sharpens:
+            return f"{significant(100 * value, 2)} %"
+        return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
+
+    def cells(k: int, p: Proposal) -> tuple[str, ...]:
+        v, under, why = p.option.variant, p.option.conditions.words, p.option.why
+        command = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m"
+        change = f"{size(plan.now[p.improves])} → {size(p.after[p.improves])}"
+        because = f"{p.improves}: {why}" if len(plan.now) > 1 else why
+        return (str(k), f"{command}, {under}" if under else command, change, because)
+
+    count = sum(int(d.count) for d in plan.design.driven)
+    trials = f"the {count} trials at hand" if count > 1 else "the one trial at hand"
+    known = ", ".join(f"{name} {size(value)}" for name, value in plan.now.items())
+    what = "Relative standard deviation" if sharpens else "Expected log Bayes factors"
+    say(shown, asked(plan) + (" (virtual data)" if plan.design.virtual else ""), "bold")
+    say(shown, f"{what} with {trials}: {known}.")
+    if not plan.worth:
+        why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
+        say(shown, f"No trial is recommended: {why}.", "bold")
+    titles = ("", "next trial", "std" if sharpens else "log Bayes\nfactor", "because")
+    rows = (cells(k, p) for k, p in enumerate(plan.proposals[:most], 1))
+    shown.print(grid(*titles, words=(1, 3), rows=rows))
+    if plan.worth:
+        best = plan.proposals[0].option
+        say(shown, f"First choice: {best.how}.")
+        if best.conditions.lines:
+            lines = ", ".join(f"'{line}'" for line in best.conditions.lines)
+            say(shown, f"Write {lines} into its log, so that discover knows.")
+    if plan.failed:
+        say(shown, f"{plan.failed} commands cannot be simulated and were left out.")
+
+
+def asked(plan: Plan) -> str:
+    """Return the question."""
+    rivals = plan.question.rivals
+    if plan.question.kind == "apart":
+        return f"Which trial distinguishes {', '.join(rivals[:-1])} and {rivals[-1]}?"
+    if plan.question.kind == "show":
+        return f"Which trial shows {' or '.join(rivals)}, if it is present?"
+    return "Which trial lowers the largest relative standard deviation?"

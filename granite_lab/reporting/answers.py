@@ -98,7 +98,9 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     if speeds:
         questions = [_slip(speeds), law_answer(result.a_theta, finding), model_answer(channels, finding)]
     elif finding is not None:
-        questions = [_explained(finding)]
+        alike, differ = finding.verdict == "none", _differ(finding, gap_pair(finding)[0])
+        verdict, tone = ("Yes", "good") if alike else ("No", "fair")
+        questions = [Answer("model", said("questions", "sensors"), verdict, differ, tone)]
     questions.append(missing_answer(finding, result.unsearched))
     questions += [closes_answer(finding)] if finding else []
     questions.append(_trust(result, finding))
@@ -107,13 +109,6 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
         _lead(result, speeds), _virtual(result), (*questions, *_next(steps)), steps, speeds, a_theta, agrees,
         channels, paper.a_theta,
     )  # fmt: skip
-
-
-def _explained(finding: Finding) -> Answer:
-    """Say how far the model without effects is from the sensors."""
-    alike = finding.verdict == "none"
-    question, differ = said("questions", "sensors"), _differ(finding, gap_pair(finding)[0])
-    return Answer("model", question, "Yes" if alike else "No", differ, "good" if alike else "fair")
 
 
 def _differ(finding: Finding, gap: float) -> str:

@@ -1,21 +1,39 @@
-"""A report as JSON: the numbers behind it, slip ratios as fractions, NaN as null."""
+"""A report for programs: its numbers as JSON, and its provenance as RO-Crate 1.1 metadata [1].
+
+Slip ratios are fractions, NaN is null. The metadata say which software made which files from which logs.
+
+References:
+    [1] P. Sefton et al., RO-Crate Metadata Specification 1.1.3, https://w3id.org/ro/crate/1.1: root data
+        entity, data entities, and software used to create files.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import mimetypes
+import platform
+from collections.abc import Iterator, Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote, unquote
 
 from granite_lab.discovery.as_json import finding_as_json
+from granite_lab.errors import InputError
 from granite_lab.estimation.motion import Motion
+from granite_lab.files import readable, sha256
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import FORMATS
 from granite_lab.reporting.content import SCHEMA, Source, StudyResult, TrialResult, shown_path
-from granite_lab.reporting.report import Report
+from granite_lab.reporting.render import rendered
+from granite_lab.reporting.report import LIBRARIES, Report, today
 from granite_lab.reporting.summary import gaps
-from granite_lab.shown import jsonable
+from granite_lab.shown import jsonable, picked
+
+CRATE = "ro-crate-metadata.json"
+
+_TYPES = {".md": "text/markdown", ".toml": "application/toml", ".tex": "text/x-tex", ".csv": "text/csv"}
 
 
 def to_json(result: StudyResult, report: Report, model: Path | str | None = None) -> str:
@@ -68,7 +86,7 @@ def answers_as_json(answers: Answers) -> dict[str, Any]:
         "a_theta": None if answers.a_theta is None else answers.a_theta.as_json() | law,
         "channels": answers.channels,
         "questions": [
-            _of(q, "id", "question", "text") | {"verdict": q.verdict or None} for q in answers.questions
+            picked(q, "id", "question", "text") | {"verdict": q.verdict or None} for q in answers.questions
         ],
     }  # fmt: skip
 
@@ -76,7 +94,7 @@ def answers_as_json(answers: Answers) -> dict[str, Any]:
 def provenance_as_json(source: Source) -> dict[str, Any]:
     """Return where a result comes from as plain objects."""
     columns = ("key", "value", "unit", "origin")
-    return _of(source, "version", "command") | {
+    return picked(source, "version", "command") | {
         "code_sha256": source.code,
         "options": [{"name": name, "value": value} for name, value in source.options],
         "inputs": [{"file": shown_path(i.path), "sha256": i.sha256} for i in source.inputs],
@@ -88,7 +106,7 @@ def a_theta_as_json(fit: AThetaFit | None) -> dict[str, Any] | None:
     """Return the fit of a_θ over trials as plain objects; None where there is none."""
     if fit is None:
         return None
-    return fit.a_theta.as_json() | _of(
+    return fit.a_theta.as_json() | picked(
         fit, "ci95", "log_linear", "ordinary", "scatter", "published", "agrees", "laws", "notes"
     ) | {
         "points": [
@@ -100,14 +118,14 @@ def a_theta_as_json(fit: AThetaFit | None) -> dict[str, Any] | None:
 
 def motion_as_json(m: Motion) -> dict[str, Any]:
     """Return what was estimated of a trial as plain objects, without its time histories."""
-    return _of(m, "slip_ratio", "noise") | {
+    return picked(m, "slip_ratio", "noise") | {
         "variant": vars(m.variant) | {"source": m.variant_source},
         "distance_m": m.distance.as_json(),
         "distance_wheels_m": m.distance_wheels.as_json(),
         "steady_s": m.steady,
         "t_start_s": m.t_start.as_json(),
         "clock_offset_s": m.clock_offset.as_json(),
-        "health": _of(m.health, "good", "verdict", "nis", "whiteness", "ljung_box")
+        "health": picked(m.health, "good", "verdict", "nis", "whiteness", "ljung_box")
         | {"rests_s": m.health.rests},
     }
 
@@ -124,7 +142,7 @@ def k92_as_json(fit: K92Fit) -> dict[str, Any]:
 
 def _trial(r: TrialResult) -> dict[str, Any]:
     motion = r.comparison.motion
-    about = _of(r.trial, "name", "layout") | {
+    about = picked(r.trial, "name", "layout") | {
         "virtual": r.trial.info.virtual or motion.virtual,
         "repetition": r.trial.info.repetition,
         "effects": r.comparison.run.effects,
@@ -134,11 +152,66 @@ def _trial(r: TrialResult) -> dict[str, Any]:
     return about | motion_as_json(motion) | k92_as_json(r.comparison.fit)
 
 
-def _of(record: object, *names: str) -> dict[str, Any]:
-    """Return some attributes of a record by their names."""
-    return {name: getattr(record, name) for name in names}
-
-
 def dumps(document: Mapping[str, Any]) -> str:
     """Write JSON; NaN and infinity become null."""
     return json.dumps(jsonable(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def crate(report: Report, source: Source, root: Path) -> str:
+    """Return the metadata of a report as JSON-LD.
+
+    Args:
+        report: the report.
+        source: where it comes from.
+        root: folder with its other files.
+    """
+    versions = {name: metadata.version(name) for name in LIBRARIES} | {"Python": platform.python_version()}
+    text = rendered(
+        CRATE, report=report, source=source, date=today(),
+        parts=[_part(path, root) for path in sorted(p for p in root.rglob("*") if p.is_file())],
+        inputs=[
+            {"@id": f"#input/{quote(name)}", "@type": "CreativeWork", "name": name, "sha256": file.sha256}
+            for file in source.inputs  # what was read is not in the folder
+            for name in [shown_path(file.path)]
+        ],
+        tools=[
+            {"@id": f"#{name}", "@type": "SoftwareApplication", "name": name, "version": version}
+            for name, version in versions.items()
+        ],
+    )  # fmt: skip
+    return json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
+
+
+def _part(path: Path, root: Path) -> dict[str, str]:
+    kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    return {
+        "@id": quote(path.relative_to(root).as_posix()), "@type": "File", "name": path.name,
+        "encodingFormat": kind, "contentSize": str(path.stat().st_size), "sha256": sha256(path),
+    }  # fmt: skip
+
+
+def changed_files(folder: Path) -> Iterator[str]:
+    """Yield a line for each file of a folder that is not what its metadata record; nothing without metadata.
+
+    Raises:
+        InputError: the metadata are no RO-Crate metadata.
+    """
+    path = folder / CRATE
+    if not path.is_file():
+        return
+    try:
+        graph = json.loads(path.read_bytes())["@graph"]
+        known = {e["@id"]: e["sha256"] for e in graph if e["@type"] == "File"}
+    except OSError as error:
+        raise readable(error, path) from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{path}: is not RO-Crate metadata with a SHA-256 of each file",
+            "delete it to verify the report without it, or run the study again",
+        ) from None
+    for name, known_sha in known.items():
+        file = folder / unquote(name)
+        if not file.is_file():
+            yield f"{unquote(name)}: {CRATE} records it, but it is missing"
+        elif sha256(file) != known_sha:
+            yield f"{unquote(name)}: its content is not what {CRATE} records"

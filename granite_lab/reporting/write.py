@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,22 +12,14 @@ from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.files import readable, write_text
-from granite_lab.reporting import canvas, crate
+from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, on_page
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.json_report import dumps, to_json
+from granite_lab.reporting.json_report import CRATE, crate, dumps, to_json
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.plot_results import compared_figure
 from granite_lab.reporting.render import to_html, to_latex, to_markdown, to_pdf
-from granite_lab.reporting.report import (
-    LIBRARIES,
-    Block,
-    Gallery,
-    Report,
-    made_by,
-    study_report,
-    today,
-)
+from granite_lab.reporting.report import Block, Gallery, made_by, study_report
 from granite_lab.reporting.summary import channels_of, gaps
 from granite_lab.reporting.tables import Table, channel_table, misfit_table
 from granite_lab.reporting.two_studies import Compared, compared_table
@@ -58,27 +50,18 @@ def write_report(result: StudyResult, folder: Path, *, model: Path | str | None 
         drawn = _write_figures(report.figures, new)
         _write_tables(report.tables, new)
         _write(new / "report.md", to_markdown("report.md", report=report))
-        _write(
-            new / "index.html", to_html(report, {f.name: on_page(f, drawn[f.name]) for f in report.figures})
-        )
+        pictures = {f.name: on_page(f, drawn[f.name]) for f in report.figures}
+        _write(new / "index.html", to_html(report, pictures))
         if report.numbers == "finding.json" and result.finding is not None:
             _write(new / "finding.json", dumps(finding_as_json(result.finding, model)))
         else:
             _write(new / "report.json", to_json(result, report, model))
-            _finish(result, report, folder, new, drawn)
+            (new / "report.pdf").write_bytes(to_pdf(result, report, made_by(result.source), drawn))
+            for name in (MODEL, DESIGN):
+                if (folder / name).is_file():
+                    shutil.copyfile(folder / name, new / name)  # so that report and record belong together
+            _write(new / CRATE, crate(report, result.source, new))
     return folder / "index.html"
-
-
-def _finish(
-    result: StudyResult, report: Report, folder: Path, new: Path, drawn: Mapping[str, str]
-) -> None:  # fmt: skip
-    """Add ``report.pdf`` and the provenance of all files to a new report."""
-    (new / "report.pdf").write_bytes(to_pdf(result, report, made_by(result.source), drawn))
-    for name in (MODEL, DESIGN):
-        if (folder / name).is_file():
-            shutil.copyfile(folder / name, new / name)  # so that report and record belong together
-    files = [path for path in new.rglob("*") if path.is_file()]
-    _write(new / crate.NAME, crate.crate(report, result.source, today(), LIBRARIES, files, new))
 
 
 def _named(folder: Path) -> str:

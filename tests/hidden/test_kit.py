@@ -185,7 +185,7 @@ def test_without_a_finding_the_kit_is_searched_with_its_own_files(
         asked.update(options, logs=logs)
         finding(kit, "named", "drive_reaction")
 
-    monkeypatch.setattr("granite_lab.api.search.discover", discover)
+    monkeypatch.setattr("granite_lab.api.trials.discover", discover)
     (kit / "trials" / "soil.toml").unlink()
     opened = gl.reveal(sealed(kit), jobs=2)
     assert opened.score.right

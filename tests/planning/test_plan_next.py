@@ -14,7 +14,7 @@ from rich.console import Console
 from scipy.signal import lfilter
 
 import granite_lab as gl
-from granite_lab.commands.plan import show_plan
+from granite_lab.commands.trials import show_plan
 from granite_lab.discovery.finding import DESIGN, Finding, Residual
 from granite_lab.effects import library
 from granite_lab.errors import InputError

@@ -12,7 +12,8 @@ import pytest
 
 from granite_lab.errors import InputError
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.crate import NAME, changed_files
+from granite_lab.reporting.json_report import CRATE as NAME
+from granite_lab.reporting.json_report import changed_files
 
 
 @pytest.fixture(scope="module")

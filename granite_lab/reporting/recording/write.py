@@ -1,27 +1,148 @@
-"""Recordings of one trial and of a whole study, with the pages of text in them."""
+"""Recordings of one trial and of a whole study, laid out so that there is nothing to set up in the viewer."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, count, cycle
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.blueprint.encodings import TextLogColumn, TextLogColumnKind, TimelineColumn
 
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.logs.trial import Trial
 from granite_lab.reporting.content import StudyResult
-from granite_lab.reporting.recording.events import Interval, intervals_of, write_events
-from granite_lab.reporting.recording.layout import OVERLAY, blueprint, overlay, trial_layout
-from granite_lab.reporting.recording.lines import OF_TRIALS, Line, lines_of, overlaid, write_lines
-from granite_lab.reporting.recording.scene import write_scene
-from granite_lab.reporting.recording.stream import Writer, drawable, recording, root_of
+from granite_lab.reporting.names import capital
+from granite_lab.reporting.recording.lines import (
+    CHANNELS,
+    DIFFERS,
+    OF_TRIALS,
+    Interval,
+    Line,
+    intervals_of,
+    lines_of,
+    overlaid,
+    write_events,
+    write_lines,
+)
+from granite_lab.reporting.recording.scene import VIEWPOINT, write_scene
+from granite_lab.reporting.recording.stream import TIMELINE, Writer, drawable, recording, root_of
 from granite_lab.reporting.render import to_markdown
+from granite_lab.reporting.words import SENSORS, WORDS
+
+TITLES: dict[str, str] = dict(WORDS["plots"])
+FOUND = {k: capital(name) for k, name in SENSORS.items()}
+TITLES |= {f"residual_{k}": f"{TITLES[k].split(',')[0]}: simulated − measured" for k in CHANNELS}
+TITLES |= {f"found_{k}": v + (": measured − simulated" if "wheel" in k else "") for k, v in FOUND.items()}
+"""Plot to its title, without unit."""
+TABS: dict[str, list[str]] = WORDS["tabs"] | {
+    "Residuals": [f"residual_{k}" for k in CHANNELS],
+    "Missing effect": [f"found_{k}" for k in FOUND],
+}
+OVERLAY = "all_trials"
+"""Entity below which the plots of all trials stand."""
+TIME_AXIS = rrb.TimeAxis(link="LinkToGlobal")
+MOST_NAMED, MOST_ROWS = 5, 5
+"""Most trials of a speed that an overlay names in its legend (of more, the pointer tells the name), and most
+plots of a tab that stand below each other."""
+
+
+def _series(origin: str, title: str, lines: Sequence[Line], *, legend: bool = True) -> Any:
+    """Return the view of one plot; its legend stands where the robot is at rest again.
+
+    Slip (1) is a quotient of small numbers as the robot starts and stops and may take any value there,
+    so its plots show the range that most samples need; all others show all samples.
+    """
+    axis = None
+    if "slip" in lines[0].entity:
+        known = np.concatenate([line.value.ravel() for line in lines])
+        low, high = np.nanpercentile(np.append(known, 0.0), [4, 96])
+        axis = rrb.ScalarAxis(range=(10 * np.floor(low / 10 - 0.2), 10 * np.ceil(high / 10 + 0.2)))
+    return rrb.TimeSeriesView(
+        origin=origin, name=f"{title} [{lines[0].unit}]", axis_x=TIME_AXIS, axis_y=axis,
+        plot_legend=rrb.PlotLegend("RightTop", visible=legend),
+    )  # fmt: skip
+
+
+def _scene(root: str) -> Any:
+    """Return the 3D view: from the right, a little above the sand, travelling with the measured robot."""
+    return rrb.Spatial3DView(
+        origin=f"{root}/{VIEWPOINT}",
+        contents=f"{root}/scene/**",
+        name="Robot: measured (solid), simulated (orange outline)",
+        background=rrb.Background(color=(24, 27, 32)),
+        line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(
+            position=(0.02, -0.93, 0.26), look_target=(0.02, 0.0, 0.055), eye_up=(0, 0, 1)
+        ),
+    )
+
+
+def _log(root: str) -> Any:
+    """Return the log: level and text, which begins with the time (a column of its own is cut off)."""
+    kinds = (TextLogColumnKind.LogLevel, TextLogColumnKind.Body)
+    columns = rrb.TextLogColumns(
+        timeline_columns=[TimelineColumn(TIMELINE, visible=False)],
+        text_log_columns=[TextLogColumn(kind) for kind in kinds],
+    )
+    return rrb.TextLogView(origin=f"{root}/events", name="Events", columns=columns)
+
+
+def trial_layout(root: str, lines: Sequence[Line], *, lanes: int, name: str) -> Any:
+    """Return the layout of one trial: robot, key, bars and log on the left, plots on the right."""
+    plots: dict[str, list[Line]] = {}
+    for line in lines:
+        plots.setdefault(line.entity.partition("/")[0], []).append(line)
+    bars = rrb.StateTimelineView(
+        origin=root or "/",
+        contents=[f"{root}/phase", f"{root}/robot_at_rest", f"{root}/{DIFFERS}/**"],
+        name="Phases" + (", and where the simulation differs [% of the channel's rms]" if lanes else ""),
+        time_view=TIME_AXIS,
+    )
+    key = rrb.TextDocumentView(origin=f"{root}/key", name="Key")
+    shares = [4.4, 1.4 + 0.52 * min(lanes, 7), 2.0]
+    left = [rrb.Horizontal(_scene(root), key, column_shares=[5, 3]), bars, _log(root)]
+    tabs = []
+    for title, keys in TABS.items():
+        if views := [_series(f"{root}/{k}", TITLES[k], plots[k]) for k in keys if k in plots]:
+            columns = 1 if len(views) <= MOST_ROWS else 2
+            tabs.append(rrb.Grid(*views, grid_columns=columns, name=title))
+    return rrb.Horizontal(rrb.Vertical(*left, row_shares=shares), rrb.Tabs(*tabs), name=name)
+
+
+def overlay(rows: Mapping[str, Sequence[Line]], many: int) -> Any:
+    """Return velocity and slip of all trials: a row per speed, from its lines of `overlaid`, with a key.
+
+    The legends name the trials unless a speed has too `many`.
+    """
+    views = []
+    for i, (speed, lines) in enumerate(rows.items()):
+        pair = []
+        for plot, what in (("velocity", "velocity"), ("slip", "slip, mean of the wheels")):
+            root = f"{OVERLAY}/{i}/{plot}"
+            own = [line for line in lines if line.entity.startswith(f"{root}/")]
+            pair.append(_series(f"/{root}", f"{speed}: {what}", own, legend=many <= MOST_NAMED))
+        views.append(rrb.Horizontal(*pair, name=speed))
+    key = rrb.TextDocumentView(origin="/key", name="Key")
+    return rrb.Horizontal(rrb.Vertical(*views), key, column_shares=[6, 1], name="All trials")
+
+
+def blueprint(content: Any) -> Any:
+    """Return the whole blueprint: side panels away, paused at the start of the one timeline."""
+    return rrb.Blueprint(
+        content,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
+        auto_layout=False,
+        auto_views=False,
+    )
 
 
 def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: Finding | None = None) -> Path:
