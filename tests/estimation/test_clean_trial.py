@@ -11,19 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.estimation import Motion, correct
 from granite_lab.logs.trial import Correction, Trial
-from granite_lab.parameters import WHEELS, Robot, load_robot
+from granite_lab.parameters import WHEELS
 from tests.truth import faults
-from tests.truth.trials import TruthTrial, generate
+from tests.truth.trials import TruthTrial, generate, robot
 
 
 @cache
 def good() -> TruthTrial:
     return generate(61, velocity=0.5, duration=5.0, grade="industrial", clock_offset=0.003)
-
-
-def robot(**imu: object) -> Robot:
-    one = load_robot("granite", "industrial")
-    return replace(one, imu=replace(one.imu, **imu))
 
 
 @cache

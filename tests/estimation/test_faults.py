@@ -32,12 +32,6 @@ def robot(i: int) -> Robot:
     return load_robot("granite", KINDS[i][0])
 
 
-def errors(truth: TruthTrial, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Return error and std of v while the robot moves."""
-    moving = (motion.t > truth.start) & (motion.t < truth.stop + 0.5)
-    return (motion.v - truth.at(motion.t, "v"))[moving], motion.v_std[moving]
-
-
 def hold(fault: Fault, *, grown: float = 0.0, slip: bool = True, said: str = "") -> None:
     """Inject a fault into every trial and hold the estimates against their own std.
 
@@ -51,7 +45,7 @@ def hold(fault: Fault, *, grown: float = 0.0, slip: bool = True, said: str = "")
     for i in range(len(KINDS)):
         truth = good(i)
         motion = estimate(fault(truth), robot(i))
-        error, std = errors(truth, motion)
+        error, std = truth.errors(motion)
         assert np.isfinite(error).all()
         inside.append(np.abs(error) < 2 * std)
         travelled = float(truth.at(motion.t[-1], "x") - truth.at(motion.t[0], "x"))
@@ -62,7 +56,7 @@ def hold(fault: Fault, *, grown: float = 0.0, slip: bool = True, said: str = "")
         if said:
             assert any(said in line for line in motion.warnings), motion.warnings
         if grown:
-            assert np.mean(std) > grown * np.mean(errors(truth, plain(i))[1])
+            assert np.mean(std) > grown * np.mean(truth.errors(plain(i))[1])
     assert np.mean(np.concatenate(inside)) >= 0.9
 
 
@@ -140,10 +134,10 @@ def test_rail_known_from_the_grade_is_recognised() -> None:
     low = robot(0)
     low = replace(low, imu_grade=replace(low.imu_grade, accel_range=limit))
     motion = estimate(replace(truth.trial, imu=replace(imu, specific_force=force)), low)
-    error, std = errors(truth, motion)
+    error, std = truth.errors(motion)
     assert motion.health.plateaus
     assert np.mean(np.abs(error) < 2 * std) >= 0.9
-    assert np.mean(std) > 3 * np.mean(errors(truth, plain(0))[1])
+    assert np.mean(std) > 3 * np.mean(truth.errors(plain(0))[1])
 
 
 @pytest.mark.parametrize("how", ["frozen", "missing", "zero"])
@@ -218,7 +212,7 @@ def test_without_any_standstill_the_estimate_leans_on_the_wheels_and_says_so() -
         assert not motion.health.good
         assert "no standstill" in motion.health.verdict
         inside.append(np.abs(motion.v - truth.at(motion.t, "v")) < 2 * motion.v_std)
-        assert motion.v_std.min() > 2 * errors(truth, plain(i))[1].mean()
+        assert motion.v_std.min() > 2 * truth.errors(plain(i))[1].mean()
         true = truth.slip_ratio_between(*motion.steady)
         assert abs(motion.slip_ratio.value - true) < 3 * motion.slip_ratio.std
     assert np.mean(np.concatenate(inside)) >= 0.9

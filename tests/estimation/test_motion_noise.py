@@ -28,8 +28,8 @@ def louder(truth: TruthTrial, grade: str, times: float, seed: int) -> Motion:
 
 
 def nees(motion: Motion, truth: TruthTrial) -> float:
-    moving = (motion.t > truth.start) & (motion.t < truth.stop + 0.5)
-    return float(np.mean(((motion.v - truth.at(motion.t, "v")) / motion.v_std)[moving] ** 2))
+    error, std = truth.errors(motion)
+    return float(np.mean((error / std) ** 2))
 
 
 @pytest.mark.parametrize("grade", ["industrial", "consumer"])

@@ -18,9 +18,8 @@ from granite_lab.estimation.mounting import given as orientation
 from granite_lab.estimation.mounting import level, to_body, turn_between
 from granite_lab.estimation.nominal import integrate
 from granite_lab.logs.trial import ImuStream
-from granite_lab.parameters import Robot, load_robot
 from tests.truth import faults
-from tests.truth.trials import TruthTrial, generate
+from tests.truth.trials import TruthTrial, generate, robot
 
 DEG = st.floats(-180.0, 180.0)
 
@@ -28,11 +27,6 @@ DEG = st.floats(-180.0, 180.0)
 @cache
 def truth() -> TruthTrial:
     return generate(41, velocity=0.5, duration=3.0, still=(1.0, 1.0), grade="industrial", clock_offset=0.02)
-
-
-def robot(**imu: object) -> Robot:
-    one = load_robot("granite", "industrial")
-    return replace(one, imu=replace(one.imu, **imu))
 
 
 @cache

@@ -14,6 +14,7 @@ from granite_lab.estimation.clock import bridged_rests
 from granite_lab.estimation.smoother import Innovations, mismatch
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
+from tests.truth import faults
 from tests.truth.trials import TruthTrial, generate
 
 ROBOT = load_robot("granite", "industrial")
@@ -27,11 +28,6 @@ def good(velocity: float) -> TruthTrial:
 @cache
 def plain(velocity: float) -> Motion:
     return estimate(good(velocity).trial, ROBOT)
-
-
-def error(truth: TruthTrial, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    moving = (motion.t > truth.start) & (motion.t < truth.stop + 0.5)
-    return (motion.v - truth.at(motion.t, "v"))[moving], motion.v_std[moving]
 
 
 def twisted(truth: TruthTrial, compliance: float) -> Trial:
@@ -48,8 +44,8 @@ def twisted(truth: TruthTrial, compliance: float) -> Trial:
 def test_twisting_tyres_bend_no_velocity_and_make_no_offset(velocity: float, compliance: float) -> None:
     truth = good(velocity)
     clean, motion = correct(twisted(truth, compliance), ROBOT)
-    off, std = error(truth, motion)
-    assert np.sqrt(np.mean(off**2)) < 2.0 * np.sqrt(np.mean(error(truth, plain(velocity))[0] ** 2)) + 0.001
+    off, std = truth.errors(motion)
+    assert np.sqrt(np.mean(off**2)) < 2.0 * np.sqrt(np.mean(truth.errors(plain(velocity))[0] ** 2)) + 0.001
     assert np.mean(np.abs(off) < 2.0 * std) > 0.88
     assert motion.clock_applied == 0.0
     assert not any("clock" in made.what for made in clean.corrections)
@@ -67,7 +63,7 @@ def test_standstill_named_by_hand_is_believed_where_wheels_spin() -> None:
     truth = good(0.5)
     end = float(truth.trial.imu.t[-1])
     motion = estimate(spinning(truth), ROBOT, rests=[(truth.stop + 0.7, end)])
-    off, std = error(truth, motion)
+    off, std = truth.errors(motion)
     assert np.sqrt(np.mean(off**2)) < 0.02
     assert np.mean(np.abs(off) < 2.0 * std) > 0.88
     rest = motion.t > truth.stop + 0.8
@@ -115,16 +111,8 @@ def test_three_grades() -> None:
     truth = good(0.5)
     assert plain(0.5).health.grade == "good"
     assert plain(0.5).health.good
-    imu = truth.trial.imu
-    keep = (imu.t < 3.0) | (imu.t > 3.2)
-    holes = replace(
-        imu, t=imu.t[keep], specific_force=imu.specific_force[keep], angular_rate=imu.angular_rate[keep]
-    )
-    assert estimate(replace(truth.trial, imu=holes), ROBOT).health.grade == "fair"
-    keep = (imu.t > truth.start + 1.0) & (imu.t < truth.stop - 0.5)
-    part = replace(
-        imu, t=imu.t[keep], specific_force=imu.specific_force[keep], angular_rate=imu.angular_rate[keep]
-    )
-    motion = estimate(replace(truth.trial, imu=part), ROBOT)
+    assert estimate(faults.imu_dropout(truth.trial, 3.0, 3.2), ROBOT).health.grade == "fair"
+    late = faults.imu_dropout(truth.trial, -np.inf, truth.start + 1.0)
+    motion = estimate(faults.imu_dropout(late, truth.stop - 0.5, np.inf), ROBOT)
     assert motion.health.grade == "poor"
     assert "Look twice" in motion.health.verdict

@@ -6,7 +6,6 @@ Faults that leave the good trial to the last digit stand in `tests/estimation/te
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,10 +14,10 @@ import pytest
 from granite_lab.estimation import correct
 from granite_lab.fitting import K92Fit, fit_k92
 from granite_lab.logs.trial import Trial
-from granite_lab.parameters import Robot, load_robot, load_soil, variant_of
+from granite_lab.parameters import Robot, load_soil, variant_of
 from tests.truth import faults
 from tests.truth.simulator import simulate
-from tests.truth.trials import TruthTrial, log_run
+from tests.truth.trials import TruthTrial, log_run, robot
 
 A_THETA, TENTH = 4.7, 0.1
 
@@ -31,11 +30,6 @@ def good() -> TruthTrial:
         settle=2.0, after=3.0,
     )  # fmt: skip
     return log_run(3, run, clock_offset=0.003)
-
-
-def robot(**imu: object) -> Robot:
-    one = load_robot("granite", "industrial")
-    return replace(one, imu=replace(one.imu, **imu))
 
 
 def fitted(trial: Trial, robot: Robot) -> K92Fit:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from granite_lab.estimation.motion import Motion
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.sensors import read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import Body
@@ -21,6 +22,12 @@ SCALE_ERROR = {"industrial": 0.0005, "consumer": 0.002}
 
 ACCELERATION = {0.2: 0.6, 0.3: 1.2, 0.5: 1.2, 0.7: 2.4}
 """Acceleration [m/s^2] over velocity [m/s] (Table 2)."""
+
+
+def robot(**imu: object) -> Robot:
+    """Return the sample robot with the industrial IMU, which may be mounted otherwise."""
+    one = load_robot("granite", "industrial")
+    return dataclasses.replace(one, imu=dataclasses.replace(one.imu, **imu))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +61,11 @@ class TruthTrial:
         if signal.ndim == 1:
             return np.asarray(np.interp(t, self.t, signal))
         return np.stack([np.interp(t, self.t, column) for column in signal.T], axis=-1)
+
+    def errors(self, motion: Motion) -> tuple[Array, Array]:
+        """Return error and std of an estimate's v while the robot moves."""
+        moving = (motion.t > self.start) & (motion.t < self.stop + 0.5)
+        return (motion.v - self.at(motion.t, "v"))[moving], motion.v_std[moving]
 
     @property
     def slip_ratio(self) -> float:
