@@ -10,19 +10,13 @@ from scipy.signal import welch
 
 from granite_lab.model import Accuracy, Run, simulate
 from granite_lab.model.virtual import Scatter, rake, virtual_trial
-from granite_lab.parameters import Robot, load_robot, load_soil, variant_of
+from granite_lab.parameters import load_robot, load_soil, variant_of
+from tests.truth.trials import quiet
 
 
 @pytest.fixture(scope="module")
 def run() -> Run:
     return simulate(variant_of(0.5), load_robot(), load_soil(), accuracy=Accuracy(1e-6, 1e-8, 0.0025))
-
-
-def quiet(robot: Robot) -> Robot:
-    names = ("accel_noise", "gyro_noise", "accel_bias", "gyro_bias", "accel_instability", "gyro_instability")
-    grade = dataclasses.replace(robot.imu_grade, accel_step=0.0, gyro_step=0.0, **dict.fromkeys(names, 0.0))
-    imu = dataclasses.replace(robot.imu, tilt=0.0, vibration=0.0, vibration_rate=0.0)
-    return dataclasses.replace(robot, imu_grade=grade, imu=imu)
 
 
 def test_the_same_seed_gives_the_same_log_and_another_seed_another(run: Run) -> None:

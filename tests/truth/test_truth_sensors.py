@@ -10,10 +10,11 @@ import pytest
 from granite_lab.hidden.sensors import felt_at, read_wheels, rotation, vibration
 from granite_lab.hidden.simulator import DT, Body
 from granite_lab.logs.trial import Trial
-from granite_lab.parameters import GRAVITY, ImuGrade, Robot, load_grade, load_robot
-from tests.truth import faults, generate, log_run, trials
+from granite_lab.parameters import GRAVITY, load_grade, load_robot
+from tests.truth import faults, generate, log_run
 from tests.truth.body import random_body
 from tests.truth.simulator import simulate
+from tests.truth.trials import quiet
 
 
 def draw_body(seed: int = 1, *, velocity: float = 0.5, wobble: float = 1.0) -> Body:
@@ -28,23 +29,10 @@ def rolled_by(v_wheel: np.ndarray) -> np.ndarray:
     return (np.cumsum(v_wheel) - 0.5 * (v_wheel + v_wheel[0])) * DT / 0.0965
 
 
-@pytest.fixture
-def faultless(monkeypatch: pytest.MonkeyPatch) -> Robot:
-    """A robot whose IMU and encoders make no error; the arm of the IMU is kept."""
-    noisy = load_grade("industrial")
-    still = {
-        field.name: 0.0
-        for field in dataclasses.fields(ImuGrade)
-        if field.name.endswith(("noise", "bias", "instability", "step"))
-    }
-    monkeypatch.setattr(trials, "load_grade", lambda _: dataclasses.replace(noisy, **still))
-    monkeypatch.setattr("granite_lab.hidden.sensors.IMU_JITTER", 0.0)
-    robot = load_robot()
-    return dataclasses.replace(robot, imu=dataclasses.replace(robot.imu, tilt=0.0, vibration=0.0))
-
-
 @pytest.mark.parametrize("seed", range(3))
-def test_faultless_readings_integrate_back_to_the_truth(faultless: Robot, seed: int) -> None:
+def test_faultless_readings_integrate_back_to_the_truth(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("granite_lab.hidden.sensors.IMU_JITTER", 0.0)
+    faultless = quiet(load_robot())
     truth = generate(seed, velocity=0.7, robot=faultless, scale_error=0.0, wobble=0.0)
     imu, arm = truth.trial.imu, faultless.imu
     dt, q = 0.005, imu.angular_rate[:, 1]

@@ -13,7 +13,7 @@ from granite_lab.hidden.contact import Array
 from granite_lab.hidden.sensors import read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import Body
 from granite_lab.logs.trial import Series, Trial, TrialInfo
-from granite_lab.parameters import Robot, load_grade, load_robot
+from granite_lab.parameters import ImuGrade, Robot, load_robot
 from tests.truth.body import random_body
 from tests.truth.simulator import Result, body_from_run
 
@@ -28,6 +28,15 @@ def robot(**imu: object) -> Robot:
     """Return the sample robot with the industrial IMU, which may be mounted otherwise."""
     one = load_robot("granite", "industrial")
     return dataclasses.replace(one, imu=dataclasses.replace(one.imu, **imu))
+
+
+def quiet(robot: Robot) -> Robot:
+    """Return a robot whose IMU makes no error, wherever it sits."""
+    kinds = ("noise", "bias", "instability", "step")
+    still = {f.name: 0.0 for f in dataclasses.fields(ImuGrade) if f.name.endswith(kinds)}
+    grade = dataclasses.replace(robot.imu_grade, **still)
+    imu = dataclasses.replace(robot.imu, tilt=0.0, vibration=0.0, vibration_rate=0.0)
+    return dataclasses.replace(robot, imu_grade=grade, imu=imu)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +138,7 @@ def generate(
     velocity: float = 0.3,
     duration: float = 8.0,
     grade: str = "industrial",
-    robot: str | Robot = "granite",
+    robot: Robot | None = None,
     acceleration: float | None = None,
     still: tuple[float, float] = (2.0, 2.0),
     slip: float | None = None,
@@ -146,7 +155,7 @@ def generate(
         velocity, acceleration: of the command [m/s], [m/s^2]; by default the acceleration of Table 2.
         duration: of the command [s].
         grade: of the IMU.
-        robot: name, path or record (then with the grade replaced all the same).
+        robot: the sample robot with an IMU of the grade by default.
         still: rest before and after the command [s].
         slip: mean slip ratio; around the published one by default.
         terrain_deg: std of the pitch over the ground [deg].
@@ -155,10 +164,7 @@ def generate(
         scale_error: std of the scale error of each IMU axis; by default that of the grade.
         reference: log the truth as an external reference too.
     """
-    if isinstance(robot, Robot):
-        rig = dataclasses.replace(robot, imu_grade=load_grade(grade))
-    else:
-        rig = load_robot(robot, grade)
+    rig = robot or load_robot("granite", grade)
     if acceleration is None:
         acceleration = float(np.interp(velocity, list(ACCELERATION), list(ACCELERATION.values())))
     motion_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
@@ -179,34 +185,20 @@ def generate(
     )  # fmt: skip
 
 
-def log_run(
-    seed: int,
-    run: Result,
-    *,
-    grade: str = "industrial",
-    robot: str = "granite",
-    clock_offset: float = 0.0,
-    scale_error: float | None = None,
-) -> TruthTrial:
-    """Log a run of the reference simulator with random sensors.
+def log_run(seed: int, run: Result, *, clock_offset: float = 0.0) -> TruthTrial:
+    """Log a run of the reference simulator with the random sensors of the sample robot.
 
     Args:
         seed: of the sensors.
         run: with as much rest at both ends as the log should have (`settle`, `after`); it coasts for
             about two seconds after the command.
-        grade, robot, clock_offset, scale_error: as for `generate`.
+        clock_offset: as for `generate`.
     """
     cruising = run.t[run.v_d > run.v_d.max() - 1e-9]
-    rig = load_robot(robot, grade)
-    steady = 0.5 * float(cruising[0] + cruising[-1]), float(cruising[-1])
-    body = body_from_run(run, steady=steady)
+    body = body_from_run(run, steady=(0.5 * float(cruising[0] + cruising[-1]), float(cruising[-1])))
     v = float(run.v_d.max())
     return observe(
-        np.random.default_rng(seed),
-        body,
-        rig,
-        name=f"run-{v:g}-{grade}-{seed}",
-        info=TrialInfo(robot=robot, v_desired=v, distance=float(run.s_d[-1]), virtual=True),
-        clock_offset=clock_offset,
-        scale_error=SCALE_ERROR.get(grade, 0.001) if scale_error is None else scale_error,
-    )
+        np.random.default_rng(seed), body, robot(), name=f"run-{v:g}-{seed}",
+        info=TrialInfo(robot="granite", v_desired=v, distance=float(run.s_d[-1]), virtual=True),
+        clock_offset=clock_offset, scale_error=SCALE_ERROR["industrial"],
+    )  # fmt: skip
