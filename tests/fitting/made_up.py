@@ -21,9 +21,12 @@ from granite_lab.logs.trial import Array, Trial
 from granite_lab.model import Run, simulate
 from granite_lab.model.command import phase_of
 from granite_lab.model.virtual import virtual_trial
-from granite_lab.parameters import Robot, Soil, Variant, load_robot, load_soil
+from granite_lab.parameters import Soil, Variant, load_robot, load_soil
 
 SLIP = Estimate(0.2, 0.004)
+VELOCITY_STD = 0.003
+"""Std of the velocity [m/s], correlated over 2 s."""
+
 NOTHING = np.zeros(0)
 HEALTHY = Health(NOTHING, (), NOTHING, NOTHING, {}, NOTHING, NOTHING, NOTHING, NOTHING, (), "made up", True)
 
@@ -50,8 +53,6 @@ def made_up_trial(
     *,
     seed: int = 0,
     soil: Soil | None = None,
-    robot: Robot | None = None,
-    velocity_std: float = 0.003,
     slip_std: float = 0.004,
     start_error: float = 0.01,
     run: Run | None = None,
@@ -60,22 +61,21 @@ def made_up_trial(
     """Return estimate, log, run and start of the command of a virtual trial.
 
     Args:
-        variant, k92, soil, robot: of the truth, in which k_92 is constant.
+        variant, k92, soil: of the truth, in which k_92 is constant.
         seed: of all errors; every std below may be 0.
-        velocity_std: std of the velocity [m/s], correlated over 2 s.
         slip_std: std of λ_R.
         start_error: how far the estimate of the start is off [s].
         run: the truth, if it is not to be simulated here.
         name: of the trial.
     """
     rng = np.random.default_rng(seed)
-    robot = robot or load_robot()
+    robot = load_robot()
     run = run or simulate(variant, robot, soil or load_soil(), k92=k92)
     trial, truth = virtual_trial(run, seed, name)
     start = float(truth.attrs["t_start_s"])
     t, x, v, pitch = (truth[column].to_numpy() for column in ("t_s", "x_m", "v_mps", "pitch_rad"))
     moving = np.abs(v) > 1e-3
-    v = v + moving * correlated(rng, t.size, 0.005, velocity_std, 2.0)
+    v = v + moving * correlated(rng, t.size, 0.005, VELOCITY_STD, 2.0)
     v_wheel = np.stack([truth[f"v_wheel_{axle}_mps"] for axle in "ffrr"], axis=1)
     floor = np.maximum(np.maximum(v_wheel, v[:, None]), 0.02)
     slip = np.where(v_wheel > 0.02, (v_wheel - v[:, None]) / floor, np.nan)
@@ -86,15 +86,15 @@ def made_up_trial(
         x=x,
         x_std=np.full(t.size, 0.005),
         v=v,
-        v_std=np.where(moving, velocity_std, 1e-4),
+        v_std=np.where(moving, VELOCITY_STD, 1e-4),
         pitch=pitch + 0.004,
         pitch_std=np.full(t.size, 0.002),
         v_wheel=v_wheel,
         v_wheel_std=np.full(v_wheel.shape, 0.001),
         slip=slip,
-        slip_std=np.where(np.isnan(slip), np.nan, velocity_std / floor),
+        slip_std=np.where(np.isnan(slip), np.nan, VELOCITY_STD / floor),
         slip_velocity=v_wheel.mean(axis=1) - v,
-        slip_velocity_std=np.full(t.size, velocity_std),
+        slip_velocity_std=np.full(t.size, VELOCITY_STD),
         phase=tuple(phase_of(t - start, variant)),
         slip_ratio=Estimate(run.slip_ratio + slip_std * rng.standard_normal(), slip_std),
         distance=Estimate(float(run["x_m"][-1]), 0.005),

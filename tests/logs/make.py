@@ -18,27 +18,21 @@ HEADER = ",".join(COLUMNS)
 RADIUS = 0.0965
 
 
-def profile(
-    t: np.ndarray, v: float = 0.3, a: float = 1.2, start: float = 1.0, stop: float = 5.0
-) -> np.ndarray:
-    """Velocity of a trapezoid [m/s]."""
-    return np.clip(np.minimum(a * (t - start), a * (stop - t)), 0.0, v)
+def rows(duration: float = 6.0, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return stamps (N,), IMU (N, 6) and wheel angles (N, 4) of a drive over a gently rolling floor.
 
-
-def rows(
-    duration: float = 6.0, rate: float = 100.0, seed: int = 1, slip: float = 0.1
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return stamps (N,), IMU (N, 6) and wheel angles (N, 4) of a drive over a gently rolling floor."""
+    At 0.3 m/s and 1.2 m/s^2 from 1 to 5 s, with a slip of 10 %, at 100 Hz.
+    """
     rng = np.random.default_rng(seed)
-    t = np.arange(int(duration * rate)) / rate
-    v = profile(t)
+    t = np.arange(int(duration * 100)) / 100
+    v = np.clip(np.minimum(1.2 * (t - 1.0), 1.2 * (5.0 - t)), 0.0, 0.3)
     pitch = 0.02 * np.sin(2 * np.pi * 0.4 * np.clip(t - 1, 0, 4)) * (v > 0)
     force = np.column_stack(
         [np.gradient(v, t) + 9.81 * np.sin(pitch), np.zeros_like(t), 9.81 * np.cos(pitch)]
     ) + rng.normal(0, 0.02, (len(t), 3))
     turn = np.column_stack([np.zeros_like(t), np.gradient(-pitch, t), np.zeros_like(t)])
     turn = turn + rng.normal(0, 5e-4, (len(t), 3))
-    angle = np.cumsum(v) / rate / (1 - slip) / RADIUS
+    angle = np.cumsum(v) / 100 / 0.9 / RADIUS
     return t, np.hstack([force, turn]), np.repeat(angle[:, None], 4, axis=1)
 
 

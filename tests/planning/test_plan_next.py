@@ -45,9 +45,8 @@ SLOW = Variant(velocity=0.2, acceleration=0.6, distance=0.6)
 LEVEL = {"accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 3e-3, "wheel": 1e-3, "wheel_split": 3e-4}
 
 
-def driven_of(variant: Variant = SLOW, *, missing: str = "none", **told: Any) -> Driven:
-    names = [c for c in CHANNELS if not c.startswith(missing)]
-    noise = tuple(Noise(channel=c, rest=LEVEL.get(c, 0.05)) for c in names)
+def driven_of(variant: Variant = SLOW, **told: Any) -> Driven:
+    noise = tuple(Noise(channel=c, rest=LEVEL.get(c, 0.05)) for c in CHANNELS)
     return Driven(**{"variant": variant, "noise": noise, **told})
 
 
@@ -104,13 +103,13 @@ def test_without_a_command_nothing_is_written_and_an_older_file_goes(tmp_path: P
     assert not (tmp_path / DESIGN).exists()
 
 
-def shaken_finding(rng: np.random.Generator, repetitions: int = 8) -> tuple[Finding, Variant]:
+def shaken_finding(rng: np.random.Generator) -> tuple[Finding, Variant]:
     """Residuals of one command: white noise at rest, and a vibration while driving."""
     command = next(v for v in load_variants() if v.velocity == 0.5)
     t = np.arange(-0.49, duration(command) + 1.5, 0.02)
     share = commanded_share(t, command)
     rows = []
-    for k in range(repetitions):
+    for k in range(8):
         shaken = lfilter([0.1], [1.0, -0.7], rng.normal(size=t.size + 200))[200:]
         noise = 0.02 * rng.normal(size=t.size) + share * shaken
         zero = np.zeros(t.size)

@@ -22,6 +22,9 @@ SLIP_SPEED = np.array([0.0, 0.2, 0.3, 0.5, 0.7, 1.0])
 SLIP_LEVEL = np.array([0.03, 0.0531, 0.0835, 0.165, 0.229, 0.3])
 """Measured slip ratio of the robot over desired velocity [m/s] (Table 3), extended at both ends."""
 
+TERRAIN = 0.5
+"""Std of the pitch over the ground [deg]."""
+
 
 def smooth(signal: Array, width: float, *, delayed: bool = True) -> Array:
     """Return the signal averaged three times over `width` [s]: twice differentiable, of finite memory.
@@ -88,7 +91,6 @@ def random_body(
     duration: float,
     still: tuple[float, float],
     slip: float | None,
-    terrain_deg: float,
     wobble: float,
     radius: float,
     mass: float,
@@ -101,7 +103,6 @@ def random_body(
         duration: from the command's start to its end [s].
         still: rest before the command and after it [s].
         slip: mean slip ratio; drawn around the published one when None.
-        terrain_deg: std of the pitch over the ground [deg].
         wobble: factor on roll and yaw.
         radius, mass: of wheel [m] and robot [kg].
     """
@@ -134,7 +135,7 @@ def random_body(
     squat = np.radians(-rng.uniform(0.1, 0.3)) * a + np.radians(rng.normal(-0.05, 0.1)) * moving
     squat = oscillator(squat, rng.uniform(3.0, 6.0), rng.uniform(0.3, 0.6))
     start_pitch, start_roll = np.radians(0.3) * rng.standard_normal(2) * (1.0, wobble)
-    ground = field_over(rng, x, rng.uniform(0.15, 0.35), np.radians(terrain_deg))
+    ground = field_over(rng, x, rng.uniform(0.15, 0.35), np.radians(TERRAIN))
     w = v * np.sin(squat)
     each = rng.normal(0, 0.002, 4)
     unlike = 1 + each + 0.004 * np.stack([wander(rng, n, DT, 0.4) for _ in range(4)], axis=1)
@@ -149,7 +150,7 @@ def random_body(
         w=w,
         dw=np.gradient(w, DT),
         pitch=start_pitch + ground + squat,
-        roll=start_roll + field_over(rng, x, 0.3, np.radians(0.5 * wobble * terrain_deg)),
+        roll=start_roll + field_over(rng, x, 0.3, np.radians(0.5 * wobble * TERRAIN)),
         yaw_rate=np.radians(0.5) * wobble * wander(rng, n, DT, 0.7) * moving,
         v_wheel=rolling[:, None] * unlike,
         force=(mass * a + resistance)[:, None] * share,

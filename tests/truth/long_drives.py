@@ -20,8 +20,8 @@ RADIUS = 0.0965
 LEVER = (0.10, 0.12)
 """The sample robot's wheel radius, and its IMU's place ahead of and above R [m]."""
 
-FINE = 400.0
-"""Rate of the grid [Hz]."""
+FINE, IMU_RATE, WHEEL_RATE = 400.0, 200.0, 100.0
+"""Rates of the grid, of the IMU and of the encoders [Hz]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +62,6 @@ def drive(
     scatter: float = 0.03,
     accel: float = 0.02,
     gyro: float = 0.0005,
-    imu_rate: float = 200.0,
-    wheel_rate: float = 100.0,
-    terrain: float = 0.02,
 ) -> Drive:
     """Drive a course.
 
@@ -73,8 +70,6 @@ def drive(
         course: (instant [s], wheel speed [m/s]), straight lines between; zero speed is a standstill.
         slip, scatter: mean of the slip ratio, and std of what wanders about it within a second.
         accel, gyro: white noise of the IMU in motion [m/s^2 sqrt(s)], [rad/s sqrt(s)]; a tenth at rest.
-        imu_rate, wheel_rate: [Hz].
-        terrain: std of the pitch [rad].
     """
     rng = np.random.default_rng(seed)
     instants, speeds = np.array(course, dtype=float).T
@@ -85,7 +80,7 @@ def drive(
     ratio = slip + wander(rng, t.size, scatter, 0.4)
     v = wheel * (1.0 - ratio)
     # pitch by the way: the ground is what it is, and the robot stands on it
-    ground = wander(rng, t.size, terrain, 3.0)
+    ground = wander(rng, t.size, 0.02, 3.0)  # [rad]
     way = np.cumsum(np.where(moving, 1.0, 0.0)) / FINE
     pitch = np.interp(way, t - t[0], ground)
     rate = np.gradient(pitch, 1.0 / FINE)
@@ -96,19 +91,19 @@ def drive(
     def mean_over(signal: Array, every: int) -> Array:
         return np.asarray(signal[: signal.size // every * every].reshape(-1, every).mean(axis=1))
 
-    every = round(FINE / imu_rate)
+    every = round(FINE / IMU_RATE)
     stamps = mean_over(t, every)
     n = stamps.size
     shake = np.where(mean_over(moving.astype(float), every) > 0, 1.0, 0.1)
     specific, angular = np.zeros((n, 3)), np.zeros((n, 3))
     specific[:, 0], specific[:, 2], angular[:, 1] = (mean_over(s, every) for s in (force, up, rate))
-    specific += accel * np.sqrt(imu_rate) * shake[:, None] * rng.standard_normal((n, 3)) + rng.normal(
+    specific += accel * np.sqrt(IMU_RATE) * shake[:, None] * rng.standard_normal((n, 3)) + rng.normal(
         0, 0.05, 3
     )
-    angular += gyro * np.sqrt(imu_rate) * shake[:, None] * rng.standard_normal((n, 3)) + rng.normal(
+    angular += gyro * np.sqrt(IMU_RATE) * shake[:, None] * rng.standard_normal((n, 3)) + rng.normal(
         0, 2e-3, 3
     )
-    skip = round(FINE / wheel_rate)
+    skip = round(FINE / WHEEL_RATE)
     step = 2 * np.pi / 106000
     angle = np.floor(np.cumsum(wheel)[::skip] / FINE / RADIUS / step) * step
     trial = Trial(
@@ -120,15 +115,15 @@ def drive(
     return Drive(trial, t, v, wheel)
 
 
-def cycles(number: int, length: float = 30.0, speed: float = 0.5) -> list[tuple[float, float]]:
-    """Course of repeated drives with a standstill after each."""
+def cycles(number: int, length: float = 30.0) -> list[tuple[float, float]]:
+    """Course of repeated drives at 0.5 m/s with a standstill after each."""
     course = [(0.0, 0.0)]
     for i in range(number):
         begin = i * length
         course += [
             (begin + 3.0, 0.0),
-            (begin + 4.0, speed),
-            (begin + length - 3.0, speed),
+            (begin + 4.0, 0.5),
+            (begin + length - 3.0, 0.5),
             (begin + length - 2.0, 0),
         ]
     return [*course, (number * length + 1.0, 0.0)]

@@ -17,10 +17,10 @@ from tests.truth.simulator import simulate
 from tests.truth.trials import quiet
 
 
-def draw_body(seed: int = 1, *, velocity: float = 0.5, wobble: float = 1.0) -> Body:
+def draw_body() -> Body:
     return random_body(
-        np.random.default_rng(seed), velocity=velocity, acceleration=1.2, duration=8.0, still=(1.0, 1.0),
-        slip=None, terrain_deg=0.5, wobble=wobble, radius=0.0965, mass=43.1,
+        np.random.default_rng(1), velocity=0.5, acceleration=1.2, duration=8.0, still=(1.0, 1.0), slip=None,
+        wobble=1.0, radius=0.0965, mass=43.1,
     )  # fmt: skip
 
 

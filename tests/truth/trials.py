@@ -139,10 +139,8 @@ def generate(
     duration: float = 8.0,
     grade: str = "industrial",
     robot: Robot | None = None,
-    acceleration: float | None = None,
     still: tuple[float, float] = (2.0, 2.0),
     slip: float | None = None,
-    terrain_deg: float = 0.5,
     wobble: float = 1.0,
     clock_offset: float = 0.0,
     scale_error: float | None = None,
@@ -152,27 +150,23 @@ def generate(
 
     Args:
         seed: of everything random.
-        velocity, acceleration: of the command [m/s], [m/s^2]; by default the acceleration of Table 2.
+        velocity: of the command [m/s]; its acceleration is that of Table 2.
         duration: of the command [s].
         grade: of the IMU.
         robot: the sample robot with an IMU of the grade by default.
         still: rest before and after the command [s].
         slip: mean slip ratio; around the published one by default.
-        terrain_deg: std of the pitch over the ground [deg].
         wobble: factor on the side motion: roll of 0.25-0.3 deg, yaw rate of 0.5 deg/s (std).
         clock_offset: by which the encoders' stamps lie behind the IMU's [s].
         scale_error: std of the scale error of each IMU axis; by default that of the grade.
         reference: log the truth as an external reference too.
     """
     rig = robot or load_robot("granite", grade)
-    if acceleration is None:
-        acceleration = float(np.interp(velocity, list(ACCELERATION), list(ACCELERATION.values())))
+    acceleration = float(np.interp(velocity, list(ACCELERATION), list(ACCELERATION.values())))
     motion_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
     body = random_body(
         np.random.default_rng(motion_seed), velocity=velocity, acceleration=acceleration, duration=duration,
-        still=still, slip=slip, terrain_deg=terrain_deg,
- wobble=wobble, radius=rig.wheels.radius,
-        mass=rig.chassis.total_mass if rig.chassis else 40.0,
+        still=still, slip=slip, wobble=wobble, radius=rig.wheels.radius, mass=rig.chassis.total_mass,
     )  # fmt: skip
     info = TrialInfo(
         robot=rig.name, v_desired=velocity, a_max=acceleration,
