@@ -187,11 +187,15 @@ def test_end_without_standstill_is_warned_of_and_grows_the_std(cut: dict[str, fl
     assert not motion.health.good
 
 
-@pytest.mark.parametrize("slip", [0.3, 0.6, 0.9])
-def test_without_any_standstill_a_steady_slip_of_any_size_is_inside_the_std(slip: float) -> None:
-    truth = generate(7, velocity=0.3, slip=slip)
+@pytest.mark.parametrize(("slip", "grade"), [(0.3, "industrial"), (0.6, "consumer"), (0.9, "industrial")])
+def test_without_any_standstill_a_steady_slip_of_any_size_is_inside_the_std(slip: float, grade: str) -> None:
+    truth, robot = generate(7, velocity=0.3, slip=slip, grade=grade), load_robot("granite", grade)
     trial = faults.cut(truth.trial, start=4.0, stop=9.0)
-    motion = estimate(trial, load_robot("granite", "industrial"))
+    motion, whole = estimate(trial, robot), estimate(truth.trial, robot)
+    assert any("no standstill" in line for line in motion.warnings)
+    assert not motion.health.good
+    assert "no standstill" in motion.health.verdict
+    assert motion.v_std.min() > 2 * whole.v_std.mean()
     v = truth.at(motion.t, "v")
     assert np.mean(np.abs(motion.v - v) < 2 * motion.v_std) > 0.9
     true = truth.slip_ratio_between(*motion.steady)
@@ -199,23 +203,8 @@ def test_without_any_standstill_a_steady_slip_of_any_size_is_inside_the_std(slip
     parts = sum(part.contribution**2 for part in motion.slip_parts)
     assert np.sqrt(parts) == pytest.approx(motion.slip_ratio.std, rel=0.01)
     # ground that is known to slip little is believed
-    firm = estimate(trial, load_robot("granite", "industrial"), slip_std=0.05)
+    firm = estimate(trial, robot, slip_std=0.05)
     assert np.median(firm.v_std) < 0.3 * np.median(motion.v_std)
-
-
-def test_without_any_standstill_the_estimate_leans_on_the_wheels_and_says_so() -> None:
-    inside = []
-    for i in range(len(KINDS)):
-        truth = good(i)
-        motion = estimate(faults.cut(truth.trial, start=4.0, stop=8.0), robot(i))
-        assert any("no standstill" in line for line in motion.warnings)
-        assert not motion.health.good
-        assert "no standstill" in motion.health.verdict
-        inside.append(np.abs(motion.v - truth.at(motion.t, "v")) < 2 * motion.v_std)
-        assert motion.v_std.min() > 2 * truth.errors(plain(i))[1].mean()
-        true = truth.slip_ratio_between(*motion.steady)
-        assert abs(motion.slip_ratio.value - true) < 3 * motion.slip_ratio.std
-    assert np.mean(np.concatenate(inside)) >= 0.9
 
 
 def test_without_standstill_and_encoders_the_estimate_is_refused() -> None:

@@ -181,10 +181,6 @@ def test_a_column_that_cannot_be_what_it_is_called_is_refused(name: str, tmp_pat
     assert caught.value.hint
 
 
-def test_the_good_trial_is_read_without_a_doubt(tmp_path: Path) -> None:
-    assert read_trial(written(tmp_path, lambda _: None)).warnings == ()
-
-
 @pytest.mark.parametrize(
     ("columns", "left"),
     [(FORCE, "accelerometer"), (RATE, "gyroscope"), (RATE[:2], "no pitch rate was logged")],
