@@ -204,10 +204,7 @@ def test_ingest_takes_what_the_options_say() -> None:
             UsageError,
             "unknown effect 'drive_reactio'",
         ),
-        (gl.fit_a_theta, UsageError, "no trials given"),
         (lambda: gl.simulate(0.5, k92=2.0), UsageError, "--k92 2 is out of range"),
-        (lambda: gl.show_effect("tyre_wind"), UsageError, "unknown effect"),
-        (lambda: gl.hide("none", SAMPLES), UsageError, "holds a hidden set already"),
         (lambda: gl.view(ROOT / "docs"), InputError, "no recording in it"),
     ],
 )

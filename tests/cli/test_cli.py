@@ -132,16 +132,6 @@ def test_params_prints_every_number_with_its_origin() -> None:
     assert max(map(len, shown.splitlines())) <= 80
 
 
-def test_published_a_theta_is_the_papers() -> None:
-    document = lab_json("fit-atheta", "--published")
-    assert document["agrees"] is True
-    assert document["log_linear"] == pytest.approx(4.919, abs=0.001)
-    linear = next(law for law in document["laws"] if law["id"] == "linear_slip")
-    values = sorted(p["value"] for p in linear["parameters"].values())
-    assert values[1] == pytest.approx(0.4108, abs=0.0001)
-    assert values[0] == pytest.approx(-0.0173, abs=0.0001)  # per percent of slip
-
-
 def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> None:
     trial = lab_json("ingest", SAMPLE, cwd=tmp_path)["trials"][0]
     assert trial["variant"]["velocity"] == 0.3
