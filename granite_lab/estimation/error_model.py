@@ -244,9 +244,14 @@ class Update:
 
 def add_rest(
     updates: list[list[Update]], imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults,
-    index: np.ndarray, rest: np.ndarray, speed: Array,
+    index: np.ndarray, rest: np.ndarray, speed: Array, shaken: Array,
 ) -> None:  # fmt: skip
-    """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill."""
+    """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill.
+
+    Args:
+        speed: (K,) velocity that the body may still have [m/s].
+        shaken: (K,) rms of the vibration's velocity, by wheels that turn meanwhile [m/s].
+    """
     h_velocity, h_rate = np.zeros((2, 1, SIZE))
     h_velocity[0, V] = 1.0
     h_rate[0, BG] = 1.0
@@ -272,7 +277,8 @@ def add_rest(
         h = np.zeros((1, SIZE))
         h[0, [BA, TH]] = 1.0, -nominal.coupling[i]
         z = mean + imu.gravity * np.sin(nominal.pitch[i]) - nominal.accel_bias
-        updates[k].append(Update("specific_force", float(z), h, noise.accel**2 / (n * period)))
+        R = noise.accel**2 / (n * period) + 2.0 * (float(shaken[k]) / (n * period)) ** 2
+        updates[k].append(Update("specific_force", float(z), h, R))
 
 
 def add_wheels(

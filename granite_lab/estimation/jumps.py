@@ -20,9 +20,9 @@ from scipy.special import ndtri
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import BA, BM, TH, P, V, X, std_of
 from granite_lab.estimation.nodes import Problem
-from granite_lab.estimation.rest import COAST
+from granite_lab.estimation.rest import COAST, Interval
 from granite_lab.estimation.smoother import Solution, solve
-from granite_lab.estimation.wheels import Rolling, runs
+from granite_lab.estimation.wheels import MOVING, Rolling, runs
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
 
@@ -31,6 +31,9 @@ BIN = 0.25
 
 CHANCE = 0.01
 """In so many logs without a jump one of all the usual changes is taken for one."""
+
+SURE, LASTING = 0.02, 1.0
+"""A body that stands on turning wheels is so slow, as a share of the wheels' speed, for so long [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,7 @@ class Changes:
 
 
 def with_jumps(problem: Problem, offset: float) -> Problem:
-    """Return the problem with `jumps`: where and how far its slip velocity jumps.
+    """Return the problem with its slip velocity's `jumps`, and with standstills on turning wheels.
 
     Args:
         problem: a trial with wheels.
@@ -75,6 +78,7 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
     assert rolling is not None
     alone = solve(replace(problem, rolling=None), Estimate(offset), robust=False)
     changes = slip_changes(alone, rolling, offset)
+    problem = replace(problem, rests=tuple(sorted([*problem.rests, *stuck(changes)])))
     size = changes.size
     rare = -ndtri(0.5 * CHANCE / max(size.size, 1))
     jump = size > rare * usual_size(problem, changes)
@@ -88,6 +92,21 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
         at = (t >= changes.begin[k] - BIN) & (t <= changes.end[k] + BIN)
         rate[at] = np.maximum(rate[at], far[k] ** 2 / BIN)
     return replace(problem, jumps=rate)
+
+
+def stuck(changes: Changes) -> list[Interval]:
+    """Standstills of the body [s] while its wheels turn: by the IMU alone it is as slow as can be told.
+
+    The slip ratio is then known to be 100 % within `SURE`. Wheels that dig themselves in hold the body for
+    seconds; one that only turns round stands for less than a second.
+    """
+    body, far = changes.wheel - changes.slip, SURE * changes.slower
+    stands = (np.abs(body) < 2.0 * changes.unsure[:, None]).all(axis=1) & (changes.unsure < far)
+    stands &= changes.slower > MOVING
+    first, last = runs(stands)
+    # it may come to rest late in the first bin and set off early in the last
+    found = zip(changes.begin[first] + BIN, changes.end[last - 1] - BIN, strict=True)
+    return [(float(begin), float(end)) for begin, end in found if end - begin > LASTING]
 
 
 def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:

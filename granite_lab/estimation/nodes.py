@@ -308,8 +308,8 @@ def build(
     # a standstill that was named: the wheels may spin while the body stands
     spinning = rest & (np.abs(speed) > MOVING)
     Q[spinning, D, D] += FREE**2
-    still_speed = np.where(spinning, 0.0, speed)
-    model.add_rest(updates, imu, nominal, noise, problem.faults, index, rest, still_speed)
+    still_speed, shaken = np.where(spinning, 0.0, speed), np.where(spinning, size / omega, 0.0)
+    model.add_rest(updates, imu, nominal, noise, problem.faults, index, rest, still_speed, shaken)
     start = 0.0
     if rolling is not None:
         pull = thrust(imu, nominal.rest, index, pace)

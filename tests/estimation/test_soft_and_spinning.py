@@ -81,6 +81,17 @@ def test_wheels_that_spin_on_bend_neither_velocity_nor_clock() -> None:
     assert motion.clock_applied == 0.0
 
 
+def test_standstill_on_turning_wheels_is_found_by_the_imu() -> None:
+    truth = generate(91, velocity=0.5, duration=5.0, still=(1.5, 5.0), grade="industrial")
+    motion = estimate(spinning(truth, 3.0), ROBOT)
+    inner = [(a, b) for a, b in motion.health.rests if truth.stop < a < b < truth.stop + 3.0]
+    assert sum(b - a for a, b in inner) > 1.0
+    stands = (motion.t > inner[0][0]) & (motion.t < inner[-1][1])
+    assert np.abs(motion.v[stands]).max() < 0.001
+    moves = estimate(good(0.5).trial, ROBOT).health.rests
+    assert not any(good(0.5).start < a < good(0.5).stop for a, _ in moves)
+
+
 def test_standstills_between_which_no_wheel_turned_are_one() -> None:
     rests = [(0.0, 1.0), (1.2, 2.0), (5.0, 6.0)]
     assert bridged_rests(rests, np.array([2.5, 4.0])) == [(0.0, 2.0), (5.0, 6.0)]
