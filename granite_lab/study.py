@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from granite_lab import __version__
+from granite_lab import __version__, reporting
 from granite_lab.comparison.compare import compare
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library
@@ -168,8 +168,6 @@ def write(
         folder: to write into.
         searched: trials of a search alone, with their motion.
     """
-    from granite_lab.reporting import write_finding, write_report  # noqa: PLC0415, heavy
-
     guard, model = Guard(folder), None
     library(options.effects)  # the report takes words from the user's own effects, too
     found = result.finding
@@ -184,12 +182,12 @@ def write(
 
     page = guard.run(
         "report",
-        lambda: write_report(replace(result, finding=told()), folder, model=name),
+        lambda: reporting.write_report(replace(result, finding=told()), folder, model=name),
     )
     if page is None and (finding := told()):
-        guard.run("finding", lambda: write_finding(finding, folder, name))
+        guard.run("finding", lambda: reporting.write_finding(finding, folder, name))
         alone = replace(result, finding=None, unsearched="the search could not be shown; see finding.json")
-        page = guard.run("rest", lambda: write_report(alone, folder)) if result.trials else None
+        page = guard.run("rest", lambda: reporting.write_report(alone, folder)) if result.trials else None
     return Written(page, model, told(), tuple(guard.lines))
 
 
@@ -222,11 +220,9 @@ def record(
 
 def _record(given: tuple[StudyResult, Sequence[Path]], k: int) -> None:
     """Write a recording: that of the study, which takes longest, or of trial number `k`."""
-    from granite_lab.reporting.recording import record_study, record_trial  # noqa: PLC0415, heavy
-
     result, paths = given
     if k == 0:
-        record_study(result, paths[0], finding=result.finding)
+        reporting.recording.record_study(result, paths[0], finding=result.finding)
     else:
         one = result.trials[k - 1]
-        record_trial(one.trial, one.comparison, paths[k], finding=result.finding)
+        reporting.recording.record_trial(one.trial, one.comparison, paths[k], finding=result.finding)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from granite_lab import __version__
+from granite_lab import __version__, reporting
 from granite_lab.errors import InputError
 from granite_lab.logs.named import name_of, trial_files
 from granite_lab.reporting.content import Failure, load_report
@@ -59,7 +59,6 @@ def verify(
     """
     path = report / "report.json" if report.is_dir() else report
     old = load_report(path)
-    from granite_lab.reporting.json_report import changed_files  # noqa: PLC0415, heavy
     from granite_lab.study import study, write  # noqa: PLC0415, heavy
 
     origin = old["provenance"]
@@ -69,7 +68,8 @@ def verify(
     files = [file for file in files if name_of(file) not in left_out]
     said = [(o["name"], o["value"]) for o in origin["options"]]
     options = Options.from_given(said)
-    differences = [*changed_files(path.parent), *_inputs(origin, [*files, *options.files()])]
+    changed = reporting.json_report.changed_files(path.parent)
+    differences = [*changed, *_inputs(origin, [*files, *options.files()])]
     result = study(
         files, old["name"], options, execution=Execution(execution.jobs, execution.scheduler),
         discover=("discover", "no") not in said, done=done, progress=progress,

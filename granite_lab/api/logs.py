@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
+from granite_lab import reporting
 from granite_lab.api.calls import Arg, checked
 from granite_lab.api.project import About, Logs, choose
 from granite_lab.api.records import Origin, Records
@@ -204,25 +205,22 @@ def view(
         path = _recording_in(path, trial)
     elif path.suffix != ".rrd":
         path = _recorded(path, {"robot": robot, "soil": soil, "column_map": column_map})
-    from granite_lab.reporting.recording import open_viewer, save_picture, serve  # noqa: PLC0415, heavy
-
     if screenshot is not None:
-        save_picture(path, Path(screenshot), at)
+        reporting.recording.save_picture(path, Path(screenshot), at)
     elif web:
-        serve(path, tell)
+        reporting.recording.serve(path, tell)
     else:
-        open_viewer(path)
+        reporting.recording.open_viewer(path)
 
 
 def _recorded(log: Path, said: Mapping[str, Any]) -> Path:
     """Make a recording of a log below ``reports/view``."""
     options = choose(log, said, everything=True).options
-    from granite_lab.reporting.recording import record_trial  # noqa: PLC0415, heavy
     from granite_lab.study import analyse  # noqa: PLC0415, heavy
 
     result = analyse(log, options)
     made = Path("reports") / "view" / f"{name_of(log)}.rrd"
-    return record_trial(result.trial, result.comparison, made)
+    return reporting.recording.record_trial(result.trial, result.comparison, made)
 
 
 def _recording_in(folder: Path, trial: str | None) -> Path:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Unpack
 
+from granite_lab import reporting
 from granite_lab.api.calls import Arg, checked
 from granite_lab.api.project import Chain, Fit, Logs, Search, choose
 from granite_lab.api.records import Origin, Records, Studied
@@ -120,9 +121,7 @@ def compare(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Fit]) -
     found, origin = _analysed("compare", logs, said)
     comparisons = [result.comparison for result in found]
     if out is not None:
-        from granite_lab.reporting import write_comparison  # noqa: PLC0415, heavy
-
-        origin = replace(origin, written=tuple(write_comparison(comparisons, Path(out))))
+        origin = replace(origin, written=tuple(reporting.write_comparison(comparisons, Path(out))))
     return Records(comparisons, [result.trial.name for result in found], origin)
 
 
@@ -223,9 +222,8 @@ def report(result: StudyResult, folder: str | Path) -> Path:
     Raises:
         LabError: a file cannot be written.
     """
-    from granite_lab.reporting import write_report  # noqa: PLC0415, heavy
-
-    return write_report(result, Path(folder), model=MODEL if result.finding is not None else None)
+    model = MODEL if result.finding is not None else None
+    return reporting.write_report(result, Path(folder), model=model)
 
 
 @checked

@@ -14,9 +14,11 @@ from typing import IO, TYPE_CHECKING, Annotated, Any, Generic, TypeVar, cast
 
 import typer
 
+from granite_lab import reporting
 from granite_lab.api.calls import hints_of, parameters_of
 from granite_lab.commands.options import FLAGS, Flag, options_of, said_of
 from granite_lab.errors import LabError, printable
+from granite_lab.files import write_bytes
 from granite_lab.shown import jsonable
 
 if TYPE_CHECKING:
@@ -241,7 +243,4 @@ def progress(quiet: bool, text: str) -> Iterator[Progress]:
 
 def write_picture(path: Path, figure: Figure) -> None:
     """Write a figure as SVG or PNG, as its file is called."""
-    from granite_lab.files import write_bytes
-    from granite_lab.reporting.canvas import saved
-
-    write_bytes(path, saved(figure, path.suffix.lower().removeprefix(".")))
+    write_bytes(path, reporting.canvas.saved(figure, path.suffix.lower().removeprefix(".")))

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from granite_lab import reporting
 from granite_lab.api import hidden as api
 from granite_lab.commands.command import Call, Output, command, show, warn
 from granite_lab.commands.options import Flag
@@ -54,8 +55,7 @@ def reveal(call: Call[api.Revealed]) -> Output:
 
 
 def _show_answer(answer: Mapping[str, Any], shown: Console) -> None:
-    from granite_lab.reporting.grid import grid, say
-
+    say = reporting.grid.say
     trials = "virtual trials" if answer.get("virtual", True) else "trials"
     if answer["effects"]:
         say(shown, f"Hidden in these {trials}", "bold")
@@ -64,7 +64,8 @@ def _show_answer(answer: Mapping[str, Any], shown: Console) -> None:
             named = effect["id"] + ("" if effect["library"] else " (not in the library)")
             values = [(name, f"{p['value']:.4g}", p["unit"]) for name, p in effect["parameters"].items()]
             rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", "", "")])]
-        shown.print(grid("effect", "parameter", "value", "unit", words=(0, 1, 3), rows=rows))
+        titles = ("effect", "parameter", "value", "unit")
+        shown.print(reporting.grid.grid(*titles, words=(0, 1, 3), rows=rows))
         for effect in answer["effects"]:
             told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
             say(shown, f"{effect['id']}: {told}.")
@@ -85,8 +86,7 @@ def _show_answer(answer: Mapping[str, Any], shown: Console) -> None:
 
 
 def _show_score(judged: Score, shown: Console) -> None:
-    from granite_lab.reporting.grid import grid, say
-
+    say = reporting.grid.say
     mark = "right" if judged.right else "wrong"
     named = ", ".join(judged.named) or judged.verdict
     say(shown, f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
@@ -96,7 +96,7 @@ def _show_score(judged: Score, shown: Console) -> None:
             std, z = "" if p.std is None else f"{p.std:.2g}", "" if p.z is None else f"{p.z:+.1f}"
             rows.append((p.effect, f"{p.name} [{p.unit}]", f"{p.true:.4g}", f"{p.value:.4g}", std, z, p.kind))
         titles = ("effect", "parameter", "hidden", "found", "std", "z", "meaning")
-        shown.print(grid(*titles, words=(0, 1, 6), rows=rows))
+        shown.print(reporting.grid.grid(*titles, words=(0, 1, 6), rows=rows))
     for part, share in judged.gap_closed.items():
         if share is not None:
             say(shown, f"gap closed, {part.replace('_', ' ')} trials: {100 * share:.1f} %")

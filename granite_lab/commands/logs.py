@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from granite_lab import reporting
 from granite_lab.api import check as checks
 from granite_lab.api import logs as api
 from granite_lab.api.records import Records
@@ -26,17 +27,16 @@ def check(call: Call[checks.Checked]) -> Output:
     found = call()
 
     def text(shown: Console) -> None:
-        from granite_lab.reporting.grid import clean, grid, say
-
-        marks = {True: clean("good", "green"), False: clean("BAD", "bold red")}
+        grid = reporting.grid
+        marks = {True: grid.clean("good", "green"), False: grid.clean("BAD", "bold red")}
         rows = (
             (marks[c.good], c.name, c.found if c.good else f"{c.found}. {c.advice}.") for c in found.checks
         )
-        shown.print(grid("", "check", "found", words=(0, 1, 2), rows=rows))
+        shown.print(grid.grid("", "check", "found", words=(0, 1, 2), rows=rows))
         if found.virtual:
-            say(shown, "virtual data: written by a simulator.", "yellow")
+            grid.say(shown, "virtual data: written by a simulator.", "yellow")
         if found.good:
-            say(shown, "The run is good.", "bold green")
+            grid.say(shown, "The run is good.", "bold green")
 
     document = {"log": found.log, "virtual": found.virtual, "good": found.good, "checks": found.checks}
     return Output("check/1", document, text, found.error)
@@ -57,14 +57,10 @@ def inspect(
     if write_map:
         write_text(write_map, found.to_map_toml())
     if plot:
-        from granite_lab.reporting.plot_log import write_plot
-
-        write_plot(found, plot)
+        reporting.plot_log.write_plot(found, plot)
 
     def text(shown: Console) -> None:
-        from granite_lab.reporting.terminal import show_inspection
-
-        show_inspection(found, shown)
+        reporting.terminal.show_inspection(found, shown)
         for what, path in (("column map", write_map), ("plot", plot)):
             if path:
                 show(f"{what}: {path}")
@@ -86,18 +82,15 @@ def ingest(
     paths = [folder / f"{item.name}{ending}" for item in found]
     for item, path in zip(found, paths, strict=True):
         write_table(path, item.to_frame(), ending)
-    from granite_lab.reporting.json_report import motion_as_json
-    from granite_lab.reporting.terminal import show_motions
-
     documents = [
         {"name": i.name, "virtual": i.motion.virtual, "warnings": i.motion.warnings, "motion": path}
-        | motion_as_json(i.motion)
+        | reporting.json_report.motion_as_json(i.motion)
         | ({"judgement": i.judgement} if i.judgement is not None else {})
         for i, path in zip(found, paths, strict=True)
     ]
     rows = [(i.motion, path, i.judgement) for i, path in zip(found, paths, strict=True)]
     document = {"trials": documents} | warn_of(found.origin)
-    return Output("ingest/2", document, lambda shown: show_motions(rows, shown))
+    return Output("ingest/2", document, lambda shown: reporting.terminal.show_motions(rows, shown))
 
 
 @command(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from granite_lab import reporting
 from granite_lab.api import model as api
 from granite_lab.api.records import Records
 from granite_lab.commands.command import Call, Output, command, show, warn, write_picture
@@ -45,8 +47,7 @@ def simulate(
 
 
 def _show_run(run: Run, path: Path, log: Path | None, shown: Console) -> None:
-    from granite_lab.reporting.grid import grid, say
-
+    say = reporting.grid.say
     steady = (run.t >= run.steady[0]) & (run.t <= run.steady[1])
     say(shown, f"Simulated run, {run.variant.velocity:g} m/s", "bold")
     rows = [
@@ -58,7 +59,7 @@ def _show_run(run: Run, path: Path, log: Path | None, shown: Console) -> None:
             ("motor current", "current_{}_A", 1, "A"),
         )
     ]
-    shown.print(grid("quantity", "front", "rear", "unit", words=(0, 3), rows=rows))
+    shown.print(reporting.grid.grid("quantity", "front", "rear", "unit", words=(0, 3), rows=rows))
     law = f"k_92 = {run.k92_value:g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:g} s/m"
     show(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
     for name, values_of in run.effects.items():
@@ -86,11 +87,8 @@ def wheel(
         if path:
             write_table(path, frame(), ending)
     if plot:
-        from granite_lab.reporting.plot_model import arc_figure, sweep_figure
-
         title = f"{run.points[0].load:.1f} N on {run.soil.name}, k_92 {run.points[0].k92:.3g}"
-        figure = sweep_figure(run.points, title) if len(run.points) > 1 else arc_figure(run.points[0], title)
-        write_picture(plot, figure)
+        write_picture(plot, reporting.plot_model.wheel_figure(run.points, title))
     if run.fades:
         warn(["slower than 0.02 m/s: there the model reduces slip and shear towards standstill"])
     warn([f"{name}: does not act on a single wheel" for name in run.left_out])
@@ -104,8 +102,7 @@ def wheel(
 
 
 def _show_wheel(run: api.WheelRun, shown: Console) -> None:
-    from granite_lab.reporting.grid import grid, say
-
+    say = reporting.grid.say
     say(shown, f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}")
     for e in run.effects:
         say(shown, f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
@@ -119,7 +116,7 @@ def _show_wheel(run: api.WheelRun, shown: Console) -> None:
         )
         for p in run.points
     ]  # fmt: skip
-    shown.print(grid(*titles, rows=units + rows))
+    shown.print(reporting.grid.grid(*titles, rows=units + rows))
 
 
 @command(api.params)
@@ -141,11 +138,9 @@ def params(
     }
 
     def text(shown: Console) -> None:
-        from granite_lab.reporting.terminal import show_parameters
-
         for key, value in chosen.items():
             show(f"{key}: {value['value']} ({value['origin']})")
-        show_parameters(rows, load_variants(), shown)
+        reporting.terminal.show_parameters(rows, load_variants(), shown)
 
     return Output("params/1", document, text)
 
@@ -163,13 +158,8 @@ def listing(call: Call[Records[Effect]], context: typer.Context) -> Output | Non
     if context.invoked_subcommand is not None:
         return None
     known = call()
-
-    def text(shown: Console) -> None:
-        from granite_lab.reporting.terminal import show_effects
-
-        show_effects(known, shown)
-
-    return Output("effects/1", {"effects": [_described(e) for e in known]}, text)
+    document = {"effects": [_described(e) for e in known]}
+    return Output("effects/1", document, lambda shown: reporting.terminal.show_effects(known, shown))
 
 
 @effects.command("show")
@@ -196,9 +186,7 @@ def show_effect(
     sentence = _draw(effect, picture) if picture else ""
 
     def text(shown: Console) -> None:
-        from granite_lab.reporting import terminal
-
-        terminal.show_effect(effect, shown)
+        reporting.terminal.show_effect(effect, shown)
         if picture:
             show(f"picture: {picture}")
             shown.print(sentence, markup=False)
@@ -229,13 +217,11 @@ def check_effect(call: Call[dict[str, tuple[Effect, list[Check]]]]) -> Output:
     from granite_lab.effects.contract import refuse_failed
 
     def text(shown: Console) -> None:
-        from granite_lab.reporting.grid import grid, say
-
         marks = {True: "ok", False: "FAILED", None: "-"}
         for name, (effect, checks) in found.items():
-            say(shown, f"{name}: {effect.title}", "bold")
+            reporting.grid.say(shown, f"{name}: {effect.title}", "bold")
             rows = ((marks[c.passed], c.name, c.detail) for c in checks)
-            shown.print(grid("", "check", "found", words=(0, 1, 2), rows=rows))
+            shown.print(reporting.grid.grid("", "check", "found", words=(0, 1, 2), rows=rows))
 
     checks, error = {name: own for name, (_, own) in found.items()}, None
     try:
@@ -251,17 +237,13 @@ def _draw(effect: Effect, path: Path) -> str:
     Raises:
         EstimateError: a simulation does not converge.
     """
-    import os
-
     from granite_lab.effects.contract import typical
     from granite_lab.parameters import load_robot, load_soil, load_variants
     from granite_lab.planning.imprint import imprint
-    from granite_lab.reporting.plot_model import effect_drawing
 
-    found = imprint(
-        typical(effect), load_robot(), load_soil(), load_variants(), jobs=min(4, os.cpu_count() or 1)
-    )
-    drawing = effect_drawing(found)
+    jobs = min(4, os.cpu_count() or 1)
+    found = imprint(typical(effect), load_robot(), load_soil(), load_variants(), jobs=jobs)
+    drawing = reporting.plot_model.effect_drawing(found)
     write_picture(path, drawing.draw())
     return drawing.caption
 

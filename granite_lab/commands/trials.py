@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from granite_lab import reporting
 from granite_lab.api import trials as api
 from granite_lab.api.records import Origin, Records, Studied
 from granite_lab.commands.command import Call, Output, command, show, warn, warn_of
 from granite_lab.commands.options import Flag, Table
 from granite_lab.errors import LabError
+from granite_lab.files import write_table, write_text
 from granite_lab.reporting import two_studies
 from granite_lab.running import Execution
 from granite_lab.running.output import trouble
@@ -35,10 +37,8 @@ def _folder(default: str, text: str) -> Flag:
 
 def _origin(origin: Origin) -> dict[str, Any]:
     """Warn of what there is to know, and return where results come from, as it stands in JSON."""
-    from granite_lab.reporting.json_report import provenance_as_json
-
-    excluded = warn_of(origin)
-    return {"provenance": provenance_as_json(origin.source) if origin.source else None} | excluded
+    excluded, source = warn_of(origin), origin.source
+    return {"provenance": source and reporting.json_report.provenance_as_json(source)} | excluded
 
 
 @command(api.fit_k92, busy="fitting")
@@ -49,23 +49,18 @@ def fit_k92(
 ) -> Output:
     """Fits that need a remark are marked; --verbose lists the remarks."""
     fits = call()
-    from granite_lab.files import write_text
-    from granite_lab.reporting.json_report import k92_as_json
-    from granite_lab.reporting.tables import k92_table
-    from granite_lab.reporting.terminal import show_k92_fits
-
     if out is not None:
-        write_text(out, k92_table(list(fits)).to_csv())
+        write_text(out, reporting.tables.k92_table(list(fits)).to_csv())
     rows = [
         {"trial": fit.trial, "virtual": fit.virtual, "speed_mps": fit.variant.velocity}
         | {"slip_ratio": fit.slip_measured.as_json()}
-        | k92_as_json(fit)
+        | reporting.json_report.k92_as_json(fit)
         for fit in fits
     ]
     return Output(
         "fit-k92/2",
         {"fits": rows} | _origin(fits.origin),
-        lambda shown: show_k92_fits(list(fits), shown, notes=verbose),
+        lambda shown: reporting.terminal.show_k92_fits(list(fits), shown, notes=verbose),
     )
 
 
@@ -73,23 +68,17 @@ def fit_k92(
 def fit_atheta(call: Call[tuple[AThetaFit, Origin]], out: Table = None) -> Output:
     """A verdict needs three speeds."""
     fit, origin = call()
-    from granite_lab.files import write_table
-    from granite_lab.reporting.answers import a_theta_of
-    from granite_lab.reporting.grid import say
-    from granite_lab.reporting.json_report import a_theta_as_json
-    from granite_lab.reporting.terminal import show_a_theta
-
     if out is not None:
         table = fit.to_frame()
         write_table(out, table.assign(data="virtual") if fit.virtual else table)
 
     def text(shown: Console) -> None:
-        show_a_theta(fit, shown)
+        reporting.terminal.show_a_theta(fit, shown)
         what = "Rows of Table 3" if origin.source is None else "Virtual trials" if fit.virtual else "Trials"
-        say(shown, f"{what}: {', '.join(point[0] for point in fit.points)}.")
+        reporting.grid.say(shown, f"{what}: {', '.join(point[0] for point in fit.points)}.")
 
-    judged = {"agrees": a_theta_of(fit)[1]}
-    return Output("fit-atheta/2", (a_theta_as_json(fit) or {}) | judged | _origin(origin), text)
+    document = (reporting.json_report.a_theta_as_json(fit) or {}) | _origin(origin)
+    return Output("fit-atheta/2", document | {"agrees": reporting.answers.a_theta_of(fit)[1]}, text)
 
 
 @command(api.compare, busy="fitting", out=_folder("reports/compare", "Folder for tables and figures."))
@@ -104,9 +93,7 @@ def compare(call: Call[Records[Comparison]]) -> Output:
     ]
 
     def text(shown: Console) -> None:
-        from granite_lab.reporting.terminal import show_misfits
-
-        show_misfits(list(found), shown)
+        reporting.terminal.show_misfits(list(found), shown)
         show(f"figures and tables: {out}")
 
     document = {"trials": rows, "files": found.origin.written}
@@ -140,9 +127,8 @@ def study(
     finding = result.finding
 
     def text(shown: Console) -> None:
-        from granite_lab.reporting.terminal import show_study
-
-        show_study(result, shown, str(out), written.model.name if written.model else None)
+        model = written.model.name if written.model else None
+        reporting.terminal.show_study(result, shown, str(out), model)
         if written.page is not None:
             kept = " (unchanged: logs, options and code are those it was written from)"
             show(f"report: {written.page}{kept if found.unchanged else ''}")
@@ -197,15 +183,13 @@ def compare_studies(
 ) -> Output:
     """For example of sand A and B, or before and after a change."""
     found = call()
-    from granite_lab.reporting import write_compared
-    from granite_lab.reporting.grid import say, show_table
-
-    page = write_compared(found, out) if out is not None else None
+    page = reporting.write_compared(found, out) if out is not None else None
 
     def text(shown: Console) -> None:
+        say = reporting.grid.say
         say(shown, f"A: {found.names[0]}; B: {found.names[1]}")
         columns = ("quantity", "unit", "B − A, 95 %", "detectable", "verdict")
-        show_table(two_studies.compared_table(found), shown, only=columns)
+        reporting.grid.show_table(two_studies.compared_table(found), shown, only=columns)
         say(shown, "B − A: 95 % interval. Detectable: difference that is found with a probability of 80 %.")
         for note in found.notes:
             say(shown, note)
@@ -232,9 +216,7 @@ def discover(call: Call[Studied]) -> Output:
     assert finding is not None
 
     def text(shown: Console) -> None:
-        from granite_lab.reporting.terminal import show_finding
-
-        show_finding(finding, shown, str(out), written.model)
+        reporting.terminal.show_finding(finding, shown, str(out), written.model)
         for what, path in (("report", written.page), ("model with what was found", written.model)):
             if path is not None:
                 show(f"{what}: {path}")
@@ -274,14 +256,12 @@ MEASURE = ("expected log Bayes factor", "relative standard deviation")
 
 def show_plan(plan: Plan, most: int, shown: Console) -> None:
     """Print a plan so that it fits 80 columns."""
-    from granite_lab.reporting.grid import grid, say
-    from granite_lab.reporting.rounding import significant
-
+    say = reporting.grid.say
     sharpens = plan.question.kind == "sharpen"
 
     def size(value: float) -> str:
         if sharpens:
-            return f"{significant(100 * value, 2)} %"
+            return f"{reporting.rounding.significant(100 * value, 2)} %"
         return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
 
     def cells(k: int, p: Proposal) -> tuple[str, ...]:
@@ -302,7 +282,7 @@ def show_plan(plan: Plan, most: int, shown: Console) -> None:
         say(shown, f"No trial is recommended: {why}.", "bold")
     titles = ("", "next trial", "std" if sharpens else "log Bayes\nfactor", "because")
     rows = (cells(k, p) for k, p in enumerate(plan.proposals[:most], 1))
-    shown.print(grid(*titles, words=(1, 3), rows=rows))
+    shown.print(reporting.grid.grid(*titles, words=(1, 3), rows=rows))
     if plan.worth:
         best = plan.proposals[0].option
         say(shown, f"First choice: {best.how}.")

@@ -103,7 +103,12 @@ def sizes(imprint: Imprint) -> str:
     return ", ".join(f"{' = '.join(names)} = {size}" for size, names in named.items())
 
 
-def sweep_figure(points: Sequence[WheelPoint], title: str) -> Canvas:
+def wheel_figure(points: Sequence[WheelPoint], title: str) -> Canvas:
+    """Draw a sweep over slip; of one slip the stresses over the contact arc."""
+    return _sweep(points, title) if len(points) > 1 else _arc(points[0], title)
+
+
+def _sweep(points: Sequence[WheelPoint], title: str) -> Canvas:
     """Draw drawbar pull, torque and sinkage over slip, three panels above each other."""
     with canvas.styled():
         labels = ("pull [N]", "torque [N m]", "sinkage [mm]")
@@ -125,7 +130,7 @@ def sweep_figure(points: Sequence[WheelPoint], title: str) -> Canvas:
     return figure
 
 
-def arc_figure(point: WheelPoint, title: str) -> Canvas:
+def _arc(point: WheelPoint, title: str) -> Canvas:
     """Draw normal and shear stress over the contact arc, the rear at the left."""
     with canvas.styled():
         angles = "angle from the lowest point ϑ [°], front at the right"
