@@ -24,7 +24,7 @@ from granite_lab.commands.options import FLAGS
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.fitting.fit import K92Fit
-from tests.corpus.cli import lab, refused
+from tests.corpus.cli import lab, refused, succeeded, told
 from tests.reporting.made_up_finding import made_up_finding
 
 ROOT = Path(__file__).parent.parent.parent
@@ -33,12 +33,6 @@ SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
 OTHER = SAMPLES / "virtual_v0.7_r2.csv"
 
 OTHER_NAMES = {"fit-atheta": "fit_a_theta", "effects": "list_effects"}
-
-
-def printed(*args: object) -> str:
-    done = lab(*args)
-    assert done.code == 0, done.err
-    return done.out
 
 
 def functions() -> dict[str, tuple[dict[str, Any], Callable[..., Any]]]:
@@ -154,7 +148,7 @@ def test_motions_fits_and_findings_are_drawn_and_shown_in_a_notebook(
 def test_what_a_command_prints_and_writes_is_what_the_function_returns(
     tmp_path: Path, fits: Records[K92Fit]
 ) -> None:
-    document = json.loads(printed("ingest", SAMPLE, "--out", tmp_path, "--jobs", 1, "--json"))["trials"][0]
+    document = told("ingest", SAMPLE, "--out", tmp_path, "--jobs", 1)["trials"][0]
     found = gl.ingest(SAMPLE)
     motion = found[0].motion
     assert document["slip_ratio"] == {"value": motion.slip_ratio.value, "std": motion.slip_ratio.std}
@@ -163,25 +157,25 @@ def test_what_a_command_prints_and_writes_is_what_the_function_returns(
     np.testing.assert_allclose(frame["v_mps"], table["v_mps"], rtol=1e-8, atol=1e-12)
 
     options = ("--variant", 0.5, "--k92", 0.111)
-    document = json.loads(printed("simulate", *options, "--out", tmp_path / "r.csv", "--json"))
+    document = told("simulate", *options, "--out", tmp_path / "r.csv")
     run = gl.simulate(0.5, k92=0.111)
     assert run.slip_ratio == document["slip_ratio"]
     np.testing.assert_allclose(
         run.to_frame()["v_mps"], pd.read_csv(tmp_path / "r.csv")["v_mps"], rtol=1e-8, atol=1e-12
     )
 
-    columns = json.loads(printed("inspect", SAMPLE, "--json"))["files"][0]["columns"]
+    columns = told("inspect", SAMPLE)["files"][0]["columns"]
     inspection = gl.inspect(SAMPLE)
     assert columns == json.loads(json.dumps(inspection.as_json()))["files"][0]["columns"]
     assert list(inspection.to_frame()["column"]) == [c["name"] for c in columns]
 
-    document = json.loads(printed("fit-k92", SAMPLE, OTHER, "--jobs", 1, "--no-cache", "--json"))
+    document = told("fit-k92", SAMPLE, OTHER, "--jobs", 1, "--no-cache")
     assert [f["k92"]["value"] for f in document["fits"]] == [fit.k92.value for fit in fits]
     assert list(fits.to_frame()["trial"]) == ["virtual_v0.3_r1", "virtual_v0.7_r2"]
     assert list(gl.fit_a_theta(list(fits)).to_frame()["k92"]) == list(fits.to_frame()["k92"])
     assert len(fits[:1].to_frame()) == 1
 
-    rows = json.loads(printed("params", "--json"))["parameters"]
+    rows = told("params")["parameters"]
     assert list(gl.params().to_frame()["value"]) == [row["value"] for row in rows]
 
 
@@ -221,9 +215,9 @@ def test_simulate_switches_effects_on_by_name() -> None:
 
 def test_a_table_is_stored_as_csv_or_parquet(tmp_path: Path) -> None:
     run = gl.simulate(0.3).to_frame()
-    printed("simulate", "--variant", 0.3, "--out", tmp_path / "run.parquet")
+    succeeded("simulate", "--variant", 0.3, "--out", tmp_path / "run.parquet")
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "run.parquet"), run)
-    printed("simulate", "--variant", 0.3, "--format", "parquet", "--out", tmp_path / "named")
+    succeeded("simulate", "--variant", 0.3, "--format", "parquet", "--out", tmp_path / "named")
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "named"), run)
     assert not list(tmp_path.glob("*.part"))
     simulate = ("simulate", "--variant", 0.3, "--format")

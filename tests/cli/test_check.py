@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 import granite_lab as gl
-from tests.corpus.cli import lab
+from tests.corpus.cli import lab, succeeded
 
 SAMPLES = Path(__file__).parent.parent.parent / "data" / "samples"
 SAMPLE = SAMPLES / "virtual_v0.7_r1.csv"
@@ -34,8 +34,7 @@ def changed(folder: Path, **columns: float) -> Path:
 
 @pytest.mark.parametrize("sample", sorted(SAMPLES.glob("virtual_*_r1.csv")), ids=lambda p: p.stem)
 def test_a_good_run_is_green_on_one_screen(sample: Path) -> None:
-    done = lab("check", sample)
-    assert done.code == 0, done.err
+    done = succeeded("check", sample)
     assert "The run is good." in done.out
     assert "virtual data" in done.out
     assert len(done.out.splitlines()) <= 24

@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import resource
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
 
-from tests.corpus.cli import Done, lab
+from tests.corpus.cli import Done, lab, succeeded, told
 
 ROOT = Path(__file__).parent.parent.parent
 SAMPLES = ROOT / "data" / "samples"
 SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
 TRIALS = [SAMPLE, SAMPLES / "virtual_v0.7_r1.csv"]
-
-
-def lab_json(*args: object, cwd: Path | None = None) -> dict[str, Any]:
-    """Run a command and return its one document, which says of which command it is."""
-    done = lab(*args, "--json", cwd=cwd)
-    assert done.code == 0, done.err
-    document: dict[str, Any] = json.loads(done.out)
-    assert document["schema"].rpartition("/")[0] == f"granite-lab/{args[0]}"
-    return document
 
 
 def process(*args: object, cwd: Path | None = None) -> Done:
@@ -60,7 +49,7 @@ def test_help_costs_about_what_importing_numpy_costs() -> None:
 
 
 def test_simulate_writes_a_run_and_one_json_document(tmp_path: Path) -> None:
-    document = lab_json("simulate", "--variant", "0.5", "--k92", "0.111", cwd=tmp_path)
+    document = told("simulate", "--variant", "0.5", "--k92", "0.111", cwd=tmp_path)
     assert document["slip_ratio"] == pytest.approx(0.1625, abs=0.001)
     run = pd.read_csv(tmp_path / document["run"])
     named = (
@@ -126,14 +115,14 @@ def test_known_trouble_is_one_line_a_hint_and_an_exit_code(
 
 
 def test_params_prints_every_number_with_its_origin() -> None:
-    document = lab_json("params")
+    document = told("params")
     assert {"group", "key", "value", "unit", "low", "high", "origin"} <= set(document["parameters"][0])
     shown = lab("params").out
     assert max(map(len, shown.splitlines())) <= 80
 
 
 def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> None:
-    trial = lab_json("ingest", SAMPLE, cwd=tmp_path)["trials"][0]
+    trial = told("ingest", SAMPLE, cwd=tmp_path)["trials"][0]
     assert trial["variant"]["velocity"] == 0.3
     motion = pd.read_csv(tmp_path / trial["motion"])
     named = "t_s x_m x_std_m v_mps v_std_mps pitch_rad pitch_std_rad phase"
@@ -149,7 +138,7 @@ def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> Non
 def test_notes_are_counted_and_listed_on_request(tmp_path: Path) -> None:
     out = tmp_path / "k92 of trials.csv"
     short, long = lab("fit-k92", *TRIALS, "--out", out), lab("fit-k92", *TRIALS, "--verbose")
-    notes = {n for fit in lab_json("fit-k92", *TRIALS)["fits"] for n in fit["notes"]}
+    notes = {n for fit in told("fit-k92", *TRIALS)["fits"] for n in fit["notes"]}
     assert notes
     assert f"{len(notes)} notes of the fits: --verbose lists them" in short.out
     assert len(long.out.splitlines()) > len(short.out.splitlines())
@@ -162,10 +151,9 @@ def test_notes_are_counted_and_listed_on_request(tmp_path: Path) -> None:
 
 def test_fit_atheta_names_its_trials_and_needs_three_speeds_for_a_verdict(tmp_path: Path) -> None:
     out = tmp_path / "points.csv"
-    done = lab("fit-atheta", *TRIALS, "--out", out)
-    assert done.code == 0, done.err
+    done = succeeded("fit-atheta", *TRIALS, "--out", out)
     assert "Not tested" in done.out
     shown = " ".join(done.out.split())
     assert "Virtual trials: virtual_v0.3_r1, virtual_v0.7_r1." in shown
     assert set(pd.read_csv(out)["data"]) == {"virtual"}
-    assert lab_json("fit-atheta", *TRIALS)["agrees"] is None
+    assert told("fit-atheta", *TRIALS)["agrees"] is None

@@ -10,7 +10,7 @@ import pytest
 
 import granite_lab as gl
 from granite_lab.api.project import FILE, choose
-from tests.corpus.cli import GRANITE, lab
+from tests.corpus.cli import GRANITE, lab, succeeded, told
 
 SAMPLES = Path(__file__).parent.parent.parent / "data" / "samples"
 A, B = "virtual_v0.3_r1", "virtual_v0.7_r1"
@@ -40,8 +40,7 @@ def test_robot_of_the_file_is_used_where_none_is_given(tmp_path: Path) -> None:
 
 def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, f'robot = "granite"\nout = "results"\n{EXCLUDE}')
-    done = lab("ingest", folder, "--jobs", 1, "--json")
-    assert done.code == 0, done.err
+    done = succeeded("ingest", folder, "--jobs", 1, "--json")
     document = json.loads(done.out)
     assert [t["name"] for t in document["trials"]] == [A]
     assert document["excluded"] == [{"trial": B, "reason": "a wheel hit a stone"}]
@@ -59,16 +58,14 @@ def test_a_study_lists_excluded_trials_and_is_verified_without_them(tmp_path: Pa
     folder = folder_with(tmp_path, EXCLUDE)
     out = tmp_path / "report"
     options = ("--no-discover", "--no-recordings", "--jobs", 1)
-    done = lab("study", folder, "--out", out, *options)
-    assert done.code == 0, done.err
+    succeeded("study", folder, "--out", out, *options)
     document = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert document["failures"] == [{"trial": B, "message": "excluded: a wheel hit a stone", "hint": ""}]
     page = (out / "index.html").read_text(encoding="utf-8")
     assert "1 more trial excluded by the user." in page
     assert f"{B}: excluded: a wheel hit a stone" in page
     assert "could not be used" not in page
-    again = lab("study", folder, "--verify", out, "--jobs", 1)
-    assert again.code == 0, again.out + again.err
+    succeeded("study", folder, "--verify", out, "--jobs", 1)
 
 
 @pytest.mark.parametrize(
@@ -107,9 +104,9 @@ def test_folders_that_disagree_need_the_option(tmp_path: Path) -> None:
 
 def test_params_shows_where_robot_and_soil_come_from(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, 'robot = "granite"\n')
-    chosen = json.loads(lab("params", folder, "--json").out)["chosen"]
+    chosen = told("params", folder)["chosen"]
     assert chosen["robot"] == {"value": "granite", "origin": str(folder / FILE)}
     assert chosen["soil"]["origin"] == "unless a log names another"
     assert f"robot: granite ({folder / FILE})" in lab("params", folder).out
-    given = json.loads(lab("params", folder, "--robot", "granite", "--json").out)["chosen"]
+    given = told("params", folder, "--robot", "granite")["chosen"]
     assert given["robot"]["origin"] == "--robot"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from granite_lab.effects.model_file import load_model
-from tests.corpus.cli import ROOT, lab
+from tests.corpus.cli import ROOT, lab, succeeded, told
 
 SAMPLES = ROOT / "data" / "samples"
 
@@ -57,8 +57,7 @@ def test_it_ends_with_the_search_for_a_missing_effect(folder: Path) -> None:
 def test_it_says_why_no_search_was_run(folder: Path) -> None:
     model = "reports/mine/model.toml"
     log = "trials/virtual_v0.7_r1.csv"
-    done = lab("study", log, "--model", model, "--out", "with", "--no-recordings", cwd=folder)
-    assert done.code == 0, done.err
+    done = succeeded("study", log, "--model", model, "--out", "with", "--no-recordings", cwd=folder)
     said = " ".join(done.out.split())
     assert "Not searched. No search starts from a model with effects." in said
     assert not (folder / "with" / "model.toml").exists()
@@ -101,9 +100,7 @@ def stamps(folder: Path) -> dict[Path, int]:
 
 
 def test_compare_writes_the_panels_of_a_trial(folder: Path) -> None:
-    done = lab("compare", "trials/virtual_v0.7_r1.csv", "--out", "compared", "--json", cwd=folder)
-    assert done.code == 0, done.err
-    document = json.loads(done.out)
+    document = told("compare", "trials/virtual_v0.7_r1.csv", "--out", "compared", cwd=folder)
     channels = {m["channel"] for m in document["trials"][0]["misfits"]}
     assert {"velocity", "slip_f", "torque_r", "pitch"} <= channels
     assert document["files"]
@@ -111,8 +108,7 @@ def test_compare_writes_the_panels_of_a_trial(folder: Path) -> None:
 
 
 def test_fits_leave_out_a_trial_that_fails_unless_told_otherwise(folder: Path) -> None:
-    done = lab("fit-k92", "trials", "--json", cwd=folder)
-    assert done.code == 0, done.err
+    done = succeeded("fit-k92", "trials", "--json", cwd=folder)
     document = json.loads(done.out)
     assert [fit["trial"] for fit in document["fits"]] == ["virtual_v0.5_r2", "virtual_v0.7_r1"]
     assert "trials/broken.csv" in {i["file"] for i in document["provenance"]["inputs"]}

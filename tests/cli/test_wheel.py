@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pandas as pd
@@ -13,19 +12,13 @@ from granite_lab.commands.options import slips_of
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.model.single_wheel import FORCES
 from granite_lab.parameters import GRAVITY
-from tests.corpus.cli import lab, refused
-
-
-def run(*words: str) -> str:
-    done = lab("wheel", *words)
-    assert done.code == 0, done.err
-    return done.out
+from tests.corpus.cli import lab, refused, succeeded, told
 
 
 def test_a_sweep_becomes_a_table_and_a_picture(tmp_path: Path) -> None:
     out, plot, arc = tmp_path / "sweep.csv", tmp_path / "sweep.svg", tmp_path / "arc.csv"
     words = ["--slip", "-0.4:0.8:0.2", "--k92", "0.3", "--load", "60", "--effect", "bulldozing.strength=0.5"]
-    shown = run(*words, "--out", str(out), "--plot", str(plot), "--arc", str(arc))
+    shown = succeeded("wheel", *words, "--out", out, "--plot", plot, "--arc", arc).out
     assert "with bulldozing: strength = 0.5" in shown
     table = pd.read_csv(out)
     assert table["slip"].tolist() == pytest.approx([-0.4, -0.2, 0, 0.2, 0.4, 0.6, 0.8])
@@ -38,10 +31,10 @@ def test_a_sweep_becomes_a_table_and_a_picture(tmp_path: Path) -> None:
 
 
 def test_json_holds_what_the_function_returns(tmp_path: Path) -> None:
-    told = json.loads(run("--slip", "0.2", "--sinkage", "12", "--k92", "0.4", "--json"))
+    printed = told("wheel", "--slip", "0.2", "--sinkage", "12", "--k92", "0.4")
     found = gl.wheel(0.2, sinkage=0.012, k92=0.4)
-    assert told["points"] == [pytest.approx(row) for row in found.to_frame().to_dict("records")]
-    assert told["wheel"]["radius"] == 0.0965
+    assert printed["points"] == [pytest.approx(row) for row in found.to_frame().to_dict("records")]
+    assert printed["wheel"]["radius"] == 0.0965
     assert len(FORCES) == 8
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from granite_lab.cli import main
 from granite_lab.parameters.catalogue import forget
@@ -54,6 +56,20 @@ def lab(*args: object, cwd: Path | None = None) -> Done:
     finally:
         sys.argv = before
     return Done(code, out.getvalue(), err.getvalue())
+
+
+def succeeded(*args: object, cwd: Path | None = None) -> Done:
+    """Run a command that ends well."""
+    done = lab(*args, cwd=cwd)
+    assert done.code == 0, done.err
+    return done
+
+
+def told(*args: object, cwd: Path | None = None) -> dict[str, Any]:
+    """Run a command that ends well and return its one document, which says of which command it is."""
+    found: dict[str, Any] = json.loads(succeeded(*args, "--json", cwd=cwd).out)
+    assert str(args[0]).startswith(found["schema"].split("/")[1]), found["schema"]
+    return found
 
 
 def refused(done: Done, code: int, error: str, hint: str = "") -> None:

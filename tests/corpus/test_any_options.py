@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from granite_lab.cli import app
-from tests.corpus.cli import CODES, GRANITE, LOG, SAND, Done, lab
+from tests.corpus.cli import CODES, GRANITE, LOG, SAND, Done, lab, succeeded
 from tests.soak import SOAK
 
 # Each example is a whole command, so shrinking one takes too long.
@@ -177,8 +177,7 @@ def test_any_parameter_file_is_used_or_refused(changes: list[tuple[bool, int, st
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_says_what_every_option_is(name: str) -> None:
-    done = lab(name, "--help")
-    assert done.code == 0
+    done = succeeded(name, "--help")
     assert "Usage: " in done.out
     for option in COMMANDS[name]:
         if option.param_type_name == "option":

@@ -16,7 +16,7 @@ from granite_lab.errors import InputError
 from granite_lab.model import interpreted, simulate
 from granite_lab.model.effect import activate
 from granite_lab.parameters import load_variants
-from tests.corpus.cli import ROOT, lab
+from tests.corpus.cli import ROOT, lab, succeeded
 from tests.effects.example import EXAMPLE
 from tests.effects.runs import ROBOT, SOIL, run, variant_of
 
@@ -104,8 +104,7 @@ def test_the_command_reports_every_check_and_ends_with_3_on_failure(tmp_path: Pa
     good, bad = tmp_path / "good.py", tmp_path / "bad.py"
     good.write_text(EXAMPLE)
     bad.write_text(EXAMPLE.replace("sand box", "x").replace('"a fan in front of the x"', '"none"'))
-    done = lab("effects", "check", good, "--json")
-    assert done.code == 0, done.err
+    done = succeeded("effects", "check", good, "--json")
     checks = json.loads(done.out)["effects"]["head_wind"]
     assert [c["passed"] for c in checks].count(True) == 10
     done = lab("effects", "check", bad)

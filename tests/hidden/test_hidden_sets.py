@@ -21,7 +21,7 @@ from granite_lab.hidden.wish import SAND_OFF, Wish, chosen, drawn, sand
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Variant, load_robot, load_soil
-from tests.corpus.cli import lab
+from tests.corpus.cli import lab, told
 
 SHORT = (Variant(velocity=0.3, acceleration=1.2, distance=0.4),)
 
@@ -242,9 +242,9 @@ def test_a_set_is_not_overwritten_unasked(folder: Path) -> None:
 def test_reveal_judges_a_finding(folder: Path, tmp_path: Path) -> None:
     (name,) = (effect["id"] for effect in open_answer(folder)["effects"])
     finding = tmp_path / "finding.json"
-    told = {"schema": "granite-lab/discovery/2", "verdict": "named", "effects": [{"id": name}]}
-    finding.write_text(json.dumps(told))
-    document = json.loads(lab("reveal", folder, "--finding", finding, "--json").out)
+    judged = {"schema": "granite-lab/discovery/2", "verdict": "named", "effects": [{"id": name}]}
+    finding.write_text(json.dumps(judged))
+    document = told("reveal", folder, "--finding", finding)
     assert document["schema"] == "granite-lab/reveal/1"
     assert document["answer"]["seed"] == 21
     assert document["score"]["outcome"] == "right"

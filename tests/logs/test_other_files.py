@@ -14,7 +14,7 @@ from scipy.io import savemat
 from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
 from granite_lab.logs.named import name_of, trial_files
-from tests.corpus.cli import lab
+from tests.corpus.cli import succeeded
 from tests.logs import make
 
 META = 'robot = "granite"\nv_desired_mps = 0.3\nsoil = "dry_sand"\n'
@@ -181,6 +181,5 @@ def test_every_command_takes_such_a_folder(tmp_path: Path) -> None:
     make.written(tmp_path, make.only("t_s", *make.WHEELS), "runs/drive/encoders.csv")
     for args in (("ingest", "--out"), ("study", "--no-discover", "--no-recordings", "--out")):
         out = tmp_path / args[0]
-        done = lab(*args, out, tmp_path / "runs", "-q", "-j", 1)
-        assert done.code == 0, done.err
+        done = succeeded(*args, out, tmp_path / "runs", "-q", "-j", 1)
         assert "drive" in done.out

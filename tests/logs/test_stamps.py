@@ -121,8 +121,7 @@ def test_an_empty_date_leaves_the_sample_out(tmp_path: Path) -> None:
 def test_stamps_since_1970_stay_exact_to_the_microsecond_in_the_motion_table(tmp_path: Path) -> None:
     path = log(tmp_path / "log.csv", "t_s", lambda us: f"{START + us // 10**6}.{us % 10**6:06d}")
     np.testing.assert_allclose(times(read_trial(path)), TRUE, rtol=0, atol=3e-7)
-    done = cli.lab("ingest", path, "--out", tmp_path / "out", "-q", "-j", 1)
-    assert done.code == 0, done.err
+    cli.succeeded("ingest", path, "--out", tmp_path / "out", "-q", "-j", 1)
     table = pd.read_csv(tmp_path / "out" / "log.csv")
     nearest = np.abs(table.iloc[:, 0].to_numpy()[:, None] - TRUE[None, :]).min(axis=1)
     assert nearest.max() < 1e-6
@@ -130,8 +129,7 @@ def test_stamps_since_1970_stay_exact_to_the_microsecond_in_the_motion_table(tmp
 
 def test_the_guesses_about_an_unknown_log_stand_on_the_terminal(tmp_path: Path) -> None:
     path = log(tmp_path / "log.csv", "stamp.secs,stamp.nsecs", parts(10**9))
-    done = cli.lab("inspect", path)
-    assert done.code == 0
+    done = cli.succeeded("inspect", path)
     assert "no known layout; columns guessed" in done.out
     rows = {words[0]: words[1:3] for line in done.out.splitlines() if len(words := line.split()) > 3}
     assert rows["stamp.secs"] == ["t", "s"]

@@ -44,8 +44,7 @@ def test_the_window_of_one_drive_gives_the_motion_of_that_drive(twice: Path, tmp
     alone = gl.ingest(one, jobs=1)[0].motion
     first = gl.ingest(twice, window=(-np.inf, 5.995), jobs=1)[0].motion
     assert first.distance.value == pytest.approx(alone.distance.value, rel=1e-9)
-    done = cli.lab("ingest", twice, "--to", 5.995, "--out", tmp_path / "out", "-q", "-j", 1, "--json")
-    assert done.code == 0, done.err
+    done = cli.succeeded("ingest", twice, "--to", 5.995, "--out", tmp_path / "out", "-q", "-j", 1, "--json")
     assert json.loads(done.out)["trials"][0]["distance_m"]["value"] == pytest.approx(alone.distance.value)
     assert pd.read_csv(tmp_path / "out" / "twice.csv").iloc[:, 0].max() < 6
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,7 +36,7 @@ from granite_lab.planning.design import (
 from granite_lab.planning.plan import options, plan_next
 from granite_lab.planning.question import question
 from granite_lab.planning.stage import trial_model, whitener_of
-from tests.corpus.cli import lab, refused
+from tests.corpus.cli import lab, refused, told
 from tests.reporting.made_up_finding import made_up_finding
 
 ROBOT, SOIL = load_robot(), load_soil()
@@ -267,9 +266,7 @@ def test_the_document_and_the_table_carry_the_figures_of_the_folder(tmp_path: Pa
     """The folder holds what `discover` and `study` both write, and no log."""
     finding = made_up_finding("named", speeds=(0.2,), repetitions=2)
     save_design(finding, trials_of(finding), tmp_path / DESIGN)
-    done = lab("plan-next", tmp_path, "--json", "--room", 1, "--max-speed", 0.2, "--jobs", 1)
-    assert done.code == 0, done.err
-    document = json.loads(done.out)
+    document = told("plan-next", tmp_path, "--room", 1, "--max-speed", 0.2, "--jobs", 1)
     assert document["schema"] == "granite-lab/plan/2"
     assert document["measure"] == "relative standard deviation"
     ((name, now),) = document["now"].items()

@@ -55,8 +55,7 @@ def test_a_gap_interrupts_the_line_and_dates_begin_at_the_first_second(tmp_path:
 
 def test_the_command_writes_the_picture_and_marks_virtual_data(tmp_path: Path) -> None:
     for name in ("log.png", "log.svg"):
-        done = cli.lab("inspect", SAMPLE, "--plot", tmp_path / name)
-        assert done.code == 0, done.err
+        done = cli.succeeded("inspect", SAMPLE, "--plot", tmp_path / name)
         assert name in done.out
     assert (tmp_path / "log.png").read_bytes().startswith(PNG)
     drawn = (tmp_path / "log.svg").read_text()

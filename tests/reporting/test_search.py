@@ -23,7 +23,7 @@ from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.plot_search import candidates_figure, history_figures, intervals_figure, mean_of
 from granite_lab.reporting.report import Report, study_report
 from granite_lab.reporting.tables import Table
-from tests.corpus.cli import lab
+from tests.corpus.cli import succeeded
 from tests.reporting.made_up_finding import BUMP, LEFT, SIZE, STRENGTH, made_up_finding
 from tests.reporting.test_figures import texts
 from tests.reporting.test_report import Strict
@@ -343,8 +343,7 @@ def test_the_command_writes_page_model_and_numbers_and_prints_what_was_promised(
     folder = tmp_path / "found"
     folder.mkdir()
     (folder / "mine.txt").write_text("kept")
-    done = lab("discover", "trials", "--out", "found", "--jobs", "1", "--json", cwd=tmp_path)
-    assert done.code == 0, done.err
+    done = succeeded("discover", "trials", "--out", "found", "--jobs", "1", "--json", cwd=tmp_path)
     assert "Traceback" not in done.err
     for name in ("index.html", "report.md", "finding.json", "model.toml", "figures/found_gap.svg"):
         assert (folder / name).stat().st_size > 100, name
