@@ -108,15 +108,15 @@ def hide(
         strength: factor on the effect's size.
         sizes: parameters of the effect.
         noise: factor on the sensors' noise.
-        sand_off: let φ, K, n, μ_s be 5-20 % off the file.
-        repetitions: trials of each variant; by default 3 on the bench, drawn in the wild laboratory.
-        lab: ``bench`` has the sensors of the robot's file; of ``wild``, logger, robot and sand are drawn by
-            the seed, and their files lie beside the trials where they are not the catalogue's.
+        sand_off: change φ, K, n and μ_s by 5-20 % from the file.
+        repetitions: trials of each variant; by default 3 (``bench``) or 2 to 4 (``wild``).
+        lab: ``bench``: sensors, robot and sand as in the files; ``wild``: drawn by the seed, with files of
+            robot and sand beside the trials.
         robot: a name of the catalogue or a .toml file; granite by default.
         soil: a name of the catalogue or a .toml file; dry_sand by default.
         overwrite: replace a set that is there.
         label: first word of the trials' names.
-        truth: folder in which the true motion of each trial is kept aside (CSV).
+        truth: folder for the true motion of each trial (CSV).
         jobs: number of processes; 0 means one per core.
         done: called with the name of each finished trial.
 
@@ -161,11 +161,11 @@ def reveal(
 ) -> Revealed:
     """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
 
-    In a kit, `discover` runs first where no discovery is given and none stands in its folder `finding`.
+    In a kit without a discovery in its folder `finding`, `discover` runs first.
 
     Args:
         folder: folder written by `hide`, or a kit that another laboratory filled.
-        finding: JSON of a discovery or of a study, or the folder in which it stands, to be judged.
+        finding: discovery to be judged: JSON of `discover` or `study`, or its folder.
         jobs: number of processes of a search.
 
     Raises:

@@ -86,10 +86,10 @@ def ingest(
 
     Args:
         logs: paths of logs, or of folders with logs.
-        imu: file of one trial with the IMU, if each sensor has its own.
-        encoders: file with the encoders, likewise.
-        currents: file with the motor currents, likewise.
-        reference: file with an external reference, as GPS or motion capture.
+        imu: file with the IMU, if each sensor of a trial has its own file.
+        encoders: file with the encoders of that trial.
+        currents: file with the motor currents of that trial.
+        reference: file with an external reference of that trial, as GPS or motion capture.
         rows: rows to take from a log of several runs, as ``run_id = 4``.
         variant: desired velocity [m/s], if the log lacks it.
         rests: intervals of standstill (start, end) [s, the log's time].
@@ -141,7 +141,7 @@ def inspect(
 ) -> Inspection:
     """Show what is recognised in logs: columns, units, clocks, rates, gaps, variant.
 
-    A log that is not understood is not an error here but a `problem` in its report.
+    A log that is not understood is reported as a `problem`, not as an error.
 
     Args:
         logs: paths of logs.
@@ -179,14 +179,14 @@ def view(
     column_map: str | Path | None = None,
     tell: Callable[[str], None] = print,
 ) -> None:
-    """Open a timeline in the Rerun viewer, and return while it stays open.
+    """Open a recording in the Rerun viewer, which stays open.
 
     Args:
         what: a recording (.rrd), a report folder, or a log.
         trial: with a report folder, the trial to open.
         web: serve the viewer to a browser on this machine instead, until interrupted.
         screenshot: save a picture of the viewer (.png) instead; no display is needed.
-        at: with `screenshot`, the time since the start of the command [s]; by default the middle.
+        at: time of the `screenshot` since the start of the command [s]; by default the middle.
         robot, soil, column_map: with a log, a name of the catalogue or a .toml file.
         tell: called with the address, with `web`.
 

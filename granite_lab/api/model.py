@@ -120,19 +120,19 @@ def simulate(
     repetition: Annotated[int, Arg(low=1)] = 1,
     **said: Unpack[Said],
 ) -> Run:
-    """Simulate one run: equations (1)-(26), with k_92 = exp(-a_θ v) unless `k92` is given.
+    """Simulate one run by equations (1)-(26), with k_92 = exp(-a_θ v) or a constant `k92`.
 
     Args:
-        variant: a variant of Table 2 by its velocity [m/s], or a record.
-        v: desired velocity [m/s], where no variant is given.
-        a: largest acceleration [m/s²], likewise.
-        distance: total distance [m], likewise.
+        variant: variant of Table 2, named by its velocity [m/s].
+        v: desired velocity [m/s] instead of a variant; needs `a` and `distance`.
+        a: largest acceleration [m/s²] (with `v`).
+        distance: total distance [m] (with `v`).
         grade: IMU grade instead of the robot's.
-        log: file for the log that virtual sensors would write (CSV).
-        truth: with `log`, file for the true motion (CSV).
-        seed: with `log` or `scatter`, seed of sensors and sand.
+        log: file for the log of virtual sensors (CSV).
+        truth: file for the true motion (CSV); needs `log`.
+        seed: seed of the random numbers of sensors and sand.
         scatter: scatter the sand as raking does.
-        repetition: with `log`, number of the repetition.
+        repetition: number of the repetition that is written into `log`.
 
     Returns:
         the run; its table has a row for each instant.
@@ -255,8 +255,8 @@ def wheel(
 ) -> WheelRun:
     """Compute one wheel on the soil, at a load or a sinkage, by the contact model (4), (6)-(17).
 
-    The larger of ω r and the velocity is 0.1 m/s where neither is given; the equations do not depend on it
-    above 0.02 m/s, effects may. The law (5) is taken at this velocity.
+    Without `omega` and `v`, the larger of ω r and v is 0.1 m/s. Above 0.02 m/s only effects depend on it. The
+    law (5) is evaluated at this velocity.
 
     Args:
         slip: slip ratio λ of (1), one or several; negative where the wheel brakes.

@@ -47,12 +47,10 @@ class Work(About, total=False):
     soil: Annotated[str | Path | None, Arg(f"the soil: {NAMED}; by default that of the log")]
     effects: Annotated[
         str | Path | None,
-        Arg(
-            "your own effect file (.py) with effects that are needed. It is executed: use only code you trust"
-        ),
+        Arg("your own effect file (.py). It is executed: use only code you trust"),
     ]
     strict: Annotated[
-        bool, Arg("stop at a trial that fails; else it is left out and stands in the result", False)
+        bool, Arg("a trial that fails is an error; by default it is left out and listed in the result", False)
     ]
     jobs: Annotated[int, Arg("number of processes; 0 means one per core", 0, low=0)]
     scheduler: Annotated[str | None, Arg("address of a Dask scheduler that does the work")]

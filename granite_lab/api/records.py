@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,11 +99,6 @@ class Records(Shown, Sequence[T], Generic[T]):
         lines = [f"{len(self)} records", *(f"{item!r:.200}" for item in self._items[:SHOWN])]
         lines += [f"and {len(self) - SHOWN} more"] * (len(self) > SHOWN)
         return "\n  ".join([*lines, *(f"left out: {trial}: {reason}" for trial, reason in self.left_out)])
-
-    def _repr_html_(self) -> str:
-        """Return the table for a notebook, shortened."""
-        said = (f"<p>left out: {html.escape(f'{trial}: {reason}')}</p>" for trial, reason in self.left_out)
-        return str(self.to_frame().to_html(index=False, max_rows=20, max_cols=12)) + "".join(said)
 
     def to_frame(self) -> pd.DataFrame:
         """Return one table of all records, units in the column names."""

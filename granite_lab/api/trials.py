@@ -182,7 +182,7 @@ def study(
 ) -> StudyResult:
     """Analyse trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
 
-    A trial that cannot be used stands in `failures` and does not end the study.
+    A trial that cannot be used is left out and listed in `failures`.
 
     Args:
         logs: paths of logs, or of folders with logs.
@@ -190,7 +190,7 @@ def study(
             same logs by the same code, is kept.
         name: of the report, unless `out` gives it.
         discover: search for an effect that the model lacks.
-        recordings: with `out`, also write a Rerun recording of each trial.
+        recordings: write a Rerun recording of each trial, too, if `out` is given.
 
     Returns:
         the results; the table has a row for each trial.
@@ -287,8 +287,8 @@ def plan_next(
 
     Args:
         folder: folder written by `discover` or `study`.
-        room: longest way the sand allows [m]; the longest so far by default.
-        max_speed: fastest command [m/s]; 1.25 times the fastest so far by default.
+        room: longest distance that fits on the sand [m]; by default the longest so far.
+        max_speed: fastest command [m/s]; by default 1.25 times the fastest so far.
         effects: your own effect file (.py). It is executed: use only code you trust.
         jobs: number of processes; 0 means one per core.
         progress: told how many trials are looked at, and of how many.

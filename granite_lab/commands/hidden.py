@@ -104,7 +104,7 @@ def _show_score(judged: Score, shown: Console) -> None:
 
 @command(api.kit, out=Flag(metavar="OUT", help="New folder of the kit."))
 def kit(call: Call[api.Kit]) -> Output:
-    """`granite-lab reveal` opens the kit that comes back and judges `discover`."""
+    """`granite-lab reveal` judges `discover` by the kit that comes back."""
     made = call()
 
     def text(_: Console) -> None:

@@ -79,7 +79,7 @@ def wheel(
     ] = None,
     table_format: Format = None,
 ) -> Output:
-    """A sweep over slip has a row for each."""
+    """The table has a row for each slip."""
     endings = [ending_of(path, table_format) for path in (out, arc)]
     picture_of("--plot", plot)
     run = call()

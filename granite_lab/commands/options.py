@@ -253,7 +253,7 @@ def options_of(parameters: Sequence[Parameter], flags: Mapping[str, Flag]) -> li
         flag = flags.get(p.name, Flag())
         if p.name == "window":
             for name, what in ((FROM, "Begin"), (TO, "End")):
-                option = typer.Option(name, help=f"{what} of the part to use [s of the log].")
+                option = typer.Option(name, help=f"{what} of the part to use [s, the log's time].")
                 found.append((name[2:] + "_", Annotated[float | None, option], None))
         elif typing.get_origin(p.kinds[0]) is not Callable:
             default = flag.default if flag.default is not None else None if flag.kind else p.default
