@@ -24,11 +24,9 @@ from granite_lab.commands.options import FLAGS
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.fitting.fit import K92Fit
-from tests.corpus.cli import lab, refused, succeeded, told
+from tests.corpus.cli import ROOT, SAMPLES, lab, refused, succeeded, told
 from tests.reporting.made_up_finding import made_up_finding
 
-ROOT = Path(__file__).parent.parent.parent
-SAMPLES = ROOT / "data" / "samples"
 SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
 OTHER = SAMPLES / "virtual_v0.7_r2.csv"
 

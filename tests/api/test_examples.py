@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent.parent
-SAMPLES = ROOT / "data" / "samples"
+from tests.corpus.cli import ROOT, SAMPLES
+
 SCRIPT = str(ROOT / "examples" / "trial_to_report.py")
 BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.DOTALL)
 

@@ -14,9 +14,8 @@ import pandas as pd
 import pytest
 
 import granite_lab as gl
-from tests.corpus.cli import lab, succeeded
+from tests.corpus.cli import SAMPLES, lab, succeeded
 
-SAMPLES = Path(__file__).parent.parent.parent / "data" / "samples"
 SAMPLE = SAMPLES / "virtual_v0.7_r1.csv"
 
 

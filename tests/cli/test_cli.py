@@ -10,10 +10,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from tests.corpus.cli import Done, lab, succeeded, told
+from tests.corpus.cli import SAMPLES, Done, lab, succeeded, told
 
-ROOT = Path(__file__).parent.parent.parent
-SAMPLES = ROOT / "data" / "samples"
 SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
 TRIALS = [SAMPLE, SAMPLES / "virtual_v0.7_r1.csv"]
 

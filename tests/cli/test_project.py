@@ -10,9 +10,8 @@ import pytest
 
 import granite_lab as gl
 from granite_lab.api.project import FILE, choose
-from tests.corpus.cli import GRANITE, lab, succeeded, told
+from tests.corpus.cli import GRANITE, SAMPLES, lab, succeeded, told
 
-SAMPLES = Path(__file__).parent.parent.parent / "data" / "samples"
 A, B = "virtual_v0.3_r1", "virtual_v0.7_r1"
 
 

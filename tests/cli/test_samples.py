@@ -17,8 +17,8 @@ from granite_lab.parameters.quantity import parse_toml
 from granite_lab.reporting.content import TrialResult
 from granite_lab.running import Cache, Execution, Options, each_trial
 from granite_lab.study import analyse
+from tests.corpus.cli import SAMPLES
 
-SAMPLES = Path(__file__).parent.parent.parent / "data" / "samples"
 LOGS = sorted(SAMPLES.glob("*.csv"))
 
 

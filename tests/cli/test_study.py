@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 
 from granite_lab.effects.model_file import load_model
-from tests.corpus.cli import ROOT, lab, succeeded, told
-
-SAMPLES = ROOT / "data" / "samples"
+from tests.corpus.cli import SAMPLES, lab, succeeded, told
 
 
 @pytest.fixture(scope="module")

@@ -57,6 +57,7 @@ def test_wheel_and_soil_can_be_given_by_values() -> None:
     ("words", "kind", "said"),
     [
         (["--slip", "2"], UsageError, "slip 2 is out of range"),
+        (["--slip", "fast"], UsageError, "cannot be understood"),
         (["--slip", "0:1"], UsageError, "cannot be understood"),
         (["--slip", "1:0:0.1"], UsageError, "cannot be understood"),
         (["--k92", "1.5"], UsageError, "out of range"),

@@ -15,6 +15,7 @@ from granite_lab.parameters.catalogue import forget
 from tests.logs import make
 
 ROOT = Path(__file__).parent.parent.parent
+SAMPLES = ROOT / "data" / "samples"
 GRANITE = (ROOT / "granite_lab/catalogue/robots/granite.toml").read_text(encoding="utf-8")
 SAND = (ROOT / "granite_lab/catalogue/soils/dry_sand.toml").read_text(encoding="utf-8")
 CODES = (0, 1, 2, 3, 4, 130)

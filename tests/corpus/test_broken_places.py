@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from tests.corpus.cli import LOG, ROOT, lab, refused
+from tests.corpus.cli import LOG, SAMPLES, lab, refused
 from tests.effects.example import EXAMPLE
 
-SAMPLE = ROOT / "data" / "samples" / "virtual_v0.3_r1.csv"
+SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
 NOBODY = 65534
 
 

@@ -19,7 +19,7 @@ from granite_lab.errors import InputError, UsageError
 from granite_lab.hidden import kit_check
 from granite_lab.hidden.scoring import SCHEMA
 from granite_lab.logs import read_trial
-from tests.corpus.cli import lab, succeeded
+from tests.corpus.cli import SAMPLES, lab, succeeded
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside" / "o03"
 REACTION = [{"id": "drive_reaction", "parameters": {"share": 0.8}}]
@@ -89,8 +89,7 @@ def test_the_log_that_the_readme_shows_is_one_that_can_be_read(kit: Path) -> Non
     """Its header above the rows of a sample; robot and soil are the kit's files."""
     text = (kit / "README.md").read_text()
     block = [line.strip() for line in text.splitlines() if line.startswith(("    # ", "    t_s"))]
-    sample = OUTSIDE.parents[2].parent / "data" / "samples" / "virtual_v0.3_r1.csv"
-    rows = sample.read_text().splitlines()
+    rows = (SAMPLES / "virtual_v0.3_r1.csv").read_text().splitlines()
     first = next(k for k, line in enumerate(rows) if line.startswith("t_s"))
     assert block[-1] == rows[first]
     log = kit / "trials" / "from_readme.csv"

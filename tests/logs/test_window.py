@@ -16,7 +16,7 @@ from granite_lab.running import Options
 from tests.corpus import cli
 from tests.logs import make
 
-SAMPLE = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.3_r1.csv"
+SAMPLE = cli.SAMPLES / "virtual_v0.3_r1.csv"
 GOOD = pd.read_csv(SAMPLE, comment="#")
 
 

@@ -12,7 +12,7 @@ from granite_lab.reporting.plot_log import log_figure
 from tests.corpus import cli
 from tests.logs import make
 
-SAMPLE = Path(__file__).parent.parent.parent / "data" / "samples" / "virtual_v0.3_r1.csv"
+SAMPLE = cli.SAMPLES / "virtual_v0.3_r1.csv"
 PNG = b"\x89PNG"
 
 

@@ -23,12 +23,11 @@ from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.plot_search import candidates_figure, history_figures, intervals_figure, mean_of
 from granite_lab.reporting.report import Report, study_report
 from granite_lab.reporting.tables import Table
-from tests.corpus.cli import succeeded
+from tests.corpus.cli import SAMPLES, succeeded
 from tests.reporting.made_up_finding import BUMP, LEFT, SIZE, STRENGTH, made_up_finding
 from tests.reporting.test_figures import texts
 from tests.reporting.test_report import Strict
 
-SAMPLES = Path(__file__).parent.parent.parent / "data" / "samples"
 SOURCE = Source("0.1.0", "granite-lab discover trials", (), ())
 VERDICTS: tuple[Verdict, ...] = ("named", "unknown", "none")
 

@@ -10,10 +10,9 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+from tests.corpus.cli import SAMPLES
 from tests.soak import SOAK
 
-ROOT = Path(__file__).parent.parent.parent
-SAMPLES = ROOT / "data" / "samples"
 # A shell that starts the tests in the background has them, and all that they start, ignore Ctrl-C.
 MAIN = (
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
