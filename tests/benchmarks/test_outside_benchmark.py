@@ -32,15 +32,11 @@ def test_the_answers_cover_the_sets_and_say_what_is_hidden() -> None:
     ("answer", "finding", "outcome", "right"),
     [
         ("none", line("none"), "right", True),
-        ("none", line("unknown"), "false_alarm", False),
-        ("com_offset", line("named", ("com_offset",)), "right", True),
-        ("com_offset", line("named", ("payload_mass", "com_offset")), "twin_set", True),
         ("com_offset", line("named", ("drive_reaction",)), "near_twin", False),
         ("unknown", line("unknown"), "abstained", True),
         ("unknown", line("named", ("rolling_drag",), remainder=0.5), "wrong_name", False),
         ("com_offset+unknown", line("named", ("com_offset",), remainder=0.4), "with_remainder", True),
         ("com_offset+unknown", line("named", ("com_offset",), remainder=0.02), "partial", False),
-        ("com_offset+tyre_windup", line("named", ("com_offset",), ("tyre_windup",)), "right", True),
         ("none", {"status": "crashed", "error": "Traceback", "seconds": 1.0}, "crashed", False),
     ],
 )

@@ -167,3 +167,13 @@ def test_a_lagging_contact_angle_follows_late_helps_the_start_and_ends_where_it_
         change = getattr(r, name) - np.interp(r.t, plain.t, getattr(plain, name))
         assert change[ramp].mean() > least
         assert change[(r.t > 2.5) & (r.t < 2.8)] == pytest.approx(0, abs=5e-4)
+
+
+def test_a_softer_tyre_makes_the_body_later_at_the_start_and_leaves_the_steady_speed(by: Any) -> None:
+    plain, late = seen(by), [0.0]
+    for compliance in (1e-3, 2e-3, 4e-3):
+        r = seen(by, "tyre_windup", compliance=compliance, retardation=0.02)
+        behind = np.interp(r.t, plain.t, plain.v) - r.v
+        late.append(behind[(r.t > 0.02) & (r.t < 0.15)].mean())
+        assert steady(r, "v") == pytest.approx(steady(plain, "v"), abs=3e-4)
+    assert np.all(np.diff(late) > 5e-4)

@@ -148,13 +148,10 @@ def test_a_sagging_supply_lets_the_wheels_fall_behind() -> None:
     assert (behind > before).all()
 
 
-def test_a_wound_up_tyre_twists_by_its_torque_and_leaves_the_steady_speed() -> None:
+def test_a_wound_up_tyre_twists_by_its_torque() -> None:
     _, r = typical("tyre_windup", compliance=2e-3, retardation=0.02)
     twist = r.state[steady(r)][:, 12:14].mean(axis=0)
     assert twist == pytest.approx(2e-3 * -mean(r, "M"), rel=0.02)
-    assert mean(r, "v") == pytest.approx(mean(plain(), "v"), abs=2e-4)
-    start = (r.t > 0.02) & (r.t < 0.15)
-    assert (r.v - plain().v)[start].mean() < -1e-3  # the body comes later
 
 
 def test_backlash_lets_the_motor_lead_by_half_the_play_and_the_wheel_start_late() -> None:
