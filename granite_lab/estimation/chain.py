@@ -24,13 +24,17 @@ from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.referenced import UNKNOWN, refer, steady_slip
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.smoother import solve, with_error
-from granite_lab.estimation.wheels import Rolling, check_signs, roll
+from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
 from granite_lab.parameters import Robot, Variant, load_variants
 
 LONGEST_GAP = 0.5
 """IMU samples missing for longer than this in motion end the estimate [s]."""
+
+SPIN = 0.2
+"""Random walk of the slip ratio where wheels turned in a standstill that was named: it reached 100 % once, in
+a trial of half a minute [1/sqrt(s)]."""
 
 LONG = 60.0
 """Motion longer than this [s] without a standstill leans on the wheels; see `referenced`."""
@@ -131,11 +135,13 @@ def correct(
         problem = refer(problem, offset, slip_std)
         warnings.append(_reliance(problem, slip_std))
     else:
+        least = SPIN if _spun(problem, offset.value) else 0.0
         if rolling is not None and imu.has_pitch_rate and imu.gravity:
             problem = with_jumps(problem, offset.value)
             still = problem.rests
             problem = replace(problem, noise=with_motion_noise(problem, offset.value))
-        problem = replace(problem, slip=identify_scatter(problem, offset.value))
+        slip = identify_scatter(problem, offset.value)
+        problem = replace(problem, slip=replace(slip, walk=max(slip.walk, least)))
     solution = solve(problem, offset, distance=distance_measured)
     if found is not offset:
         solution = replace(solution, offset=agreed(found, solution.refined_offset))
@@ -166,6 +172,15 @@ def _roll(
     if imu is None:
         rolling = replace(rolling, warnings=(*said, *rolling.warnings))
     return wheels, rolling, said
+
+
+def _spun(problem: Problem, offset: float) -> bool:
+    """Whether wheels turned during a standstill."""
+    if problem.rolling is None:
+        return False
+    resting = inside(problem.rolling.t + offset, problem.rests)
+    turning = np.abs(np.nan_to_num(problem.rolling.speed)) > MOVING
+    return float(np.sum(resting & turning)) > 0.1 * max(float(np.sum(resting)), 1.0)
 
 
 def _complete(imu: ImuStream) -> ImuStream:
