@@ -103,7 +103,9 @@ def delays(scenes: LogSet) -> Delays:
         still = (run.wheels[1:] == 0.0) & (before > 0.0) & (before < MOVES)
         ratios.append(after[still] / before[still])
         step = float(np.median(np.diff(run.t)))
-    return Delays(found, -step / float(np.log(np.median(np.concatenate(ratios)))))
+    decay = -step / float(np.log(np.median(np.concatenate(ratios))))
+    unseen = {run.name: float(np.abs(run.v[run.wheels == 0.0]).max(initial=0.0)) for run in scenes.runs}
+    return Delays(found, decay, unseen)
 
 
 def delay(run: Velocities, values: Array) -> Delay:

@@ -36,10 +36,12 @@ class Delays:
     Attributes:
         scenes: against the estimate and against the wheels, by scene.
         decay: time constant with which it comes to zero while the wheels stand [s].
+        unseen: largest velocity of the estimate while the wheels read zero [m/s], by scene.
     """
 
     scenes: Mapping[str, tuple[Delay, Delay]]
     decay: float
+    unseen: Mapping[str, float]
 
 
 def page(sets: Mapping[str, LogSet], late: Delays, slides: Mapping[str, tuple[float, float]]) -> str:
@@ -181,9 +183,10 @@ def _delayed(late: Delays) -> str:
     braking, (body, wheels) = late.scenes["0757"][0], late.scenes["1100"]
     return f"""The reference cannot judge tenths of a second. At standstill it decays like a low-pass of
 {late.decay:.3f} s. In scene 1100 it equals the wheels {wheels.by:.2f} s ago within {wheels.rmse:.3f} m/s,
-and is {body.by:.2f} s behind the estimate, which is on the clock of the IMU. With its delay of
-{braking.by:.2f} s in scene 0757 taken out, the RMSE is {braking.rmse:.3f} m/s, and
-{percent(braking.inside)} % are inside."""
+and is {body.by:.2f} s behind the estimate, which is on the clock of the IMU: wheels that count few pulses
+read zero there until the car goes at {late.unseen["1100"]:.2f} m/s by the IMU. With the delays taken out, the
+RMSE is {body.rmse:.3f} m/s in scene 1100, with {percent(body.inside)} % inside, and {braking.rmse:.3f} m/s in
+scene 0757 (delay {braking.by:.2f} s), with {percent(braking.inside)} % inside."""
 
 
 def _others(sets: Mapping[str, LogSet]) -> str:

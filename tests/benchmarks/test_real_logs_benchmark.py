@@ -105,7 +105,9 @@ def test_a_low_pass_in_the_reference_is_found_from_how_it_comes_to_rest() -> Non
     run = made_up()
     for k in range(1, run.t.size):
         run.truth[k] = run.truth[k - 1] + (1 - np.exp(-0.02 / 0.05)) * (run.wheels[k] - run.truth[k - 1])
+    run.v[10] = 0.2  # while the wheels stand
     late = delays(LogSet([run]))
+    assert late.unseen == {"": 0.2}
     assert late.decay == pytest.approx(0.05, rel=0.01)
     estimate, wheels = late.scenes[""]
     assert estimate.by != wheels.by == pytest.approx(0.05, abs=0.011)
