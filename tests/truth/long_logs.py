@@ -12,54 +12,53 @@ from scipy.signal import iirpeak, lfilter
 from granite_lab.parameters import WHEELS
 from tests.truth.long_drives import LEVER, Array, Drive, cycles, drive, wander
 
-COURSES = ("trials", "straight", "winding")
+SEED = 1
 
 
-def long_drive(course: str, duration: float, seed: int = 1) -> Drive:
+def long_drive(course: str, duration: float) -> Drive:
     """Drive for some time at 200 Hz of IMU and 100 Hz of encoders.
 
     Args:
         course: "trials" of 30 s each with standstills between, on soft ground under a consumer IMU;
             "straight" or "winding" on firm, rough ground without a stop but at both ends.
         duration: [s].
-        seed: of all that is random.
     """
     if course == "trials":
-        calm = drive(seed, cycles(round(duration / 30.0)), slip=0.15, accel=0.0, gyro=0.0)
-        return sensed(calm, seed)
+        calm = drive(SEED, cycles(round(duration / 30.0)), slip=0.15, accel=0.0, gyro=0.0)
+        return sensed(calm)
     course_points = [(0.0, 0.0), (3.0, 0.0), (4.0, 0.5)]
     # the driver does not keep one speed for an hour
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     instants = np.arange(20.0, duration - 20.0, 20.0)
     speeds = rng.uniform(0.3, 0.7, instants.size)
     course_points += [(float(t), float(v)) for t, v in zip(instants, speeds, strict=True)]
     course_points += [(duration - 3.0, 0.5), (duration - 2.0, 0.0), (duration, 0.0)]
-    straight = drive(seed, course_points)
-    return turning(straight, seed) if course == "winding" else straight
+    straight = drive(SEED, course_points)
+    return turning(straight) if course == "winding" else straight
 
 
-def sensed(calm: Drive, seed: int, accel: float = 0.002, gyro: float = 1e-4, shake: float = 0.3) -> Drive:
-    """Add white noise [m/s^2 sqrt(s)], [rad/s sqrt(s)], and the frame's vibration of some rms [m/s^2].
+def sensed(calm: Drive) -> Drive:
+    """Add white noise of 0.002 m/s^2 sqrt(s) and 1e-4 rad/s sqrt(s), and a vibration of 0.3 m/s^2 rms.
 
     Vibration is noise through a resonance at 12 Hz that lets nothing constant pass, so its integral is
     bounded; it is there while the robot moves.
     """
     imu = calm.trial.imu
-    rng = np.random.default_rng(seed + 2)
+    rng = np.random.default_rng(SEED + 2)
     shape, rate = imu.specific_force.shape, 1.0 / float(np.median(np.diff(imu.t)))
     vibration = lfilter(*iirpeak(12.0, 5.0, fs=rate), rng.standard_normal(shape), axis=0)
-    vibration *= shake / vibration.std() * np.minimum(calm.at(imu.t, "wheel") / 0.5, 1.0)[:, None]
-    force = imu.specific_force + accel * np.sqrt(rate) * rng.standard_normal(shape) + vibration
-    turned = imu.angular_rate + gyro * np.sqrt(rate) * rng.standard_normal(shape)
+    vibration *= 0.3 / vibration.std() * np.minimum(calm.at(imu.t, "wheel") / 0.5, 1.0)[:, None]
+    force = imu.specific_force + 0.002 * np.sqrt(rate) * rng.standard_normal(shape) + vibration
+    turned = imu.angular_rate + 1e-4 * np.sqrt(rate) * rng.standard_normal(shape)
     imu = dataclasses.replace(imu, specific_force=force, angular_rate=turned)
     return dataclasses.replace(calm, trial=dataclasses.replace(calm.trial, imu=imu))
 
 
-def turning(straight: Drive, seed: int, std: float = 0.2, time: float = 2.0) -> Drive:
-    """Let a drive wind: yaw rate of some std [rad/s] while it moves, R without sideways velocity."""
+def turning(straight: Drive) -> Drive:
+    """Let a drive wind: yaw rate of 0.2 rad/s (std) while it moves, R without sideways velocity."""
     imu = straight.trial.imu
-    rng = np.random.default_rng(seed + 1)
-    yaw = wander(rng, straight.t.size, std, time) * np.minimum(np.abs(straight.v) / 0.2, 1.0)
+    rng = np.random.default_rng(SEED + 1)
+    yaw = wander(rng, straight.t.size, 0.2, 2.0) * np.minimum(np.abs(straight.v) / 0.2, 1.0)
     growth = np.gradient(yaw, straight.t)
     r, dr, v = (np.interp(imu.t, straight.t, signal) for signal in (yaw, growth, straight.v))
     rate, force = imu.angular_rate.copy(), imu.specific_force.copy()
