@@ -133,13 +133,15 @@ def search(
     looks: dict[tuple[str, ...], tuple[Look, ...]] = {}
     own = frozenset(c for c in candidates if any(p.per_trial for p in problem.parameters_of(c)))
 
-    def fitted(effects: Sequence[str], start: Point, near: Fit) -> None:
-        """Fit a set unless it is fitted."""
-        key = tuple(sorted(effects))
-        if key not in found:
-            tell(f"fitting {_words(key)}")
-            with suppress(EstimateError):
-                found[key] = _model(key, fit(problem, start, near.scales), candidates)
+    def fitted(starts: Sequence[tuple[Point, Fit]]) -> None:
+        """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
+        new = {tuple(sorted(p.effects)): (p, near) for p, near in reversed(starts)}
+        keys = [key for key in reversed(new) if key not in found]
+        if keys:
+            tell(f"fitting {', '.join(map(_words, keys))}")
+        parts = [[m.fit for k, m in found.items() if set(k) < set(key)] for key in keys]
+        fits = problem.bench.side_by_side(lambda k: best_fit(problem, *new[keys[k]], parts[k]), len(keys))
+        found.update({k: _model(k, f, candidates) for k, f in zip(keys, fits, strict=True) if f is not None})
 
     def extended(model: Model, wanted: Callable[[str, float], bool], most: int = TRIED) -> list[Score]:
         """Fit the promising ones of the wanted candidates beside those of a model, and return them."""
@@ -149,12 +151,12 @@ def search(
             others = [c for c in candidates if c not in model.effects and not (closed and is_empirical(c))]
             sizes = FEW if closed else ALL
             origins = _origins(problem, model.fit)
-            looks[model.effects] = tuple(_look(problem, f, others, sizes) for f in origins)
+            looks[model.effects] = tuple(
+                problem.bench.side_by_side(lambda k: _look(problem, origins[k], others, sizes), len(origins))
+            )
         promises = _promises(looks[model.effects])
         promising = _promising({c: p for c, p in promises.items() if wanted(c, p.gain)}, most)
-        for origin, score in promising:
-            start = problem.with_effect(origin.point, score.candidate, score.values, score.own)
-            fitted((*model.effects, score.candidate), start, model.fit)
+        fitted([(_with(problem, origin.point, score), model.fit) for origin, score in promising])
         return [score for _, score in promising]
 
     def settled(model: Model) -> bool:
@@ -182,15 +184,43 @@ def search(
             break
         path.append((next(e for e in best.effects if e not in current.effects), tried))
         current = best
+    others: list[tuple[Point, list[Score]]] = []
     for id_, tried in path[:-1]:  # those of the last stood beside the same effects
-        start = problem.without_effect(current.fit.point, id_)
-        fitted(start.effects, start, current.fit)
-        for score in tried:
-            if score.candidate not in current.effects:
-                rival = problem.with_effect(start, score.candidate, score.values, score.own)
-                fitted(rival.effects, rival, current.fit)
+        rivals = [score for score in tried if score.candidate not in current.effects]
+        others.append((problem.without_effect(current.fit.point, id_), rivals))
+    fitted([(without, current.fit) for without, _ in others])
+    fitted([(_with(problem, point, score), current.fit) for point, tried in others for score in tried])
     models = sorted(found.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), looks, frozenset(small))
+
+
+def _with(problem: Problem, point: Point, score: Score) -> Point:
+    return problem.with_effect(point, score.candidate, score.values, score.own)
+
+
+def best_fit(problem: Problem, start: Point, near: Fit, parts: Sequence[Fit]) -> Fit | None:
+    """Return the fit of a set of effects; None where the start has no solution.
+
+    It can be no worse than that of a part of the set: one that is has missed the optimum, and is made again
+    from the part, with the other effects at their neutral values.
+
+    Args:
+        problem: the trials.
+        start: where to begin, with the set switched on.
+        near: a fit whose scales are to begin with.
+        parts: fits of parts of the set.
+    """
+    found = []
+    with suppress(EstimateError):
+        found.append(fit(problem, start, near.scales))
+    part = max(parts, key=lambda f: f.evidence, default=None)
+    if part is not None and not any(f.evidence > part.evidence for f in found):
+        again = part.point
+        for id_ in (e for e in start.effects if e not in part.point.effects):
+            again = problem.with_effect(again, id_, [p.neutral for p in problem.parameters_of(id_)])
+        with suppress(EstimateError):
+            found.append(fit(problem, again, part.scales))
+    return max(found, key=lambda f: f.evidence, default=None)
 
 
 def left_open(

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
 from types import TracebackType
-from typing import ClassVar, Self
+from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -18,7 +18,9 @@ from granite_lab.model.instants import Accuracy
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
-from granite_lab.processes import forked, spread
+from granite_lab.processes import forked, shared_out, spread
+
+Y = TypeVar("Y")
 
 SIGNALS = (
     "imu_ax_mps2", "imu_az_mps2", "imu_gy_radps", "enc_f_rad", "enc_r_rad", "cur_f_A", "cur_r_A", "v_mps",
@@ -120,6 +122,14 @@ def _batches(tasks: Sequence[Task]) -> list[list[Task]]:
     return sorted(batches, key=len, reverse=True)
 
 
+def _alone(given: tuple[Bench, Callable[[int], Y]], k: int) -> tuple[Y, int]:
+    """Return ``call(k)`` and the number of its runs, in a process that was forked off."""
+    bench, call = given
+    bench.here()
+    before = bench.runs
+    return call(k), bench.runs - before
+
+
 class Bench:
     """Runs tasks; a context manager that ends its processes.
 
@@ -134,7 +144,7 @@ class Bench:
         tick: Callable[[int], None] = lambda _: None,
         respond: Respond | None = None,
     ) -> None:
-        self.world, self.runs = world, 0
+        self.world, self.runs, self._jobs = world, 0, jobs
         self._respond = respond
         self._tick = tick
         self._pool = forked(jobs, _enter, world) if respond is None else None
@@ -148,6 +158,27 @@ class Bench:
     ) -> None:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
+
+    def here(self) -> None:
+        """Simulate in this process from now on, in silence."""
+        self._pool, self._tick = None, lambda _: None
+
+    def side_by_side(self, call: Callable[[int], Y], count: int) -> list[Y]:
+        """Return ``call(k)`` for k from 0 to `count` - 1, each in a process that simulates what it needs.
+
+        What they simulate is not remembered here.
+
+        Raises:
+            LabError: a process died.
+        """
+        if count < 2 or self._pool is None:
+            return [call(k) for k in range(count)]
+        found = []
+        for answer, runs in shared_out(_alone, (self, call), count, "searched", jobs=self._jobs):
+            found.append(answer)
+            self.runs += runs
+            self._tick(runs)
+        return found
 
     def run(self, tasks: Sequence[Task], *, keep: bool = True) -> list[Array | None]:
         """Return the (8, M) signals of each task, None where a run has no solution.

@@ -33,9 +33,12 @@ class Discrepancy:
 
     @property
     def share(self) -> float:
-        """Its rms in motion over that of the channel."""
+        """Its rms in motion over that of the channel, less what its standard deviation alone may make."""
         moving = self.std > 0
-        return float(np.sqrt(np.mean(self.value[moving] ** 2))) / self.size if moving.any() else 0.0
+        if not moving.any():
+            return 0.0
+        sure = float(np.mean(self.value[moving] ** 2 - self.std[moving] ** 2))
+        return float(np.sqrt(max(sure, 0.0))) / self.size
 
 
 def discrepancies(problem: Problem, fit: Fit, *, formulas: bool = True) -> list[Discrepancy]:

@@ -12,13 +12,13 @@ import pytest
 
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.power import _by_noise_own
-from granite_lab.discovery.search import Look, Model, Search, left_open, search, strained
+from granite_lab.discovery.search import Look, Model, Search, best_fit, left_open, search, strained
 from granite_lab.discovery.verdict import Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
-from granite_lab.inference.fit import FORMULAS, fit
+from granite_lab.inference.fit import FORMULAS, Fit, fit
 from granite_lab.inference.normal import Scales
-from granite_lab.inference.problem import Problem
+from granite_lab.inference.problem import Point, Problem
 from tests.inference.stub import drawn, measure, problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
@@ -230,6 +230,28 @@ def test_the_stated_amplitude_of_changing_phase_is_seen_in_four_of_five_draws() 
         each = [np.sum(0.5 * b**2 / (power + s**-2) - 0.5 * np.log1p(power * s**2)) for s in scales]
         gains.append(max(each))
     assert np.mean(np.array(gains) > 5.2) == pytest.approx(0.8, abs=0.12)
+
+
+def test_a_set_that_ends_below_a_part_of_it_is_fitted_again_from_the_part(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A fit that stops before the optimum must not cost the effect."""
+    rng = np.random.default_rng(4)
+    problem = problem_of((0, 0, 1, 1))
+    start = problem.with_effect(drawn(problem, rng), "push", (0.0,))
+    measure(problem, replace(start, common=np.array([0.7])), rng)
+    alone = fit(problem, problem.neutral())
+
+    def stuck(problem: Problem, at: Point, scales: Scales) -> Fit:
+        found = fit(problem, at, scales)
+        return replace(found, evidence=alone.evidence - 1) if at is start else found
+
+    monkeypatch.setattr("granite_lab.discovery.search.fit", stuck)
+    found, lost = (best_fit(problem, start, alone, parts) for parts in ([alone], []))
+    assert found is not None
+    assert lost is not None
+    assert found.evidence > alone.evidence > lost.evidence
+    assert found.point.common[0] == pytest.approx(0.7, abs=0.05)
 
 
 def look(**gains: float) -> tuple[Look, ...]:

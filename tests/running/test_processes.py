@@ -69,3 +69,23 @@ def test_a_search_whose_processes_die_says_so() -> None:
     assert caught.type is LabError  # a fit takes an EstimateError for a start that fails, and goes on
     assert caught.value.hint == SHORT_OF_MEMORY
     assert multiprocessing.active_children() == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a search runs in one process")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_what_runs_side_by_side_gives_what_one_process_gives_and_counts_its_simulations() -> None:
+    world = World(load_robot(), load_soil(), load_variants(), {})
+    last = []
+    with Bench(world) as alone, Bench(world, 2) as bench:
+        for one in (alone, bench):
+
+            def velocity(k: int, one: Bench = one) -> float:
+                (response,) = one.run([Task(0, (0.01 * k,) * 7)])
+                return float(response[-1].max()) if response is not None else 0.0
+
+            last.append(one.side_by_side(velocity, 3))
+        assert last[0] == last[1]
+        assert len(set(last[0])) == 3
+        assert alone.runs == bench.runs == 3
+        assert bench.run([Task(0, (0.05,) * 7)])[0] is not None  # it still simulates for itself
+    assert multiprocessing.active_children() == []
