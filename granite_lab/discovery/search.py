@@ -135,13 +135,16 @@ def search(
 
     def fitted(starts: Sequence[tuple[Point, Fit]]) -> None:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
-        new = {tuple(sorted(p.effects)): (p, near) for p, near in reversed(starts)}
-        keys = [key for key in reversed(new) if key not in found]
-        if keys:
-            tell(f"fitting {', '.join(map(_words, keys))}")
-        parts = [[m.fit for k, m in found.items() if set(k) < set(key)] for key in keys]
-        fits = problem.bench.side_by_side(lambda k: best_fit(problem, *new[keys[k]], parts[k]), len(keys))
-        found.update({k: _model(k, f, candidates) for k, f in zip(keys, fits, strict=True) if f is not None})
+        new: dict[tuple[str, ...], tuple[Point, Fit, list[Fit]]] = {}
+        for start, near in starts:
+            key = tuple(sorted(start.effects))
+            if key not in found:
+                new.setdefault(key, (start, near, [m.fit for k, m in found.items() if set(k) < set(key)]))
+        if new:
+            tell(f"fitting {', '.join(map(_words, new))}")
+        given = list(new.values())
+        fits = problem.bench.side_by_side(lambda k: best_fit(problem, *given[k]), len(given))
+        found.update({k: _model(k, f, candidates) for k, f in zip(new, fits, strict=True) if f is not None})
 
     def extended(model: Model, wanted: Callable[[str, float], bool], most: int = TRIED) -> list[Score]:
         """Fit the promising ones of the wanted candidates beside those of a model, and return them."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.special import softmax
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.mounting import BodyImu
@@ -245,7 +246,7 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
         for part, about in zip(parts, nominal, strict=True):
             likely = np.array([log_likelihood(build(part, about, float(c), 0.5 * spacing)) for c in offsets])
             score += np.logaddexp(TEMPER * (likely - likely.max()), -UNUSUAL)
-        weight = np.exp(score - score.max()) / np.exp(score - score.max()).sum()
+        weight = softmax(score)
         mean = float(weight @ offsets)
         return mean, float(np.hypot(np.sqrt(weight @ (offsets - mean) ** 2), 0.5 * spacing))
 

@@ -264,16 +264,13 @@ def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales)
                     known = 1 - variance[own] / old[name] ** 2  # share that the trials determine
                     rise[name] += float(np.sum(mean[own] ** 2) / old[name] ** 2 - np.sum(known))
                     information[name] += 2 * float(np.sum(known**2))
-        new = dict(old)
+        new = {}
         for name, scale in old.items():
-            if not name and not point.effects:
-                continue
             centre, bounds = (TOLERANCE / 2, SHARES) if name else (FORMULA_ERROR[0], FORMULAS)
             slope = rise[name] - float(np.log(scale / centre)) / SPREAD**2
             further = np.clip(slope / (information[name] + SPREAD**-2.0), -1, 1)
             new[name] = float(np.clip(scale * np.exp(further), *bounds))
-        shares = {c: share for c, share in new.items() if c}
-        scales = replace(scales, formula=new[""], shares=shares)
+        scales = replace(scales, formula=new[""], shares={c: new[c] for c in problem.counts})
         if all(abs(np.log(found / old[name])) < CLOSE for name, found in new.items()):
             break
     return scales
