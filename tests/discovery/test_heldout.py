@@ -95,21 +95,6 @@ def test_what_is_expected_of_trials_is_what_an_exact_model_leaves() -> None:
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.02)
 
 
-def test_nothing_is_left_out_of_a_trial_alone() -> None:
-    problem = problem_of((1,), CHANNELS)
-    predicted = predict(problem, linear(problem, np.random.default_rng(1), 0.0), TOLERANCE)
-    assert np.isfinite(predicted.own).all()
-    assert np.isnan(predicted.left_out).all()
-    assert np.isnan(predicted.speed_left_out).all()
-
-
-def test_no_speed_is_left_out_where_there_is_one() -> None:
-    problem = problem_of((1, 1, 1), CHANNELS)
-    predicted = predict(problem, linear(problem, np.random.default_rng(1), 0.0), TOLERANCE)
-    assert np.isfinite(predicted.left_out).all()
-    assert np.isnan(predicted.speed_left_out).all()
-
-
 def test_the_share_that_is_closed_has_the_standard_error_of_the_jackknife() -> None:
     rng = np.random.default_rng(1)
     gap = rng.uniform(50, 150, 12)

@@ -137,12 +137,6 @@ def test_the_likeliest_model_has_the_highest_posterior_and_probabilities_add_up(
     assert found.model(("push",)) is found.best
 
 
-def test_a_trial_left_out_is_worse_predicted_without_the_effect() -> None:
-    judgement = ask(push=0.3).judgement
-    assert (judgement.after.left_out < judgement.before.left_out).all()
-    assert (judgement.after.speed_left_out < judgement.before.speed_left_out).all()
-
-
 def said(answer: Answer) -> str:
     return sentence(answer.judgement.verdict, (), answer.judgement, provisional(answer.problem), TOLERANCE)
 

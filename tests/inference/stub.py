@@ -210,3 +210,11 @@ def drawn(problem: Problem, rng: np.random.Generator, *, common: float = 0.5, ow
         own * np.array([s.std for s in t.slacks]) * rng.normal(size=t.size) for t in problem.trials
     )
     return replace(point, shared=shared, trials=trials)
+
+
+def measured(
+    seed: int, discrepancy: float = 0.0, commands: Sequence[int] = (0, 0, 1, 1)
+) -> tuple[Problem, Point, np.random.Generator]:
+    """Return trials that measured a point drawn from the priors, that point, and the source of more."""
+    rng, problem = np.random.default_rng(seed), problem_of(commands)
+    return problem, measure(problem, drawn(problem, rng), rng, discrepancy), rng

@@ -14,7 +14,7 @@ from granite_lab.inference.fit import FIRST, FORMULAS, SHARES, Fit, fit, log_pri
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import SHARED, Point, Problem
-from tests.inference.stub import Respond, drawn, measure, problem_of
+from tests.inference.stub import Respond, drawn, measure, measured, problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 FOUR = (0, 0, 1, 1)
@@ -32,9 +32,7 @@ def std_of(found: Fit) -> np.ndarray:
 def test_numbers_are_found_within_their_std() -> None:
     scores = []
     for seed in range(6):
-        rng = np.random.default_rng(seed)
-        problem = problem_of(FOUR)
-        truth = measure(problem, drawn(problem, rng), rng)
+        problem, truth, _ = measured(seed)
         found = fit(problem, problem.neutral())
         assert found.converged
         scores.append((found.point.vector - truth.vector) / std_of(found))
@@ -45,9 +43,7 @@ def test_numbers_are_found_within_their_std() -> None:
 
 
 def test_the_evidence_does_not_depend_on_where_the_fit_begins() -> None:
-    rng = np.random.default_rng(3)
-    problem = problem_of(FOUR)
-    measure(problem, drawn(problem, rng), rng, 0.02)
+    problem, _, rng = measured(3, 0.02)
     first = fit(problem, problem.neutral())
     second = fit(problem, drawn(problem, rng))
     assert first.evidence == pytest.approx(second.evidence, abs=1.0)
@@ -59,9 +55,7 @@ def test_a_known_share_is_found(share: float) -> None:
     """Of some 60 amplitudes of a channel half are determined; the scatter of a std is then 1/sqrt(2 · 30)."""
     ratios = []
     for seed in range(6):
-        rng = np.random.default_rng(10 + seed)
-        problem = problem_of(FOUR)
-        measure(problem, drawn(problem, rng), rng, share)
+        problem, *_ = measured(10 + seed, share)
         scales = fit(problem, problem.neutral()).scales
         ratios += [scales.shares[c] / share for c in PLAIN[share]]
     assert np.median(ratios) == pytest.approx(1.0, abs=0.15)
@@ -82,18 +76,14 @@ def test_scales_that_came_near_zero_rise_again() -> None:
 
 
 def test_the_share_of_an_exact_model_does_not_matter() -> None:
-    rng = np.random.default_rng(5)
-    problem = problem_of(FOUR)
-    measure(problem, drawn(problem, rng), rng)
+    problem, *_ = measured(5)
     found = fit(problem, problem.neutral())
     assert max(d.share for d in discrepancies(problem, found)) < 0.003
     assert max(found.scales.louder.values()) < 1.15
 
 
 def test_the_estimated_discrepancy_is_the_one_that_was_put_in() -> None:
-    rng = np.random.default_rng(6)
-    problem = problem_of(FOUR)
-    truth = measure(problem, drawn(problem, rng), rng)
+    problem, truth, _ = measured(6)
     t = problem.trials[0].observation.t
     size, moving = problem.size_of(0, "wheel_split")
     put_in = 0.2 * size * np.sin(2 * np.pi * t / 0.8) * moving
@@ -184,9 +174,7 @@ def test_a_start_without_a_solution_is_refused() -> None:
 
 
 def test_a_misfit_that_is_not_smooth_makes_the_noise_louder() -> None:
-    rng = np.random.default_rng(11)
-    problem = problem_of(FOUR)
-    measure(problem, drawn(problem, rng), rng)
+    problem, _, rng = measured(11)
     for t in problem.trials:
         k = t.channels.index("current_f")
         t.measured[k] += 3 * 0.05 * rng.normal(size=t.observation.bins)
@@ -196,9 +184,7 @@ def test_a_misfit_that_is_not_smooth_makes_the_noise_louder() -> None:
 
 
 def test_under_other_scales_the_fit_is_that_of_a_refit_under_them() -> None:
-    rng = np.random.default_rng(12)
-    problem = problem_of(FOUR)
-    measure(problem, drawn(problem, rng), rng, 0.02)
+    problem, *_ = measured(12, 0.02)
     found = fit(problem, problem.neutral())
     narrow = replace(found.scales, priors={n: 0.3 * s for n, s in found.scales.priors.items()})
     other = under(problem, found, narrow)

@@ -12,8 +12,7 @@ from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import UNITS
 from granite_lab.inference.problem import SHARED, Point, Problem
 from granite_lab.logs.trial import Array
-from granite_lab.model.command import duration
-from tests.inference.stub import COMMANDS, drawn, predicted, problem_of
+from tests.inference.stub import predicted, problem_of
 
 IMU = ("accel_x", "accel_z", "pitch_rate")
 CURRENTS = ("current_f", "current_r")
@@ -65,20 +64,6 @@ def test_all_columns_are_those_of_differences(problem: Problem) -> None:
             assert np.abs(column - wanted).max() < 0.03 * np.abs(wanted).max() + 1e-9, name
 
 
-def test_columns_far_from_the_start_are_those_of_differences_but_for_products(problem: Problem) -> None:
-    rng = np.random.default_rng(2)
-    point = drawn(problem, rng, common=0.3, own=0.3)
-    slopes = problem.slopes(point)
-    first = np.cumsum([0, *(x.size for x in point.trials)])
-    columns = problem.columns(1, point, slopes)
-    places = [*range(first[1], first[2]), *range(first[-1], first[-1] + len(SHARED))]
-    for place, column in zip(places, columns.T, strict=True):
-        up, down = (predicted(problem, moved(point, place, s * 5e-4))[1].ravel() for s in (1, -1))
-        wanted = (up - down) / 1e-3
-        cosine = column @ wanted / np.linalg.norm(column) / np.linalg.norm(wanted)
-        assert cosine > 0.99
-
-
 @pytest.mark.parametrize(("name", "own"), [("latency", IMU), ("current_latency", CURRENTS)])
 def test_a_latency_moves_the_channels_of_its_sensor_alone(
     trial: TrialModel, response: Array, name: str, own: tuple[str, ...]
@@ -95,17 +80,6 @@ def test_a_latency_moves_the_channels_of_its_sensor_alone(
         k = trial.channels.index(c)
         change = np.abs(later[k] - now[k]).max()
         assert np.abs(later[k] - wanted[k]).max() < 0.05 * change, c
-
-
-def test_a_late_start_moves_all_channels(trial: TrialModel, response: Array) -> None:
-    x = np.zeros(trial.size)
-    x[RAKED] = 0.01
-    late = trial.predict(response, x, np.zeros(len(SENSORS)))
-    now = trial.predict(response, np.zeros(trial.size), np.zeros(len(SENSORS)))
-    k = trial.channels.index("wheel")
-    middle = np.abs(trial.observation.t - duration(COMMANDS[1]) / 2) < 0.1
-    rate = np.gradient(now[k], trial.observation.t)
-    assert (now - late)[k][middle] == pytest.approx(0.01 * rate[middle], rel=0.02)
 
 
 def test_an_imu_further_forward_feels_the_pitching(trial: TrialModel, response: Array) -> None:

@@ -10,7 +10,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from granite_lab.errors import InputError
 from granite_lab.logs import read_trial, write_canonical
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from tests.logs import make
@@ -184,9 +183,3 @@ def test_the_angle_counts_where_the_rate_is_logged_too(tmp_path: Path) -> None:
     header, *rows = make.lines()
     trial = make.read(tmp_path, "\n".join([header + ",enc_fl_radps", *(row + ",7.5" for row in rows)]))
     assert trial.wheels.rate is None
-
-
-def test_a_cell_that_is_empty_for_the_caller_is_no_sample(tmp_path: Path) -> None:
-    empty = "\n".join([make.HEADER, *(f"{k / 100}" + "," * 10 for k in range(200))])
-    with pytest.raises(InputError, match="neither IMU nor encoder samples"):
-        make.read(tmp_path, empty)

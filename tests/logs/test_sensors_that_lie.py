@@ -134,17 +134,6 @@ def test_what_does_not_matter_much_is_reported(name: str, tmp_path: Path) -> Non
     assert any(said in line for line in changed(tmp_path, change).warnings)
 
 
-@pytest.mark.parametrize("bits", [16, 32])
-def test_wraps_injected_into_a_trial_are_undone_exactly(bits: int, tmp_path: Path) -> None:
-    counts, text = 106_000, good("industrial", 0.3, 1)
-    logged = make.read(tmp_path, text).wheels.angle[:, 0]
-    true = np.rint(logged * counts / (2 * np.pi))
-    trial = make.read(tmp_path, csv_text.wrapped_counts(text, counts, bits, start=2**bits - 3000))
-    got = np.rint((trial.wheels.angle[:, 0] - trial.wheels.angle[0, 0]) * counts / (2 * np.pi))
-    np.testing.assert_array_equal(got, true - true[0])
-    assert any("wrapped" in line for line in trial.warnings)
-
-
 def ticks(table: pd.DataFrame) -> None:
     """Sixteen times the wheels' angle in whole numbers: 8 m/s."""
     table[ANGLES] = np.rint(16 * table[ANGLES])

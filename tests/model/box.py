@@ -115,30 +115,38 @@ def scaled(robot: Robot, soil: Soil, size: float) -> tuple[Robot, Soil]:
     with `size` and currents with its power 2.5.
     """
     s, n = size, soil.exponent
-    w, c, d = robot.wheels, robot.chassis, robot.drive
-    return (
-        dataclasses.replace(
-            robot,
-            wheels=dataclasses.replace(w, radius=w.radius * s, width=w.width * s),
-            chassis=dataclasses.replace(
-                c, wheel_base=c.wheel_base * s, track=c.track * s, body_mass=c.body_mass * s**3,
-                wheel_mass=c.wheel_mass * s**3, com_x=c.com_x * s, com_z=c.com_z * s,
-                wheel_inertia=c.wheel_inertia * s**5, pitch_inertia=c.pitch_inertia * s**5,
-                contact_damping=c.contact_damping * s**2.5, tyre_stiffness=c.tyre_stiffness * s**2,
-            ),
-            drive=dataclasses.replace(
-                d, inductance=d.inductance / s, resistance=d.resistance * s**-1.5,
-                emf_constant=d.emf_constant * s**1.5, torque_constant=d.torque_constant * s**1.5,
-                voltage_max=d.voltage_max * s, voltage_min=d.voltage_min * s, gain_p=d.gain_p * s,
-                gain_d=d.gain_d * s**1.5,
-            ),
-        ),
-        dataclasses.replace(
-            soil, cohesive_modulus=soil.cohesive_modulus * s ** (2 - n),
-            frictional_modulus=soil.frictional_modulus * s ** (1 - n), cohesion=soil.cohesion * s,
-            shear_modulus=soil.shear_modulus * s,
-        ),
-    )  # fmt: skip
+    powers = {
+        "wheels": {"radius": 1, "width": 1},
+        "chassis": {
+            "wheel_base": 1, "track": 1, "body_mass": 3, "wheel_mass": 3, "com_x": 1, "com_z": 1,
+            "wheel_inertia": 5, "pitch_inertia": 5, "contact_damping": 2.5, "tyre_stiffness": 2,
+        },
+        "drive": {
+            "inductance": -1, "resistance": -1.5, "emf_constant": 1.5, "torque_constant": 1.5,
+            "voltage_max": 1, "voltage_min": 1, "gain_p": 1, "gain_d": 1.5,
+        },
+    }  # fmt: skip
+    ground = {"cohesive_modulus": 2 - n, "frictional_modulus": 1 - n, "cohesion": 1, "shear_modulus": 1}
+    return times(robot, s, **powers), grown(soil, s, ground)
+
+
+def grown(record: T, factor: float, powers: dict[str, float]) -> T:
+    """Return a record whose numbers are multiplied by powers of a factor."""
+    return dataclasses.replace(record, **{k: getattr(record, k) * factor**p for k, p in powers.items()})
+
+
+def times(robot: Robot, factor: float, **powers: dict[str, float]) -> Robot:
+    """Return a robot, numbers of whose parts are multiplied by powers of a factor."""
+    return dataclasses.replace(
+        robot, **{part: grown(getattr(robot, part), factor, of) for part, of in powers.items()}
+    )
+
+
+def altered(robot: Robot, **parts: dict[str, float]) -> Robot:
+    """Return a robot with other numbers in some of its parts."""
+    return dataclasses.replace(
+        robot, **{part: dataclasses.replace(getattr(robot, part), **values) for part, values in parts.items()}
+    )
 
 
 @dataclass(frozen=True)

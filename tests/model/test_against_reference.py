@@ -18,8 +18,9 @@ from granite_lab.parameters import (
     load_paper,
     load_robot,
     load_soil,
-    load_variants,
+    variant_of,
 )
+from tests.model.box import altered
 from tests.truth.simulator import Result
 from tests.truth.simulator import simulate as reference
 
@@ -58,10 +59,6 @@ WHOLE_ROBOT = [
 
 def law_of(velocity: float, law: str) -> dict[str, float]:
     return {"k92": PUBLISHED[velocity]} if law == "constant" else {"a_theta": load_paper().a_theta}
-
-
-def variant_of(velocity: float) -> Variant:
-    return next(v for v in load_variants() if v.velocity == velocity)
 
 
 def refer(variant: Variant, robot: Robot, soil: Soil, **law: float) -> Result:
@@ -114,19 +111,16 @@ def test_imu_feels_what_rigid_body_kinematics_says(velocity: float) -> None:
 
 def test_another_robot_on_another_soil_agrees_too() -> None:
     """No number of the paper's robot or sand is built in."""
-    paper = load_robot()
-    robot = dataclasses.replace(
-        paper,
-        wheels=dataclasses.replace(paper.wheels, radius=0.13, width=0.09),
-        chassis=dataclasses.replace(
-            paper.chassis, wheel_base=0.5, body_mass=28.0, wheel_mass=2.2, com_x=0.03, com_z=0.1,
-            wheel_inertia=0.03, pitch_inertia=0.8, contact_damping=700.0,
-        ),
-        drive=dataclasses.replace(
-            paper.drive, inductance=2e-4, resistance=0.5, emf_constant=0.025, torque_constant=0.028,
-            gear_ratio=60, gear_efficiency=0.7, voltage_max=24.0, voltage_min=-24.0, gain_p=20.0, gain_d=6.0,
-        ),
-    )  # fmt: skip
+    chassis = {
+        "wheel_base": 0.5, "body_mass": 28.0, "wheel_mass": 2.2, "com_x": 0.03, "com_z": 0.1,
+        "wheel_inertia": 0.03, "pitch_inertia": 0.8, "contact_damping": 700.0,
+    }  # fmt: skip
+    drive = {
+        "inductance": 2e-4, "resistance": 0.5, "emf_constant": 0.025, "torque_constant": 0.028,
+        "gear_ratio": 60, "gear_efficiency": 0.7, "voltage_max": 24.0, "voltage_min": -24.0,
+        "gain_p": 20.0, "gain_d": 6.0,
+    }  # fmt: skip
+    robot = altered(load_robot(), wheels={"radius": 0.13, "width": 0.09}, chassis=chassis, drive=drive)
     soil = dataclasses.replace(
         load_soil(), exponent=0.9, cohesive_modulus=5e3, frictional_modulus=9e5, cohesion=300.0,
         friction_angle=27.0, shear_modulus=0.018, tyre_friction=0.8,
@@ -140,22 +134,3 @@ def test_another_robot_on_another_soil_agrees_too() -> None:
         torque = truth.torque[:, i]
         assert np.abs(difference(run, f"torque_{axle}_Nm", truth, torque)).max() < 0.01 * np.abs(torque).max()
     assert np.abs(difference(run, "pitch_rad", truth, truth.pitch)).max() < 2e-5
-
-
-@pytest.mark.parametrize("velocity", sorted(PUBLISHED))
-def test_electrical_energy_ends_as_heat_and_in_the_sand(velocity: float) -> None:
-    """From rest to rest nothing is kept, so what goes in equals what is lost."""
-    run, _ = both(velocity, "constant")
-    drive = load_robot().drive
-    put_in = lost = np.zeros(run.t.size)
-    for axle in "fr":
-        i, omega = run[f"current_{axle}_A"], run[f"omega_{axle}_radps"]
-        sinking = np.gradient(run[f"sinkage_{axle}_m"], run.t)
-        shaft = drive.gear_ratio * drive.torque_constant * i * omega
-        forward = (run[f"thrust_{axle}_N"] + run[f"resistance_{axle}_N"]) * run["v_mps"]
-        sand = -forward + run[f"force_z_{axle}_N"] * sinking - run[f"moment_{axle}_Nm"] * omega
-        put_in = put_in + 2 * run[f"voltage_{axle}_V"] * i
-        lost = lost + 2 * (drive.resistance * i**2 + (1 - drive.gear_efficiency) * shaft + sand)
-    total = np.trapezoid(put_in, run.t)
-    assert total > 20
-    assert np.trapezoid(lost, run.t) == pytest.approx(total, rel=5e-3)

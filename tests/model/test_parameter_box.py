@@ -9,12 +9,11 @@ import pytest
 
 from granite_lab.errors import EstimateError
 from granite_lab.model import Accuracy, Run, simulate
-from granite_lab.model.body import BodyState, accelerations, ground_load
 from granite_lab.model.limits import MAX_SAMPLES
 from granite_lab.model.simulator import rest_state
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import GRAVITY, Variant, load_variants, variant_of
-from tests.model.box import ROBOT, SOIL, Draw, draw, energies, near, scaled
+from tests.model.box import ROBOT, SOIL, Draw, altered, draw, energies, grown, near, scaled, times
 from tests.soak import SOAK
 
 DRAWS = 2400 if SOAK else 64
@@ -117,7 +116,7 @@ def test_a_motion_that_cannot_be_is_refused_with_a_reason(variant: Variant, reas
 
 
 def test_wheels_that_do_not_turn_are_said() -> None:
-    idle = dataclasses.replace(ROBOT, drive=dataclasses.replace(ROBOT.drive, gain_p=0.0, gain_d=0.0))
+    idle = altered(ROBOT, drive={"gain_p": 0.0, "gain_d": 0.0})
     with pytest.raises(EstimateError, match="the wheels do not turn"):
         simulate(variant_of(0.3), idle, SOIL, k92=1.0)
 
@@ -155,15 +154,9 @@ def test_a_robot_of_another_size_slips_alike(size: float, number: int) -> None:
 
 @pytest.mark.parametrize("factor", [0.2, 7.0])
 def test_all_forces_by_one_factor_leave_the_motion_as_it_is(factor: float) -> None:
-    c, d = ROBOT.chassis, ROBOT.drive
     names = ("body_mass", "wheel_mass", "wheel_inertia", "pitch_inertia", "contact_damping")
-    heavy = dataclasses.replace(
-        ROBOT,
-        chassis=dataclasses.replace(c, **{name: getattr(c, name) * factor for name in names}),
-        drive=dataclasses.replace(d, torque_constant=d.torque_constant * factor),
-    )
-    soils = ("cohesive_modulus", "frictional_modulus", "cohesion")
-    firm = dataclasses.replace(SOIL, **{name: getattr(SOIL, name) * factor for name in soils})
+    heavy = times(ROBOT, factor, chassis=dict.fromkeys(names, 1), drive={"torque_constant": 1})
+    firm = grown(SOIL, factor, dict.fromkeys(("cohesive_modulus", "frictional_modulus", "cohesion"), 1))
     a, b = (
         simulate(variant_of(0.7), robot, soil, accuracy=Accuracy(1e-8, 1e-10))
         for robot, soil in ((ROBOT, SOIL), (heavy, firm))
@@ -181,31 +174,12 @@ def test_front_and_rear_exchange_with_the_centre_of_mass_mirrored(number: int) -
         ROBOT, chassis=near(ROBOT.chassis, rng, 1.3), wheels=near(ROBOT.wheels, rng, 1.3)
     )
     soil = near(SOIL, rng, 1.3)
-    chassis = dataclasses.replace(robot.chassis, com_x=-robot.chassis.com_x)
-    mirrored = dataclasses.replace(robot, chassis=chassis)
+    mirrored = altered(robot, chassis={"com_x": -robot.chassis.com_x})
     here, there = (
         rest_state(model_parameters(one, soil, variant_of(0.3), k92=1.0)) for one in (robot, mirrored)
     )
     assert there[1] == pytest.approx(here[1], rel=1e-9)  # height
     assert there[2] == pytest.approx(-here[2], rel=1e-6, abs=1e-12)  # pitch
-
-
-def test_mirrored_forces_give_mirrored_accelerations() -> None:
-    """(19)-(22): forward and nose-down change sign together, wherever the forces act."""
-    rng = np.random.default_rng(2)
-    for _ in range(50):
-        c = dataclasses.replace(ROBOT.chassis, com_x=rng.normal(0, 0.2), com_z=rng.normal(0, 0.2))
-        mirrored = dataclasses.replace(c, com_x=-c.com_x)
-        pitch, forces = rng.normal(0, 0.3), rng.normal(0, 100, 4)
-        half = c.wheel_base / 2
-        a = accelerations(
-            c, ground_load(BodyState(0, 0, pitch, 0, 0, 0), c, [(half, *forces[:2]), (-half, *forces[2:])])
-        )
-        x1, z1, x2, z2 = forces
-        turned = [(half, -x2, z2), (-half, -x1, z1)]
-        b = accelerations(mirrored, ground_load(BodyState(0, 0, -pitch, 0, 0, 0), mirrored, turned))
-        got, want = [float(v) for v in (b.x, b.z, b.pitch)], [float(v) for v in (-a.x, a.z, -a.pitch)]
-        assert got == pytest.approx(want, rel=1e-12, abs=1e-12)
 
 
 def test_as_k92_goes_to_one_the_run_goes_to_that_at_one() -> None:
@@ -220,15 +194,8 @@ def test_as_k92_goes_to_one_the_run_goes_to_that_at_one() -> None:
 
 def test_on_hard_ground_sinkage_and_slip_vanish_together() -> None:
     """The same load on moduli 10 and 100 times as high: W ~ k z^(n + 1/2) gives the sinkage."""
-    runs = [
-        simulate(
-            variant_of(0.3),
-            ROBOT,
-            dataclasses.replace(SOIL, frictional_modulus=m, cohesive_modulus=0.0),
-            k92=1.0,
-        )
-        for m in (1e7, 1e8, 1e9)
-    ]
+    hard = [dataclasses.replace(SOIL, frictional_modulus=m, cohesive_modulus=0.0) for m in (1e7, 1e8, 1e9)]
+    runs = [simulate(variant_of(0.3), ROBOT, soil, k92=1.0) for soil in hard]
     sinkages = [run["sinkage_f_m"][0] for run in runs]
     for harder, softer in zip(sinkages[1:], sinkages[:-1], strict=True):
         assert harder == pytest.approx(softer * 10 ** (-1 / (SOIL.exponent + 0.5)), rel=0.02)

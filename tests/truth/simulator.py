@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, PITCH, VX, VZ, Q, Truth, X
-from granite_lab.hidden.parts import Law, Method, Trapezoid, exponential_k92
+from granite_lab.hidden.parts import Law, Trapezoid, exponential_k92
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
 
@@ -120,7 +120,6 @@ def simulate(
     dt: float = 0.005,
     settle: float = 1.0,
     after: float = 1.0,
-    method: Method = "LSODA",
     rtol: float = 1e-7,
     atol: float = 1e-9,
     **given: Any,
@@ -130,11 +129,10 @@ def simulate(
     Args:
         dt: spacing of the returned samples [s].
         settle, after: rest before the command and time after its end [s].
-        method, rtol, atol: of `scipy.integrate.solve_ivp`.
+        rtol, atol: of `scipy.integrate.solve_ivp`.
         given: as for `build`.
     """
     truth = build(**given)
-    truth.method = method
     steps = int(np.floor((settle + truth.command.end + after) / dt + 1e-9))
     t = np.asarray(-settle + dt * np.arange(steps + 1))
     return integrate(truth, t, rtol=rtol, atol=atol)

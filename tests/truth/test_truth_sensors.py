@@ -7,9 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from granite_lab.hidden.sensors import felt_at, read_wheels, rotation, vibration
+from granite_lab.hidden.sensors import read_wheels, rotation, vibration
 from granite_lab.hidden.simulator import DT, Body
-from granite_lab.logs.trial import Trial
 from granite_lab.parameters import GRAVITY, load_grade, load_robot
 from tests.truth import faults, generate, log_run
 from tests.truth.body import random_body
@@ -123,15 +122,6 @@ def test_encoder_quantisation_is_within_one_step() -> None:
     assert 0.5 * step < np.ptp(error) < 1.1 * step
 
 
-def test_specific_force_at_rest_is_gravity_in_tilted_axes() -> None:
-    body = draw_body()
-    force, rate = felt_at(body, 0.1, 0.12)
-    first = force[100]
-    assert np.linalg.norm(first) == pytest.approx(GRAVITY, abs=1e-9)
-    assert first[0] == pytest.approx(-GRAVITY * np.sin(body.pitch[0]))
-    assert not rate[:900].any()
-
-
 def test_rotation_turns_axes_not_vectors() -> None:
     quarter = np.pi / 2
     # axes turned nose down: what pointed forward in the robot points up (z) in the sensor
@@ -150,28 +140,8 @@ def test_a_simulated_run_can_be_logged() -> None:
     assert truth.x[-1] == pytest.approx(run.x[-1], abs=1e-3)
 
 
-@pytest.fixture(scope="module")
-def trial() -> Trial:
-    return generate(11, velocity=0.5, duration=3.0, still=(1.0, 1.0), reference=True).trial
-
-
-@pytest.mark.parametrize("how", ["frozen", "zero", "missing"])
-def test_dead_encoder_repeats_itself_and_counts_on_or_is_missing(trial: Trial, how: str) -> None:
-    dead = faults.dead_encoder(trial, "rl", 2.0, 3.0, how)
-    t, angle, good = dead.wheels.t, dead.wheels.angle[:, 2], trial.wheels.angle[:, 2]
-    inside, after = (t >= 2.0) & (t <= 3.0), t > 3.0
-    if how == "missing":
-        assert np.array_equal(np.isnan(angle), inside)
-        assert angle[-1] == good[-1]
-    else:
-        assert np.ptp(angle[inside]) == 0
-        assert angle[inside][0] == pytest.approx(good[t < 2.0][-1] if how == "frozen" else 0.0)
-        assert np.diff(angle[after]) == pytest.approx(np.diff(good[after]))
-    others = [0, 1, 3]
-    assert np.array_equal(dead.wheels.angle[:, others], trial.wheels.angle[:, others])
-
-
-def test_faults_that_no_warning_tells_of(trial: Trial) -> None:
+def test_faults_that_no_warning_tells_of() -> None:
+    trial = generate(11, velocity=0.5, duration=3.0, still=(1.0, 1.0)).trial
     angle, t = trial.wheels.angle, trial.imu.t
     assert np.array_equal(faults.swapped(trial, "fl", "rr").wheels.angle, angle[:, [3, 1, 2, 0]])
     assert faults.random_dropouts(trial, 1, 0.2).imu.t.size == pytest.approx(0.8 * t.size, rel=0.1)

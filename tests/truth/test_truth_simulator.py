@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from benchmarks import rk4
 from granite_lab.hidden.contact import clenshaw_curtis, contact, slip_ratio
 from granite_lab.hidden.model import PITCH, Truth
 from granite_lab.parameters import GRAVITY, Variant, load_robot, load_soil, load_variants
+from tests.truth.arc import forces
 from tests.truth.simulator import Result, build, simulate
 
 SETTLED = {0.2: (0.33, 5.47), 0.3: (0.26, 8.17), 0.5: (0.111, 16.25), 0.7: (0.026, 23.12)}
@@ -58,20 +57,6 @@ def test_whole_trial_slip_lies_above_the_settled_one_by_at_most_two_points() -> 
         assert 0 < 100 * excess < 1.7
 
 
-def test_integrators_agree() -> None:
-    short = {
-        "velocity": 0.3,
-        "acceleration": 1.2,
-        "distance": 0.3,
-        "a_theta": 4.919,
-        "settle": 0.2,
-        "after": 0.5,
-    }
-    lsoda, radau = simulate(**short), simulate(**short, method="Radau", rtol=1e-6, atol=1e-8)
-    assert np.abs(lsoda.v - radau.v).max() < 1e-6
-    assert np.abs(lsoda.torque - radau.torque).max() < 1e-4
-
-
 def test_energy_put_in_is_energy_kept_or_lost() -> None:
     velocity = 0.7
     r = run(velocity)
@@ -109,35 +94,19 @@ def test_forces_on_the_arc_match_adaptive_quadrature(
     v_o: float, v: float, harden: float, radius: float | None
 ) -> None:
     ground, k92, z0 = replace(build(**motion(0.5)).ground, harden=harden, harden_speed=0.02), 0.4, 0.017
-    arc = radius or ground.r
-    slip = (v_o - v) / max(abs(v_o), abs(v), 0.02)
-    s = min(1.0, max(abs(v_o), abs(v)) / 0.02)
-    fade = s * s * (3 - 2 * s)
-    front = np.arccos(1 - z0 / arc)
-
-    def stresses(a: float) -> tuple[float, float]:
-        sigma = (ground.k_c / ground.b + ground.k_phi) * max(z0 - arc * (1 - np.cos(a)), 0.0) ** ground.n
-        sigma *= 1 + harden * np.log1p(abs(v) * max(np.sin(a), 0.0) / 0.02)
-        rolled = (front - a) - (np.sin(front) - np.sin(a))
-        j = arc * (fade * rolled + slip * (np.sin(front) - np.sin(a)))
-        limit = min(ground.mu_s * sigma, ground.c + sigma * ground.tan_phi)
-        return sigma, np.sign(j) * limit * (1 - np.exp(-abs(j) / ground.K))
-
-    def integral(weight: Callable[[float, float, float], float]) -> float:
-        whole = quad(lambda a: weight(a, *stresses(a)), -k92 * front, front, epsabs=1e-9, limit=400)
-        return ground.b * arc * whole[0]
-
     one = np.ones(1)
     c = contact(
         ground, v_o=v_o * one, v=v * one, z0=z0 * one, dz0=0.01 * one, k92=k92, intervals=256,
         radius=None if radius is None else radius * one,
     )  # fmt: skip
-    W = integral(lambda a, sigma, tau: sigma * np.cos(a) + tau * np.sin(a))
+    W, R, F, M = forces(
+        load_robot().wheels, load_soil(), v_o=v_o, v=v, z=z0, k92=k92, harden=harden, radius=radius
+    )
     assert c.W[0] == pytest.approx(W, rel=1e-5)
     assert c.normal[0] == pytest.approx(W + 0.01 * ground.c_t, rel=1e-5)
-    assert c.R[0] == pytest.approx(integral(lambda a, sigma, _: -sigma * np.sin(a)), rel=1e-5)
-    assert c.F[0] == pytest.approx(integral(lambda a, _, tau: tau * np.cos(a)), rel=1e-4, abs=1e-4)
-    assert c.M[0] == pytest.approx(ground.r * integral(lambda *at: -at[2]), rel=1e-4, abs=1e-5)
+    assert c.R[0] == pytest.approx(R, rel=1e-5)
+    assert c.F[0] == pytest.approx(F, rel=1e-4, abs=1e-4)
+    assert c.M[0] == pytest.approx(M, rel=1e-4, abs=1e-5)
 
 
 def test_quadrature_is_exact_for_polynomials_and_converged_on_the_arc() -> None:
