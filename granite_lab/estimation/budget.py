@@ -39,7 +39,7 @@ from granite_lab.estimation.error_model import (
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.referenced import UNKNOWN
-from granite_lab.estimation.smoother import Smoothed, forward, widening
+from granite_lab.estimation.smoother import Smoothed, widening
 from granite_lab.logs.trial import Array
 
 LEVEL, TURN, ONLY = "accelerometer bias with mounting tilt", "gyro bias", "bias that is there only in motion"
@@ -133,14 +133,16 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
 def _shares(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> dict[str, float]:
     """Return the variance of ``towards @ (x_j - x_i)`` by source, before any widening."""
     weights, behind = _smoother_adjoint(nodes, found, towards, i, j)
-    gains = _filter_gains(nodes)
+    came = found.innovations
+    last = came.node.size
     shares: dict[str, float] = defaultdict(float)
     c = np.zeros(SIZE)  # weight of the error of the filtered state
     noise = np.zeros((nodes.t.size, SIZE))  # and of the noise of the step that leads to each node
     for k in range(nodes.t.size - 1, -1, -1):
         c = c + weights[k]
-        for update, gain in zip(reversed(nodes.updates[k]), reversed(gains[k]), strict=True):
-            w = float(gain @ c)
+        for update in reversed(nodes.updates[k]):
+            last -= 1
+            w = float(came.gain[last] @ c)
             shares[MEASURED[update.kind]] += w * w * update.R
             c = c - update.H[0] * w
         if k:
@@ -167,23 +169,6 @@ def _smoother_adjoint(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: 
             behind[k + 1] = found.gains[k].T @ own
             weights[k] -= nodes.F[k + 1].T @ behind[k + 1]
     return weights, behind
-
-
-def _filter_gains(nodes: Nodes) -> list[list[Array]]:
-    """Return the filter's gain (14,) for each measurement at each node."""
-    gains: list[list[Array]] = []
-    after = forward(nodes)[1]
-    P = nodes.P0
-    for k, updates in enumerate(nodes.updates):
-        if k:
-            P = nodes.F[k] @ after[k - 1] @ nodes.F[k].T + nodes.Q[k]
-        gains.append([])
-        for update in updates:
-            Ph = P @ update.H[0]
-            gain = Ph / (float(update.H[0] @ Ph) + update.R)
-            P = P - np.outer(gain, Ph)
-            gains[-1].append(gain)
-    return gains
 
 
 def _add_steps(shares: dict[str, float], nodes: Nodes, c: Array) -> None:

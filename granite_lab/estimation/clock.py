@@ -10,10 +10,11 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.special import softmax
 
 from granite_lab.estimate import Estimate
+from granite_lab.estimation.error_model import TAU
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Problem, build
 from granite_lab.estimation.rest import Interval, wheels_still
-from granite_lab.estimation.smoother import log_likelihood, nominal_of, solve
+from granite_lab.estimation.smoother import forward, merged, nominal_of, solve
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.trial import Array
 
@@ -23,7 +24,7 @@ LARGEST, FARTHEST = 0.4, 1.0
 STEP = 0.005
 """Spacing of the correlation [s]."""
 
-WIDE, FINE = 0.02, 0.005
+WIDE, FINE = 0.02, 0.01
 """Spacing of the offsets whose likelihood is compared, at first and about the best of them [s]."""
 
 TEMPER = 0.5
@@ -234,21 +235,30 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     hidden = (*problem.faults.gaps, *problem.faults.plateaus)  # there the moment itself is not seen
     clear = [(a, b) for a, b in windows if not any(begin < b and end > a for begin, end in hidden)]
     windows, doubt = (clear, 0.0) if clear else (windows, HIDDEN)
-    # these moments alone would take a part of any offset for compliance
-    problem = replace(problem, soft=problem.compliance)
-    parts = [problem.cut(begin, end, coarse.value) for begin, end in windows]
-    nominal = [nominal_of(part, coarse.value) for part in parts]
+    # these moments alone would take a part of any offset for compliance, or for wheels that spin
+    problem = replace(problem, soft=problem.compliance, spins=False)
+    cuts = [problem.cut(begin, end, coarse.value) for begin, end in windows]
+    parts = [(cut, nominal_of(cut, coarse.value)) for cut in cuts]
 
     def posterior(centre: float, reach: float, spacing: float) -> tuple[float, float]:
         """Mean and std by offsets that stand for all within half their spacing, by the filter's state TAU."""
         offsets = np.arange(centre - reach, centre + reach + 0.5 * spacing, spacing)
         score = -0.5 * ((offsets - coarse.value) / coarse.std) ** 2
-        for part, about in zip(parts, nominal, strict=True):
-            likely = np.array([log_likelihood(build(part, about, float(c), 0.5 * spacing)) for c in offsets])
-            score += np.logaddexp(TEMPER * (likely - likely.max()), -UNUSUAL)
-        weight = softmax(score)
+        known = (0.5 * spacing) ** -2.0
+        precision, pull = np.full(offsets.size, known), np.zeros(offsets.size)
+        for part in tuple(parts):
+            solved = [forward(merged(build(*part, float(c), 0.5 * spacing))) for c in offsets]
+            likely = np.array([came.log_likelihood for _, _, came in solved])
+            telling = TEMPER * (likely - likely.max())
+            score += np.logaddexp(telling, -UNUSUAL)
+            if telling.min() > -1.0:  # by this change all offsets are alike
+                parts.remove(part)
+            after = 1.0 / np.array([P[-1, TAU, TAU] for _, P, _ in solved])
+            precision += TEMPER * (after - known)
+            pull += TEMPER * after * np.array([x[-1, TAU] for x, _, _ in solved])
+        weight, offsets = softmax(score), offsets + pull / precision
         mean = float(weight @ offsets)
-        return mean, float(np.hypot(np.sqrt(weight @ (offsets - mean) ** 2), 0.5 * spacing))
+        return mean, float(np.sqrt(weight @ ((offsets - mean) ** 2 + 1.0 / precision)))
 
     found, std = posterior(coarse.value, 2.0 * coarse.std, WIDE)
     found, std = posterior(found, max(1.5 * WIDE, 2.5 * std), FINE)

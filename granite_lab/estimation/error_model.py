@@ -306,7 +306,6 @@ def add_wheels(
     samples = np.flatnonzero(known)
     if samples.size == 0:
         return 0.0
-    start = 0.0
     place = np.clip(np.searchsorted(t, stamps[samples]), 1, t.size - 1)
     place -= (stamps[samples] - t[place - 1]) < (t[place] - stamps[samples])
     distance = np.abs(t[place] - stamps[samples])
@@ -315,28 +314,28 @@ def add_wheels(
     still = rest & np.concatenate([[True], rest[:-1]]) & np.concatenate([rest[1:], [True]])
     acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
     jerk = np.gradient(thrust, t)
-    origin = None
-    for j in np.sort(order[first]):
-        k, m = int(place[j]), int(samples[j])
-        if (still[k] or spinning[k]) and origin is not None:
-            continue  # a constant reading at rest says nothing new
-        i, ahead = index[k], t[k] - stamps[m]
-        speed = float(rolling.speed[m])
-        H = np.zeros((1, SIZE))
-        if rolling.by_rate:
-            H[0, [V, PD, TAU, S, G, C]] = 1.0, -1.0, acceleration[m], w[k], w[k], jerk[k]
-            z = speed + acceleration[m] * ahead - nominal.v[i] - loss[k]
-            updates[k].append(Update("wheel", z, H, float(rolling.speed_std[m]) ** 2))
-            continue
+    chosen = np.sort(order[first])
+    k, m = place[chosen], samples[chosen]
+    speed, gained = rolling.speed[m], acceleration[m]
+    H = np.zeros((k.size, 1, SIZE))
+    ahead = t[k] - stamps[m]
+    if rolling.by_rate:
+        rows = (1.0, -1.0, gained, w[k], w[k], jerk[k])
+        for state, row in zip((V, PD, TAU, S, G, C), rows, strict=True):
+            H[:, 0, state] = row
+        z = speed + gained * ahead - nominal.v[index[k]] - loss[k]
+        R = rolling.speed_std[m] ** 2
+        start, told = 0.0, np.ones(k.size, dtype=bool)
+    else:
         # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
         # is the noise of z as well, or every update would pull the velocity down a little
-        here = float(rolling.mean[m]) + ahead * speed + 0.5 * ahead**2 * acceleration[m]
-        here -= float(nominal.x[i] + lost[k])
-        R = float(rolling.mean_std[m]) ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
-        if origin is None:
-            origin, start = here, float(np.sqrt(R))
-            continue
-        H[0, [X, D, P, C]] = 1.0, 1.0, -1.0, thrust[k]
-        H[0, TAU] = speed - loss[k]  # an offset also moves the wheel speed that the mean slip goes by
-        updates[k].append(Update("wheel", here - origin, H, R))
+        z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained - (nominal.x[index[k]] + lost[k])
+        R = rolling.mean_std[m] ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
+        z, start = z - z[0], float(np.sqrt(R[0]))
+        H[:, 0, [X, D, P]], H[:, 0, C] = (1.0, 1.0, -1.0), thrust[k]
+        H[:, 0, TAU] = speed - loss[k]  # an offset also moves the wheel speed that the mean slip goes by
+        told = ~(still | spinning)[k]  # a constant reading at rest says nothing new
+        told[0] = False
+    for j in np.flatnonzero(told):
+        updates[k[j]].append(Update("wheel", float(z[j]), H[j], float(R[j])))
     return start

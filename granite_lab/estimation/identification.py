@@ -27,10 +27,10 @@ import numpy as np
 
 from granite_lab.estimation.clock import STILL
 from granite_lab.estimation.error_model import SlipModel
-from granite_lab.estimation.nodes import Problem, build, pace_of
+from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
 from granite_lab.estimation.noise import Noise, vibration
 from granite_lab.estimation.rest import Interval, inside
-from granite_lab.estimation.smoother import log_likelihood, nominal_of, usual
+from granite_lab.estimation.smoother import forward, merged, nominal_of, usual
 from granite_lab.estimation.spectrum import blackman_harris, spectral_density
 from granite_lab.estimation.wheels import runs
 from granite_lab.logs.trial import Array
@@ -301,14 +301,16 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
     ]
     if not windows:
         return problem.slip
-    parts = [problem.cut(begin, end, offset) for begin, end in windows]
-    nominal = [nominal_of(part, offset) for part in parts]
+    pairs = [_with_and_without(problem.cut(begin, end, offset), offset) for begin, end in windows]
 
     @cache
     def score(place: int) -> float:
-        slip = with_scatter(problem.slip, REFERENCE * FACTOR**place)
-        several = zip(parts, nominal, strict=True)
-        return sum(log_likelihood(build(replace(p, slip=slip), n, offset, 1e-3)) for p, n in several)
+        variance = (REFERENCE * FACTOR**place) ** 2  # in which all noise is linear
+        total = 0.0
+        for none, one in pairs:
+            Q, P0 = none.Q + variance * (one.Q - none.Q), none.P0 + variance * (one.P0 - none.P0)
+            total += forward(replace(none, Q=Q, P0=P0))[2].log_likelihood
+        return total
 
     best = 0
     while LEAST_SCATTER < REFERENCE * FACTOR**best < MOST_SCATTER:
@@ -317,6 +319,14 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
             break
         best = better
     return with_scatter(problem.slip, expected(best, score(best - 1), score(best), score(best + 1)))
+
+
+def _with_and_without(part: Problem, offset: float) -> tuple[Nodes, Nodes]:
+    """Return the nodes of a window whose slip ratio does not scatter, and of one where it does by 1."""
+    nominal = nominal_of(part, offset)
+    slips = (with_scatter(part.slip, 0.0), with_scatter(part.slip, 1.0))
+    none, one = (merged(build(replace(part, slip=slip), nominal, offset, 1e-3)) for slip in slips)
+    return none, one
 
 
 def expected(best: int, below: float, here: float, above: float) -> float:

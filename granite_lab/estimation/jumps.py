@@ -29,6 +29,9 @@ from granite_lab.parameters import GRAVITY
 BIN = 0.25
 """Time over which slip is averaged [s]: the body follows the wheels on sand within it."""
 
+STEPS = 5
+"""Steps of the filter in it."""
+
 CHANCE = 0.01
 """In so many logs without a jump one of all the usual changes is taken for one."""
 
@@ -76,7 +79,7 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
     """
     rolling = problem.rolling
     assert rolling is not None
-    alone = solve(replace(problem, rolling=None), Estimate(offset), robust=False)
+    alone = solve(replace(problem, rolling=None, spacing=BIN / STEPS), Estimate(offset), robust=False)
     changes = slip_changes(alone, rolling, offset)
     problem = replace(problem, rests=tuple(sorted([*problem.rests, *stuck(changes)])))
     size = changes.size

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -37,7 +38,7 @@ class BodyImu:
     levelled: bool
     rotation: Rotation
 
-    @property
+    @cached_property
     def period(self) -> float:
         """Median time between two samples [s]."""
         return float(np.median(np.diff(self.t)))
@@ -47,7 +48,7 @@ class BodyImu:
         rows = ("t", "forward", "left", "up", "roll_rate", "pitch_rate", "yaw_rate")
         return replace(self, **{name: getattr(self, name)[keep] for name in rows})
 
-    @property
+    @cached_property
     def has_pitch_rate(self) -> bool:
         """Whether a pitch gyro was logged."""
         return bool(np.isfinite(self.pitch_rate).any())

@@ -14,7 +14,7 @@ from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TH, D, P, S
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.nominal import Nominal, Sideways, roll_angle
+from granite_lab.estimation.nominal import Nominal, Sideways
 from granite_lab.estimation.rest import COAST, Interval
 from granite_lab.estimation.spectrum import slope
 from granite_lab.estimation.wheels import MOVING, Rolling
@@ -72,6 +72,8 @@ class Problem:
         louder: factors on the variance of kinds of measurements.
         coasts: the log ends while the wheels coast to rest.
         jumps: (N,) square of the slip velocity's jumps per second, at the IMU's stamps [m^2/s^3].
+        spins: wheels may turn in a standstill.
+        spacing: of the nodes in motion [s]; 0: a node at each stamp.
     """
 
     imu: BodyImu
@@ -87,6 +89,8 @@ class Problem:
     louder: Mapping[str, float] = field(default_factory=dict)
     coasts: bool = False
     jumps: Array | None = None
+    spins: bool = True
+    spacing: float = 0.0
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:
         """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""
@@ -131,12 +135,11 @@ class Nodes:
     P0: Array
 
 
-def choose(nominal: Nominal) -> np.ndarray:
-    """Pick nodes (K,): every stamp in motion, every 50 ms at rest; thinned in a long log."""
+def choose(nominal: Nominal, period: float, spacing: float) -> np.ndarray:
+    """Pick nodes (K,): stamps `spacing` apart in motion, every 50 ms at rest; fewer in a long log."""
     t, rest = nominal.t, nominal.rest
     keep = np.zeros(t.size, dtype=bool)
-    keep[np.flatnonzero(~rest)[:: max(1, int(np.ceil((~rest).sum() / MOST)))]] = True
-    period = float(np.median(np.diff(t)))
+    keep[np.flatnonzero(~rest)[:: max(1, round(spacing / period), int(np.ceil((~rest).sum() / MOST)))]] = True
     keep[np.flatnonzero(rest)[:: max(1, round(REST_STEP / period))]] = True
     edge = np.flatnonzero(np.diff(rest.astype(np.int8)) != 0)
     keep[edge] = keep[edge + 1] = True
@@ -269,7 +272,7 @@ def build(
         distance: measured total distance [m].
     """
     imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
-    index = choose(nominal)
+    index = choose(nominal, imu.period, problem.spacing)
     t, rest, coupling = nominal.t[index], nominal.rest[index], nominal.coupling[index]
     dt = np.diff(t, prepend=t[0])
     moving = ~(rest & np.concatenate([[True], rest[:-1]]))
@@ -289,8 +292,7 @@ def build(
     if problem.aside is not None:
         accel = np.hypot(accel, problem.aside.noise(nominal.heading_rate)[index])
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
-    _, roll_std = roll_angle(imu, nominal.rest, problem.robot)
-    turn = roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
+    turn = nominal.roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
     Q = model.noises(
         dt, coupling, moving, accel=accel, gyro=gyro, accel_walk=noise.accel_walk, gyro_walk=noise.gyro_walk
@@ -306,7 +308,7 @@ def build(
     inflate(Q, t, moving, problem.faults, imu, nominal.rest, None if rolling is None else pace.growth)
     updates: list[list[Update]] = [[] for _ in range(t.size)]
     # a standstill that was named: the wheels may spin while the body stands
-    spinning = rest & (np.abs(speed) > MOVING)
+    spinning = rest & (np.abs(speed) > MOVING) & problem.spins
     Q[spinning, D, D] += FREE**2
     still_speed, shaken = np.where(spinning, 0.0, speed), np.where(spinning, size / omega, 0.0)
     model.add_rest(updates, imu, nominal, noise, problem.faults, index, rest, still_speed, shaken)

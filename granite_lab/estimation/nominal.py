@@ -74,6 +74,7 @@ class Nominal:
         heading_rate: (N,) [rad/s].
         accel_bias, gyro_bias: constants that were removed before integration.
         coupling: (N,) forward acceleration per radian of pitch [m/s^2].
+        roll_std: std of the constant error of the roll [rad].
         vibration_left: (N,) share of the vibration's rms that is in x and v; None: all of it.
     """
 
@@ -86,6 +87,7 @@ class Nominal:
     accel_bias: float
     gyro_bias: float
     coupling: Array
+    roll_std: float
     vibration_left: Array | None = None
 
 
@@ -126,7 +128,7 @@ def integrate(
     if gyro_bias is None:
         gyro_bias = float(np.mean(gyro[rest])) if rest.any() else 0.0
     yaw_rate = yaw - (float(np.mean(yaw[rest])) if rest.any() else 0.0)
-    roll, _ = roll_angle(imu, rest, robot)
+    roll, roll_std = roll_angle(imu, rest, robot)
     pitch_rate = (gyro - gyro_bias) * np.cos(roll) - yaw_rate * np.sin(roll)
     if not imu.has_pitch_rate:
         pitch_rate = np.zeros(t.size)
@@ -141,7 +143,7 @@ def integrate(
     x = cumulate(t, v_sensor, rest) - robot.imu.z * (angle - pitch)
     return Nominal(
         t=t, rest=rest, x=x, v=v, pitch=angle, heading_rate=yaw_rate, accel_bias=accel_bias,
-        gyro_bias=gyro_bias, coupling=imu.gravity * np.cos(angle),
+        gyro_bias=gyro_bias, coupling=imu.gravity * np.cos(angle), roll_std=roll_std,
     )  # fmt: skip
 
 

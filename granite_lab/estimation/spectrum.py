@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from scipy.ndimage import correlate1d
@@ -59,7 +60,14 @@ def slope(values: Array, window: int, order: int, step: float, derivative: int =
         step: from sample to sample.
         derivative: which one.
     """
+    return np.asarray(
+        correlate1d(values, _weights(window, order, derivative) / step**derivative, mode="nearest")
+    )
+
+
+@cache
+def _weights(window: int, order: int, derivative: int) -> Array:
+    """(window,) weights of the neighbours, a step of 1 apart."""
     t = np.arange(window) - window // 2
     fit = np.linalg.pinv(np.vander(t, order + 1, increasing=True))[derivative]
-    weights = fit * math.factorial(derivative) / step**derivative
-    return np.asarray(correlate1d(values, weights, mode="nearest"))
+    return np.asarray(fit * math.factorial(derivative))

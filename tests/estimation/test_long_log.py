@@ -71,8 +71,8 @@ def test_the_estimate_costs_little_for_a_second_of_log(six_minutes: Ingested) ->
 def test_an_hour_has_no_more_nodes_than_six_minutes() -> None:
     t = np.arange(0.0, 3600.0, 0.005)
     for rest in (t < 3.0, t % 30.0 < 3.0):
-        nominal = Nominal(t, rest, *(np.zeros(t.size) for _ in range(4)), 0.0, 0.0, np.zeros(t.size))
-        index = choose(nominal)
+        nominal = Nominal(t, rest, *(np.zeros(t.size) for _ in range(4)), 0.0, 0.0, np.zeros(t.size), 0.0)
+        index = choose(nominal, float(t[1] - t[0]), 0.0)
         assert (~rest[index]).sum() <= MOST + 2 * np.count_nonzero(np.diff(rest.astype(int)))
         # at rest one in 50 ms
         assert rest[index].sum() <= 1.1 * rest.sum() / 10 + 300

@@ -17,7 +17,7 @@ CORE = (T > 2.3) & (T < 7.7)
 def going(v: np.ndarray) -> Nominal:
     zero = np.zeros(T.size)
     x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T))])
-    return Nominal(T, REST, x, v, zero, zero, 0.0, 0.0, zero + 9.81)
+    return Nominal(T, REST, x, v, zero, zero, 0.0, 0.0, zero + 9.81, 0.0)
 
 
 def motion() -> np.ndarray:

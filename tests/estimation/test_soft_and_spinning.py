@@ -11,6 +11,7 @@ import pytest
 from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion, correct, estimate
 from granite_lab.estimation.clock import bridged_rests
+from granite_lab.estimation.error_model import SIZE
 from granite_lab.estimation.smoother import Innovations, mismatch
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
@@ -110,9 +111,8 @@ def test_innovations_that_are_too_large_say_by_how_much() -> None:
     value[:5] = 1e3  # a few wild ones say nothing of the rest
     ones = np.ones(2000)
     kind = ("wheel",) * 1000 + ("zero_rate",) * 1000
-    came = Innovations(
-        np.arange(2000), kind, np.where(np.arange(2000) < 1000, value, value / 3.0), ones, ones
-    )
+    sizes = np.where(np.arange(2000) < 1000, value, value / 3.0)
+    came = Innovations(np.arange(2000), kind, sizes, ones, ones, np.zeros((2000, SIZE)))
     found = mismatch(came)
     assert found["wheel"] == pytest.approx(9.0, rel=0.15)
     assert found["zero_rate"] == 1.0
