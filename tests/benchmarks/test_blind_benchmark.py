@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from benchmarks.blind import Task, made, one, read, ready, schedule, sizes_of, write
 from benchmarks.blind_code import code_hash
 from benchmarks.blind_page import figures, group, page, wrong_single
+from granite_lab.api.hidden import hide
 from granite_lab.effects import library
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, TWINS, influence
 from granite_lab.hidden.sealed import open_answer
@@ -94,7 +96,10 @@ def test_a_size_stays_sensible_and_says_so() -> None:
         sizes_of(Task("single", "payload_mass", 5.0, 7), {"payload_mass.mass": None})
 
 
-def test_a_robot_that_would_dig_itself_in_gets_less_of_the_effect(tmp_path: Path) -> None:
+def test_a_robot_that_would_dig_itself_in_gets_less_of_the_effect(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("benchmarks.blind.hide", partial(hide, repetitions=1))
     task = Task("old", "bulldozing", 5.0, 9, "bench")
     reached = made(task, {"bulldozing.strength": 0.6}, tmp_path)
     assert 0.5 < reached["bulldozing"] < 5.0

@@ -32,7 +32,8 @@ def by_library(command: Variant, effect: str, values: dict[str, float]) -> Resul
     pairs = {name: np.stack([run[s.format(a)] for a in "fr"], axis=1) for name, s in BOTH_AXLES.items()}
     k92 = run["angle_rear_f_rad"] / run["angle_front_f_rad"]
     x, v, pitch, up = (run[name] for name in ("x_m", "v_mps", "pitch_rad", "imu_az_mps2"))
-    return Result(t=run.t, x=x, v=v, pitch=pitch, up=up, k92=k92, **pairs)
+    pull = np.stack([run[f"thrust_{a}_N"] + run[f"resistance_{a}_N"] for a in "fr"], axis=1)
+    return Result(t=run.t, x=x, v=v, pitch=pitch, up=up, k92=k92, pull=pull, **pairs)
 
 
 def by_hidden(command: Variant, effect: str, values: dict[str, float]) -> Result:
@@ -40,7 +41,7 @@ def by_hidden(command: Variant, effect: str, values: dict[str, float]) -> Result
     sizes = {effect: values | SHAPES.get(effect, {})} if effect else {}
     truth = model_of(tuple(sizes), ROBOT, SOIL, given, exponential_k92(4.919), sizes)
     run = integrate(truth, np.arange(-0.5, given.end + 1.0, 0.0025), rtol=1e-6, atol=1e-8)
-    run.F, run.up = run.F + run.R, run.acceleration[:, 1]
+    run.pull, run.F, run.up = run.F + run.R, run.F + run.R, run.acceleration[:, 1]
     return run
 
 
@@ -73,6 +74,17 @@ def test_what_resists_costs_speed_and_current(by: Any, effect: str, values: dict
     plain, r = seen(by), seen(by, effect, **values)
     assert steady(r, "v") < steady(plain, "v") - 5e-3
     assert (steady(r, "current") > steady(plain, "current") + 0.01).all()
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0])
+def test_drag_is_as_large_as_stated_and_grows_with_the_chosen_power(by: Any, exponent: float) -> None:
+    """What the wheels pull with, less what the robot gains."""
+    r = seen(by, "rolling_drag", force=20.0, exponent=exponent)
+    left = 2 * r.pull.sum(axis=1) - CHASSIS.total_mass * np.gradient(r.v, r.t)
+    late = (r.t > 2.0) & (r.t < 2.8)
+    u = r.v[late] / 0.5
+    share = u**exponent if by is by_library else (2 - exponent) * u + (exponent - 1) * u**2
+    assert left[late] == pytest.approx(20.0 * share, abs=0.05)
 
 
 def test_a_slope_costs_the_weight_s_part_along_it(by: Any) -> None:

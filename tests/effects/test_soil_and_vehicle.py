@@ -18,12 +18,6 @@ from tests.effects.runs import ROBOT, SOIL, at, run
 MODEL = model_parameters(ROBOT, SOIL, variant_of(0.5), a_theta=4.919)
 
 
-def steady_force(r: object, name: str) -> float:
-    """Return the sum over the four wheels at the end of the steady part."""
-    t = r.steady[1]
-    return 2 * (at(r, t, f"{name}_f_N") + at(r, t, f"{name}_r_N"))
-
-
 def test_a_run_out_of_the_wheels_heaves_the_body_by_as_much() -> None:
     """Slow wheels in step: the axles follow the rim's height, the soil yields only a little to it."""
     e = 1e-3
@@ -48,14 +42,6 @@ def test_thrown_sand_costs_slip_where_the_wheels_slip_fast() -> None:
     more = [run("sand_throw", v=v, loss=0.1).slip_ratio - run(v=v).slip_ratio for v in (0.2, 0.7)]
     assert 0 < more[0] < 0.001
     assert more[1] > 0.01
-
-
-def test_drag_is_as_large_as_stated_and_grows_with_the_chosen_power() -> None:
-    for exponent in (1.0, 2.0):
-        r = run("rolling_drag", force=8.0, exponent=exponent)
-        t = r.steady[1]
-        added = steady_force(r, "force_x") - steady_force(r, "thrust") - steady_force(r, "resistance")
-        assert added == pytest.approx(-8.0 * (at(r, t, "v_mps") / 0.5) ** exponent, rel=5e-3)
 
 
 @pytest.mark.parametrize("effect_id", ["bulldozing", "rolling_drag", "sand_throw", "drivetrain_friction"])

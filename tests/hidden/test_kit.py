@@ -19,7 +19,7 @@ from granite_lab.errors import InputError, UsageError
 from granite_lab.hidden import kit_check
 from granite_lab.hidden.scoring import SCHEMA
 from granite_lab.logs import read_trial
-from tests.corpus.cli import SAMPLES, lab, succeeded
+from tests.corpus.cli import SAMPLES, succeeded, told
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside" / "o03"
 REACTION = [{"id": "drive_reaction", "parameters": {"share": 0.8}}]
@@ -64,6 +64,7 @@ def finding(kit: Path, verdict: str, *ids: str) -> None:
 
 
 def test_an_empty_kit_holds_readme_template_checker_and_the_allowed_names(tmp_path: Path) -> None:
+    assert told("kit", tmp_path / "told")["folder"] == str(tmp_path / "told")
     made = gl.kit(tmp_path / "new")
     assert {path.relative_to(made.folder).as_posix() for path in made.files} == {
         "README.md", "check.py", "answer.json", "allowed.json", "trials/robot.toml", "trials/soil.toml",
@@ -218,10 +219,7 @@ def test_an_answer_that_was_not_promised_is_refused_and_changed_logs_are_told(ki
         gl.reveal(kit)
 
 
-def test_the_commands_write_a_kit_and_tell_its_judgement(kit: Path, tmp_path: Path) -> None:
-    done = lab("kit", tmp_path / "other", "--json")
-    assert json.loads(done.out)["schema"] == "granite-lab/kit/1"
-    assert lab("kit", tmp_path / "other").code == 2
+def test_the_judgement_names_who_made_the_kit(kit: Path) -> None:
     finding(sealed(kit), "named", "drive_reaction")
     done = succeeded("reveal", kit)
     assert "made by planar simulator in C" in done.out

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from granite_lab.inference.constants import REST_SHARE, SMOOTH
 from granite_lab.inference.discrepancy import (
     FORMULA,
     MOTION,
     REST,
-    bumps,
     joined,
     modulated,
     smooth,
@@ -20,11 +17,6 @@ from granite_lab.inference.discrepancy import (
 )
 
 WIDTH = 0.02
-
-
-@given(n=st.integers(2, 300), width=st.floats(0.005, 0.1), spacing=st.floats(0.02, 1.0))
-def test_bumps_add_up_to_one(n: int, width: float, spacing: float) -> None:
-    assert bumps(n, width, spacing).sum(axis=1) == pytest.approx(np.ones(n))
 
 
 @pytest.mark.parametrize("n", [30, 200, 400])
