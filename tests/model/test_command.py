@@ -58,12 +58,6 @@ def test_phases_follow_table_2(variant: Variant) -> None:
     assert command.phase_of(t, variant) == ["rest", "accelerate", "steady", "brake", "rest"]
 
 
-def test_a_distance_too_short_for_the_velocity_gives_a_triangle() -> None:
-    variant = Variant(velocity=1.0, acceleration=1.0, distance=0.25)
-    assert command.peak_velocity(variant) == pytest.approx(0.5)
-    assert command.duration(variant) == pytest.approx(1.0)
-
-
 @given(variants)
 def test_the_acceleration_jumps_at_the_corners_and_nowhere_else(variant: Variant) -> None:
     places = np.array(command.corners(variant))
