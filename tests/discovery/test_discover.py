@@ -67,6 +67,7 @@ def good(short_law: None) -> Finding:
 def test_nothing_is_missing_from_the_trials_of_another_program() -> None:
     finding = found(logs("o01"), library())
     assert finding.verdict == "none"
+    assert finding.sentence.startswith("The model explains")
     assert finding.effects == ()
     assert finding.gap.held_out[0] == pytest.approx(1.0, abs=0.03)
     assert finding.discrepancy < TOLERANCE

@@ -89,13 +89,6 @@ def test_one_missing_effect_is_named_and_closes_the_gap(id_: str, size: float) -
     assert judgement.gap.sum() > 0
 
 
-def test_two_missing_effects_are_named() -> None:
-    answer = ask(push=0.3, pull=0.3)
-    assert answer.judgement.verdict == "named"
-    assert answer.named == {"push", "pull"}
-    assert answer.judgement.remainder < 0.1
-
-
 def test_effects_with_the_same_trace_are_twins() -> None:
     answer = ask(push=0.3, candidates=("pull", "push", "shove", *LAW))
     assert answer.judgement.verdict == "named"
@@ -139,18 +132,6 @@ def test_the_likeliest_model_has_the_highest_posterior_and_probabilities_add_up(
 
 def said(answer: Answer) -> str:
     return sentence(answer.judgement.verdict, (), answer.judgement, provisional(answer.problem), TOLERANCE)
-
-
-def test_few_trials_make_the_first_words_provisional() -> None:
-    for commands, words in (
-        ((0, 1, 2), "no command was repeated"),
-        ((0, 0, 1, 1), "2 of at least 3 speeds"),
-        ((1, 1), "1 of at least 3 speeds"),
-    ):
-        answer = ask(commands=commands)
-        assert said(answer).startswith("Provisional (")
-        assert words in said(answer)
-    assert said(ask()).startswith("The model explains")
 
 
 def test_trials_that_cannot_be_left_out_say_nothing_of_such() -> None:

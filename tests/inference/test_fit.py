@@ -9,8 +9,8 @@ import pytest
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED, SAND
-from granite_lab.inference.constants import FORMULA_ERROR, PSEUDO_TRIALS
-from granite_lab.inference.fit import FIRST, FORMULAS, SHARES, Fit, fit, log_prior, simulated, under
+from granite_lab.inference.constants import PSEUDO_TRIALS
+from granite_lab.inference.fit import FORMULAS, SHARES, Fit, fit, simulated, under
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import SHARED, Point, Problem
@@ -205,16 +205,6 @@ def test_a_named_effect_is_fitted_with_its_size() -> None:
     assert SHARES[0] <= max(found.scales.shares.values()) < 0.02
     alone = fit(problem, problem.neutral())
     assert found.evidence > alone.evidence + 20
-
-
-def test_the_prior_of_the_scales_has_its_mode_where_it_begins() -> None:
-    problem = problem_of(FOUR)
-    scales = replace(FIRST, shares={"wheel": 0.01}, formula=FORMULA_ERROR[0])
-    best = log_prior(problem, scales, True)
-    for factor in (0.5, 2.0):
-        assert log_prior(problem, replace(scales, shares={"wheel": 0.01 * factor}), True) < best
-        assert log_prior(problem, replace(scales, formula=factor * FORMULA_ERROR[0]), True) < best
-    assert log_prior(problem, replace(scales, louder={"wheel": 2.0}), True) < best - 10
 
 
 def test_sand_stays_within_three_std_of_its_file() -> None:
