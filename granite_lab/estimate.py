@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 
 @dataclass(frozen=True)
@@ -58,3 +59,35 @@ class Part:
     def times(self, factor: float) -> Part:
         """Return the part of a result that is `factor` times this one."""
         return replace(self, contribution=abs(factor) * self.contribution)
+
+
+class Mean(NamedTuple):
+    """A mean over repetitions with its standard error, its 95 % interval, and how many went in."""
+
+    value: float
+    std: float
+    low: float
+    high: float
+    n: int
+
+
+def mean_over(estimates: Iterable[Estimate]) -> Mean:
+    """Average repetitions, with the wider of two 95 % intervals.
+
+    One comes from the scatter between the repetitions (Student's t), the other from their stated
+    standard deviations. The first knows the sand's scatter, the second the sensors'; with few
+    repetitions either can be too small by chance.
+    """
+    import numpy as np  # noqa: PLC0415, heavy
+    from scipy.special import stdtrit  # noqa: PLC0415, heavy
+
+    finite = [e for e in estimates if math.isfinite(e.value)]
+    n = len(finite)
+    if n == 0:
+        return Mean(math.nan, math.nan, math.nan, math.nan, 0)
+    values = np.array([e.value for e in finite])
+    stated = float(np.sqrt(np.sum(np.square([e.std for e in finite])))) / n
+    scatter = float(np.std(values, ddof=1) / np.sqrt(n)) if n > 1 else math.nan
+    half = float(np.fmax(1.959964 * stated, float(stdtrit(max(n - 1, 1), 0.975)) * scatter))
+    mean = float(values.mean())
+    return Mean(mean, float(np.fmax(stated, scatter)), mean - half, mean + half, n)

@@ -21,7 +21,7 @@ from granite_lab.model.effect import Active
 from granite_lab.parameters import load_soil
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.processes import shared_out
-from granite_lab.reporting.content import Source, StudyResult, TrialResult, command_of
+from granite_lab.results import Source, StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, Options, each_trial, sifted
 from granite_lab.running.cache import code, fingerprint
 from granite_lab.running.each import HERE

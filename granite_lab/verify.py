@@ -12,7 +12,7 @@ from typing import Any
 from granite_lab import __version__, reporting
 from granite_lab.errors import InputError
 from granite_lab.logs.named import name_of, trial_files
-from granite_lab.reporting.content import Failure, load_report
+from granite_lab.results import Failure, load_report
 from granite_lab.running import Execution, Options
 from granite_lab.running.cache import code, fingerprint
 from granite_lab.running.output import tell

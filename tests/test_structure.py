@@ -28,6 +28,7 @@ STAGES = [
     {"comparison"},
     {"discovery"},
     {"planning"},
+    {"results"},
     {"reporting"},
     {"running"},
     {"study"},

@@ -16,7 +16,7 @@ from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.named import is_log, name_of, trial_files
 from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
 from granite_lab.parameters.quantity import build, read_toml
-from granite_lab.reporting.content import EXCLUDED, Failure
+from granite_lab.results import EXCLUDED, Failure
 from granite_lab.running import Cache, Execution, Options
 from granite_lab.running.each import HERE
 

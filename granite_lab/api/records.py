@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
 
-from granite_lab.reporting.content import Failure, Source, StudyResult
+from granite_lab.results import Failure, Source, StudyResult
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:

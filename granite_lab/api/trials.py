@@ -18,7 +18,7 @@ from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
 from granite_lab.fitting.fit import AThetaFit, K92Fit
-from granite_lab.reporting.content import StudyResult, TrialResult
+from granite_lab.results import StudyResult, TrialResult
 from granite_lab.running import each_trial, sifted
 from granite_lab.running.cache import code, content, digest_of
 from granite_lab.running.output import Guard, Stamp, claimed, tell

@@ -11,7 +11,6 @@ from pathlib import Path
 from granite_lab.discovery.finding import Finding
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.parameters import load_paper
-from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.names import (
     MUCH,
     capital,
@@ -23,8 +22,9 @@ from granite_lab.reporting.names import (
     with_found,
 )
 from granite_lab.reporting.rounding import Number, decided, percent, significant, times, with_unit
-from granite_lab.reporting.summary import ChannelAnswer, Speed, by_speed, channels_of, gaps
+from granite_lab.reporting.summary import ChannelAnswer, Speed, by_speed, channels_of
 from granite_lab.reporting.words import said
+from granite_lab.results import StudyResult, gaps
 
 SPEEDS = 3
 """A law over speed is tested by at least so many speeds."""

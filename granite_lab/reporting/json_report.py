@@ -25,10 +25,9 @@ from granite_lab.files import readable, sha256
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import FORMATS
-from granite_lab.reporting.content import SCHEMA, Source, StudyResult, TrialResult, shown_path
 from granite_lab.reporting.render import rendered
 from granite_lab.reporting.report import LIBRARIES, Report, today
-from granite_lab.reporting.summary import gaps
+from granite_lab.results import SCHEMA, Source, StudyResult, TrialResult, gaps, shown_path
 from granite_lab.shown import jsonable, picked
 
 CRATE = "ro-crate-metadata.json"

@@ -21,7 +21,8 @@ from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Figure, drawing
 from granite_lab.reporting.names import together
 from granite_lab.reporting.rounding import significant
-from granite_lab.reporting.summary import Speed, channels_of, gaps, mean_of_known
+from granite_lab.reporting.summary import Speed, channels_of
+from granite_lab.results import gaps, mean_of_known
 
 SLIP_STD_SHOWN = 0.04
 """Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""

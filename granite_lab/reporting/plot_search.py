@@ -25,8 +25,8 @@ from granite_lab.reporting.names import (
     with_found,
 )
 from granite_lab.reporting.rounding import places, significant, tidy_unit, times
-from granite_lab.reporting.summary import mean_of_known
 from granite_lab.reporting.words import WORDS, sensor
+from granite_lab.results import mean_of_known
 
 Pair = tuple[float, float]
 """Before and after; NaN where not known."""

@@ -21,8 +21,8 @@ from granite_lab.reporting.words import WORDS
 from granite_lab.shown import jsonable
 
 if TYPE_CHECKING:
-    from granite_lab.reporting.content import StudyResult
     from granite_lab.reporting.report import Report
+    from granite_lab.results import StudyResult
 
 LONG = 30
 """A LaTeX table with more rows is a ``longtable``, which may run over pages."""

@@ -16,12 +16,11 @@ from granite_lab.reporting import answers as decide
 from granite_lab.reporting import plot_motion, plot_results, plot_search, search_tables, tables
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import Figure
-from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, shared
 from granite_lab.reporting.rounding import percent
-from granite_lab.reporting.summary import gaps
 from granite_lab.reporting.tables import Table
 from granite_lab.reporting.words import said
+from granite_lab.results import Source, StudyResult, gaps
 
 OPEN_SPEEDS = 4
 """So many time histories stand open; of more speeds the slowest and fastest do."""

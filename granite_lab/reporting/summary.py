@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from granite_lab.comparison.record import Comparison, Misfit
-from granite_lab.estimate import Estimate
-from granite_lab.logs.trial import Array
+from granite_lab.estimate import mean_over
 from granite_lab.parameters import Paper
-from granite_lab.reporting.content import StudyResult, TrialResult
 from granite_lab.reporting.rounding import Number, decided, shown_as, significant, tidy_unit, with_unit
-from granite_lab.reporting.words import PHASES, QUANTITIES, quantity
+from granite_lab.reporting.words import PHASES, quantity
+from granite_lab.results import Gap, StudyResult, TrialResult
 
 NOISE, CLEAR = 1.5, 3.0
 """Difference over noise up to which a channel agrees, and above which it differs clearly."""
@@ -23,45 +19,6 @@ NOISE, CLEAR = 1.5, 3.0
 SMALL, UNSEEN = 0.01, 0.2
 """Shares of a channel's largest value: a difference below the first is small; noise above the second is
 too large for a judgement."""
-
-
-def mean_of_known(values: Array, axis: int) -> Array:
-    """Return the mean along an axis over what is finite; NaN where nothing is."""
-    known = np.isfinite(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-class Mean(NamedTuple):
-    """A mean over repetitions with its standard error, its 95 % interval, and how many went in."""
-
-    value: float
-    std: float
-    low: float
-    high: float
-    n: int
-
-
-def mean_over(estimates: Iterable[Estimate]) -> Mean:
-    """Average repetitions, with the wider of two 95 % intervals.
-
-    One comes from the scatter between the repetitions (Student's t), the other from their stated
-    standard deviations. The first knows the sand's scatter, the second the sensors'; with few
-    repetitions either can be too small by chance.
-    """
-    from scipy.special import stdtrit  # noqa: PLC0415, heavy
-
-    finite = [e for e in estimates if math.isfinite(e.value)]
-    n = len(finite)
-    if n == 0:
-        return Mean(math.nan, math.nan, math.nan, math.nan, 0)
-    values = np.array([e.value for e in finite])
-    stated = float(np.sqrt(np.sum(np.square([e.std for e in finite])))) / n
-    scatter = float(np.std(values, ddof=1) / np.sqrt(n)) if n > 1 else math.nan
-    half = float(np.fmax(1.959964 * stated, float(stdtrit(max(n - 1, 1), 0.975)) * scatter))
-    mean = float(values.mean())
-    return Mean(mean, float(np.fmax(stated, scatter)), mean - half, mean + half, n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,63 +84,6 @@ def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
             )
         )  # fmt: skip
     return tuple(rows)
-
-
-@dataclass(frozen=True)
-class Gap:
-    """How far simulation and measurement are apart in one channel and phase, over trials.
-
-    Attributes:
-        channel, unit, phase: as in `Misfit`.
-        rms, bias, peak: root mean square, mean and largest absolute difference over the trials.
-        normalised: root mean square over the noise (1 is the noise floor); NaN if unknown.
-        size: largest simulated magnitude of the channel, rare spikes left out, same unit.
-        trials: how many trials have this channel.
-    """
-
-    channel: str
-    unit: str
-    phase: str
-    rms: float
-    bias: float
-    peak: float
-    normalised: float
-    size: float
-    trials: int
-
-
-def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
-    """Pool the misfits of several trials, weighted by samples; (channel, phase) to gap.
-
-    The speeds of the four wheels are one channel, "wheels".
-    """
-    pooled: dict[tuple[str, str], list[Misfit]] = {}
-    sizes: dict[str, float] = {}
-    for c in comparisons:
-        largest = {}
-        for name in {m.channel for m in c.misfits} & c.simulated.keys():
-            values = np.abs(c.simulated[name])
-            values = values[np.isfinite(values)]
-            largest[name] = float(np.percentile(values, 99.5)) if values.size else 0.0
-        for m in c.misfits:
-            channel = "wheels" if m.channel.startswith("wheel_") else m.channel
-            sizes[channel] = max(sizes.get(channel, 0.0), largest.get(m.channel, 0.0))
-            if m.samples and math.isfinite(m.rms):
-                pooled.setdefault((channel, m.phase), []).append(m)
-    order, phases = [*QUANTITIES, *sorted(sizes.keys() - QUANTITIES)], ["all", *PHASES]
-    keys = [(c, p) for c in order for p in phases if (c, p) in pooled]
-    return {key: _pool(*key, sizes[key[0]], pooled[key]) for key in keys}
-
-
-def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> Gap:
-    def mean(values: list[float], of: list[Misfit]) -> float:
-        return float(np.average(values, weights=[m.samples for m in of]))
-
-    known = [m for m in misfits if math.isfinite(m.normalised)]
-    rms = math.sqrt(mean([m.rms**2 for m in misfits], misfits))
-    normalised = math.sqrt(mean([m.normalised**2 for m in known], known)) if known else math.nan
-    bias, peak = mean([m.bias for m in misfits], misfits), max(m.peak for m in misfits)
-    return Gap(channel, misfits[0].unit, phase, rms, bias, peak, normalised, size, len(misfits))
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from granite_lab.estimate import Estimate, Part
+from granite_lab.estimate import Estimate, Part, mean_over
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.budget import LEFT_OUT, Budget, of_a_theta, of_mean
 from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit, Law
 from granite_lab.reporting.answers import Answers
-from granite_lab.reporting.content import Source, StudyResult, TrialResult, shown_path
 from granite_lab.reporting.rounding import (
     NONE,
     percent,
@@ -27,8 +26,9 @@ from granite_lab.reporting.rounding import (
     tidy_unit,
     with_unit,
 )
-from granite_lab.reporting.summary import ChannelAnswer, Gap, Speed, mean_over
+from granite_lab.reporting.summary import ChannelAnswer, Speed
 from granite_lab.reporting.words import WORDS, quantity
+from granite_lab.results import Gap, Source, StudyResult, TrialResult, shown_path
 
 Raw = float | int | bool | str | None
 

@@ -21,11 +21,11 @@ from granite_lab.parameters.catalogue import Provenance
 from granite_lab.reporting import answers as decide
 from granite_lab.reporting import search_tables, tables
 from granite_lab.reporting.answers import Answer
-from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.grid import TONES, VIRTUAL, clean, grid, say, show_table
 from granite_lab.reporting.names import in_plain_words, latency_in_words, shared
 from granite_lab.reporting.rounding import NONE, significant, tidy_unit
-from granite_lab.reporting.summary import channels_of, gaps
+from granite_lab.reporting.summary import channels_of
+from granite_lab.results import Source, StudyResult, gaps
 
 
 def show_study(

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granite_lab.reporting.content import load_report
 from granite_lab.reporting.names import plain
 from granite_lab.reporting.rounding import interval, tidy_unit
 from granite_lab.reporting.tables import Cell, Cells, Table, number, tabulate, words
 from granite_lab.reporting.words import said
+from granite_lab.results import load_report
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -14,15 +14,15 @@ from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.files import readable, write_text
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, on_page
-from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.json_report import CRATE, crate, dumps, to_json
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.plot_results import compared_figure
 from granite_lab.reporting.render import to_html, to_latex, to_markdown, to_pdf
 from granite_lab.reporting.report import Block, Gallery, made_by, study_report
-from granite_lab.reporting.summary import channels_of, gaps
+from granite_lab.reporting.summary import channels_of
 from granite_lab.reporting.tables import Table, channel_table, misfit_table
 from granite_lab.reporting.two_studies import Compared, compared_table
+from granite_lab.results import StudyResult, gaps
 
 
 def write_report(result: StudyResult, folder: Path, *, model: Path | str | None = None) -> Path:

@@ -18,7 +18,7 @@ from granite_lab.logs.named import name_of
 from granite_lab.parameters.catalogue import CATALOGUE, forget
 from granite_lab.parameters.quantity import noting_files
 from granite_lab.processes import SHORT_OF_MEMORY, behave, one_thread, starting
-from granite_lab.reporting.content import Failure
+from granite_lab.results import Failure
 from granite_lab.running.cache import Cache, trial_key
 from granite_lab.running.codec import Arena, decode, encode
 from granite_lab.running.options import Options

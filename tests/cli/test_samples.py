@@ -14,7 +14,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.fitting import fit_a_theta
 from granite_lab.hidden.sealed import open_answer
 from granite_lab.parameters.quantity import parse_toml
-from granite_lab.reporting.content import TrialResult
+from granite_lab.results import TrialResult
 from granite_lab.running import Cache, Execution, Options, each_trial
 from granite_lab.study import analyse
 from tests.corpus.cli import SAMPLES

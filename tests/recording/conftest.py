@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from granite_lab.discovery.finding import Finding
-from granite_lab.reporting.content import TrialResult
 from granite_lab.reporting.recording import record_trial
+from granite_lab.results import TrialResult
 from tests.recording.read_back import ReadBack
 from tests.reporting.made_up import made_up_trial
 from tests.reporting.made_up_finding import made_up_finding

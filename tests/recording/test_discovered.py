@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from granite_lab.discovery.finding import Finding
-from granite_lab.reporting.content import TrialResult
 from granite_lab.reporting.recording import record_study, record_trial
+from granite_lab.results import TrialResult
 from tests.recording.read_back import ReadBack
 from tests.reporting.made_up import made_up_study, made_up_trial
 from tests.reporting.made_up_finding import BUMP, CHANNELS, START, made_up_finding

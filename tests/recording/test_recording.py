@@ -12,11 +12,11 @@ import pytest
 
 from granite_lab.errors import LabError
 from granite_lab.parameters import WHEELS
-from granite_lab.reporting.content import TrialResult
 from granite_lab.reporting.recording import record_study, record_trial
 from granite_lab.reporting.recording import write as write_module
 from granite_lab.reporting.recording.lines import MOST_ROWS, Line
 from granite_lab.reporting.recording.scene import FORCE_SCALE
+from granite_lab.results import TrialResult
 from tests.recording.read_back import ReadBack, verify
 from tests.reporting.made_up import made_up_study, made_up_trial
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from granite_lab.reporting import canvas, write_report
-from granite_lab.reporting.content import Source, StudyResult
+from granite_lab.results import Source, StudyResult
 from tests.reporting.made_up import made_up_study, rename
 from tests.reporting.made_up_finding import made_up_finding
 

@@ -32,7 +32,7 @@ from granite_lab.model.command import duration
 from granite_lab.model.run import Run
 from granite_lab.model.simulator import simulate
 from granite_lab.parameters import WHEELS, Variant, load_paper, load_robot, load_soil, variant_of
-from granite_lab.reporting.content import Failure, Source, StudyResult, TrialResult
+from granite_lab.results import Failure, Source, StudyResult, TrialResult
 
 ORIGIN, REST = 100.0, 2.0
 """First stamp of the log [s], and how much later the command begins."""

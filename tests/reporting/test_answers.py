@@ -16,15 +16,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from granite_lab.estimate import Estimate
+from granite_lab.estimate import Estimate, mean_over
 from granite_lab.parameters import load_paper
 from granite_lab.reporting.answers import Answers, of_study
-from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.report import Fold, Gallery, study_report
 from granite_lab.reporting.rounding import decided, decimals_for, interval, percent, plus_minus, significant
-from granite_lab.reporting.summary import Gap, by_speed, channels_of, gaps, mean_over
+from granite_lab.reporting.summary import by_speed, channels_of
 from granite_lab.reporting.tables import slip_table, trial_table
 from granite_lab.reporting.terminal import show_study
+from granite_lab.results import Gap, StudyResult, gaps
 from tests.reporting.made_up import SLIP, made_up_study
 from tests.reporting.made_up_finding import made_up_finding
 from tests.reporting.test_report import Strict

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from granite_lab.errors import InputError
-from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.json_report import CRATE as NAME
 from granite_lab.reporting.json_report import changed_files
+from granite_lab.results import StudyResult
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ import pytest
 from pypdf import PdfReader
 
 from granite_lab.reporting import write_report
-from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.report import study_report
+from granite_lab.results import StudyResult
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
 

@@ -20,9 +20,9 @@ from markdown_it import MarkdownIt
 from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
 from granite_lab.reporting import write, write_comparison, write_report
-from granite_lab.reporting.content import Failure, Source, StudyResult, command_of
 from granite_lab.reporting.json_report import to_json
 from granite_lab.reporting.report import study_report
+from granite_lab.results import Failure, Source, StudyResult, command_of
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding

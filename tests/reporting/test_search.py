@@ -19,10 +19,10 @@ from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
 from granite_lab.reporting import names, search_tables
 from granite_lab.reporting.answers import missing_answer
-from granite_lab.reporting.content import Source, StudyResult
 from granite_lab.reporting.plot_search import candidates_figure, history_figures, intervals_figure, mean_of
 from granite_lab.reporting.report import Report, study_report
 from granite_lab.reporting.tables import Table
+from granite_lab.results import Source, StudyResult
 from tests.corpus.cli import SAMPLES, succeeded
 from tests.reporting.made_up_finding import BUMP, LEFT, SIZE, STRENGTH, made_up_finding
 from tests.reporting.test_figures import texts

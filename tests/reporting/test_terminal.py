@@ -12,7 +12,7 @@ from rich.console import Console
 from granite_lab.parameters import load_variants
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting import terminal
-from granite_lab.reporting.content import StudyResult
+from granite_lab.results import StudyResult
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
 from tests.reporting.made_up_finding import made_up_finding

@@ -20,7 +20,7 @@ from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Trial
 from granite_lab.planning.design import load_design
-from granite_lab.reporting.content import StudyResult
+from granite_lab.results import StudyResult
 from granite_lab.running import Cache, Execution, Options, each_trial
 from granite_lab.running.cache import trial_key
 from granite_lab.running.output import Guard, Stamp, tell

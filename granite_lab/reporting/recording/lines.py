@@ -23,8 +23,8 @@ from granite_lab.reporting.answers import missing_answer
 from granite_lab.reporting.names import latency_in_words
 from granite_lab.reporting.recording.stream import Writer, drawable
 from granite_lab.reporting.rounding import plus_minus, significant
-from granite_lab.reporting.summary import mean_of_known
 from granite_lab.reporting.words import sensor
+from granite_lab.results import mean_of_known
 
 Rgb = tuple[int, int, int]
 

@@ -17,7 +17,6 @@ from rerun.blueprint.encodings import TextLogColumn, TextLogColumnKind, Timeline
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.logs.trial import Trial
-from granite_lab.reporting.content import StudyResult
 from granite_lab.reporting.names import capital
 from granite_lab.reporting.recording.lines import (
     CHANNELS,
@@ -35,6 +34,7 @@ from granite_lab.reporting.recording.scene import VIEWPOINT, write_scene
 from granite_lab.reporting.recording.stream import TIMELINE, Writer, drawable, recording, root_of
 from granite_lab.reporting.render import to_markdown
 from granite_lab.reporting.words import SENSORS, WORDS
+from granite_lab.results import StudyResult
 
 TITLES: dict[str, str] = dict(WORDS["plots"])
 FOUND = {k: capital(name) for k, name in SENSORS.items()}

@@ -1,8 +1,9 @@
-"""What a report is made of: the results of a study, and where they come from."""
+"""The results of a study: its trials, how far they are from the model together, and where they come from."""
 
 from __future__ import annotations
 
 import json
+import math
 import shlex
 from collections.abc import Sequence
 from contextlib import suppress
@@ -10,13 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granite_lab.comparison.record import Comparison
+import numpy as np
+
+from granite_lab.comparison.record import Comparison, Misfit
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import InputError, LabError
 from granite_lab.files import readable
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.logs.named import trial_files
-from granite_lab.logs.trial import InputFile, Trial
+from granite_lab.logs.trial import Array, InputFile, Trial
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -135,6 +138,78 @@ class StudyResult:
                 }
             )
         return pd.DataFrame(rows)
+
+
+def mean_of_known(values: Array, axis: int) -> Array:
+    """Return the mean along an axis over what is finite; NaN where nothing is."""
+    known = np.isfinite(values)
+    count = known.sum(axis=axis)
+    total = np.where(known, values, 0.0).sum(axis=axis)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+CHANNELS = (
+    "velocity", "wheels", "slip_f", "slip_r", "torque_f", "torque_r", "pitch", "accel", "pitch_rate"
+)  # fmt: skip
+PHASES = ("all", "rest", "accelerate", "steady", "brake")
+"""Channels and phases of a comparison in the order of a report; "wheels" are all four."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far simulation and measurement are apart in one channel and phase, over trials.
+
+    Attributes:
+        channel, unit, phase: as in `Misfit`.
+        rms, bias, peak: root mean square, mean and largest absolute difference over the trials.
+        normalised: root mean square over the noise (1 is the noise floor); NaN if unknown.
+        size: largest simulated magnitude of the channel, rare spikes left out, same unit.
+        trials: how many trials have this channel.
+    """
+
+    channel: str
+    unit: str
+    phase: str
+    rms: float
+    bias: float
+    peak: float
+    normalised: float
+    size: float
+    trials: int
+
+
+def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
+    """Pool the misfits of several trials, weighted by samples; (channel, phase) to gap.
+
+    The speeds of the four wheels are one channel, "wheels".
+    """
+    pooled: dict[tuple[str, str], list[Misfit]] = {}
+    sizes: dict[str, float] = {}
+    for c in comparisons:
+        largest = {}
+        for name in {m.channel for m in c.misfits} & c.simulated.keys():
+            values = np.abs(c.simulated[name])
+            values = values[np.isfinite(values)]
+            largest[name] = float(np.percentile(values, 99.5)) if values.size else 0.0
+        for m in c.misfits:
+            channel = "wheels" if m.channel.startswith("wheel_") else m.channel
+            sizes[channel] = max(sizes.get(channel, 0.0), largest.get(m.channel, 0.0))
+            if m.samples and math.isfinite(m.rms):
+                pooled.setdefault((channel, m.phase), []).append(m)
+    order = [*CHANNELS, *sorted(sizes.keys() - set(CHANNELS))]
+    keys = [(c, p) for c in order for p in PHASES if (c, p) in pooled]
+    return {key: _pool(*key, sizes[key[0]], pooled[key]) for key in keys}
+
+
+def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> Gap:
+    def mean(values: list[float], of: list[Misfit]) -> float:
+        return float(np.average(values, weights=[m.samples for m in of]))
+
+    known = [m for m in misfits if math.isfinite(m.normalised)]
+    rms = math.sqrt(mean([m.rms**2 for m in misfits], misfits))
+    normalised = math.sqrt(mean([m.normalised**2 for m in known], known)) if known else math.nan
+    bias, peak = mean([m.bias for m in misfits], misfits), max(m.peak for m in misfits)
+    return Gap(channel, misfits[0].unit, phase, rms, bias, peak, normalised, size, len(misfits))
 
 
 def load_report(path: Path) -> dict[str, Any]:
