@@ -5,7 +5,7 @@ from .api.model import list_effects, params, show_effect, simulate, wheel
 from .api.trials import compare, discover, fit_a_theta, fit_k92, plan_next, record, report, study
 from .errors import EstimateError, InputError, LabError, UsageError
 from .estimate import Estimate
-from .reporting.two_studies import compare_studies
+from .two_studies import compare_studies
 
 __version__: str
 

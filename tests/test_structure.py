@@ -30,6 +30,7 @@ STAGES = [
     {"planning"},
     {"results"},
     {"reporting"},
+    {"two_studies"},
     {"running"},
     {"study"},
     {"verify"},

@@ -55,17 +55,16 @@ def reveal(call: Call[api.Revealed]) -> Output:
 
 
 def _show_answer(answer: Mapping[str, Any], shown: Console) -> None:
-    say = reporting.grid.say
+    say = reporting.table.say
     trials = "virtual trials" if answer.get("virtual", True) else "trials"
     if answer["effects"]:
         say(shown, f"Hidden in these {trials}", "bold")
         rows = []
         for effect in answer["effects"]:
             named = effect["id"] + ("" if effect["library"] else " (not in the library)")
-            values = [(name, f"{p['value']:.4g}", p["unit"]) for name, p in effect["parameters"].items()]
-            rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", "", "")])]
-        titles = ("effect", "parameter", "value", "unit")
-        shown.print(reporting.grid.grid(*titles, words=(0, 1, 3), rows=rows))
+            values = [(name, p["value"], p["unit"]) for name, p in effect["parameters"].items()]
+            rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
+        reporting.table.show_rows("hidden", rows, shown)
         for effect in answer["effects"]:
             told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
             say(shown, f"{effect['id']}: {told}.")
@@ -86,17 +85,13 @@ def _show_answer(answer: Mapping[str, Any], shown: Console) -> None:
 
 
 def _show_score(judged: Score, shown: Console) -> None:
-    say = reporting.grid.say
+    say = reporting.table.say
     mark = "right" if judged.right else "wrong"
     named = ", ".join(judged.named) or judged.verdict
     say(shown, f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
     if judged.parameters:
-        rows = []
-        for p in judged.parameters:
-            std, z = "" if p.std is None else f"{p.std:.2g}", "" if p.z is None else f"{p.z:+.1f}"
-            rows.append((p.effect, f"{p.name} [{p.unit}]", f"{p.true:.4g}", f"{p.value:.4g}", std, z, p.kind))
-        titles = ("effect", "parameter", "hidden", "found", "std", "z", "meaning")
-        shown.print(reporting.grid.grid(*titles, words=(0, 1, 6), rows=rows))
+        cells = {"parameter": lambda p: f"{p.name} [{p.unit}]"}
+        reporting.table.show_rows("scored", judged.parameters, shown, cells)
     for part, share in judged.gap_closed.items():
         if share is not None:
             say(shown, f"gap closed, {part.replace('_', ' ')} trials: {100 * share:.1f} %")

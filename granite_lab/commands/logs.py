@@ -27,16 +27,16 @@ def check(call: Call[checks.Checked]) -> Output:
     found = call()
 
     def text(shown: Console) -> None:
-        grid = reporting.grid
-        marks = {True: grid.clean("good", "green"), False: grid.clean("BAD", "bold red")}
-        rows = (
-            (marks[c.good], c.name, c.found if c.good else f"{c.found}. {c.advice}.") for c in found.checks
-        )
-        shown.print(grid.grid("", "check", "found", words=(0, 1, 2), rows=rows))
+        table = reporting.table
+        cells = {
+            "mark": lambda c: table.words(*(("good", "good") if c.good else ("BAD", "bad"))),
+            "found": lambda c: c.found if c.good else f"{c.found}. {c.advice}.",
+        }
+        table.show_rows("checks", found.checks, shown, cells)
         if found.virtual:
-            grid.say(shown, "virtual data: written by a simulator.", "yellow")
+            table.say(shown, "virtual data: written by a simulator.", "yellow")
         if found.good:
-            grid.say(shown, "The run is good.", "bold green")
+            table.say(shown, "The run is good.", "bold green")
 
     document = {"log": found.log, "virtual": found.virtual, "good": found.good, "checks": found.checks}
     return Output("check/1", document, text, found.error)

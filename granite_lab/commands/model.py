@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -47,11 +46,11 @@ def simulate(
 
 
 def _show_run(run: Run, path: Path, log: Path | None, shown: Console) -> None:
-    say = reporting.grid.say
+    say = reporting.table.say
     steady = (run.t >= run.steady[0]) & (run.t <= run.steady[1])
     say(shown, f"Simulated run, {run.variant.velocity:g} m/s", "bold")
     rows = [
-        (label, *(f"{factor * run[name.format(axle)][steady].mean():.2f}" for axle in "fr"), unit)
+        (label, *(factor * run[name.format(axle)][steady].mean() for axle in "fr"), unit)
         for label, name, factor, unit in (
             ("slip ratio", "slip_{}", 100, "%"),
             ("sinkage", "sinkage_{}_m", 1000, "mm"),
@@ -59,7 +58,7 @@ def _show_run(run: Run, path: Path, log: Path | None, shown: Console) -> None:
             ("motor current", "current_{}_A", 1, "A"),
         )
     ]
-    shown.print(reporting.grid.grid("quantity", "front", "rear", "unit", words=(0, 3), rows=rows))
+    reporting.table.show_rows("run", rows, shown)
     law = f"k_92 = {run.k92_value:g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:g} s/m"
     show(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
     for name, values_of in run.effects.items():
@@ -102,21 +101,12 @@ def wheel(
 
 
 def _show_wheel(run: api.WheelRun, shown: Console) -> None:
-    say = reporting.grid.say
+    say = reporting.table.say
     say(shown, f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}")
     for e in run.effects:
         say(shown, f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
-    titles = ("slip", "drawbar pull", "torque", "sinkage", "load", "k_92", "front", "rear", "σ max")
-    units = [("", "N", "N m", "mm", "N", "", "°", "°", "kPa")]
-    rows = [
-        (
-            f"{p.slip:g}", f"{p.drawbar_pull:.2f}", f"{p.torque:.3f}", f"{1000 * p.sinkage:.2f}",
-            f"{p.load:.1f}", f"{p.k92:.3f}", f"{math.degrees(p.angle_front):.1f}",
-            f"{math.degrees(p.angle_rear):.1f}", f"{p.normal_stress.max() / 1000:.1f}",
-        )
-        for p in run.points
-    ]  # fmt: skip
-    shown.print(reporting.grid.grid(*titles, rows=units + rows))
+    stress = {"stress": lambda p: f"{p.normal_stress.max() / 1000:.1f}"}
+    reporting.table.show_rows("wheel", run.points, shown, stress)
 
 
 @command(api.params)
@@ -217,11 +207,10 @@ def check_effect(call: Call[dict[str, tuple[Effect, list[Check]]]]) -> Output:
     from granite_lab.effects.contract import refuse_failed
 
     def text(shown: Console) -> None:
-        marks = {True: "ok", False: "FAILED", None: "-"}
+        mark = {"mark": lambda check: {True: "ok", False: "FAILED", None: "-"}[check.passed]}
         for name, (effect, checks) in found.items():
-            reporting.grid.say(shown, f"{name}: {effect.title}", "bold")
-            rows = ((marks[c.passed], c.name, c.detail) for c in checks)
-            shown.print(reporting.grid.grid("", "check", "found", words=(0, 1, 2), rows=rows))
+            reporting.table.say(shown, f"{name}: {effect.title}", "bold")
+            reporting.table.show_rows("checks", checks, shown, mark | {"found": lambda check: check.detail})
 
     checks, error = {name: own for name, (_, own) in found.items()}, None
     try:

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from granite_lab import reporting
+from granite_lab import reporting, two_studies
 from granite_lab.api import trials as api
 from granite_lab.api.records import Origin, Records, Studied
 from granite_lab.commands.command import Call, Output, command, show, warn, warn_of
 from granite_lab.commands.options import Flag, Table
 from granite_lab.errors import LabError
 from granite_lab.files import write_table, write_text
-from granite_lab.reporting import two_studies
 from granite_lab.running import Execution
 from granite_lab.running.output import trouble
 from granite_lab.shown import picked
@@ -75,7 +74,7 @@ def fit_atheta(call: Call[tuple[AThetaFit, Origin]], out: Table = None) -> Outpu
     def text(shown: Console) -> None:
         reporting.terminal.show_a_theta(fit, shown)
         what = "Rows of Table 3" if origin.source is None else "Virtual trials" if fit.virtual else "Trials"
-        reporting.grid.say(shown, f"{what}: {', '.join(point[0] for point in fit.points)}.")
+        reporting.table.say(shown, f"{what}: {', '.join(point[0] for point in fit.points)}.")
 
     document = (reporting.json_report.a_theta_as_json(fit) or {}) | _origin(origin)
     return Output("fit-atheta/2", document | {"agrees": reporting.answers.a_theta_of(fit)[1]}, text)
@@ -183,13 +182,13 @@ def compare_studies(
 ) -> Output:
     """For example of sand A and B, or before and after a change."""
     found = call()
-    page = reporting.write_compared(found, out) if out is not None else None
+    page = two_studies.write_compared(found, out) if out is not None else None
 
     def text(shown: Console) -> None:
-        say = reporting.grid.say
+        say = reporting.table.say
         say(shown, f"A: {found.names[0]}; B: {found.names[1]}")
         columns = ("quantity", "unit", "B − A, 95 %", "detectable", "verdict")
-        reporting.grid.show_table(two_studies.compared_table(found), shown, only=columns)
+        reporting.table.show_table(two_studies.compared_table(found), shown, only=columns)
         say(shown, "B − A: 95 % interval. Detectable: difference that is found with a probability of 80 %.")
         for note in found.notes:
             say(shown, note)
@@ -216,7 +215,7 @@ def discover(call: Call[Studied]) -> Output:
     assert finding is not None
 
     def text(shown: Console) -> None:
-        reporting.terminal.show_finding(finding, shown, str(out), written.model)
+        reporting.terminal.show_study(found.result, shown, str(out), written.model)
         for what, path in (("report", written.page), ("model with what was found", written.model)):
             if path is not None:
                 show(f"{what}: {path}")
@@ -256,7 +255,7 @@ MEASURE = ("expected log Bayes factor", "relative standard deviation")
 
 def show_plan(plan: Plan, most: int, shown: Console) -> None:
     """Print a plan so that it fits 80 columns."""
-    say = reporting.grid.say
+    say = reporting.table.say
     sharpens = plan.question.kind == "sharpen"
 
     def size(value: float) -> str:
@@ -280,9 +279,8 @@ def show_plan(plan: Plan, most: int, shown: Console) -> None:
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
         say(shown, f"No trial is recommended: {why}.", "bold")
-    titles = ("", "next trial", "std" if sharpens else "log Bayes\nfactor", "because")
     rows = (cells(k, p) for k, p in enumerate(plan.proposals[:most], 1))
-    shown.print(reporting.grid.grid(*titles, words=(1, 3), rows=rows))
+    reporting.table.show_rows("plan", rows, shown, change="std" if sharpens else "log Bayes factor")
     if plan.worth:
         best = plan.proposals[0].option
         say(shown, f"First choice: {best.how}.")

@@ -1,32 +1,36 @@
 from . import (
     answers,
     canvas,
-    grid,
     json_report,
+    names,
     plot_log,
     plot_model,
     recording,
+    report,
     rounding,
+    summary,
+    table,
     tables,
     terminal,
-    two_studies,
 )
-from .write import write_compared, write_comparison, write_finding, write_report
+from .write import write_comparison, write_finding, write_parts, write_report
 
 __all__ = [
     "answers",
     "canvas",
-    "grid",
     "json_report",
+    "names",
     "plot_log",
     "plot_model",
     "recording",
+    "report",
     "rounding",
+    "summary",
+    "table",
     "tables",
     "terminal",
-    "two_studies",
-    "write_compared",
     "write_comparison",
     "write_finding",
+    "write_parts",
     "write_report",
 ]

@@ -1,4 +1,4 @@
-"""Slip and k_92 over speed, and k_92 over slip, beside the paper; and the results of two studies."""
+"""Slip and k_92 over speed, and k_92 over slip, beside the paper."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from granite_lab.reporting.answers import Answers, plural
 from granite_lab.reporting.canvas import Figure, drawing
 from granite_lab.reporting.rounding import significant
 from granite_lab.reporting.summary import Speed
-from granite_lab.reporting.two_studies import ALIKE, DIFFERS, Compared, Row
 
 VELOCITY, SLIP, RATIO = "desired velocity [m/s]", "robot slip ratio [%]", "contact-angle ratio k₉₂ [–]"
 APART, WIDE = 0.008, 0.05
@@ -200,27 +199,3 @@ def _dress(trials: int) -> dict[str, Any]:
 def _bar(half: float) -> float:
     """Return the half length of a bar, zero where it is not known."""
     return half if math.isfinite(half) and half > 0 else 0.0
-
-
-def compared_figure(found: Compared) -> Figure | None:
-    """Draw the differences over half of their intervals; None without any."""
-    rows = [r for r in found.rows if r.verdict in (DIFFERS, ALIKE)]
-    if not rows:
-        return None
-    differ = [r.quantity for r in rows if r.verdict == DIFFERS]
-    title = f"{len(differ)} of {len(rows)} quantities differ" if differ else "No difference is seen"
-    a, b = found.names
-    return drawing("differences", title, found.virtual, _differences, rows, a=a, b=b)
-
-
-def _differences(rows: Sequence[Row]) -> Canvas:
-    figure, (axis,) = canvas.named_rows([r.quantity for r in rows], left=2.1)
-    for k, row in enumerate(rows):
-        d = row.difference
-        half = (d.high - d.low) / 2 or 1.0
-        color = canvas.SIMULATED if row.verdict == DIFFERS else canvas.MEASURED
-        bars = [[(d.value - d.low) / half], [(d.high - d.value) / half]]
-        axis.errorbar(d.value / half, k, xerr=bars, color=color, marker="o", markersize=3.5, capsize=2)
-    axis.axvline(0, color=canvas.INK, linewidth=0.8)
-    axis.set_xlabel("(B − A) over half its 95 % interval [–]")
-    return figure

@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from granite_lab.reporting.canvas import typeset
-from granite_lab.reporting.tables import Table
+from granite_lab.reporting.table import Table
 from granite_lab.reporting.words import WORDS
 from granite_lab.shown import jsonable
 

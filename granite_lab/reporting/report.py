@@ -13,14 +13,14 @@ from pathlib import Path
 from granite_lab.discovery.finding import Finding
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
-from granite_lab.reporting import plot_motion, plot_results, plot_search, search_tables, tables
+from granite_lab.reporting import plot_motion, plot_results, plot_search, tables
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, shared
 from granite_lab.reporting.rounding import percent
-from granite_lab.reporting.tables import Table
+from granite_lab.reporting.table import Cells, Table, tabulate
 from granite_lab.reporting.words import said
-from granite_lab.results import Source, StudyResult, gaps
+from granite_lab.results import Source, StudyResult, gaps, shown_path
 
 OPEN_SPEEDS = 4
 """So many time histories stand open; of more speeds the slowest and fastest do."""
@@ -174,14 +174,14 @@ def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     yield tables.channel_table(decided.channels, virtual)
     yield _fold(
         "Differences by phase",
-        _gallery(*rest), tables.misfit_table(found, virtual) if found else None,
+        _gallery(*rest), tables.misfit_table(found, virtual),
     )  # fmt: skip
 
 
 def _missing(finding: Finding) -> Iterator[Maybe]:
     yield said("page", "missing", tolerance=percent(finding.tolerance))
     yield _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
-    yield search_tables.effects_table(finding, finding.effects) if finding.effects else None
+    yield tables.effects_table(finding, finding.effects)
     formulas = law_formulas(finding)
     yield said("page", "law") if formulas else None
     yield list(formulas)
@@ -195,17 +195,17 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     yield _fold(
         "When the model disagrees, sensor by sensor",
         _gallery(plot_search.intervals_figure(finding), *plot_search.history_figures(finding)),
-        search_tables.gaps_table(finding),
+        tables.gaps_table(finding),
     )
-    yield _fold("Prediction of trials and speeds left out of the fit", search_tables.left_out_table(finding))
+    yield _fold("Prediction of trials and speeds left out of the fit", tables.left_out_table(finding))
     yield _fold(
         "Candidates, and what these trials could have shown of them",
-        search_tables.candidates_table(finding) if finding.candidates else None,
-        search_tables.effects_table(finding, finding.small, small=True) if finding.small else None,
-        search_tables.detectable_table(finding) if finding.detectable else None,
-        search_tables.confusion_table(finding),
+        tables.candidates_table(finding),
+        tables.effects_table(finding, finding.small, small=True),
+        tables.detectable_table(finding),
+        tables.confusion_table(finding),
     )
-    yield _fold("Sand and sensors, as fitted", search_tables.fitted_table(finding))
+    yield _fold("Sand and sensors, as fitted", tables.fitted_table(finding))
 
 
 def _failures(result: StudyResult) -> list[str]:
@@ -240,13 +240,14 @@ def _provenance(source: Source, steps: Sequence[str]) -> Section:
     command = source.command
     if len(command) > LONGEST:
         command = f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
+    read: Cells = {"shown": shown_path}  # of an absolute path only the name
     blocks = (
         "Further steps:" if steps else None,
         list(steps),
         f"Made by {made_by(source)}. This command repeats it:",
         Code(command),
-        _fold("Parameters in force", tables.parameter_table(source) if source.parameters else None),
-        _fold("Files that were read", tables.input_table(source) if source.inputs else None),
+        _fold("Parameters in force", tabulate("parameters", source.parameters)),
+        _fold("Files that were read", tabulate("inputs", source.inputs, read)),
     )
     return Section("provenance", "How to repeat this", _kept(blocks))
 

@@ -1,207 +1,43 @@
-"""One type of table, written in every format, and the tables of a study by speed, quantity and trial."""
+"""The tables of a study, by speed, quantity and trial, and of a search: effects, sensors, candidates."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from collections.abc import Sequence
 
+import numpy as np
+
+from granite_lab.discovery.finding import Candidate, Detectable, Finding, FoundEffect, FoundParameter
+from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate, Part, mean_over
-from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.budget import LEFT_OUT, Budget, of_a_theta, of_mean
 from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit, Law
+from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.reporting.answers import Answers
+from granite_lab.reporting.names import (
+    amount,
+    channels_of,
+    declared,
+    meaning,
+    plain,
+    scale_of,
+    shown_candidates,
+)
 from granite_lab.reporting.rounding import (
     NONE,
+    interval,
     percent,
+    percent_of,
     places,
     plus_minus,
     shown_as,
     significant,
     tidy_unit,
-    with_unit,
 )
 from granite_lab.reporting.summary import ChannelAnswer, Speed
-from granite_lab.reporting.words import WORDS, quantity
-from granite_lab.results import Gap, Source, StudyResult, TrialResult, shown_path
-
-Raw = float | int | bool | str | None
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column: what stands above it, and the names of the plain columns it becomes in a CSV.
-
-    Attributes:
-        name: above the column, without a unit.
-        unit: of the printed cells; empty where the cells state theirs or have none.
-        keys: names in the CSV, with the unit behind them; one per raw value of a cell.
-        number: set flush right.
-    """
-
-    name: str
-    unit: str
-    keys: tuple[str, ...]
-    number: bool = True
-
-    @property
-    def title(self) -> str:
-        """What stands above the column: the name with the unit in brackets."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
-
-
-@dataclass(frozen=True)
-class Cell:
-    """What is printed, and the plain values behind it.
-
-    Attributes:
-        text: as printed.
-        raw: as in the CSV, one per key of the column.
-        tone: "", "good", "fair" or "bad"; the text says the same.
-    """
-
-    text: str
-    raw: tuple[Raw, ...]
-    tone: str = ""
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of the report.
-
-    Attributes:
-        name: stem of its CSV.
-        title: what it lists.
-        caption: what to see in it.
-        columns, rows: its content; the first cell of a row names the row.
-        virtual: its data were written by a simulator; `heading` and a column of the CSV then say so.
-    """
-
-    name: str
-    title: str
-    caption: str
-    columns: tuple[Column, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    virtual: bool = False
-
-    @property
-    def heading(self) -> str:
-        """The title, with "(virtual data)" behind it where that is so."""
-        return f"{self.title} (virtual data)" if self.virtual else self.title
-
-    def to_csv(self) -> str:
-        """Return the plain values as CSV, a column "data" last where they are virtual.
-
-        A text that a spreadsheet would run gets a leading quote.
-        """
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        data = ["virtual"] if self.virtual else []
-        writer.writerow([key for column in self.columns for key in column.keys] + ["data"] * len(data))
-        for row in self.rows:
-            writer.writerow([_plain(value) for cell in row for value in cell.raw] + data)
-        return out.getvalue()
-
-
-Cells = Mapping[str, Callable[[Any], "Cell | str | int"]]
-"""What makes the cells of a column, its text, or its whole number, of an item."""
-
-
-def tabulate(
-    name: str,
-    items: Iterable[Any],
-    cells: Cells | None = None,
-    *,
-    virtual: bool = False,
-    skip: Sequence[str] = (),
-    **parts: object,
-) -> Table:
-    """Return a table with a row for each item; title, caption and columns stand in ``words.toml``.
-
-    Args:
-        name: of the table; there it ends before "_of_".
-        items: what the rows are about.
-        cells: functions that make cells, by the names that columns give them.
-        virtual: as in `Table`.
-        skip: functions, or attributes, whose columns are left out.
-        **parts: what fills the braces of words.
-    """
-    known, own = WORDS["tables"][name.partition("_of_")[0]], cells or {}
-    columns, made = [], []
-    for heading, keys, how in WORDS["tables"][known.get("as", name.partition("_of_")[0])]["columns"]:
-        if how in skip:
-            continue
-        full = heading.format(**parts)
-        match = re.fullmatch(r"(.*) \[(.*)\]", full)
-        label, unit = match.groups() if match else (full, "")
-        plain = re.sub(r"\W+", "_", full.lower()).strip("_")
-        columns.append(Column(label, unit, tuple(keys.split()) or (plain,), bool(keys)))
-        made.append(own.get(how) or partial(_by_attribute, how))
-    rows = tuple(tuple(_cell(make(item)) for make in made) for item in items)
-    title, caption = (str(known[part].format(**parts)) for part in ("title", "caption"))
-    return Table(name.replace("_of_", "_"), title, caption, tuple(columns), rows, virtual)
-
-
-def _cell(made: Cell | str | int) -> Cell:
-    return made if isinstance(made, Cell) else Cell(str(made), (made,))
-
-
-def _by_attribute(how: str, item: Any) -> Cell:
-    """Return the cell "attribute:format" of an item; a number as attribute is a place."""
-    path, _, form = how.partition(":")
-    value = item
-    for part in path.split("."):
-        value = value[int(part)] if part.isdigit() else getattr(value, part)
-    form, _, factor = form.partition("*")
-    scale = float(factor or 1)
-    if isinstance(value, Cell):
-        return value
-    if form == "±":
-        return estimate(value, scale)
-    if form == "%":
-        return share(value)
-    if form.isdigit():
-        return number(value, int(form), scale=scale)
-    known = value not in (None, "") and not (isinstance(value, float) and math.isnan(value))
-    return Cell(format(value, form) if known else NONE, (value,))
-
-
-def words(text: str, tone: str = "") -> Cell:
-    """Return a cell that holds a text."""
-    return Cell(text, (text,), tone)
-
-
-def number(value: float, digits: int = 3, unit: str = "", scale: float = 1.0) -> Cell:
-    """Return a cell that holds a number without uncertainty; the raw value stays in the record's unit."""
-    text = with_unit(significant(value * scale, digits), unit) if math.isfinite(value) else NONE
-    return Cell(text, (value,))
-
-
-def share(value: float) -> Cell:
-    """Return a cell with a share in percent."""
-    return Cell(percent(value), (value,))
-
-
-def estimate(value: Estimate, scale: float = 1.0) -> Cell:
-    """Return a cell with value ± std; the raw values stay in the record's unit."""
-    return Cell(plus_minus(value, scale=scale), (value.value, value.std))
-
-
-def _plain(value: Raw) -> str:
-    if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return ""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return f"{value:.9g}"
-    flat = re.sub(r"[\r\n\t\v\f\x00]+", " ", str(value))
-    return f"'{flat}" if isinstance(value, str) and flat.lstrip().startswith(("=", "+", "-", "@")) else flat
-
+from granite_lab.reporting.table import Cell, Cells, Table, number, share, tabulate, words
+from granite_lab.reporting.words import WORDS, quantity, sensor
+from granite_lab.results import Gap, StudyResult, TrialResult
 
 AGREES = {True: ("yes", "good"), False: ("no", "fair"), None: (NONE, "")}
 
@@ -243,8 +79,8 @@ def misfit_table(found: dict[tuple[str, str], Gap], virtual: bool) -> Table:
         return number(value, 2, scale=shown_as(gap.unit)[1])
 
     cells: Cells = {
-        "name": lambda g: quantity(g.channel),
-        "unit": lambda g: tidy_unit(shown_as(g.unit)[0]),
+        "quantity": quantity,
+        "shown": lambda unit: tidy_unit(shown_as(unit)[0]),
         "rms": lambda g: size(g.rms, g),
         "bias": lambda g: size(g.bias, g),
         "peak": lambda g: size(g.peak, g),
@@ -293,9 +129,8 @@ def trial_table(result: StudyResult) -> Table:
     cells: Cells = {
         "data": lambda r: "virtual" if r.trial.info.virtual else "measured",
         "speed": speed,
-        "steady": lambda r: steady(r.comparison.fit),
-        "trajectory": lambda r: trajectory(r.comparison.fit),
-        "estimate": lambda r: good(r.comparison.motion.health.good),
+        "steady": steady,
+        "trajectory": trajectory,
         "warnings": lambda r: len(set(r.trial.warnings) | set(r.comparison.motion.warnings)),
     }
     skip = () if mixed else ("data",)
@@ -318,21 +153,10 @@ def trajectory(fit: K92Fit) -> Cell:
     return _fitted(fit.k92_trajectory, fit.status_trajectory)
 
 
-def good(is_good: bool) -> Cell:
-    """Return the verdict on an estimate."""
-    return words("good", "good") if is_good else words("doubtful", "bad")
-
-
 def k92_table(fits: Sequence[K92Fit]) -> Table:
     """Return k_92 of each trial, by the steady slip and by the whole trajectory."""
     cells: Cells = {"steady": steady, "trajectory": trajectory}
     return tabulate("k92", fits, cells, virtual=any(f.virtual for f in fits))
-
-
-def motion_table(motions: Sequence[Motion]) -> Table:
-    """Return what was estimated of each trial."""
-    cells: Cells = {"estimate": lambda m: good(m.health.good)}
-    return tabulate("motions", motions, cells, virtual=any(m.virtual for m in motions))
 
 
 COMBINED = "combined standard uncertainty"
@@ -391,11 +215,168 @@ def _budget_table(what: str, of: Sequence[Budget], virtual: bool) -> Table:
     )  # fmt: skip
 
 
-def parameter_table(source: Source) -> Table:
-    """Return every parameter in force and its origin."""
-    return tabulate("parameters", source.parameters, {"unit": lambda p: tidy_unit(p[2])})
+SURE = 0.95
+"""Share of sets from which on a candidate is told from all others."""
 
 
-def input_table(source: Source) -> Table:
-    """Return the files that were read; of an absolute path only the name."""
-    return tabulate("inputs", source.inputs, {"file": lambda i: shown_path(i.path)})
+def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bool = False) -> Table:
+    """List effects, each number with its interval; what holds for the whole effect stands in its first row.
+
+    Args:
+        finding: the record.
+        effects: of the finding, those that were named or the small ones.
+        small: they are the small ones.
+    """
+    Row = tuple[FoundEffect, FoundParameter, bool]
+
+    def what(r: Row) -> str:
+        return "term of an empirical law" if r[0].empirical else meaning(r[0].id, r[1].name) or NONE
+
+    def value(r: Row) -> Cell:
+        return Cell(amount(r[0], r[1]), (r[1].estimate.value, r[1].estimate.std, r[1].unit))
+
+    def ends(r: Row) -> Cell:
+        e, p = r[:2]
+        both = p.estimate.interval()
+        return Cell(interval(*both, *scale_of(e.id, p.name, p.unit, p.estimate.value)), both)
+
+    def once(r: Row, cell: Cell) -> Cell:
+        return cell if r[2] else Cell("", cell.raw)
+
+    cells: Cells = {
+        "effect": lambda r: once(r, words(plain(r[0].id))),
+        "number": lambda r: "amount" if r[0].empirical else r[1].name.replace("_", " "),
+        "meaning": what,
+        "value": value,
+        "interval": ends,
+        "twins": lambda r: ", ".join(plain(t) for t in r[0].twins) or "none",
+        "probability": lambda r: once(r, share(r[0].probability)),
+        "closes": lambda r: once(r, Cell(percent_of(r[0].closes), (r[0].closes.value, r[0].closes.std))),
+    }
+    no_number = FoundParameter(NONE, "", Estimate(math.nan))
+    rows = [(e, p, k == 0) for e in effects for k, p in enumerate(e.parameters or (no_number,))]
+    return tabulate(
+        "found_small" if small else "found_effects", rows, cells, virtual=finding.virtual,
+        skip=() if any(e.twins for e in effects) else ("twins",), formula=percent(FORMULA_ERROR[0]),
+    )  # fmt: skip
+
+
+def discrepancies(finding: Finding) -> dict[str, tuple[float, float]]:
+    """Return per channel the rms of its discrepancy in motion over its rms, without and with the effects."""
+
+    def part(channel: str, name: str) -> float:
+        own = [r for r in finding.residuals if r.channel == channel and r.size > 0]
+        # A discrepancy has a std in the bins of the motion.
+        values = np.concatenate([getattr(r, name)[r.std > 0] / r.size for r in own] or [np.zeros(0)])
+        return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
+
+    return {c: (part(c, "discrepancy_before"), part(c, "discrepancy_after")) for c in channels_of(finding)}
+
+
+def gaps_table(finding: Finding) -> Table:
+    """List per sensor the gap, in the fit and on trials left out, and the discrepancy."""
+    shares, unknown = discrepancies(finding), (math.nan, math.nan)
+    every = (finding.gap, *finding.gaps)
+    out = any(math.isfinite(v) for g in every for v in g.held_out)
+    cells: Cells = {
+        "sensor": lambda channel: "all channels" if channel == "all" else sensor(channel),
+        "without": lambda g: number(shares.get(g.channel, unknown)[0], 2, "%", 100),
+        "with": lambda g: number(shares.get(g.channel, unknown)[1], 2, "%", 100),
+    }
+    skip = () if out else ("held_out.0:3", "held_out.1:3")
+    return tabulate("found_gaps", every, cells, virtual=finding.virtual, skip=skip)
+
+
+def left_out_table(finding: Finding) -> Table:
+    """List how well each trial and each speed is predicted by a fit that did not see it."""
+    rows = [(x.name, x) for x in finding.trials_left_out]
+    rows += [(f"all at {x.name} m/s", x) for x in finding.speeds_left_out]
+    return tabulate("found_left_out", rows, virtual=finding.virtual)
+
+
+def candidates_table(finding: Finding) -> Table:
+    """List every candidate with its probability, the share of the gap it closes, and what became of it."""
+
+    def result(c: Candidate) -> str:
+        bounds = ", ".join(b.replace("_", " ") for b in c.bounds)
+        return str(WORDS["candidate"][c.status]) + (f" ({bounds})" if bounds else "")
+
+    cells: Cells = {
+        "plain": plain,
+        "meaning": lambda c: getattr(met(c.id), "title", NONE),
+        # a fit to the noise closes no more than all of the gap
+        "closes": lambda c: Cell(percent(min(c.closes, 1.0)), (c.closes,)),
+        "result": result,
+    }
+    return tabulate("found_candidates", shown_candidates(finding), cells, virtual=finding.virtual)
+
+
+def detectable_table(finding: Finding) -> Table:
+    """List the smallest size of every candidate that these trials show, and what limits it."""
+
+    def ends_of(d: Detectable) -> tuple[float, float] | None:
+        known = declared(d.effect, d.parameter)
+        return (known.prior_low, known.prior_high) if known else None
+
+    def scale(d: Detectable) -> tuple[str, float]:
+        return scale_of(d.effect, d.parameter, d.unit, max(map(abs, ends_of(d) or (d.size,))))
+
+    def expected(d: Detectable) -> Cell:
+        ends = ends_of(d)
+        text = " to ".join(f"{v * scale(d)[1]:.4g}".replace("-", "−") for v in ends) if ends else NONE
+        return Cell(text, ends or (None, None))
+
+    def size(d: Detectable) -> Cell:
+        seen = math.isfinite(d.size)
+        return number(d.size, 2, scale=scale(d)[1]) if seen else Cell("not visible", (None,))
+
+    def alike(d: Detectable) -> str:
+        first, more = ", ".join(plain(i) for i in d.confused_with[:3]), len(d.confused_with) - 3
+        return f"{first} and {more} more" if more > 0 else first or "none"
+
+    cells: Cells = {
+        "plain": plain,
+        "size": size,
+        "expected": expected,
+        "unit": lambda d: Cell(scale(d)[0] or "–", (d.unit or "–",)),
+        "limit": lambda d: d.limit if math.isfinite(d.size) else NONE,
+        "alike": alike,
+    }
+    return tabulate("found_detectable", finding.detectable, cells, virtual=finding.virtual)
+
+
+def confusion_table(finding: Finding) -> Table | None:
+    """List the candidates that would often be taken for another; None where nothing was checked."""
+    check = finding.confusion
+    if check is None:
+        return None
+    first = {i: float(check.matrix[k, k]) for k, i in enumerate(check.ids) if math.isfinite(check.missed[k])}
+    unsure = [i for i, often in first.items() if often < SURE]
+    others = {i: ", ".join(f"{plain(o)} ({percent(x)})" for o, x in check.taken_for(i)) for i in unsure}
+    cells: Cells = {
+        "plain": plain,
+        "first": lambda i: share(first[i]),
+        "missed": lambda i: share(float(check.missed[check.ids.index(i)])),
+        "others": lambda i: others[i] or "none",
+    }
+    return tabulate(
+        "found_confusion", unsure, cells, virtual=finding.virtual, factor=check.factor, draws=check.draws,
+        sure=percent(SURE),
+    )  # fmt: skip
+
+
+def fitted_table(finding: Finding) -> Table:
+    """List the sand common to all trials, and what differs from trial to trial.
+
+    a_θ has an answer of its own.
+    """
+    rows = []
+    for name, log in finding.sand.items():
+        if name != "a_theta":
+            ratio = Estimate(float(np.expm1(log.value)), float(np.exp(log.value) * log.std))
+            text = WORDS["sand"].get(name, name)
+            rows.append((text, "from the file", Cell(percent_of(ratio), (ratio.value,))))
+    for name, std in finding.scales.items():
+        text, unit, scale = WORDS["scales"].get(name, (name, "", 1.0))
+        rows.append((text, "from trial to trial, std", number(std, 2, unit, scale)))
+    return tabulate("found_fitted", rows, virtual=finding.virtual, soil=finding.soil.title)

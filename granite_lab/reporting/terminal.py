@@ -5,52 +5,85 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.text import Text
 
-from granite_lab.comparison.record import Comparison
-from granite_lab.discovery.finding import Finding
-from granite_lab.estimation.motion import Judgement, Motion
-from granite_lab.fitting.fit import AThetaFit, K92Fit
-from granite_lab.logs.inspection import FileReport, Inspection
-from granite_lab.model.effect import Effect
-from granite_lab.parameters import Variant
-from granite_lab.parameters.catalogue import Provenance
-from granite_lab.reporting import answers as decide
-from granite_lab.reporting import search_tables, tables
-from granite_lab.reporting.answers import Answer
-from granite_lab.reporting.grid import TONES, VIRTUAL, clean, grid, say, show_table
-from granite_lab.reporting.names import in_plain_words, latency_in_words, shared
-from granite_lab.reporting.rounding import NONE, significant, tidy_unit
-from granite_lab.reporting.summary import channels_of
-from granite_lab.results import Source, StudyResult, gaps
+from granite_lab import reporting, results
+from granite_lab.reporting.rounding import significant, tidy_unit
+from granite_lab.reporting.table import (
+    TONES,
+    VIRTUAL,
+    Cell,
+    Cells,
+    clean,
+    say,
+    show_rows,
+    show_table,
+    tabulate,
+    words,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rich.console import Console
+
+    from granite_lab.comparison.record import Comparison
+    from granite_lab.discovery.finding import Finding
+    from granite_lab.estimation.motion import Judgement, Motion
+    from granite_lab.fitting.fit import AThetaFit, K92Fit
+    from granite_lab.logs.guess import ColumnReport
+    from granite_lab.logs.inspection import FileReport, Inspection
+    from granite_lab.model.effect import Effect
+    from granite_lab.parameters import Variant
+    from granite_lab.parameters.catalogue import Provenance
+    from granite_lab.reporting.answers import Answer
+    from granite_lab.results import StudyResult
 
 
 def show_study(
     result: StudyResult, console: Console, folder: str = "", model: Path | str | None = None
 ) -> None:
-    """Print the answers of a study, as on the first screen of its report.
+    """Print the answers of a study, as on the first screen of its report; of a search alone its tables, too.
 
     Args:
-        result: the study.
+        result: the study; of a search alone one without trials.
         console: where to print.
         folder: of the report, as commands name it.
         model: path of the model file with what was found.
     """
-    decided = decide.of_study(result, model, folder)
+    decided = reporting.answers.of_study(result, model, folder)
     say(console, decided.lead)
     if decided.speeds:
         console.print()
-        show_table(tables.slip_table(decided), console)
+        show_table(reporting.tables.slip_table(decided), console)
     _answers(decided.questions, console)
+    if result.finding is not None and not result.trials:
+        _search(result.finding, console)
     for failure in result.failures:
         say(console, f"left out: {failure.trial}: {failure.message}", "red")
     doubts = sum(bool(r.trial.warnings or r.comparison.motion.warnings) for r in result.trials)
     if doubts:
         text = f"{doubts} of {len(result.trials)} trials have warnings; the report lists them."
         say(console, text, "yellow")
+
+
+def _search(finding: Finding, console: Console) -> None:
+    if finding.virtual and not finding.effects:
+        say(console, f"{VIRTUAL}.", "yellow")
+    for title, effects in (("missing", finding.effects), ("small", finding.small)):
+        if effects:
+            console.print()
+            say(console, f"{title} effect{'s' if len(effects) > 1 else ''}", "bold")
+            table = reporting.tables.effects_table(finding, effects, small=title == "small")
+            show_table(table, console, only=("effect", "number", "value ± std", "probability"))
+    if latency := reporting.names.latency_in_words(finding.latency):
+        say(console, f"{latency}.")
+    for trial, reason in finding.dropped:
+        say(console, f"left out: {trial}: {reason}", "red")
+    for note in finding.notes:
+        say(console, f"note: {reporting.names.in_plain_words(note, finding)}", "yellow")
 
 
 def _answers(questions: Sequence[Answer], console: Console) -> None:
@@ -63,7 +96,8 @@ def _answers(questions: Sequence[Answer], console: Console) -> None:
 
 def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]], console: Console) -> None:
     """Print what was estimated of each trial, where its table stands, and how it meets a reference."""
-    show_table(tables.motion_table([motion for motion, _, _ in rows]), console)
+    motions = [motion for motion, _, _ in rows]
+    show_table(tabulate("motions", motions, virtual=any(m.virtual for m in motions)), console)
     for motion, path, judged in rows:
         if not motion.health.good:
             say(console, f"{motion.trial}: {motion.health.verdict}", "yellow")
@@ -91,8 +125,8 @@ def _against_reference(judged: Judgement) -> str:
 
 def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = False) -> None:
     """Print k_92 of each trial by steady slip and by trajectory, and the notes of the fits if asked to."""
-    show_table(tables.k92_table(fits), console)
-    said = shared([(fit.trial, fit.notes) for fit in fits])
+    show_table(reporting.tables.k92_table(fits), console)
+    said = reporting.names.shared([(fit.trial, fit.notes) for fit in fits])
     for note in said if notes else ():
         say(console, note, "yellow")
     if said and not notes:
@@ -101,9 +135,9 @@ def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = Fal
 
 def show_a_theta(fit: AThetaFit, console: Console) -> None:
     """Print a_θ beside the paper's and the laws that compete with it."""
-    _answers([decide.law_answer(fit)], console)
+    _answers([reporting.answers.law_answer(fit)], console)
     if fit.laws:
-        table = tables.law_table(fit, False)
+        table = reporting.tables.law_table(fit, False)
         show_table(table, console)
         say(console, table.caption)
     for note in fit.notes:
@@ -112,33 +146,13 @@ def show_a_theta(fit: AThetaFit, console: Console) -> None:
 
 def show_misfits(comparisons: Sequence[Comparison], console: Console) -> None:
     """Print the difference of simulation and measurement by quantity, over all trials."""
-    judged = channels_of(gaps(comparisons))
-    table = tables.channel_table(judged, any(c.motion.virtual for c in comparisons))
+    judged, virtual = (
+        reporting.summary.channels_of(results.gaps(comparisons)),
+        any(c.motion.virtual for c in comparisons),
+    )
+    table = reporting.tables.channel_table(judged, virtual)
     columns = ("quantity", "verdict", "difference, rms", "noise", "largest value")
     show_table(table, console, only=columns)
-
-
-def show_finding(
-    finding: Finding, console: Console, folder: str = "", model: Path | str | None = None
-) -> None:
-    """Print the answers of a search and its tables; arguments as in `show_study`."""
-    alone = StudyResult("FOLDER", (), (), None, Source("", "", (), ()), finding)
-    decided = decide.of_study(alone, model, folder)
-    if finding.virtual and not finding.effects:
-        say(console, f"{VIRTUAL}.", "yellow")
-    _answers(decided.questions, console)
-    for title, effects in (("missing", finding.effects), ("small", finding.small)):
-        if effects:
-            console.print()
-            say(console, f"{title} effect{'s' if len(effects) > 1 else ''}", "bold")
-            table = search_tables.effects_table(finding, effects, small=title == "small")
-            show_table(table, console, only=("effect", "number", "value ± std", "probability"))
-    if latency := latency_in_words(finding.latency):
-        say(console, f"{latency}.")
-    for trial, reason in finding.dropped:
-        say(console, f"left out: {trial}: {reason}", "red")
-    for note in finding.notes:
-        say(console, f"note: {in_plain_words(note, finding)}", "yellow")
 
 
 def show_inspection(inspection: Inspection, console: Console) -> None:
@@ -167,24 +181,19 @@ def _file(report: FileReport, console: Console) -> None:
             f"{d.header_line}, first row in line {d.data_line}"
         )
         say(console, text, "dim")
-    columns = []
-    for c in report.columns:
-        tone = "good" if c.confidence >= 0.9 else "fair" if c.confidence >= 0.6 else "bad"
-        ends = ("" if math.isnan(end) else significant(end) for end in (c.low, c.high))
-        used = (", ".join(c.to), tidy_unit(c.unit), Text(f"{100 * c.confidence:.0f}", TONES[tone]))
-        unused = (clean(c.why or "not used", "dim"), "", "")
-        columns.append((c.name or f"(column {c.place + 1})", *(used if c.to else unused), *ends))
-    titles: tuple[str, ...] = ("column", "becomes", "unit", "sure [%]", "from", "to")
-    console.print(grid(*titles, words=(0, 1, 2), rows=columns))
+    show_rows(
+        "log_columns", report.columns, console,
+        {
+            "column": lambda c: c.name or f"(column {c.place + 1})",
+            "becomes": lambda c: ", ".join(c.to) or words(c.why or "not used", "faint"),
+            "unit": lambda c: tidy_unit(c.unit) if c.to else "",
+            "sure": _sure,
+        },
+    )  # fmt: skip
     if report.streams:
-        clocks = []
-        for s in report.streams:
-            missing = f"{s.gaps} (≤ {significant(s.longest_gap, 2)} s)" if s.gaps else "0"
-            span = (f"{s.start:.2f}", f"{s.end:.2f}", significant(s.rate), significant(1e3 * s.jitter, 2))
-            clocks.append((s.what, str(s.samples), *span, missing))
-        titles = ("clock", "samples", "from [s]", "to [s]", "rate [Hz]", "jitter [ms]", "gaps")
+        gaps = {"gaps": lambda s: f"{s.gaps} (≤ {significant(s.longest_gap, 2)} s)" if s.gaps else "0"}
         console.print()
-        console.print(grid(*titles, words=(0,), rows=clocks))
+        show_rows("clocks", report.streams, console, gaps)
     rests = ", ".join(f"{start:.2f}–{end:.2f} s" for start, end in report.rests)
     say(console, f"standstills: {rests or 'none found'}")
     if report.motion is not None:
@@ -199,34 +208,40 @@ def _file(report: FileReport, console: Console) -> None:
         say(console, f"doubt: {doubt}", "yellow")
 
 
+def _sure(column: ColumnReport) -> Cell:
+    """Return how sure it is what a column is [%]; empty where it is not used."""
+    tone = "good" if column.confidence >= 0.9 else "fair" if column.confidence >= 0.6 else "bad"
+    return words(f"{100 * column.confidence:.0f}" if column.to else "", tone)
+
+
 def show_parameters(known: Sequence[Provenance], variants: Sequence[Variant], console: Console) -> None:
     """Print every parameter in force with symbol, unit, allowed range and origin."""
     for group in dict.fromkeys(row.group for row in known):
         members = [row for row in known if row.group == group]
         common = Counter(row.origin for row in members).most_common(1)[0][0]
         console.print(Text.assemble((group, "bold"), (f"  from {common}", "dim")))
-        rows = []
-        for row in members:
-            value = f"{row.value:g}" if isinstance(row.value, (int, float)) else str(row.value)
-            other = clean(row.origin if row.origin != common else "", "dim")
-            rows.append((row.key, row.symbol, value, row.unit, f"{row.low:g} … {row.high:g}", other))
-        titles = ("key", "symbol", "value", "unit", "allowed", "")
-        console.print(grid(*titles, words=(0, 1, 3, 4, 5), rows=rows))
+        value = {"value": lambda p: f"{p.value:g}" if isinstance(p.value, (int, float)) else str(p.value)}
+        others = [p for p in members if p.origin != common]
+        show_rows("in_force", members, console, {**value, **ENDS}, skip=() if others else ("origin",))
         console.print()
     say(console, "variants (Table 2)", "bold")
-    driven = [(f"{v.velocity:g}", f"{v.acceleration:g}", f"{v.distance:g}") for v in variants]
-    console.print(grid("velocity [m/s]", "acceleration [m/s²]", "distance [m]", rows=driven))
+    show_rows("variants", variants, console)
+
+
+ENDS: Cells = {
+    "allowed": lambda p: f"{p.low:g} … {p.high:g}",
+    "expected": lambda p: f"{p.prior_low:g} … {p.prior_high:g}",
+}
+"""Limits of a parameter."""
 
 
 def show_effects(effects: Sequence[Effect], console: Console) -> None:
     """Print one line per effect."""
-    rows = []
-    for effect in effects:
-        named = [f"{p.name} [{tidy_unit(p.unit)}]" if p.unit else p.name for p in effect.parameters]
-        rows.append((effect.id, effect.title, ", ".join(named)))
-    table = grid("effect", "what it is", "parameters", words=(0, 1, 2), rows=rows)
-    table.columns[0].no_wrap = True  # an id is there to be copied
-    console.print(table)
+
+    def named(effect: Effect) -> str:
+        return ", ".join(f"{p.name} [{tidy_unit(p.unit)}]" if p.unit else p.name for p in effect.parameters)
+
+    show_rows("effects", effects, console, {"parameters": named})
 
 
 def show_effect(effect: Effect, console: Console) -> None:
@@ -235,9 +250,4 @@ def show_effect(effect: Effect, console: Console) -> None:
     texts = {"equation": effect.equation, "source": effect.source, "signature": effect.signature}
     for label, text in texts.items():
         console.print(Text.assemble(clean(f"{label}: ", "dim"), clean(text)))
-    rows = []
-    for p in effect.parameters:
-        ends = (f"{p.low:g} … {p.high:g}", f"{p.prior_low:g} … {p.prior_high:g}")
-        rows.append((p.name, tidy_unit(p.unit) or NONE, f"{p.neutral:g}", *ends, p.meaning))
-    titles = ("parameter", "unit", "neutral", "allowed", "expected", "meaning")
-    console.print(grid(*titles, words=(0, 1, 3, 4, 5), rows=rows))
+    show_rows("effect", effect.parameters, console, ENDS)

@@ -16,12 +16,11 @@ from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, on_page
 from granite_lab.reporting.json_report import CRATE, crate, dumps, to_json
 from granite_lab.reporting.plot_motion import comparison_figure
-from granite_lab.reporting.plot_results import compared_figure
 from granite_lab.reporting.render import to_html, to_latex, to_markdown, to_pdf
 from granite_lab.reporting.report import Block, Gallery, made_by, study_report
 from granite_lab.reporting.summary import channels_of
-from granite_lab.reporting.tables import Table, channel_table, misfit_table
-from granite_lab.reporting.two_studies import Compared, compared_table
+from granite_lab.reporting.table import Table
+from granite_lab.reporting.tables import channel_table, misfit_table
 from granite_lab.results import StudyResult, gaps
 
 
@@ -86,30 +85,30 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     Raises:
         LabError: a file cannot be written.
     """
-    found = gaps(comparisons)
-    judged, virtual = channels_of(found), any(c.motion.virtual for c in comparisons)
-    figures = [comparison_figure(c, i) for i, c in enumerate(comparisons, 1)]
-    with _replacing(folder) as new:
-        _write_figures(figures, new)
-        _write_tables([channel_table(judged, virtual), misfit_table(found, virtual)], new)
-        names = sorted(p.relative_to(new) for p in new.rglob("*") if p.is_file())
-    return [folder / name for name in names]
+    found, virtual = gaps(comparisons), any(c.motion.virtual for c in comparisons)
+    figures = tuple(comparison_figure(c, i) for i, c in enumerate(comparisons, 1))
+    judged = channel_table(channels_of(found), virtual)
+    return write_parts([Gallery(figures), judged, misfit_table(found, virtual)], folder)
 
 
-def write_compared(found: Compared, folder: Path) -> Path:
-    """Write ``compared.md``, a table and a figure of two studies and return the page.
+def write_parts(blocks: Sequence[Block], folder: Path, page: str = "") -> list[Path]:
+    """Write the figures and tables among some blocks, and a page of all of them; return the paths.
+
+    Args:
+        blocks: what is shown, in its order.
+        folder: to write into.
+        page: template of the page, which is Markdown, and its name; none by default.
 
     Raises:
         LabError: a file cannot be written.
     """
-    table, figure = compared_table(found), compared_figure(found)
-    figures = (figure,) if figure is not None else ()
-    blocks: list[Block] = [table, Gallery(figures), list(found.notes)]
     with _replacing(folder) as new:
-        _write_figures(figures, new)
-        _write_tables([table], new)
-        _write(new / "compared.md", to_markdown("compared.md", blocks=blocks))
-    return folder / "compared.md"
+        _write_figures([f for b in blocks if isinstance(b, Gallery) for f in b.figures], new)
+        _write_tables([b for b in blocks if isinstance(b, Table)], new)
+        if page:
+            _write(new / page, to_markdown(page, blocks=blocks))
+        names = sorted(p.relative_to(new) for p in new.rglob("*") if p.is_file())
+    return [folder / name for name in names]
 
 
 def _write(path: Path, text: str) -> None:

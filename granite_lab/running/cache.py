@@ -40,7 +40,7 @@ PACKAGE = Path(granite_lab.__file__).parent
 LIBRARIES = ("casadi", "filterpy", "numpy", "pandas", "scipy")
 DRAWING = ("jinja2", "matplotlib", "rerun-sdk")
 
-SHOWS = ("api", "cli.py", "commands", "hidden", "reporting")
+SHOWS = ("api", "cli.py", "commands", "hidden", "reporting", "two_studies.py")
 """Parts of the package that no cached result depends on: they only call and show."""
 
 SEARCHES = ("discovery",)

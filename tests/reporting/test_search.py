@@ -17,11 +17,11 @@ from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter, 
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
-from granite_lab.reporting import names, search_tables
+from granite_lab.reporting import names, tables
 from granite_lab.reporting.answers import missing_answer
 from granite_lab.reporting.plot_search import candidates_figure, history_figures, intervals_figure, mean_of
 from granite_lab.reporting.report import Report, study_report
-from granite_lab.reporting.tables import Table
+from granite_lab.reporting.table import Table
 from granite_lab.results import Source, StudyResult
 from tests.corpus.cli import SAMPLES, succeeded
 from tests.reporting.made_up_finding import BUMP, LEFT, SIZE, STRENGTH, made_up_finding
@@ -79,7 +79,7 @@ def test_a_part_without_content_is_left_out() -> None:
     )
     report = report_of(alone)
     assert not {"found_fitted", "found_confusion", "found_left_out"} & {t.name for t in report.tables}
-    assert not [c.title for c in search_tables.gaps_table(alone).columns if "left out" in c.title]
+    assert not [c.title for c in tables.gaps_table(alone).columns if "left out" in c.title]
     few = made_up_finding(speeds=(0.2,), repetitions=2, channels=("wheel", "wheel_split"))
     drawn = {d.name for d in report_of(few).figures}
     assert drawn >= {"found_gap", "found_history_0p20"}
@@ -157,28 +157,28 @@ def test_a_discrepancy_is_a_share_of_the_rms_in_motion(findings: dict[str, Findi
     finding = findings["unknown"]
     lengths = [float((r.std > 0).sum() * 0.02) for r in finding.residuals if r.channel == "pitch_rate"]
     expected = STRENGTH / SIZE * math.sqrt(0.2 * math.sqrt(math.pi / 2) / float(np.mean(lengths)))
-    shares = search_tables.discrepancies(finding)
+    shares = tables.discrepancies(finding)
     assert shares["pitch_rate"] == pytest.approx((expected, LEFT * expected), rel=0.01)
     assert shares["wheel"] == (0.0, 0.0)
-    row = next(r for r in search_tables.gaps_table(finding).rows if r[0].text == "pitch rate")
+    row = next(r for r in tables.gaps_table(finding).rows if r[0].text == "pitch rate")
     assert row[-2].raw == (shares["pitch_rate"][0],)
 
 
 def test_effects_stand_with_size_twins_probability_and_share(findings: dict[str, Finding]) -> None:
     finding = findings["named"]
-    own = rows_of(search_tables.effects_table(finding, finding.effects))[0]
+    own = rows_of(tables.effects_table(finding, finding.effects))[0]
     assert own["value ± std"] == "0.300 ± 0.004"
     assert own["cannot be told from"] == "slip sinkage"
     assert own["probability"] == "97 %"
     assert own["gap lost without it"] == "93.0 ± 2.0 %"
-    small = rows_of(search_tables.effects_table(finding, finding.small, small=True))[0]
+    small = rows_of(tables.effects_table(finding, finding.small, small=True))[0]
     assert (small["effect"], small["gap lost without it"]) == ("clock offset", "2.0 ± 1.0 %")
 
 
 def test_sand_and_scales_stand_in_units_of_a_reader(findings: dict[str, Finding]) -> None:
     # a logarithm of 0.010 ± 0.005 is 1.005 ± 0.505 %; a_θ has one value in a report, and it is not this one
     sand = {"a_theta": Estimate(0.02, 0.01), "cohesion": Estimate(0.01, 0.005)}
-    table = search_tables.fitted_table(dataclasses.replace(findings["named"], sand=sand))
+    table = tables.fitted_table(dataclasses.replace(findings["named"], sand=sand))
     assert {row["number"]: row["size"] for row in rows_of(table)} == {
         "c": "1.0 ± 0.5 %",
         "a_θ, from raking to raking": "5.0 %",
@@ -188,7 +188,7 @@ def test_sand_and_scales_stand_in_units_of_a_reader(findings: dict[str, Finding]
 
 
 def test_what_limits_a_size_is_said_and_what_cannot_be_seen() -> None:
-    rows = rows_of(search_tables.detectable_table(made_up_finding()))
+    rows = rows_of(tables.detectable_table(made_up_finding()))
     limits = {row["candidate"]: (row["smallest size"], row["limited by"]) for row in rows}
     assert limits["payload mass"][1] == "tolerance"
     assert limits["bulldozing"][1] == "noise"
@@ -196,14 +196,14 @@ def test_what_limits_a_size_is_said_and_what_cannot_be_seen() -> None:
 
 
 def test_what_a_candidate_would_be_taken_for_stands_in_percent() -> None:
-    rows = rows_of(search_tables.confusion_table(made_up_finding()))
+    rows = rows_of(tables.confusion_table(made_up_finding()))
     assert [*rows[0].values()] == ["multi pass", "85 %", "5 %", "centre-of-mass offset (10 %)"]
     assert "clock offset" not in {row["candidate"] for row in rows}  # these trials cannot show it
 
 
 def test_candidates_stand_with_probability_share_and_fate() -> None:
     finding = made_up_finding()
-    rows = {r["candidate"]: [*r.values()][2:] for r in rows_of(search_tables.candidates_table(finding))}
+    rows = {r["candidate"]: [*r.values()][2:] for r in rows_of(tables.candidates_table(finding))}
     assert rows["multi pass"] == ["97 %", "93 %", "300", "named"]
     assert rows["gear backlash"][3] == "ended at a limit (backlash)"
     assert rows["payload mass"][1] == "–"
@@ -265,7 +265,7 @@ def test_cosine_and_sine_of_each_trial_are_said_as_the_amplitude_they_share() ->
 
 def test_the_table_keeps_sign_and_si_unit_and_says_which_way_it_goes() -> None:
     finding = naming(found("clock_offset", offset=(-0.0035, 0.0001)))
-    table = search_tables.effects_table(finding, finding.effects)
+    table = tables.effects_table(finding, finding.effects)
     assert spaced(table.rows[0][3].text) == "−3.50 ± 0.10 ms"
     assert table.rows[0][3].raw == (-0.0035, 0.0001, "s")
     assert "below zero: stamps of encoders and currents early" in table.rows[0][2].text

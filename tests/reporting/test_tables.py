@@ -17,7 +17,8 @@ from granite_lab.parameters import load_paper
 from granite_lab.reporting.render import LONG, escaped, to_latex
 from granite_lab.reporting.report import study_report
 from granite_lab.reporting.summary import by_speed
-from granite_lab.reporting.tables import COMBINED, Cell, Column, Table, budget_tables, words
+from granite_lab.reporting.table import Cell, Column, Table, words
+from granite_lab.reporting.tables import COMBINED, budget_tables
 from granite_lab.results import StudyResult, TrialResult
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,7 @@ def calls(result: StudyResult) -> dict[str, tuple[str, tuple[object, ...]]]:
     """Return functions and what they print, by a name for each."""
     comparisons = [r.comparison for r in result.trials]
     found = {
-        f"finding {v}": ("show_finding", (made_up_finding(v, twins=TWINS),))
+        f"finding {v}": ("show_study", (replace(result, trials=(), finding=made_up_finding(v, twins=TWINS)),))
         for v in ("named", "unknown", "none")
     }
     return {

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from granite_lab.cli import app
 from granite_lab.errors import InputError
-from granite_lab.reporting.two_studies import ALIKE, DIFFERS, SEEN, Row, Value, compare_studies
+from granite_lab.two_studies import ALIKE, DIFFERS, SEEN, Row, Value, compare_studies
 
 Change = Callable[[dict[str, Any]], None]
 

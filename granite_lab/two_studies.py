@@ -18,14 +18,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from granite_lab import reporting
 from granite_lab.reporting.names import plain
-from granite_lab.reporting.rounding import interval, tidy_unit
-from granite_lab.reporting.tables import Cell, Cells, Table, number, tabulate, words
+from granite_lab.reporting.rounding import interval
+from granite_lab.reporting.table import Cell, Cells, Table, number, tabulate, words
 from granite_lab.reporting.words import said
 from granite_lab.results import load_report
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure as Canvas
+
+    from granite_lab.reporting.canvas import Figure
 
 SEEN = (1.959964 + 0.841621) / 1.959964
 """Smallest difference seen with a probability of 80 %, over half the width of the 95 % interval."""
@@ -183,7 +187,6 @@ def compared_table(found: Compared) -> Table:
 
     tones = {DIFFERS: "fair", ALIKE: "good"}
     cells: Cells = {
-        "unit": lambda r: tidy_unit(r.unit),
         "a": lambda r: value(r.a),
         "b": lambda r: value(r.b),
         "difference": lambda r: Cell(interval(r.difference.low, r.difference.high), r.difference),
@@ -204,3 +207,40 @@ def compared_as_json(found: Compared) -> dict[str, Any]:
     ]  # fmt: skip
     about = {"studies": found.names, "virtual": found.virtual, "rows": rows, "notes": found.notes}
     return {"schema": "granite-lab/compare-studies/1"} | about
+
+
+def compared_figure(found: Compared) -> Figure | None:
+    """Draw the differences over half of their intervals; None without any."""
+    rows = [r for r in found.rows if r.verdict in (DIFFERS, ALIKE)]
+    if not rows:
+        return None
+    differ = [r.quantity for r in rows if r.verdict == DIFFERS]
+    title = f"{len(differ)} of {len(rows)} quantities differ" if differ else "No difference is seen"
+    a, b = found.names
+    return reporting.canvas.drawing("differences", title, found.virtual, _differences, rows, a=a, b=b)
+
+
+def _differences(rows: Sequence[Row]) -> Canvas:
+    canvas = reporting.canvas
+    figure, (axis,) = canvas.named_rows([r.quantity for r in rows], left=2.1)
+    for k, row in enumerate(rows):
+        d = row.difference
+        half = (d.high - d.low) / 2 or 1.0
+        color = canvas.SIMULATED if row.verdict == DIFFERS else canvas.MEASURED
+        bars = [[(d.value - d.low) / half], [(d.high - d.value) / half]]
+        axis.errorbar(d.value / half, k, xerr=bars, color=color, marker="o", markersize=3.5, capsize=2)
+    axis.axvline(0, color=canvas.INK, linewidth=0.8)
+    axis.set_xlabel("(B − A) over half its 95 % interval [–]")
+    return figure
+
+
+def write_compared(found: Compared, folder: Path) -> Path:
+    """Write ``compared.md``, a table and a figure of two studies and return the page.
+
+    Raises:
+        LabError: a file cannot be written.
+    """
+    figure = compared_figure(found)
+    drawn = [reporting.report.Gallery((figure,))] if figure is not None else []
+    reporting.write_parts([compared_table(found), *drawn, list(found.notes)], folder, page="compared.md")
+    return folder / "compared.md"
