@@ -11,8 +11,8 @@ from granite_lab import reporting
 from granite_lab.api import check as checks
 from granite_lab.api import logs as api
 from granite_lab.api.records import Records
-from granite_lab.commands.command import Call, Output, command, show, warn_of
-from granite_lab.commands.options import Flag, Format
+from granite_lab.commands.command import Call, Output, command, show, warn_of, write_picture
+from granite_lab.commands.options import Flag, Format, picture
 from granite_lab.files import ending_of, write_table, write_text
 
 if TYPE_CHECKING:
@@ -48,16 +48,14 @@ def inspect(
     write_map: Annotated[
         Path | None, typer.Option(help="Write the column map here, to edit and to pass with --map.")
     ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(help="Draw the recognised channels over time (.png, .pdf or .svg).")
-    ] = None,
+    plot: Annotated[Path | None, picture("Draw the recognised channels over time")] = None,
 ) -> Output:
     """Columns that are not used are listed, too."""
     found = call()
     if write_map:
         write_text(write_map, found.to_map_toml())
     if plot:
-        reporting.plot_log.write_plot(found, plot)
+        write_picture(plot, reporting.plot_log.inspection_figure(found))
 
     def text(shown: Console) -> None:
         reporting.terminal.show_inspection(found, shown)

@@ -12,7 +12,8 @@ from granite_lab import reporting
 from granite_lab.api import model as api
 from granite_lab.api.records import Records
 from granite_lab.commands.command import Call, Output, command, show, warn, write_picture
-from granite_lab.commands.options import Flag, Format, picture_of
+from granite_lab.commands.options import Flag, Format
+from granite_lab.commands.options import picture as picture_file
 from granite_lab.effects import get, library
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import ending_of, write_table
@@ -74,13 +75,12 @@ def wheel(
     out: Annotated[Path | None, typer.Option(help="File for the table, a row for each slip.")] = None,
     arc: Annotated[Path | None, typer.Option(help="File for the stresses over the contact arc.")] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="PNG or SVG: a sweep over slip, or the stresses at one slip.")
+        Path | None, picture_file("Draw the sweep over slip, or the stresses at one slip")
     ] = None,
     table_format: Format = None,
 ) -> Output:
     """The table has a row for each slip."""
     endings = [ending_of(path, table_format) for path in (out, arc)]
-    picture_of("--plot", plot)
     run = call()
     for path, frame, ending in zip((out, arc), (run.to_frame, run.arcs), endings, strict=True):
         if path:
@@ -158,9 +158,8 @@ def show_effect(
     call: Call[Effect],
     picture: Annotated[
         Path | None,
-        typer.Option(
-            help="PNG or SVG file for the change of the sensor readings by the effect "
-            "over the four variants.",
+        picture_file(
+            "Draw how the effect changes the sensor readings over the four variants",
             show_default="reports/effects/ID.png",
         ),
     ] = None,
@@ -169,7 +168,6 @@ def show_effect(
     """A picture shows how sensor readings change."""
     if picture and no_picture:
         raise UsageError("--picture and --no-picture exclude each other", "give one of the two")
-    picture_of("--picture", picture)
     effect = call()
     if not (call.as_json or no_picture):
         picture = picture or Path("reports") / "effects" / f"{effect.id}.png"

@@ -181,15 +181,20 @@ def slips_of(text: str) -> list[float]:
     return [round(parts[0] + k * parts[2], 12) for k in range(steps + 1)]
 
 
-def picture_of(option: str, path: Path | None) -> Path | None:
-    """Return the file of a picture.
+def picture(text: str, **more: Any) -> Any:
+    """Return the option for the file of a picture, whose ending says the format.
 
-    Raises:
-        UsageError: it ends neither in .png nor in .svg.
+    Args:
+        text: of its help.
+        **more: as of `typer.Option`.
     """
-    if path and path.suffix.lower() not in (".png", ".svg"):
-        raise UsageError(f"{option} {path}: not a picture", "end the name in .png or .svg")
-    return path
+
+    def checked(option: typer.CallbackParam, path: Path | None) -> Path | None:
+        if path and path.suffix.lower() not in (".png", ".svg", ".pdf"):
+            raise UsageError(f"{option.opts[0]} {path}: not a picture", "end the name in .png, .svg or .pdf")
+        return path
+
+    return typer.Option(help=f"{text} (.png, .svg or .pdf).", callback=checked, **more)
 
 
 FLAGS: dict[str, Flag] = {

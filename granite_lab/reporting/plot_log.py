@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from granite_lab.logs import Inspection
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import FORMATS
 
 WIDTH, HEIGHT = 6.4, 1.3
 """Of the figure and of a panel [in]."""
@@ -34,20 +32,13 @@ class Trace(NamedTuple):
     dashes: str = "-"
 
 
-def write_plot(inspection: Inspection, path: Path) -> None:
-    """Draw the one log of an inspection into a file; the ending says the format.
+def inspection_figure(inspection: Inspection) -> Canvas:
+    """Draw the one log of an inspection.
 
     Raises:
-        UsageError: another ending than .png, .pdf or .svg, or more than one log.
+        UsageError: there is more than one log.
         InputError: nothing in the log can be drawn.
-        LabError: the file cannot be written.
     """
-    from granite_lab.files import write_bytes  # noqa: PLC0415, only where something is written
-
-    kind = path.suffix.lower().removeprefix(".")
-    if kind not in FORMATS:
-        endings = ", ".join(f".{known}" for known in FORMATS)
-        raise UsageError(f"--plot {path}: format not known", f"use one of the endings {endings}")
     if len(inspection.files) != 1:
         raise UsageError(f"--plot draws one log, but {len(inspection.files)} are given", "name one log")
     report = inspection.files[0]
@@ -56,7 +47,7 @@ def write_plot(inspection: Inspection, path: Path) -> None:
             report.problem or f"{report.path}: no channel is recognised, nothing to plot",
             "write a column map with --write-map, correct it and pass it with --map",
         )
-    write_bytes(path, canvas.saved(log_figure(report.trial, report.rests), kind))
+    return log_figure(report.trial, report.rests)
 
 
 def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Canvas:

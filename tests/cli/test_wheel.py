@@ -69,7 +69,7 @@ def test_wheel_and_soil_can_be_given_by_values() -> None:
         (["--soil-value", "cohesion=1"], InputError, "unknown key"),
         (["--effect", "bulldozing.strength=x"], UsageError, "cannot be understood"),
         (["--radius", "7"], InputError, "radius_m = 7 is out of range"),
-        (["--plot", "wheel.pdf"], UsageError, "not a picture"),
+        (["--plot", "wheel.jpg"], UsageError, "not a picture"),
     ],
 )
 def test_a_line_that_does_not_fit_is_told(words: list[str], kind: type[LabError], said: str) -> None:
