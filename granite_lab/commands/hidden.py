@@ -64,7 +64,7 @@ def _show_answer(answer: Mapping[str, Any], shown: Console) -> None:
             named = effect["id"] + ("" if effect["library"] else " (not in the library)")
             values = [(name, p["value"], p["unit"]) for name, p in effect["parameters"].items()]
             rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
-        reporting.table.show_rows("hidden", rows, shown)
+        reporting.table.show_rows("hidden", rows, shown, {"0": lambda row: row[0]})
         for effect in answer["effects"]:
             told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
             say(shown, f"{effect['id']}: {told}.")

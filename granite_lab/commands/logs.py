@@ -55,7 +55,7 @@ def inspect(
     if write_map:
         write_text(write_map, found.to_map_toml())
     if plot:
-        write_picture(plot, reporting.plot_log.inspection_figure(found))
+        write_picture(plot, reporting.pictures.inspection_figure(found))
 
     def text(shown: Console) -> None:
         reporting.terminal.show_inspection(found, shown)

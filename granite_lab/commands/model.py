@@ -87,7 +87,7 @@ def wheel(
             write_table(path, frame(), ending)
     if plot:
         title = f"{run.points[0].load:.1f} N on {run.soil.name}, k_92 {run.points[0].k92:.3g}"
-        write_picture(plot, reporting.plot_model.wheel_figure(run.points, title))
+        write_picture(plot, reporting.pictures.wheel_figure(run.points, title))
     if run.fades:
         warn(["slower than 0.02 m/s: there the model reduces slip and shear towards standstill"])
     warn([f"{name}: does not act on a single wheel" for name in run.left_out])
@@ -230,7 +230,7 @@ def _draw(effect: Effect, path: Path) -> str:
 
     jobs = min(4, os.cpu_count() or 1)
     found = imprint(typical(effect), load_robot(), load_soil(), load_variants(), jobs=jobs)
-    drawing = reporting.plot_model.effect_drawing(found)
+    drawing = reporting.pictures.effect_drawing(found)
     write_picture(path, drawing.draw())
     return drawing.caption
 

@@ -18,10 +18,10 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
+from granite_lab.reporting.answers import Speed, channels_of
 from granite_lab.reporting.canvas import Figure, drawing
 from granite_lab.reporting.names import together
 from granite_lab.reporting.rounding import significant
-from granite_lab.reporting.summary import Speed, channels_of
 from granite_lab.results import gaps, mean_of_known
 
 SLIP_STD_SHOWN = 0.04

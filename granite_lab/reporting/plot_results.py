@@ -17,10 +17,9 @@ from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.parameters import Paper, load_paper
 from granite_lab.reporting import canvas
-from granite_lab.reporting.answers import Answers, plural
+from granite_lab.reporting.answers import Answers, Speed, plural
 from granite_lab.reporting.canvas import Figure, drawing
 from granite_lab.reporting.rounding import significant
-from granite_lab.reporting.summary import Speed
 
 VELOCITY, SLIP, RATIO = "desired velocity [m/s]", "robot slip ratio [%]", "contact-angle ratio k₉₂ [–]"
 APART, WIDE = 0.008, 0.05

@@ -213,8 +213,8 @@ TONES = {"good": "green", "fair": "yellow", "bad": "red", "faint": "dim"}
 """Tone of a cell to its colour on a terminal."""
 
 VIRTUAL = "virtual data: written by a simulator"
-WHOLE = 30
-"""Names of rows up to this length stay on one line."""
+SHORT, WHOLE = 9, 27
+"""Lengths up to which a heading stays on one line, and up to which no word and no number is broken."""
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]+")
 
@@ -247,15 +247,18 @@ def show_table(table: Table, console: Console, *, only: Sequence[str] = ()) -> N
         box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False, header_style="bold"
     )
     kept = [(k, c) for k, c in enumerate(table.columns) if not only or c.name in only]
-    for place, (k, column) in enumerate(kept):
-        name = column.name.replace(" %", "\u00a0%")
-        lines = textwrap.wrap(name, max(9, len(name) // 2), break_long_words=False)
-        head = [*lines, f"[{column.unit}]"] if column.unit else lines
-        longest = max((len(row[k].text) for row in table.rows), default=0)
+    for k, column in kept:
+        texts = [row[k].text for row in table.rows]
+        longest = max(map(len, texts), default=0)
+        head = [column.title.replace(" %", "\u00a0%")]
+        if len(head[0]) > max(SHORT, longest):
+            width = max(SHORT, longest, len(column.name) // 2)
+            head = textwrap.wrap(column.name.replace(" %", "\u00a0%"), width, break_long_words=False)
+            head += [f"[{column.unit}]"] * bool(column.unit)
+        whole = [word for text in (*head, *texts) for word in text.split() if len(word) <= WHOLE]
         grid.add_column(
             Text("\n".join(head)), justify="right" if column.number else "left", overflow="fold",
-            no_wrap=column.number or (place == 0 and longest <= WHOLE),
-            min_width=max(map(len, " ".join(head).split()), default=0),  # no heading is cut inside a word
+            no_wrap=column.number and longest <= WHOLE, min_width=max(map(len, whole), default=0),
         )  # fmt: skip
     for row in table.rows:
         grid.add_row(*(clean(row[k].text, TONES.get(row[k].tone, "")) for k, _ in kept))

@@ -13,7 +13,7 @@ from granite_lab.estimate import Estimate, Part, mean_over
 from granite_lab.fitting.budget import LEFT_OUT, Budget, of_a_theta, of_mean
 from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit, Law
 from granite_lab.inference.constants import FORMULA_ERROR
-from granite_lab.reporting.answers import Answers
+from granite_lab.reporting.answers import Answers, ChannelAnswer, Speed
 from granite_lab.reporting.names import (
     amount,
     channels_of,
@@ -34,7 +34,6 @@ from granite_lab.reporting.rounding import (
     significant,
     tidy_unit,
 )
-from granite_lab.reporting.summary import ChannelAnswer, Speed
 from granite_lab.reporting.table import Cell, Cells, Table, number, share, tabulate, words
 from granite_lab.reporting.words import WORDS, quantity, sensor
 from granite_lab.results import Gap, StudyResult, TrialResult

@@ -147,7 +147,7 @@ def show_a_theta(fit: AThetaFit, console: Console) -> None:
 def show_misfits(comparisons: Sequence[Comparison], console: Console) -> None:
     """Print the difference of simulation and measurement by quantity, over all trials."""
     judged, virtual = (
-        reporting.summary.channels_of(results.gaps(comparisons)),
+        reporting.answers.channels_of(results.gaps(comparisons)),
         any(c.motion.virtual for c in comparisons),
     )
     table = reporting.tables.channel_table(judged, virtual)

@@ -13,12 +13,12 @@ from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.files import readable, write_text
 from granite_lab.reporting import canvas
+from granite_lab.reporting.answers import channels_of
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, on_page
 from granite_lab.reporting.json_report import CRATE, crate, dumps, to_json
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.render import to_html, to_latex, to_markdown, to_pdf
 from granite_lab.reporting.report import Block, Gallery, made_by, study_report
-from granite_lab.reporting.summary import channels_of
 from granite_lab.reporting.table import Table
 from granite_lab.reporting.tables import channel_table, misfit_table
 from granite_lab.results import StudyResult, gaps

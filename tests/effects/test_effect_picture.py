@@ -15,7 +15,7 @@ from granite_lab.model.effect import Effect, EffectParameter, Own, activate
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, load_robot, load_soil, load_variants
 from granite_lab.planning.imprint import Imprint, imprint
-from granite_lab.reporting.plot_model import ROWS, effect_drawing
+from granite_lab.reporting.pictures import ROWS, effect_drawing
 from tests.corpus.cli import lab, refused
 
 TWO = (load_variants()[1], load_variants()[3])

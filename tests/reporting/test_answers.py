@@ -18,10 +18,9 @@ from rich.console import Console
 
 from granite_lab.estimate import Estimate, mean_over
 from granite_lab.parameters import load_paper
-from granite_lab.reporting.answers import Answers, of_study
+from granite_lab.reporting.answers import Answers, by_speed, channels_of, of_study
 from granite_lab.reporting.report import Fold, Gallery, study_report
 from granite_lab.reporting.rounding import decided, decimals_for, interval, percent, plus_minus, significant
-from granite_lab.reporting.summary import by_speed, channels_of
 from granite_lab.reporting.tables import slip_table, trial_table
 from granite_lab.reporting.terminal import show_study
 from granite_lab.results import Gap, StudyResult, gaps

@@ -18,11 +18,11 @@ from matplotlib.transforms import Bbox
 
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_report
+from granite_lab.reporting.answers import by_speed
 from granite_lab.reporting.canvas import Figure, envelope, saved, styled
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.plot_results import spread
 from granite_lab.reporting.report import study_report
-from granite_lab.reporting.summary import by_speed
 from granite_lab.results import Source, StudyResult
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study

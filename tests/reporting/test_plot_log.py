@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granite_lab.logs import inspect_logs
-from granite_lab.reporting.plot_log import log_figure
+from granite_lab.reporting.pictures import log_figure
 from tests.corpus import cli
 from tests.logs import make
 

@@ -14,9 +14,9 @@ import pytest
 from granite_lab.estimate import Part
 from granite_lab.fitting import fit_a_theta
 from granite_lab.parameters import load_paper
+from granite_lab.reporting.answers import by_speed
 from granite_lab.reporting.render import LONG, escaped, to_latex
 from granite_lab.reporting.report import study_report
-from granite_lab.reporting.summary import by_speed
 from granite_lab.reporting.table import Cell, Column, Table, words
 from granite_lab.reporting.tables import COMBINED, budget_tables
 from granite_lab.results import StudyResult, TrialResult

@@ -23,7 +23,7 @@ from granite_lab.reporting.answers import missing_answer
 from granite_lab.reporting.names import latency_in_words
 from granite_lab.reporting.recording.stream import Writer, drawable
 from granite_lab.reporting.rounding import plus_minus, significant
-from granite_lab.reporting.words import sensor
+from granite_lab.reporting.words import WORDS, sensor
 from granite_lab.results import mean_of_known
 
 Rgb = tuple[int, int, int]
@@ -48,15 +48,7 @@ SHOWN = {
 }  # fmt: skip
 """Unit of a record to the unit that is shown, and its factor; other units are shown as they are."""
 
-CHANNELS = {
-    "velocity": {"velocity": ""},
-    "slip": {"slip_f": "front", "slip_r": "rear"},
-    "torque": {"torque_f": "front", "torque_r": "rear"},
-    "pitch": {"pitch": ""},
-    "wheel_velocity": {f"wheel_{wheel}": wheel for wheel in WHEELS},
-    "specific_force": {"accel": ""},
-    "pitch_rate": {"pitch_rate": ""},
-}
+CHANNELS: dict[str, dict[str, str]] = WORDS["recorded"]
 """Plot to the channels of the comparison that it shows, and what tells them apart."""
 
 
