@@ -101,7 +101,8 @@ class ChannelPart:
         root = np.sqrt(variances(self.kind, scales.share_of(self.name), scales.formula)) / louder
         M = np.eye(root.size) + root[:, None] * self.basis * root
         L = np.linalg.cholesky(M)
-        inverse = np.asarray(dtrtri(L.T, lower=0)[0].T)
+        # LAPACK complains on stdout of a matrix without rows
+        inverse = np.asarray(dtrtri(L.T, lower=0)[0].T) if L.size else L
         self._known.clear()
         self._known[key] = root, inverse, 2 * float(np.log(np.diag(L)).sum())
         return self._known[key]
