@@ -102,7 +102,7 @@ class ChannelPart:
         M = np.eye(root.size) + root[:, None] * self.basis * root
         L = np.linalg.cholesky(M)
         # LAPACK complains on stdout of a matrix without rows
-        inverse = np.asarray(dtrtri(L.T, lower=0)[0].T) if L.size else L
+        inverse: Array = dtrtri(L.T, lower=0)[0].T if L.size else np.zeros((0, 0))
         self._known.clear()
         self._known[key] = root, inverse, 2 * float(np.log(np.diag(L)).sum())
         return self._known[key]
