@@ -53,14 +53,6 @@ def test_a_block_written_twice_is_read_once_but_a_new_start_is_refused() -> None
         tidied(np.concatenate((T[:600], T[:300] + 0.003)))
 
 
-def test_rows_without_a_stamp_are_left_out() -> None:
-    t = T.copy()
-    t[[3, 500]] = np.nan
-    stamps, _, doubts = tidied(t)
-    assert len(stamps) == 998
-    assert "2 samples without a time stamp" in doubts[0]
-
-
 @pytest.mark.parametrize("bits", [16, 32])
 def test_a_clock_of_fixed_width_is_unwrapped_but_not_one_that_was_reset(bits: int, tmp_path: Path) -> None:
     """[ms], 100 Hz; the other clock starts over a second before its wrap."""

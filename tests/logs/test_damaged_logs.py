@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from granite_lab.errors import InputError, LabError
+from granite_lab.errors import LabError
 from granite_lab.logs import inspect_logs, read_trial
 from tests.logs import make
 from tests.soak import SOAK
@@ -53,15 +53,14 @@ def damaged(steps: list[tuple[str, int, int, bytes]]) -> bytes:
     return content
 
 
-def check(folder: Path, content: bytes | str) -> None:
-    """Read a log and hold what comes out to its promises."""
-    path = make.written(folder, content)
+def check(path: Path) -> bool:
+    """Read a log and hold what comes out to its promises; return whether it was refused."""
+    refused: LabError | None = None
     try:
         trial = read_trial(path)
     except LabError as error:
         refused = error
     else:
-        refused = InputError(str(path))
         if trial.imu is not None:
             assert np.isfinite(trial.imu.t).all()
             assert (np.diff(trial.imu.t) > 0).all()
@@ -71,9 +70,13 @@ def check(folder: Path, content: bytes | str) -> None:
             assert (np.diff(trial.wheels.t) > 0).all()
             assert not np.isinf(trial.wheels.angle).any()
         assert all("\n" not in line for line in trial.warnings)
-    assert refused.message.startswith(str(path))
-    assert refused.exit_code == 3
+    if refused:
+        assert refused.message.startswith(str(path)), refused.message
+        assert "\n" not in refused.message
+        assert refused.hint
+        assert refused.exit_code == 3
     inspect_logs([path]).as_json()
+    return refused is not None
 
 
 many = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
@@ -83,17 +86,17 @@ numbers = st.floats(allow_nan=True, width=32) | st.none()
 @given(steps=st.lists(damage, min_size=1, max_size=4))
 @many
 def test_a_damaged_log(steps: list[tuple[str, int, int, bytes]], tmp_path: Path) -> None:
-    check(tmp_path, damaged(steps))
+    check(make.written(tmp_path, damaged(steps)))
 
 
 @given(content=st.binary(max_size=300))
 @many
 def test_any_bytes(content: bytes, tmp_path: Path) -> None:
-    check(tmp_path, content)
+    check(make.written(tmp_path, content))
 
 
 @given(rows=st.lists(st.lists(numbers, min_size=11, max_size=11), max_size=12))
 @many
 def test_any_numbers(rows: list[list[float | None]], tmp_path: Path) -> None:
     table = [",".join("" if x is None else repr(x) for x in row) for row in rows]
-    check(tmp_path, "\n".join([make.HEADER, *table]))
+    check(make.written(tmp_path, "\n".join([make.HEADER, *table])))

@@ -121,32 +121,6 @@ def test_husky_with_gps_is_a_folder_with_a_file_a_sensor() -> None:
     assert trial.reference_x.value[-1] == pytest.approx(trial.wheels.angle[-1, 0] * 0.165, rel=0.03)
 
 
-def test_husky_with_gps_stops_when_its_notes_say() -> None:
-    report = inspect_logs([DATA / "husky_gps" / "odom.csv"]).files[0]
-    (start, end), *_ = report.rests
-    assert start == pytest.approx(236.5, abs=0.5)
-    assert end == pytest.approx(246.8, abs=0.5)
-
-
-def test_the_turned_imu_agrees_with_its_robot_file() -> None:
-    """Rotation [roll, pitch, yaw] takes sensor vectors to the robot's by Rz(yaw) Ry(pitch) Rx(roll)."""
-    folder = DATA / "husky_gps"
-    trial = read_trial(folder / "imu.csv")
-    roll, pitch, yaw = np.deg2rad(load_robot("husky_gps").imu.rotation)
-    rx = np.array([[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]])
-    ry = np.array([[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]])
-    rz = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
-    turn = rz @ ry @ rx
-    force, rate = trial.imu.specific_force @ turn.T, trial.imu.angular_rate @ turn.T
-    assert force[:, 2].mean() == pytest.approx(9.8, abs=0.1)
-    # Yaw and speeding up as the wheels' odometry has them.
-    t, wz, vx = (raw(folder / "odom.csv", name) for name in ("stamp", "wz", "vx"))
-    assert np.corrcoef(np.interp(trial.imu.t, t, wz), rate[:, 2])[0, 1] > 0.8
-    smooth = np.ones(31) / 31
-    speeding = np.gradient(np.convolve(np.interp(trial.imu.t, t, vx), smooth, "same"), trial.imu.t)
-    assert np.corrcoef(speeding, np.convolve(force[:, 0], smooth, "same"))[0, 1] > 0.25
-
-
 def test_one_run_of_the_small_car() -> None:
     path = DATA / "f1tenth_optitrack" / "hoons_all_test.csv"
     with pytest.raises(InputError, match="holds several runs: run_id = 4, 21, 22") as caught:

@@ -115,7 +115,9 @@ def test_a_cell_that_is_no_date_is_named_with_its_line(tmp_path: Path) -> None:
 
 def test_an_empty_date_leaves_the_sample_out(tmp_path: Path) -> None:
     path = log(tmp_path / "log.csv", "t_s", lambda us: "" if us == 3_000_123 else iso(us))
-    np.testing.assert_allclose(times(read_trial(path)), np.delete(TRUE, 300), rtol=0, atol=1e-6)
+    trial = read_trial(path)
+    np.testing.assert_allclose(times(trial), np.delete(TRUE, 300), rtol=0, atol=1e-6)
+    assert any("1 samples without a time stamp" in line for line in trial.warnings)
 
 
 def test_stamps_since_1970_stay_exact_to_the_microsecond_in_the_motion_table(tmp_path: Path) -> None:
