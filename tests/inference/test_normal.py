@@ -65,47 +65,35 @@ P, K = 5, 3
 
 def made(rng: Rng) -> Made:
     """Each trial has a parameter of its own (0, 1, 2), two are shared (3, 4); then come candidates."""
-    commands, having = ((0, 1), (2,)), {0: CHANNELS, 1: CHANNELS[:1], 2: CHANNELS}
+    commands, having = ((0, 1), (2,)), (CHANNELS, CHANNELS[:1], CHANNELS)
     kind = np.array([MOTION, MOTION, MOTION, REST, FORMULA])
-    rows, parts, trial_rows = [], [], {0: 0, 1: 0, 2: 0}
-    size = P + K + 1
+    trial = np.repeat(range(3), [BINS * len(own) for own in having])
+    y, channel = 3 * rng.normal(size=trial.size), np.repeat([c for own in having for c in own], BINS)
+    columns, bases, parts, size = np.zeros((y.size, P + K)), [], [], P + K + 1
     for own in commands:
         at = np.array([*own, 3, 4, *range(P, P + K), size - 1])
         channels = []
         for c in CHANNELS:
-            bases, plain = [], rng.normal(size=(BINS, kind.size))
+            plain, bases = rng.normal(size=(BINS, kind.size)), [*bases, np.zeros((y.size, kind.size))]
             gram, basis = np.zeros((at.size, at.size)), np.zeros((kind.size, kind.size))
-            across, kept = np.zeros((kind.size, at.size)), []
+            across, rows = np.zeros((kind.size, at.size)), []
             for i in (i for i in own if c in having[i]):
-                place = np.array([at.tolist().index(k) for k in (i, 3, 4, *range(P, P + K))])
+                place = np.flatnonzero(np.isin(at, [i, 3, 4, *range(P, P + K)]))
                 whitening = np.tril(rng.normal(size=(BINS, BINS))) + 2 * np.eye(BINS)
-                A, B, y = rng.normal(size=(BINS, place.size)), whitening @ plain, rng.normal(size=BINS) * 3
-                full, k = np.column_stack([A, y]), np.append(place, at.size - 1)
+                A, B = rng.normal(size=(BINS, place.size)), whitening @ plain
+                here = np.flatnonzero((trial == i) & (channel == c))
+                columns[np.ix_(here, at[place])], bases[-1][here] = A, B
+                full, k = np.column_stack([A, y[here]]), np.append(place, at.size - 1)
                 gram[np.ix_(k, k)] += full.T @ full
                 basis += B.T @ B
                 across[:, k] += B.T @ full
-                begin = trial_rows[i]
-                trial_rows[i] += BINS
-                kept.append(Rows(i, slice(begin, begin + BINS), place, A, B))
-                bases.append((i, at[place], A, B, y))
-            channels.append(ChannelPart(c, plain, kind, tuple(kept), gram, basis, across))
-            rows.append((c, bases))
+                begin = BINS * having[i].index(c)
+                rows.append(Rows(i, slice(begin, begin + BINS), place, A, B))
+            channels.append(ChannelPart(c, plain, kind, tuple(rows), gram, basis, across))
         parts.append(CommandPart(at, tuple(channels)))
-    total = sum(len(b) for _, b in rows) * BINS
-    columns, basis = np.zeros((total, P + K)), np.zeros((total, len(rows) * kind.size))
-    y, channel, trial, n = np.zeros(total), [], np.zeros(total, dtype=int), 0
-    for number, (c, bases) in enumerate(rows):
-        for i, places, A, B, own_y in bases:
-            at_rows = slice(n, n + BINS)
-            columns[at_rows, places] = A
-            basis[at_rows, number * kind.size : (number + 1) * kind.size] = B
-            y[at_rows], trial[at_rows] = own_y, i
-            channel += [c] * BINS
-            n += BINS
-    names = [c for c, _ in rows for _ in kind]
-    return Made(
-        Normal(tuple(parts), size, P), channel, trial, columns, basis, names, np.tile(kind, len(rows)), y
-    )
+    names = [c for _ in commands for c in CHANNELS for _ in kind]
+    normal, kinds = Normal(tuple(parts), size, P), np.tile(kind, len(bases))
+    return Made(normal, channel.tolist(), trial, columns, np.hstack(bases), names, kinds, y)
 
 
 def scales_of(rng: Rng) -> Scales:
