@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,12 +12,7 @@ from benchmarks.against_truth import Velocities, errors, inside, rms, slip_ratio
 from benchmarks.log_set import LogSet, wheel_speed
 from benchmarks.real_logs import boreal, delay, delays, husky, only, small_car, standstills
 from granite_lab.logs.trial import Series, Trial, TrialInfo, WheelStream
-
-DATA = Path(os.environ.get("GRANITE_LAB_REAL_LOGS") or Path(__file__).parents[3] / "shared" / "data")
-real_logs = [
-    pytest.mark.real_logs,
-    pytest.mark.skipif(not DATA.is_dir(), reason="the real logs are not here"),
-]
+from tests.real_logs import DATA, MARKS
 
 
 @cache
@@ -33,7 +26,7 @@ def the_small_car() -> LogSet:
 
 
 class TestWithTheLogs:
-    pytestmark = real_logs
+    pytestmark = MARKS
 
     @pytest.mark.parametrize("number", range(3))
     def test_the_small_car_is_known_twice_as_well_as_its_wheels_tell(self, number: int) -> None:

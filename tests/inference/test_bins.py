@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
 from granite_lab.effects import get
-from granite_lab.errors import EstimateError, InputError
+from granite_lab.errors import InputError
 from granite_lab.inference.bench import ACCURACY, SIGNALS
 from granite_lab.inference.binning import means
 from granite_lab.inference.observation import Observation, bin_width, observe
@@ -143,11 +143,6 @@ def test_a_log_that_says_nothing_of_the_command_is_refused(robot: Robot) -> None
     one = dataclasses.replace(trial(np.random.default_rng(1)), info=TrialInfo())
     with pytest.raises(InputError, match="of the command are not known"):
         variant_of_trial(one, None)
-
-
-def test_a_log_that_ends_before_the_command_is_refused(robot: Robot) -> None:
-    with pytest.raises(EstimateError, match=r"cover .* % of the time of the command"):
-        observe(trial(np.random.default_rng(1), end=2.2), robot, VARIANT, START)
 
 
 @given(seed=st.integers(0, 10_000), samples=st.integers(2, 60), rows=st.integers(0, 40))

@@ -70,12 +70,6 @@ def means_of(problem: Problem, share: float) -> tuple[Array, Array]:
     return left, expected
 
 
-def test_a_gap_beyond_the_tolerance_shows() -> None:
-    problem = problem_of(FOUR)
-    left, expected = beyond(problem, linear(problem, np.random.default_rng(1), 10 * TOLERANCE), TOLERANCE)
-    assert left > 1.5 * expected
-
-
 def test_the_discrepancy_of_a_channel_is_the_conditional_mean_of_the_dense_gaussian() -> None:
     """Numbers and discrepancy together, of all trials at once, in three channels."""
     problem = problem_of((0, 0, 1), ("pitch_rate", "wheel", "current_f"))

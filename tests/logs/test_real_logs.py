@@ -7,7 +7,6 @@ sets' own notes.
 from __future__ import annotations
 
 import csv
-import os
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +16,9 @@ from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
 from granite_lab.parameters import load_robot
 from tests.logs import make
+from tests.real_logs import DATA, MARKS
 
-DATA = Path(os.environ.get("GRANITE_LAB_REAL_LOGS") or Path(__file__).parents[3] / "shared" / "data")
-pytestmark = [
-    pytest.mark.real_logs,
-    pytest.mark.skipif(not DATA.is_dir(), reason="the real logs are not here"),
-]
+pytestmark = MARKS
 
 
 def raw(path: Path, name: str, delimiter: str = ",", header: int = 0) -> np.ndarray:
