@@ -16,6 +16,10 @@ WHEELS = [f"enc_{wheel}_rad" for wheel in ("fl", "fr", "rl", "rr")]
 COLUMNS = ["t_s", *IMU, *WHEELS]
 HEADER = ",".join(COLUMNS)
 RADIUS = 0.0965
+STREAMS = {
+    "imu": ("t", "specific_force", "angular_rate"), "wheels": ("t", "angle"), "currents": ("t", "current"),
+    "reference_v": ("t", "value"),
+}  # fmt: skip
 
 
 def rows(duration: float = 6.0, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -69,8 +73,11 @@ def read(folder: Path, content: str | bytes, name: str = "trial.csv", **options:
 
 
 def same(one: Any, other: Any, rtol: float = 0.0, atol: float = 0.0) -> None:
-    """Hold IMU and wheels of two trials to be the same."""
-    for stream, names in (("imu", ("t", "specific_force", "angular_rate")), ("wheels", ("t", "angle"))):
-        for name in names:
-            a, b = (getattr(getattr(trial, stream), name) for trial in (one, other))
-            np.testing.assert_allclose(a, b, rtol=rtol, atol=atol, err_msg=f"{stream}.{name}")
+    """Hold what two trials logged to be the same."""
+    for stream, names in STREAMS.items():
+        a, b = (getattr(trial, stream) for trial in (one, other))
+        assert (a is None) == (b is None), stream
+        for name in names if a else ():
+            np.testing.assert_allclose(
+                getattr(a, name), getattr(b, name), rtol=rtol, atol=atol, err_msg=f"{stream}.{name}"
+            )
