@@ -91,13 +91,11 @@ def test_a_gap_in_the_encoders_leaves_the_fit_alive():
 
 @pytest.mark.parametrize(("number", "velocity"), [*enumerate((0.2, 0.3, 0.5, 0.7))])
 def test_a_theta_of_a_trial_by_the_independent_simulator(number, velocity):
-    robot, v = load_robot("granite", "industrial"), variant_of(velocity)
+    robot = load_robot("granite", "industrial")
     rng = np.random.default_rng([8, number])
     true = 4.6 * float(np.exp(0.03 * rng.standard_normal()))
-    run = simulate_truth(
-        velocity=v.velocity, acceleration=v.acceleration, distance=v.distance, a_theta=true,
-        soil=draw_soil(rng), settle=2.0, after=3.0,
-    )  # fmt: skip
+    soil = draw_soil(rng)
+    run = simulate_truth(variant_of(velocity), a_theta=true, soil=soil, settle=2.0, after=3.0)
     trial, motion = correct(log_run(20 + number, run).trial, robot)
     found = fit_trajectory(trial, motion, robot, SOIL).a_theta
     assert found.value == pytest.approx(true, abs=2.5 * found.std)

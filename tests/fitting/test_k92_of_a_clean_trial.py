@@ -24,11 +24,7 @@ A_THETA, TENTH = 4.7, 0.1
 
 @cache
 def good() -> TruthTrial:
-    v = variant_of(0.5)
-    run = simulate(
-        velocity=v.velocity, acceleration=v.acceleration, distance=v.distance, a_theta=A_THETA,
-        settle=2.0, after=3.0,
-    )  # fmt: skip
+    run = simulate(variant_of(0.5), a_theta=A_THETA, settle=2.0, after=3.0)
     return log_run(3, run, clock_offset=0.003)
 
 

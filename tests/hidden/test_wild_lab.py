@@ -99,7 +99,7 @@ def test_another_robot_keeps_top_speed_and_time_constants() -> None:
 
 
 def test_stamps_at_the_end_of_the_interval_are_late_by_half_of_it_and_the_latency() -> None:
-    run = simulate(velocity=0.3, acceleration=1.2, distance=0.4, a_theta=4.919)
+    run = simulate(SHORT[0], a_theta=4.919)
     body, robot = body_from_run(run, steady=(0.3, 0.4)), load_robot()
     given = [
         read_imu(np.random.default_rng(1), body, robot, scale_error=0.0, jitter=0.0, late=late)[0]

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from granite_lab.logs import read_trial
+from granite_lab.logs import inspect_logs, read_trial
 from granite_lab.logs.trial import Trial
 
 IMU = [f"imu_{kind}" for kind in ("ax_mps2", "ay_mps2", "az_mps2", "gx_radps", "gy_radps", "gz_radps")]
@@ -70,6 +71,20 @@ def written(folder: Path, content: str | bytes, name: str = "trial.csv") -> Path
 def read(folder: Path, content: str | bytes, name: str = "trial.csv", **options: Any) -> Trial:
     """Write a log and read it."""
     return read_trial(written(folder, content, name), **options)
+
+
+def changed(folder: Path, sample: Path, change: Callable[[pd.DataFrame], pd.DataFrame | None]) -> Path:
+    """Write a log whose table was changed, in place or into another; what stands above it stays."""
+    head = [line for line in sample.read_text(encoding="utf-8").splitlines(True) if line.startswith("#")]
+    table = pd.read_csv(sample, comment="#")
+    other = change(table)
+    return written(folder, "".join(head) + (table if other is None else other).to_csv(index=False))
+
+
+def mapped(folder: Path, path: Path, **options: Any) -> Trial:
+    """Read a log by the map that its inspection writes, which goes into a folder."""
+    chart = written(folder, inspect_logs([path]).to_map_toml(), "map.toml")
+    return read_trial(path, map=chart, **options)
 
 
 def same(one: Any, other: Any, rtol: float = 0.0, atol: float = 0.0) -> None:

@@ -10,21 +10,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from granite_lab.logs import inspect_logs, read_trial
+from granite_lab.logs import inspect_logs
 from granite_lab.logs.guess import by_name
 from granite_lab.logs.inspection import FileReport
-from granite_lab.logs.trial import Trial
 from tests.logs import make
 from tests.truth import csv_text, trials
 
 
 def inspected(folder: Path, content: str) -> FileReport:
     return inspect_logs([make.written(folder, content)]).files[0]
-
-
-def reread(report: FileReport) -> Trial:
-    """Read the log by the map that was written from its inspection."""
-    return read_trial(report.path, map=make.written(report.path.parent, report.to_map_toml(), "map.toml"))
 
 
 STRANGE = {
@@ -46,7 +40,7 @@ def test_an_unknown_log_is_guessed_and_its_map_reads_it(tmp_path: Path) -> None:
     assert report.layout == ""
     assert {c.name: c.to for c in report.columns}["wheel_rear_left_pos"] == ("enc_rl",)
     assert all(0 < c.confidence < 1 for c in report.columns)
-    make.same(reread(report), make.read(tmp_path, make.text(), "plain.csv"))
+    make.same(make.mapped(tmp_path, report.path), make.read(tmp_path, make.text(), "plain.csv"))
 
 
 def test_without_telling_names_clock_and_gravity_are_found_by_value(tmp_path: Path) -> None:
@@ -133,7 +127,7 @@ def test_gaps_wraps_and_doubts_are_told(tmp_path: Path) -> None:
 def test_a_file_without_header_gets_a_usable_map(tmp_path: Path) -> None:
     report = inspected(tmp_path, make.text().partition("\n")[2])
     assert "no header line" in report.problem
-    assert len(reread(report).imu.t) == len(make.lines()) - 1
+    assert len(make.mapped(tmp_path, report.path).imu.t) == len(make.lines()) - 1
 
 
 def test_every_column_is_listed_and_has_a_stub_in_the_map(tmp_path: Path) -> None:
@@ -145,7 +139,7 @@ def test_every_column_is_listed_and_has_a_stub_in_the_map(tmp_path: Path) -> Non
     assert [c.name for c in report.columns] == [*make.COLUMNS, "battery", "note", "spare"]
     assert all(c.why.startswith("not used") for c in report.columns[-3:])
     assert all(f'name = "{name}"' in report.to_map_toml() for name in ("battery", "note", "spare"))
-    make.same(reread(report), make.read(tmp_path, make.text(), "plain.csv"))
+    make.same(make.mapped(tmp_path, report.path), make.read(tmp_path, make.text(), "plain.csv"))
 
 
 cell_names = st.text(st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), max_size=15)

@@ -151,9 +151,8 @@ def test_one_run_of_the_small_car() -> None:
 def test_the_map_that_inspection_writes_reads_the_log_back(
     name: str, rows: str | None, tmp_path: Path
 ) -> None:
-    path, chart = DATA / name, tmp_path / "map.toml"
-    chart.write_text(inspect_logs([path]).to_map_toml())
-    right, back = read_trial(path, rows=rows), read_trial(path, rows=rows, map=chart)
+    path = DATA / name
+    right, back = read_trial(path, rows=rows), make.mapped(tmp_path, path, rows=rows)
     assert back.layout == path.stem
     assert back.warnings == right.warnings
     make.same(right, back)

@@ -20,7 +20,6 @@ from tests.truth import csv_text, trials
 
 SAMPLE = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.5_r1.csv"
 TEXT = SAMPLE.read_text(encoding="utf-8")
-HEAD = "".join(f"{line}\n" for line in TEXT.splitlines() if line.startswith("#"))
 GOOD = pd.read_csv(SAMPLE, comment="#")
 FORCE, RATE, ANGLES = make.IMU[:3], make.IMU[3:], make.WHEELS
 CURRENTS = [f"cur_{wheel}_A" for wheel in ("fl", "fr", "rl", "rr")]
@@ -28,14 +27,8 @@ DEG, G = 180 / np.pi, 9.80665
 Change = Callable[[pd.DataFrame], None]
 
 
-def written(folder: Path, change: Change) -> Path:
-    table = GOOD.copy()
-    change(table)
-    return make.written(folder, HEAD + table.to_csv(index=False))
-
-
 def changed(folder: Path, change: Change) -> Trial:
-    return read_trial(written(folder, change))
+    return read_trial(make.changed(folder, SAMPLE, change))
 
 
 def constant(*names: str, at: float | None = None, between: tuple[float, float] = (0, 99)) -> Change:
@@ -178,7 +171,7 @@ def test_a_column_that_cannot_be_what_it_is_called_is_refused(name: str, tmp_pat
 )
 def test_what_is_zero_throughout_is_not_measured(columns: list[str], left: str, tmp_path: Path) -> None:
     """As in messages of ROS; what remains is estimated, and said to be less."""
-    found = gl.ingest(written(tmp_path, times(0, *columns)), jobs=1)[0]
+    found = gl.ingest(make.changed(tmp_path, SAMPLE, times(0, *columns)), jobs=1)[0]
     said = " ".join(found.motion.warnings)
     assert "every sample is 0: taken as not measured" in said
     assert all(name in said for name in columns)

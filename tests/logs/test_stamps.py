@@ -74,14 +74,12 @@ DATES = {
 def test_seconds_and_their_parts_are_guessed_and_the_map_reads_them(
     head: str, size: int, unit: str, tmp_path: Path
 ) -> None:
-    path, chart = log(tmp_path / "log.csv", head, parts(size)), tmp_path / "map.toml"
-    inspection = inspect_logs([path])
-    columns = {c.name: c for c in inspection.files[0].columns}
+    path = log(tmp_path / "log.csv", head, parts(size))
+    columns = {c.name: c for c in inspect_logs([path]).files[0].columns}
     whole, part = head.split(",")
     assert columns[whole].to == ("t",)
     assert (columns[part].to, columns[part].unit) == (("t_add",), unit)
-    chart.write_text(inspection.to_map_toml())
-    np.testing.assert_allclose(times(read_trial(path, map=chart)), TRUE, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(times(make.mapped(tmp_path, path)), TRUE, rtol=0, atol=1e-6)
 
 
 def test_two_clocks_in_different_units_are_not_taken_for_one(tmp_path: Path) -> None:
@@ -93,12 +91,10 @@ def test_two_clocks_in_different_units_are_not_taken_for_one(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("written", DATES)
 def test_dates_are_guessed_and_the_map_reads_them(written: str, tmp_path: Path) -> None:
-    path, chart = log(tmp_path / "log.csv", "when", DATES[written]), tmp_path / "map.toml"
-    inspection = inspect_logs([path])
-    column = inspection.files[0].columns[0]
+    path = log(tmp_path / "log.csv", "when", DATES[written])
+    column = inspect_logs([path]).files[0].columns[0]
     assert (column.name, column.to, column.unit) == ("when", ("t",), "date")
-    chart.write_text(inspection.to_map_toml())
-    np.testing.assert_allclose(times(read_trial(path, map=chart)), TRUE, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(times(make.mapped(tmp_path, path)), TRUE, rtol=0, atol=1e-6)
 
 
 def test_dates_under_a_known_name_need_no_map(tmp_path: Path) -> None:

@@ -17,7 +17,6 @@ from tests.corpus import cli
 from tests.logs import make
 
 SAMPLE = cli.SAMPLES / "virtual_v0.3_r1.csv"
-GOOD = pd.read_csv(SAMPLE, comment="#")
 
 
 @pytest.fixture
@@ -101,12 +100,13 @@ def test_the_window_is_told_to_who_computes_a_result_again() -> None:
 
 def with_gap(folder: Path, prefix: str, begin: float, end: float) -> Path:
     """Write the sample without the cells of some columns, or without the rows, between two instants."""
-    table = GOOD.copy()
-    inside = (table["t_s"] > begin) & (table["t_s"] < end)
-    table.loc[inside, [name for name in table if name.startswith(prefix) and name != "t_s"]] = np.nan
-    head = "".join(f"{x}\n" for x in SAMPLE.read_text(encoding="utf-8").splitlines() if x.startswith("#"))
-    table = table[~inside] if not prefix else table
-    return make.written(folder, head + table.to_csv(index=False), "gap.csv")
+
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        inside = (table["t_s"] > begin) & (table["t_s"] < end)
+        table.loc[inside, [name for name in table if name.startswith(prefix) and name != "t_s"]] = np.nan
+        return table if prefix else table[~inside]
+
+    return make.changed(folder, SAMPLE, change)
 
 
 @pytest.mark.parametrize("prefix", ["imu_", "imu_gy", "enc_", "cur_", ""], ids=lambda p: p or "whole rows")

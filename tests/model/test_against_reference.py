@@ -12,8 +12,6 @@ import pytest
 from granite_lab.model import Run, simulate
 from granite_lab.parameters import (
     GRAVITY,
-    Robot,
-    Soil,
     Variant,
     load_paper,
     load_robot,
@@ -61,18 +59,11 @@ def law_of(velocity: float, law: str) -> dict[str, float]:
     return {"k92": PUBLISHED[velocity]} if law == "constant" else {"a_theta": load_paper().a_theta}
 
 
-def refer(variant: Variant, robot: Robot, soil: Soil, **law: float) -> Result:
-    return reference(
-        velocity=variant.velocity, acceleration=variant.acceleration, distance=variant.distance,
-        robot=robot, soil=soil, settle=0.5, after=AFTER, **law,
-    )  # fmt: skip
-
-
 @lru_cache
 def both(velocity: float, law: str) -> tuple[Run, Result]:
     variant, chosen = variant_of(velocity), law_of(velocity, law)
     run = simulate(variant, load_robot(), load_soil(), **chosen)
-    return run, refer(variant, load_robot(), load_soil(), **chosen)
+    return run, reference(variant, settle=0.5, after=AFTER, **chosen)
 
 
 def difference(run: Run, name: str, truth: Result, values: Array) -> Array:
@@ -127,7 +118,7 @@ def test_another_robot_on_another_soil_agrees_too() -> None:
     )  # fmt: skip
     variant = Variant(velocity=0.4, acceleration=0.8, distance=0.9)
     run = simulate(variant, robot, soil, k92=0.2)
-    truth = refer(variant, robot, soil, k92=0.2)
+    truth = reference(variant, robot=robot, soil=soil, settle=0.5, after=AFTER, k92=0.2)
     assert truth.v.max() > 0.2
     assert np.abs(difference(run, "v_mps", truth, truth.v)).max() < 1e-4
     for i, axle in enumerate("fr"):

@@ -13,7 +13,7 @@ from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, PITCH, VX, VZ, Q, Truth, X
 from granite_lab.hidden.parts import Law, Trapezoid, exponential_k92
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
-from granite_lab.parameters import Robot, Soil, load_robot, load_soil
+from granite_lab.parameters import Robot, Soil, Variant, load_robot, load_soil
 
 
 class Result(SimpleNamespace):
@@ -99,10 +99,8 @@ def constant_k92(value: float) -> Law:
 
 
 def build(
+    variant: Variant,
     *,
-    velocity: float,
-    acceleration: float,
-    distance: float,
     k92: float | None = None,
     a_theta: float = 0.0,
     robot: Robot | None = None,
@@ -111,11 +109,12 @@ def build(
 ) -> Truth:
     """Return the model of one motion, with a constant k_92 or (5); by default the paper's robot and soil."""
     law = exponential_k92(a_theta) if k92 is None else constant_k92(k92)
-    command = Trapezoid(velocity, acceleration, distance)
+    command = Trapezoid(variant.velocity, variant.acceleration, variant.distance)
     return Truth(robot or load_robot(), soil or load_soil(), command, law, intervals)
 
 
 def simulate(
+    variant: Variant,
     *,
     dt: float = 0.005,
     settle: float = 1.0,
@@ -127,12 +126,13 @@ def simulate(
     """Run one motion; t = 0 is the start of the command.
 
     Args:
+        variant: the command.
         dt: spacing of the returned samples [s].
         settle, after: rest before the command and time after its end [s].
         rtol, atol: of `scipy.integrate.solve_ivp`.
         given: as for `build`.
     """
-    truth = build(**given)
+    truth = build(variant, **given)
     steps = int(np.floor((settle + truth.command.end + after) / dt + 1e-9))
     t = np.asarray(-settle + dt * np.arange(steps + 1))
     return integrate(truth, t, rtol=rtol, atol=atol)

@@ -11,7 +11,7 @@ import pytest
 from benchmarks import rk4
 from granite_lab.hidden.contact import clenshaw_curtis, contact, slip_ratio
 from granite_lab.hidden.model import PITCH, Truth
-from granite_lab.parameters import GRAVITY, Variant, load_robot, load_soil, load_variants
+from granite_lab.parameters import GRAVITY, Variant, load_robot, load_soil, variant_of
 from tests.truth.arc import forces
 from tests.truth.simulator import Result, build, simulate
 
@@ -21,19 +21,14 @@ SETTLED = {0.2: (0.33, 5.47), 0.3: (0.26, 8.17), 0.5: (0.111, 16.25), 0.7: (0.02
 SPEEDS = sorted(SETTLED)
 
 
-def motion(velocity: float) -> dict[str, float]:
-    variant = next(v for v in load_variants() if v.velocity == velocity)
-    return {"velocity": velocity, "acceleration": variant.acceleration, "distance": variant.distance}
-
-
 @lru_cache
 def run(velocity: float) -> Result:
-    return simulate(**motion(velocity), k92=SETTLED[velocity][0])
+    return simulate(variant_of(velocity), k92=SETTLED[velocity][0])
 
 
 def steady(velocity: float) -> tuple[float, float]:
     """Second half of the part with constant desired velocity."""
-    command = build(**motion(velocity), k92=1.0).command
+    command = build(variant_of(velocity), k92=1.0).command
     return command.ramp + 0.5 * command.hold, command.ramp + command.hold
 
 
@@ -41,7 +36,7 @@ def steady(velocity: float) -> tuple[float, float]:
 def test_settled_slip_ratio_is_the_known_one(velocity: float) -> None:
     k92, percent = SETTLED[velocity]
     assert 100 * run(velocity).slip_ratio(*steady(velocity)) == pytest.approx(percent, abs=0.006)
-    assert 100 * build(**motion(velocity), k92=k92).cruise()[1] == pytest.approx(percent, abs=0.007)
+    assert 100 * build(variant_of(velocity), k92=k92).cruise()[1] == pytest.approx(percent, abs=0.007)
 
 
 @pytest.mark.parametrize(("velocity", "front", "rear"), [(0.2, 15.0, 16.1), (0.7, 18.5, 19.9)])
@@ -93,7 +88,7 @@ def test_energy_put_in_is_energy_kept_or_lost() -> None:
 def test_forces_on_the_arc_match_adaptive_quadrature(
     v_o: float, v: float, harden: float, radius: float | None
 ) -> None:
-    ground, k92, z0 = replace(build(**motion(0.5)).ground, harden=harden, harden_speed=0.02), 0.4, 0.017
+    ground, k92, z0 = replace(build(variant_of(0.5)).ground, harden=harden, harden_speed=0.02), 0.4, 0.017
     one = np.ones(1)
     c = contact(
         ground, v_o=v_o * one, v=v * one, z0=z0 * one, dz0=0.01 * one, k92=k92, intervals=256,
@@ -113,12 +108,12 @@ def test_quadrature_is_exact_for_polynomials_and_converged_on_the_arc() -> None:
     nodes, weights = clenshaw_curtis(12)
     for power in range(13):
         assert weights @ nodes**power == pytest.approx((1 + (-1) ** power) / (power + 1), abs=1e-14)
-    coarse, fine = (build(**motion(0.5), k92=0.111, intervals=n).cruise()[1] for n in (32, 512))
+    coarse, fine = (build(variant_of(0.5), k92=0.111, intervals=n).cruise()[1] for n in (32, 512))
     assert coarse == pytest.approx(fine, abs=1e-9)
 
 
 def test_no_force_without_contact_and_no_pull() -> None:
-    truth = build(**motion(0.3), k92=0.26)
+    truth = build(variant_of(0.3), k92=0.26)
     one = np.ones(2)
     lifted = contact(truth.ground, v_o=0.3 * one, v=0.2 * one, z0=-0.01 * one, dz0=one, k92=0.3)
     for force in (lifted.W, lifted.R, lifted.F, lifted.M, lifted.normal):
@@ -135,7 +130,7 @@ def test_slip_ratio_is_that_of_the_paper_above_the_floor_and_odd_in_its_argument
 
 
 def test_equilibrium_at_rest_carries_the_weight() -> None:
-    truth: Truth = build(**motion(0.3), k92=0.26)
+    truth: Truth = build(variant_of(0.3), k92=0.26)
     y = truth.rest()
     wheel = truth.contact(-1.0, y)
     assert 2 * wheel.normal.sum() == pytest.approx(truth.mass * GRAVITY, rel=1e-9)
@@ -148,7 +143,7 @@ def test_the_papers_own_method_agrees() -> None:
     """Fixed-step Runge-Kutta at 0.05 ms, in the robot's axes: a third way to the same motion."""
     variant = Variant(velocity=0.5, acceleration=1.2, distance=0.5)
     fixed = rk4.simulate(variant, load_robot(), load_soil(), a_theta=4.919, settle=1.0, after=0.5)
-    r = simulate(velocity=0.5, acceleration=1.2, distance=0.5, a_theta=4.919, settle=0.2, after=0.5)
+    r = simulate(variant, a_theta=4.919, settle=0.2, after=0.5)
     both = (fixed.t > -0.2) & (fixed.t < r.t[-1])
     assert np.abs(fixed.v - np.interp(fixed.t, r.t, r.v))[both].max() < 1e-4
     current = np.interp(fixed.t, r.t, r.current[:, 1])
