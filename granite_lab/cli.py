@@ -48,6 +48,10 @@ class _Commands(Mapping[str, Any]):
             made.command(name)(function)
         found = typer.main.get_command(made)
         found.name = name
+        for one in (found, *getattr(found, "commands", {}).values()):
+            for parameter in one.params:
+                if parameter.param_type_name == "argument":  # its type in Python tells a reader nothing
+                    vars(parameter)["display_type_rich"] = lambda ctx: None  # noqa: ARG005
         return found
 
     def __iter__(self) -> Iterator[str]:

@@ -83,7 +83,7 @@ class Checked:
 def check(log: str | Path, **said: Unpack[About]) -> Checked:
     """Check a log after a run in the field: readable, sensors, standstills, speed, slip, estimate.
 
-    A log that cannot be used is a failed check, not an exception.
+    A log that cannot be used is reported as a failed check.
 
     Args:
         log: path of the log.

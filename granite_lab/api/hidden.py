@@ -108,7 +108,7 @@ def hide(
         strength: factor on the effect's size.
         sizes: parameters of the effect.
         noise: factor on the sensors' noise.
-        sand_off: change φ, K, n and μ_s by 5-20 % from the file.
+        sand_off: change φ, K, n and μ_s of the soil by 5 to 20 %.
         repetitions: trials of each variant; by default 3 (``bench``) or 2 to 4 (``wild``).
         lab: ``bench``: sensors, robot and sand as in the files; ``wild``: drawn by the seed, with files of
             robot and sand beside the trials.
@@ -161,7 +161,7 @@ def reveal(
 ) -> Revealed:
     """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
 
-    In a kit without a discovery in its folder `finding`, `discover` runs first.
+    In a kit without a discovery, `discover` runs first and writes into the kit's folder ``finding``.
 
     Args:
         folder: folder written by `hide`, or a kit that another laboratory filled.

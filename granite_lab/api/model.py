@@ -132,7 +132,7 @@ def simulate(
         truth: file for the true motion (CSV); needs `log`.
         seed: seed of the random numbers of sensors and sand.
         scatter: scatter the sand as raking does.
-        repetition: number of the repetition that is written into `log`.
+        repetition: number of the repetition, as the log states it.
 
     Returns:
         the run; its table has a row for each instant.
@@ -363,7 +363,7 @@ def list_effects(effects: str | Path | None = None) -> Records[Effect]:
 
 @checked
 def show_effect(effect_id: str, effects: str | Path | None = None) -> Effect:
-    """Describe one effect: equation, source, parameters and what an observer sees.
+    """Describe one effect: equation, source and parameters.
 
     Args:
         effect_id: its id.

@@ -182,7 +182,7 @@ def study(
 ) -> StudyResult:
     """Analyse trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
 
-    A trial that cannot be used is left out and listed in `failures`.
+    A trial that cannot be used is left out and listed with the reason.
 
     Args:
         logs: paths of logs, or of folders with logs.
@@ -190,7 +190,7 @@ def study(
             same logs by the same code, is kept.
         name: of the report, unless `out` gives it.
         discover: search for an effect that the model lacks.
-        recordings: write a Rerun recording of each trial, too, if `out` is given.
+        recordings: also write a Rerun recording of each trial into `out`.
 
     Returns:
         the results; the table has a row for each trial.

@@ -6,6 +6,7 @@ import inspect
 import json as json_text
 import re
 import sys
+import typing
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ import typer
 
 from granite_lab import reporting
 from granite_lab.api.calls import hints_of, parameters_of
-from granite_lab.commands.options import FLAGS, Flag, options_of, said_of
+from granite_lab.commands.options import FLAGS, METAVARS, Flag, names_of, options_of, said_for, said_of
 from granite_lab.errors import LabError, printable
 from granite_lab.files import write_bytes
 from granite_lab.shown import jsonable
@@ -118,6 +119,9 @@ def command(
 
     def decorate(show: Callable[..., Output | None]) -> Callable[..., None]:
         hints, keyword = hints_of(show), inspect.Parameter.KEYWORD_ONLY
+        for hint in (hint for hint in hints.values() if hasattr(hint, "__metadata__")):
+            kind, option = (*typing.get_args(hint.__origin__), hint.__origin__)[0], hint.__metadata__[0]
+            option.metavar = option.metavar or METAVARS.get(kind)
         extra = [
             p.replace(kind=keyword, annotation=hints[p.name])
             for p in list(inspect.signature(show).parameters.values())[1:]
@@ -147,7 +151,7 @@ def command(
         )
         called.__annotations__ = {}
         about = re.split(r"\n\n(?:Args|Returns|Raises):", inspect.getdoc(function) or "")[0]
-        called.__doc__ = f"{about}\n\n{show.__doc__}".replace("`", "")
+        called.__doc__ = said_for(f"{about}\n\n{show.__doc__}", names_of(parameters, known))
         return called
 
     return decorate

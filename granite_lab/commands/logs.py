@@ -30,7 +30,7 @@ def check(call: Call[checks.Checked]) -> Output:
         table = reporting.table
         cells = {
             "mark": lambda c: table.words(*(("good", "good") if c.good else ("BAD", "bad"))),
-            "found": lambda c: c.found if c.good else f"{c.found}. {c.advice}.",
+            "found": lambda c: c.found if c.good else f"{c.found}. {reporting.names.capital(c.advice)}.",
         }
         table.show_rows("checks", found.checks, shown, cells)
         if found.virtual:

@@ -26,7 +26,12 @@ Complete = Callable[[], Iterable[str]]
 
 TRIALS = "Logs (CSV, ROS bag, MCAP), or folders of them."
 
-Table = Annotated[Path | None, typer.Option("--out", help="Write the table here, too (CSV).")]
+METAVARS: dict[Any, str] = {
+    Path: "PATH", float: "NUMBER", int: "NUMBER", str: "TEXT", list[str]: "TEXT", list[Path]: "PATH",
+}  # fmt: skip
+"""Types of values as help says them."""
+
+Table = Annotated[Path | None, typer.Option("--out", help="Also write the table to this file (CSV).")]
 Format = Annotated[
     str | None, typer.Option("--format", help="Format of the tables: csv or parquet.", show_default="csv")
 ]
@@ -56,14 +61,14 @@ class Flag:
     default: Any = None
     shown: str | None = None
 
-    def annotated(self, parameter: Parameter) -> Any:
-        """Return the annotation by which typer makes an argument or option."""
+    def annotated(self, parameter: Parameter, names: Mapping[str, str]) -> Any:
+        """Return the annotation by which typer makes an argument or option; `names` as in `said_for`."""
         kinds = [kind for kind in parameter.kinds if kind in (bool, int, float, str, Path)]
         kind = self.kind or (Path if Path in kinds else kinds[0])
         text = self.help or parameter.help
         if re.match(r"[a-z]+[ ,;:]", text):  # a word, no symbol or value
             text = text[0].upper() + text[1:]
-        text = text.replace("`", "")
+        text = said_for(text, names)
         if parameter.arg.low > 0 or parameter.arg.high < math.inf:
             text = f"{text.rstrip('.')} ({parameter.arg.limits})."
         complete = self.complete and self._offered
@@ -72,15 +77,30 @@ class Flag:
                 metavar=self.metavar, help=text, autocompletion=complete, show_default=False
             )
         else:
-            name = f"--{parameter.name.replace('_', '-')}"
+            name, shown = names[parameter.name], self.shown or True
             own = self.names or ((f"{name}/--no-{name[2:]}" if parameter.default is True else name),)
-            shown: Any = self.shown or True
-            about = typer.Option(*own, help=text, autocompletion=complete, show_default=shown)
+            about = typer.Option(
+                *own, help=text, autocompletion=complete, show_default=shown, metavar=METAVARS.get(kind)
+            )
         optional = parameter.default is None or self.kind is not None
         return Annotated[kind | None if optional else kind, about]
 
     def _offered(self, incomplete: str) -> list[str]:
         return [name for name in (self.complete or tuple)() if name.startswith(incomplete)]
+
+
+def names_of(parameters: Sequence[Parameter], flags: Mapping[str, Flag]) -> dict[str, str]:
+    """Return what parameters are called on the command line, by their names."""
+    found = {}
+    for p in parameters:
+        flag = flags.get(p.name, Flag())
+        found[p.name] = flag.metavar or (*flag.names, f"--{p.name.replace('_', '-')}")[0]
+    return found
+
+
+def said_for(text: str, names: Mapping[str, str]) -> str:
+    """Return a text of the API for the command line: `names` in place of parameters, and no backticks."""
+    return re.sub(r"(?<!`)`(\w+)`(?!`)", lambda m: names.get(m[1], m[1]), text).replace("`", "")
 
 
 def _catalogue(kind: str) -> Flag:
@@ -253,18 +273,20 @@ FROM, TO = "--from", "--to"
 
 def options_of(parameters: Sequence[Parameter], flags: Mapping[str, Flag]) -> list[inspect.Parameter]:
     """Return the options of a command that stand for parameters of the API; a window is two of them."""
+    called = names_of(parameters, flags)
     found: list[tuple[str, Any, Any]] = []
     for p in parameters:
         flag = flags.get(p.name, Flag())
         if p.name == "window":
-            for name, what in ((FROM, "Begin"), (TO, "End")):
-                option = typer.Option(name, help=f"{what} of the part to use [s, the log's time].")
+            for name, what in ((FROM, "Start"), (TO, "End")):
+                text = f"{what} of the part to use [s, the log's time]."
+                option = typer.Option(name, help=text, metavar=METAVARS[float])
                 found.append((name[2:] + "_", Annotated[float | None, option], None))
         elif typing.get_origin(p.kinds[0]) is not Callable:
             default = flag.default if flag.default is not None else None if flag.kind else p.default
             if p.default is inspect.Parameter.empty and flag.kind is None:
                 default = p.default
-            found.append((p.name, flag.annotated(p), default))
+            found.append((p.name, flag.annotated(p, called), default))
     keyword = inspect.Parameter.KEYWORD_ONLY
     return [inspect.Parameter(name, keyword, annotation=kind, default=d) for name, kind, d in found]
 
