@@ -7,7 +7,7 @@ trace of its own, so that everything the inference says can be computed by dense
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -35,6 +35,8 @@ PLACE = {
     "accel_x": {0: 1.0}, "accel_z": {1: 1.0}, "pitch_rate": {2: 1.0}, "wheel": {3: 0.5, 4: 0.5},
     "wheel_split": {3: 1.0, 4: -1.0}, "current_f": {5: 1.0}, "current_r": {6: 1.0},
 }  # fmt: skip
+WIDTH = 0.05
+"""Of the bins [s]."""
 SIZE = np.array([1.0, 0.5, 0.05, 0.3, 0.3, 1.0, 1.0, 0.1])
 """Sizes of the traces of one unit of any number, by `SIGNALS`."""
 
@@ -114,10 +116,8 @@ class Respond:
     """The closed form; there is no solution where a logarithm of the sand exceeds `bound`."""
 
     bound: float = np.inf
-    asked: list[int] = field(default_factory=list)
 
     def __call__(self, world: World, tasks: Sequence[Task]) -> list[Array | None]:
-        self.asked.append(len(tasks))
         return [self.one(world, task) for task in tasks]
 
     def one(self, world: World, task: Task) -> Array | None:
@@ -149,7 +149,6 @@ def problem_of(
     commands: Sequence[int] = (0, 0, 1, 1),
     channels: Sequence[str] = tuple(UNITS),
     *,
-    width: float = 0.05,
     respond: Respond | None = None,
 ) -> Problem:
     """Return trials in which nothing was measured yet (all zero), with the nominal noise."""
@@ -158,7 +157,7 @@ def problem_of(
     for i, command in enumerate(commands):
         variant = COMMANDS[command]
         t = np.arange(-1.0, duration(variant) + 2.0, 0.01)
-        edges = width * np.arange(-round(0.5 / width), np.ceil((duration(variant) + 1.5) / width) + 1)
+        edges = WIDTH * np.arange(-round(0.5 / WIDTH), np.ceil((duration(variant) + 1.5) / WIDTH) + 1)
         weights = {c: np.zeros(len(SIGNALS)) for c in channels}
         for c, w in weights.items():
             for k, share in PLACE[c].items():

@@ -15,6 +15,9 @@ from granite_lab.hidden.parts import Law, Trapezoid, exponential_k92
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
 from granite_lab.parameters import Robot, Soil, Variant, load_robot, load_soil
 
+SPACING = 0.005
+"""Of the samples of a run [s]."""
+
 
 class Result(SimpleNamespace):
     """Signals of one run at `t` (N,), SI units; (N, 2) where front and rear differ.
@@ -113,29 +116,17 @@ def build(
     return Truth(robot or load_robot(), soil or load_soil(), command, law, intervals)
 
 
-def simulate(
-    variant: Variant,
-    *,
-    dt: float = 0.005,
-    settle: float = 1.0,
-    after: float = 1.0,
-    rtol: float = 1e-7,
-    atol: float = 1e-9,
-    **given: Any,
-) -> Result:
+def simulate(variant: Variant, *, settle: float = 1.0, after: float = 1.0, **given: Any) -> Result:
     """Run one motion; t = 0 is the start of the command.
 
     Args:
         variant: the command.
-        dt: spacing of the returned samples [s].
         settle, after: rest before the command and time after its end [s].
-        rtol, atol: of `scipy.integrate.solve_ivp`.
         given: as for `build`.
     """
     truth = build(variant, **given)
-    steps = int(np.floor((settle + truth.command.end + after) / dt + 1e-9))
-    t = np.asarray(-settle + dt * np.arange(steps + 1))
-    return integrate(truth, t, rtol=rtol, atol=atol)
+    steps = int(np.floor((settle + truth.command.end + after) / SPACING + 1e-9))
+    return integrate(truth, np.asarray(-settle + SPACING * np.arange(steps + 1)))
 
 
 def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
