@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import rk4
-from granite_lab.hidden.contact import clenshaw_curtis, contact, slip_ratio
+from granite_lab.hidden.contact import contact, slip_ratio
 from granite_lab.hidden.model import PITCH, Truth
 from granite_lab.parameters import GRAVITY, Variant, load_robot, load_soil, variant_of
 from tests.truth.arc import forces
@@ -104,10 +104,7 @@ def test_forces_on_the_arc_match_adaptive_quadrature(
     assert c.M[0] == pytest.approx(M, rel=1e-4, abs=1e-5)
 
 
-def test_quadrature_is_exact_for_polynomials_and_converged_on_the_arc() -> None:
-    nodes, weights = clenshaw_curtis(12)
-    for power in range(13):
-        assert weights @ nodes**power == pytest.approx((1 + (-1) ** power) / (power + 1), abs=1e-14)
+def test_quadrature_is_converged_on_the_arc() -> None:
     coarse, fine = (build(variant_of(0.5), k92=0.111, intervals=n).cruise()[1] for n in (32, 512))
     assert coarse == pytest.approx(fine, abs=1e-9)
 
