@@ -12,14 +12,17 @@ Economic Statistics 10 (1992).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.special import ndtri
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import BA, BM, TH, P, V, X, std_of
 from granite_lab.estimation.nodes import Problem
+from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST, Interval
 from granite_lab.estimation.smoother import Solution, solve
 from granite_lab.estimation.wheels import MOVING, Rolling, runs
@@ -79,9 +82,15 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
     """
     rolling = problem.rolling
     assert rolling is not None
-    alone = solve(replace(problem, rolling=None, spacing=BIN / STEPS), Estimate(offset), robust=False)
-    changes = slip_changes(alone, rolling, offset)
-    problem = replace(problem, rests=tuple(sorted([*problem.rests, *stuck(changes)])))
+    while True:
+        alone = solve(replace(problem, rolling=None, spacing=BIN / STEPS), Estimate(offset), robust=False)
+        changes = slip_changes(alone, rolling, offset)
+        found = stuck(changes, problem.rests)
+        if not found:
+            break
+        # what the IMU alone knows next to a standstill may show more of it
+        found = [between_swings(alone.nominal, interval, problem.rests) for interval in found]
+        problem = replace(problem, rests=_joined([*problem.rests, *found]))
     size = changes.size
     rare = -ndtri(0.5 * CHANCE / max(size.size, 1))
     jump = size > rare * usual_size(problem, changes)
@@ -97,19 +106,55 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
     return replace(problem, jumps=rate)
 
 
-def stuck(changes: Changes) -> list[Interval]:
+def stuck(changes: Changes, rests: Sequence[Interval]) -> list[Interval]:
     """Standstills of the body [s] while its wheels turn: by the IMU alone it is as slow as can be told.
 
     The slip ratio is then known to be 100 % within `SURE`. Wheels that dig themselves in hold the body for
-    seconds; one that only turns round stands for less than a second.
+    seconds; one that only turns round stands for less than a second, unless it goes on to stand.
+
+    Args:
+        changes: of slip.
+        rests: standstills that are known [s].
     """
     body, far = changes.wheel - changes.slip, SURE * changes.slower
     stands = (np.abs(body) < 2.0 * changes.unsure[:, None]).all(axis=1) & (changes.unsure < far)
     stands &= changes.slower > MOVING
-    first, last = runs(stands)
-    # it may come to rest late in the first bin and set off early in the last
-    found = zip(changes.begin[first] + BIN, changes.end[last - 1] - BIN, strict=True)
-    return [(float(begin), float(end)) for begin, end in found if end - begin > LASTING]
+    found = []
+    for a, b in zip(*runs(stands), strict=True):
+        # it may come to rest late in the first bin and set off early in the last
+        begin, end = float(changes.begin[a]) + BIN, float(changes.end[b - 1]) - BIN
+        after = [start for start, _ in rests if abs(start - changes.end[b - 1]) < BIN]
+        if after:
+            found.append((begin, after[0]))
+        elif end - begin > LASTING:
+            found.append((begin, end))
+    return found
+
+
+def between_swings(nominal: Nominal, interval: Interval, rests: Sequence[Interval]) -> Interval:
+    """Move both ends of a standstill [s] to instants at which vibration does not move the body.
+
+    Wheels that turn shake a body that stands. What it does at the first instant is taken for its velocity.
+    """
+    t, known = nominal.t, [edge for rest in rests for edge in rest]
+    shaken = np.abs(nominal.v - uniform_filter1d(nominal.v, round(BIN / float(np.median(np.diff(t))))))
+
+    def moved(edge: float) -> float:
+        near = np.abs(t - edge) < 0.5 * BIN
+        return edge if edge in known else float(t[near][np.argmin(shaken[near])])
+
+    return moved(interval[0]), moved(interval[1])
+
+
+def _joined(rests: Sequence[Interval]) -> tuple[Interval, ...]:
+    """Return standstills in order, those that touch as one."""
+    joined: list[Interval] = []
+    for begin, end in sorted(rests):
+        if joined and begin <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
+        else:
+            joined.append((begin, end))
+    return tuple(joined)
 
 
 def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
