@@ -90,6 +90,11 @@ def test_a_module_stays_short() -> None:
     assert [p for p in MODULES if len(p.read_text(encoding="utf-8").splitlines()) > 500] == []
 
 
+def test_the_report_stays_small() -> None:
+    own = [p for p in MODULES if p.is_relative_to(PACKAGE / "reporting")]
+    assert sum(len(p.read_text(encoding="utf-8").splitlines()) for p in own) <= 5000
+
+
 @pytest.mark.parametrize(
     ("library", "home"),
     [
