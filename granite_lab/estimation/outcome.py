@@ -139,13 +139,11 @@ def motion_without_imu(
 def _by_latency(t: Array, v: Array, problem: Problem, offset: Estimate) -> Array:
     """(N,) std of the velocity by not knowing whose stamps are late, the IMU's or the wheels' [m/s].
 
-    An IMU that lags by its latency shows a motion later than it was, by acceleration times latency. Of two
-    sensors that may lag alike, half of the difference is the IMU's, and half of a latency is not known.
+    An IMU that lags by its latency shows a motion later than it was, by acceleration times latency.
     """
     if problem.slip.memory or not np.isfinite(offset.std):
         return np.zeros(t.size)
-    known = offset.value if abs(offset.value) < 2.0 * LATENCY else 0.0
-    late = 0.5 * float(np.sqrt(offset.std**2 + known**2 + LATENCY**2))
+    late = float(np.hypot(offset.std, offset.value if abs(offset.value) < LATENCY else 0.0))
     size = max(round(QUICK / problem.imu.period), 1)
     return np.asarray(late * np.abs(uniform_filter1d(np.gradient(v, t), size)))
 
