@@ -31,18 +31,13 @@ def fitted(velocity=0.3, k92=0.2286, seed=0):
     return motion, trial, run, fit_k92(motion, trial, ROBOT, SOIL)
 
 
-@lru_cache
-def compared():
-    motion, trial, _, fit = fitted()
-    return compare(motion, trial, fit, ROBOT, SOIL)
-
-
 def misfit(comparison, channel, phase="all"):
     return next(m for m in comparison.misfits if (m.channel, m.phase) == (channel, phase))
 
 
 def test_every_channel_is_there_on_the_motions_stamps():
-    (motion, _, _, fit), c = fitted(), compared()
+    motion, trial, _, fit = fitted()
+    c = compare(motion, trial, fit, ROBOT, SOIL)
     assert set(c.measured) == set(c.measured_std) == set(c.simulated) == set(c.units) == CHANNELS
     assert all(values.shape == motion.t.shape for values in c.measured.values())
     assert c.t == pytest.approx(motion.t - fit.t_start.value)
@@ -50,7 +45,8 @@ def test_every_channel_is_there_on_the_motions_stamps():
 
 
 def test_the_model_that_made_the_log_is_at_the_noise_floor():
-    c = compared()
+    motion, trial, _, fit = fitted()
+    c = compare(motion, trial, fit, ROBOT, SOIL)
     for channel, low, high in [
         ("velocity", 0.3, 2.0), ("torque_f", 0.5, 1.6), ("torque_r", 0.5, 1.6), ("accel", 0.9, 1.2),
         ("pitch_rate", 0.9, 1.2),
@@ -62,7 +58,7 @@ def test_the_model_that_made_the_log_is_at_the_noise_floor():
 
 def test_a_wrong_k92_shows_in_slip_and_velocity_and_not_in_the_wheels():
     motion, trial, _, fit = fitted()
-    right = compared()
+    right = compare(motion, trial, fit, ROBOT, SOIL)
     wrong_run = simulate_k92(variant_of(0.3), ROBOT, SOIL, 0.10)
     wrong = compare(motion, trial, fit, ROBOT, SOIL, run=wrong_run)
     assert wrong.run is wrong_run
@@ -74,7 +70,8 @@ def test_a_wrong_k92_shows_in_slip_and_velocity_and_not_in_the_wheels():
 
 
 def test_driving_torques_come_from_the_currents_by_24():
-    (motion, trial, run, fit), c = fitted(), compared()
+    motion, trial, run, fit = fitted()
+    c = compare(motion, trial, fit, ROBOT, SOIL)
     i = int(np.argmin(np.abs(c.t - 4.0)))
     j = int(np.argmin(np.abs(trial.currents.t - motion.t[i])))
     still = trial.currents.t < fit.t_start.value - 0.1
