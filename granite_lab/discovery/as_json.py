@@ -35,6 +35,7 @@ def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[s
         "channels": {
             g.channel: {"train": _pair(g.train), "held_out": _pair(g.held_out)} for g in finding.gaps
         },
+        "scatter": dict(finding.scatter),
         "where": [_place(d) for d in finding.where],
         "left": [_place(d) for d in finding.left],
         "candidates": [

@@ -114,6 +114,7 @@ def assemble(
         sand_per_trial=tuple(_sand_of(problem, after.fit, i) for i in range(len(problem.trials))),
         scales=dict(after.fit.scales.priors),
         discrepancy=after.fit.scales.largest,
+        scatter=judgement.scatter,
         trials_left_out=_trials_left_out(problem, judgement),
         speeds_left_out=_speeds_left_out(problem, judgement),
         dropped=dropped,

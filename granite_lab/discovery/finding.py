@@ -243,6 +243,8 @@ class Finding(Shown):
         sand_per_trial: per trial a_θ [s/m], k_φ and c as fitted.
         scales: number that differs from trial to trial to its std as learnt from the trials.
         discrepancy: share of each channel's rms that the model with the effects misses, as learnt.
+        scatter: channel to how far repetitions of a command differ slowly and beyond noise, as a share of its
+            rms in motion; only where that is more than a tenth.
         trials_left_out, speeds_left_out: predictions; empty where nothing could be left out.
         dropped: name of a trial that nothing fits, and why it was left out of the analysis.
         notes: what could not be told and why.
@@ -274,6 +276,7 @@ class Finding(Shown):
     sand_per_trial: tuple[tuple[str, Mapping[str, float]], ...]
     scales: Mapping[str, float]
     discrepancy: float
+    scatter: Mapping[str, float]
     trials_left_out: tuple[LeftOut, ...]
     speeds_left_out: tuple[LeftOut, ...]
     dropped: tuple[tuple[str, str], ...]

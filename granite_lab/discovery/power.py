@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.discovery.candidates import Probe, Screen
+from granite_lab.discovery.candidates import Probe, Screen, others_of
 from granite_lab.discovery.finding import Confusion, Detectable
 from granite_lab.discovery.search import is_empirical
 from granite_lab.inference.constants import CREDIBLE, EFFECT_ODDS
@@ -80,7 +80,7 @@ def detectable(
         circles = problem.bench.world.effects[id_].circles
         for circle in circles or [(p.parameter.name,) for p in group]:
             at = [k for k, p in enumerate(group) if p.parameter.name in circle]
-            noise = _by_noise_own(power, at, needed)
+            noise = max(_by_noise_own(power[some], at, needed) for some in others_of(problem))
             worst = [max(shares[k] for k in places[:, n].tolist()) for n in at]
             share = float(np.sqrt(np.mean(np.square(worst))))
             found.append(_row(group[at[0]], noise, tolerance / share if share > 0 else np.inf, ()))

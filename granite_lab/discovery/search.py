@@ -12,8 +12,8 @@ from granite_lab.discovery.candidates import Score, Screen, scores, screen
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.constants import EFFECT_ODDS, SPREAD, TOLERANCE
-from granite_lab.inference.fit import FORMULAS, Fit, fit, under
+from granite_lab.inference.constants import EFFECT_ODDS, LEFT, SPREAD, TOLERANCE
+from granite_lab.inference.fit import Fit, fit, under
 from granite_lab.inference.gap import moved, shares
 from granite_lab.inference.problem import Point, Problem
 
@@ -174,7 +174,7 @@ def search(
     path: list[tuple[str, list[Score]]] = []
     for _ in range(MOST):
         fine = settled(current)
-        wanted = left_open(current, looks, own) if fine else lambda *_: True
+        wanted = left_open(current, base, own) if fine and current.effects else lambda *_: True
         tried = extended(current, wanted, 1 if fine else TRIED)
         best = best_of(current, tried)
         if fine and best is not current:
@@ -226,32 +226,19 @@ def best_fit(problem: Problem, start: Point, near: Fit, parts: Sequence[Fit]) ->
     return max(found, key=lambda f: f.evidence, default=None)
 
 
-def left_open(
-    model: Model, looks: Mapping[tuple[str, ...], tuple[Look, ...]], own: Collection[str]
-) -> Callable[[str, float], bool]:
+def left_open(model: Model, base: Fit, own: Collection[str]) -> Callable[[str, float], bool]:
     """Return which candidates, by their gain, are of interest beside a model that leaves no discrepancy.
 
-    It says nothing of what differs from trial to trial. Where the formulas of its effects need the largest
-    error that is allowed, another effect may be hidden there, which is no rival of theirs: one that promised
-    little without them, or that promises as much beside them as without.
+    Such a model says nothing of what differs from trial to trial. Of the rest, a candidate that promises no
+    more than the errors of the formulas in the model may have left is not of interest.
 
     Args:
         model: the effects with their fit.
-        looks: screens so far.
+        base: the fit without effects.
         own: candidates with numbers of their own in each trial.
     """
-    if not model.effects:
-        return lambda *_: True
-    if model.fit.scales.formula < FORMULAS[1]:
-        return lambda c, _: c in own
-    without: dict[str, float] = {}
-    rivals: set[str] = set()
-    for promises in (_promises(screens) for effects, screens in looks.items() if effects != model.effects):
-        best = max(p.gain for p in promises.values())
-        rivals |= {c for c, p in promises.items() if p.gain >= RIVAL * best}
-        without |= {c: max(p.gain, without.get(c, -np.inf)) for c, p in promises.items()}
-
-    return lambda c, gain: not is_empirical(c) and (c in own or c not in rivals or gain >= without[c])
+    least = LEFT**2 * (model.fit.evidence - base.evidence)
+    return lambda c, gain: c in own or (gain > least and not is_empirical(c))
 
 
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,18 +11,14 @@ from granite_lab.discovery.finding import Verdict
 from granite_lab.discovery.heldout import Predicted, closed, predict
 from granite_lab.discovery.search import Model, Search, good, is_empirical, matters
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE
+from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
 from granite_lab.inference.fit import FORMULAS, under
-from granite_lab.inference.gap import moved
+from granite_lab.inference.gap import moved, scatter
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 
 LARGEST_SET = 3
 """Most effects that cannot be told apart in an answer that still is one."""
-
-LEFT = 0.3
-"""Share of the gap on trials left out, as an rms, that named effects may leave: semi-empirical formulas
-predict forces within 10 to 30 % (see `FORMULA_ERROR`), so that more is another effect."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +71,8 @@ class Judgement:
         before, after: predictions without and with the effects.
         gap: (trials,) misfit of the model alone beyond what noise and the tolerance explain, left out.
         remainder: share of the gap that is left.
+        scatter: channel to how far repetitions differ, where that is more than `LEAST_SHARE`; see
+            `inference.gap.scatter`.
     """
 
     verdict: Verdict
@@ -86,17 +84,31 @@ class Judgement:
     after: Predicted
     gap: Array
     remainder: float
+    scatter: Mapping[str, float] = field(default_factory=dict)
 
 
 def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
-    """Decide.
+    """Decide by what repetitions share, see `_judged`, and by how they differ.
+
+    It is ``unknown`` where they differ by more than `LEAST_SHARE` and the model explains all that they share.
+    """
+    found = _judged(problem, search, tolerance)
+    differ = {c: share for c, share in scatter(problem, search.best.fit).items() if share > LEAST_SHARE}
+    return replace(
+        found, scatter=differ, verdict="unknown" if found.verdict == "none" and differ else found.verdict
+    )
+
+
+def _judged(problem: Problem, search: Search, tolerance: float) -> Judgement:
+    """Decide by what repetitions share.
 
     * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
       likeliest model says, and that model changes no channel by more than the tolerance.
     * Effects of the likeliest set are named that trials left out show, and that close at least `LEAST_SHARE`
       of the gap or make that share of what the set changes in a channel, and more than the tolerance. Alone,
       or with at most two others that cannot be told from them, they must have a posterior probability of
-      `CREDIBLE`; together they must leave less than `LEFT` of the gap, as an rms.
+      `CREDIBLE`; together they must leave less than `LEFT` of the gap, as an rms, or nothing that errors of
+      their formulas within `FORMULA_ERROR` and the tolerance do not explain.
     * ``unknown`` otherwise.
     """
     alone = search.model(())
@@ -121,8 +133,7 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     law = [n for n in relevant if is_empirical(n.id)]
     sure = [n for n in library if n.probability >= CREDIBLE and len(n.twins) < LARGEST_SET]
     by_law = sum(n.closes.value for n in law)
-    enough = remainder + by_law < LEFT**2
-    enough |= not law and good(problem, alone.fit, tolerance)  # a gap too small to be divided
+    enough = remainder + by_law < LEFT**2 or (not law and good(problem, best.fit, tolerance))
     if sure and len(sure) == len(library) and enough:
         probability = float(min(n.probability for n in sure))
         return Judgement("named", probability, best, tuple(sure), small, before, after, gap, remainder)

@@ -46,9 +46,20 @@ def sentence(
             "something is missing from the model. No candidate explains it; an empirical law describes it "
             f"({terms}). {_shrinks(judgement)}"
         )
+    elif judgement.scatter:
+        text = f"something is missing from the model that changes from trial to trial. {differing(judgement)}"
     else:
         text = "something is missing from the model. Neither a candidate nor an empirical law explains it."
     return head + (text if head else text[0].upper() + text[1:])
+
+
+def differing(judgement: Judgement) -> str:
+    """Say by how much repetitions differ, and in which channel most."""
+    channel, share = max(judgement.scatter.items(), key=lambda item: item[1])
+    return (
+        f"Repetitions of a command differ in {channel} by {100 * share:.0f} % of its rms in motion, "
+        "which noise, sand and gains do not explain."
+    )
 
 
 def _shrinks(judgement: Judgement) -> str:
@@ -91,6 +102,8 @@ def notes(
     if judgement.verdict == "unknown" and judgement.small:
         best = ", ".join(n.id for n in judgement.small)
         found.append(f"The likeliest candidates ({best}) do not explain enough to be named.")
+    if judgement.scatter:
+        found.append(differing(judgement))
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:
             found.append(

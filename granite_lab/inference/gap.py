@@ -1,16 +1,21 @@
-"""What a fit leaves: the discrepancy of each channel in its unit, and the misfit beyond what is tolerated."""
+"""What a fit leaves: discrepancy of each channel, misfit beyond the tolerance, scatter of repetitions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import periodogram
 
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.fit import FORMULAS, SHARES, Fit, under
+from granite_lab.inference.noise import ABOVE, CUT, errors
 from granite_lab.inference.normal import ChannelPart, Scales, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
+
+LEAST_BINS = 8
+"""Number of bins above which a spectrum is computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +117,49 @@ def remaining(problem: Problem, fit: Fit) -> list[Array]:
         found.append(residual - change.reshape(residual.shape))
         begin += x.size
     return found
+
+
+def scatter(problem: Problem, fit: Fit) -> dict[str, float]:
+    """Return channel to how far repetitions differ slowly, over its rms in motion; rms over commands.
+
+    The numbers of single trials, as sand, gains and offsets, are fitted. Noise and vibration are subtracted,
+    by their density at standstill or in the band above `CUT`, whichever is larger. What is left changes from
+    trial to trial and is not in the model, as uneven ground, wind or a motor that warms up.
+
+    Args:
+        problem: the trials.
+        fit: of them.
+    """
+    left = remaining(problem, fit)
+    squares: dict[str, list[float]] = {}
+    for command, own in enumerate(problem.commands):
+        t = problem.trials[own[0]].observation
+        for c in problem.trials[own[0]].channels:
+            size, moving = problem.size_of(command, c)
+            rows = [
+                left[i][problem.trials[i].channels.index(c)] for i in own if c in problem.trials[i].channels
+            ]
+            if len(rows) < 2 or size <= 0 or c.startswith("wheel"):  # wheels follow the command
+                continue
+            noise = errors(rows)
+            slow = _powers(noise[:, moving > 0], t.width, 0.0, CUT)
+            above = _powers(noise[:, moving > 0], t.width, CUT, ABOVE * CUT)
+            still = _powers(noise[:, t.t < 0], t.width, 0.0, CUT)
+            if slow.size and above.size:
+                sure = slow.mean() * (1 - 2 / np.sqrt(slow.size))  # a power scatters by itself
+                more = sure - max(above.mean(), still.mean() if still.size else 0.0)
+                squares.setdefault(c, []).append(max(more, 0.0) * CUT / size**2)
+    return {c: float(np.sqrt(np.mean(found))) for c, found in squares.items()}
+
+
+def _powers(rows: Array, width: float, low: float, high: float) -> Array:
+    """Return the power densities of (k, n) rows between two frequencies; none where they are too short."""
+    found = [np.zeros(0)]
+    for row in (r[np.isfinite(r)] for r in rows):
+        if row.size > LEAST_BINS:
+            f, power = periodogram(row, 1 / width, window="hann")
+            found.append(power[(f > 0) & (f >= low) & (f < high)])
+    return np.concatenate(found)
 
 
 def tolerated(scales: Scales, share: float) -> Scales:

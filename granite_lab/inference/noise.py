@@ -36,6 +36,9 @@ FAST = 0.8
 CUT = 4.0
 """Below this frequency [Hz] a residual without repetitions may be a missing effect, not noise."""
 
+ABOVE = 2.5
+"""The band above `CUT` that tells how loud noise and vibration are ends at this multiple of it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Whitener:
@@ -166,7 +169,7 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
     raw = np.mean([np.abs(np.fft.rfft(row, 2 * _GRID)) ** 2 / row.size for row in rows], axis=0)
     f = np.fft.rfftfreq(2 * _GRID, width)
     if cut:
-        raw[f < cut] = np.mean(raw[(f >= cut) & (f < 2.5 * cut)])
+        raw[f < cut] = np.mean(raw[(f >= cut) & (f < ABOVE * cut)])
     order = min(order, sum(row.size for row in rows) // 12)
     r = np.fft.irfft(raw)[: order + 1]
     r[0] += floor**2

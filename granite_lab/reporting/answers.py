@@ -18,6 +18,7 @@ from granite_lab.reporting.names import (
     MUCH,
     capital,
     describe,
+    in_plain_words,
     listed,
     next_steps,
     plain,
@@ -392,8 +393,9 @@ def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
         return Answer("missing", question, "Nothing that these trials show", said("answers", "nothing"), tone)
     sizes = "; ".join(describe(e) for e in finding.effects)
     if finding.verdict == "unknown":
-        law = f" An empirical law stands in for it: {sizes}." if finding.effects else ""
-        return Answer("missing", question, "Something unknown", said("answers", "unknown") + law, "bad")
+        text = f"{said('answers', 'unknown')} An empirical law stands in for it: {sizes}."
+        text = text if finding.effects else in_plain_words(finding.sentence, finding)
+        return Answer("missing", question, "Something unknown", text, "bad")
     twins = [
         f"These trials cannot tell {plain(e.id)} from {listed([plain(t) for t in e.twins], 'or')}."
         for e in finding.effects

@@ -219,7 +219,11 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple
     if finding.verdict == "none":
         return (*steps, said("steps", "none", plan=plan))
     if finding.verdict == "unknown":
-        return (*steps, said("steps", "unknown"), said("steps", "tell", plan=plan))
+        return (
+            *steps,
+            said("steps", "scatter" if finding.scatter else "unknown"),
+            said("steps", "tell", plan=plan),
+        )
     faults = [plain(e.id) for e in finding.effects if (known := met(e.id)) and known.fault]
     if faults:
         steps.append(said("steps", "fault", faults=capital(listed(faults))))

@@ -9,10 +9,10 @@ import pytest
 
 from granite_lab.inference.discrepancy import MOTION, variances
 from granite_lab.inference.fit import FIRST, Fit, fit
-from granite_lab.inference.gap import beyond, discrepancies
+from granite_lab.inference.gap import beyond, discrepancies, scatter
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
-from tests.inference.stub import predicted, problem_of
+from tests.inference.stub import drawn, measure, predicted, problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 TOLERANCE = 0.02
@@ -111,3 +111,19 @@ def test_a_channel_that_never_moves_has_no_share() -> None:
     problem = problem_of(FOUR)
     found = discrepancies(problem, linear(problem, np.random.default_rng(1), 0.0))[0]
     assert replace(found, std=np.zeros_like(found.std)).share == 0.0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_repetitions_scatter_by_what_changes_slowly_from_trial_to_trial(share: float) -> None:
+    """A wave of 2 Hz and random phase in the pitch rate, as a robot on uneven ground shows it."""
+    problem = problem_of((0, 0, 0, 1, 1, 1))
+    rng = np.random.default_rng(6)
+    k = problem.trials[0].channels.index("pitch_rate")
+    measure(problem, drawn(problem, rng), rng)
+    for i, t in enumerate(problem.trials):
+        size, moving = problem.size_of(problem.variants.index(t.variant), "pitch_rate")
+        wave = np.sin(4 * np.pi * t.observation.t + 2 * np.pi * i / 3)
+        t.measured[k] += np.sqrt(2) * share * size * wave * (moving > 0)
+    found = scatter(problem, fit(problem, problem.neutral(), FIRST))
+    assert found.pop("pitch_rate") == pytest.approx(share, abs=0.2 * share + 0.05)
+    assert max(found.values()) < 0.1

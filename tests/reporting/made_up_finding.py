@@ -111,6 +111,7 @@ def made_up_finding(
         sand_per_trial=tuple((t, {"a_theta": 4.9}) for t in trials),
         scales={"a_theta": 0.05, "wheel gain": 0.002, "tilt": 0.01},
         discrepancy=0.01,
+        scatter={},
         trials_left_out=tuple(records.LeftOut(t, before, after) for t in trials) if many else (),
         speeds_left_out=tuple(
             records.LeftOut(f"{s:g}", before, after) for s in speeds if len(speeds) > 1
