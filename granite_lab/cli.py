@@ -77,6 +77,7 @@ app = typer.Typer(
     cls=_Group,
     help="From raw logs of a robot on sand to slip, fitted models and reports, with uncertainty.",
     context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Options of a command: granite-lab COMMAND --help\n\nA first study: granite-lab study FOLDER",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # which would swallow units in brackets

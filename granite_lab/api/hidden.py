@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 TRIALS, FINDING = "trials", "finding"
 """Folders of a kit: the logs, and what `discover` wrote."""
 
-FILES = ("finding.json", "report.json")
-"""Names under which `discover` and `study` write a discovery."""
-
 
 @dataclass(frozen=True)
 class HiddenSet:
@@ -102,7 +99,8 @@ def hide(
     """Write virtual trials with a hidden effect, by an independent simulator; seal the answer.
 
     Args:
-        effect: an id (also ids joined by +), or ``random``, ``none``, ``outside``, ``pair``.
+        effect: ids joined by +; or ``random``: one of the library; ``pair``: two of it; ``outside``: one that
+            it lacks; ``none``.
         out: folder of the trials and the sealed answer.
         seed: seed of all random numbers.
         strength: factor on the effect's size.
@@ -176,7 +174,7 @@ def reveal(
     answer = open_answer(place)  # a seal that does not hold is told before a search, which takes a while
     if said is None and (place / TRIALS).is_dir():
         said = _searched_kit(place, jobs)
-    judged = score(answer, _finding_in(said)) if said else None
+    judged = score(answer, read_finding(said)) if said else None
     return Revealed(answer, judged, tuple(_changed(place, answer)), said)
 
 
@@ -192,35 +190,6 @@ def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
         elif sha256(path) != trial["sha256"]:
             lines.append(f"{path}: has changed since it was written")
     return lines
-
-
-def _finding_in(place: Path) -> Mapping[str, Any]:
-    """Return the document of a discovery: a file, also of a study, or the newest in a folder.
-
-    Raises:
-        InputError: there is none, it cannot be read, or the study did not search.
-    """
-    path = place
-    if place.is_dir():
-        there = [place / name for name in FILES if (place / name).is_file()]
-        if not there:
-            raise InputError(
-                f"{place}: holds no finding ('finding.json' is missing)",
-                f"run 'granite-lab discover TRIALS… --out {place}' first",
-            )
-        path = max(there, key=lambda file: file.stat().st_mtime)
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return read_finding(path)  # which says what is wrong
-    if not isinstance(document, dict) or "discovery" not in document:
-        return read_finding(path)
-    if not isinstance(document["discovery"], dict):
-        raise InputError(
-            f"{path}: this study did not search for a missing effect",
-            "run 'granite-lab study' without --no-discover, or 'granite-lab discover'",
-        )
-    return dict(document["discovery"])
 
 
 @dataclass(frozen=True)

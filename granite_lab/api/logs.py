@@ -95,7 +95,7 @@ def ingest(
         rests: intervals of standstill (start, end) [s, the log's time].
         distance_measured: total distance by tape [m].
         against_reference: judge the estimate by the log's reference, which the filter does not use.
-        reference_std: std of the reference's own velocity [m/s].
+        reference_std: standard deviation of the reference's velocity [m/s].
         jobs: number of processes; 0 means one per core.
         done: called with each path once it is finished.
 

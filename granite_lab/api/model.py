@@ -127,11 +127,11 @@ def simulate(
         v: desired velocity [m/s] instead of a variant; needs `a` and `distance`.
         a: largest acceleration [m/s²] (with `v`).
         distance: total distance [m] (with `v`).
-        grade: IMU grade instead of the robot's.
+        grade: IMU grade instead of the robot's, as industrial or consumer.
         log: file for the log of virtual sensors (CSV).
         truth: file for the true motion (CSV); needs `log`.
         seed: seed of the random numbers of sensors and sand.
-        scatter: scatter the sand as raking does.
+        scatter: vary the sand at random, as raking does.
         repetition: number of the repetition, as the log states it.
 
     Returns:
@@ -318,7 +318,7 @@ def params(
     Args:
         robot: a name of the catalogue or a .toml file; granite by default.
         soil: a name of the catalogue or a .toml file; dry_sand by default.
-        grade: IMU grade instead of the robot's.
+        grade: IMU grade instead of the robot's, as industrial or consumer.
 
     Raises:
         UsageError: unknown robot, soil or IMU grade.

@@ -85,6 +85,17 @@ class Search(Work, total=False):
 class Chain(Fit, Search, total=False):
     """What may be said of a study."""
 
+    out: Annotated[
+        str | Path | None,
+        Arg(
+            "folder for the report; without it nothing is written. A report that is there already, of the "
+            "same logs by the same code, is kept"
+        ),
+    ]
+    name: Annotated[str, Arg("name of the report, unless `out` gives it", "study")]
+    discover: Annotated[bool, Arg("search for an effect that the model lacks", True)]
+    recordings: Annotated[bool, Arg("also write a Rerun recording of each trial into `out`", True)]
+
 
 @dataclass(frozen=True)
 class Excluded:

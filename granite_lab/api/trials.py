@@ -126,37 +126,29 @@ def compare(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Fit]) -
 
 
 @checked
-def studied(
-    logs: Logs,
-    *,
-    out: str | Path | None = None,
-    name: str = "study",
-    discover: bool = True,
-    recordings: bool = True,
-    **said: Unpack[Chain],
-) -> Studied:
+def studied(logs: Logs, **said: Unpack[Chain]) -> Studied:
     """Run `study`, and say what was written; what could not be written is no error here."""
     choice, progress = choose(logs, said), said["progress"]
     from granite_lab.study import Written, record, write  # noqa: PLC0415, heavy
     from granite_lab.study import study as run  # noqa: PLC0415, heavy
 
-    folder = None if out is None else Path(out)
+    folder = None if said["out"] is None else Path(said["out"])
     with claimed(folder) if folder else nullcontext():
         result = run(
-            choice.files, folder.name if folder else name, choice.options, execution=choice.execution,
-            discover=discover, strict=said["strict"], done=said["done"], progress=progress,
+            choice.files, folder.name if folder else said["name"], choice.options, execution=choice.execution,
+            discover=said["discover"], strict=said["strict"], done=said["done"], progress=progress,
         )  # fmt: skip
         result = replace(result, failures=(*result.failures, *choice.excluded))
         origin = Origin(result.source, result.failures, choice.execution.tidied())
         if folder is None:
             return Studied(result, origin)
-        key = digest_of(code(shows=True), content(result), content(choice.options), recordings)
+        key = digest_of(code(shows=True), content(result), content(choice.options), said["recordings"])
         stamp = Stamp(folder, key, choice.execution.cache)
         if stamp.holds():
             model = folder / MODEL if (folder / MODEL).exists() else None
             return Studied(result, origin, Written(folder / "index.html", model, result.finding), True)
         failed, jobs = [], choice.execution.jobs
-        if recordings:
+        if said["recordings"]:
             guard = Guard(folder)
             guard.run(
                 "recordings", lambda: record(result, folder / "recordings", jobs=jobs, progress=progress)
@@ -171,26 +163,13 @@ def studied(
 
 
 @checked
-def study(
-    logs: Logs,
-    *,
-    out: str | Path | None = None,
-    name: str = "study",
-    discover: bool = True,
-    recordings: bool = True,
-    **said: Unpack[Chain],
-) -> StudyResult:
+def study(logs: Logs, **said: Unpack[Chain]) -> StudyResult:
     """Analyse trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
 
     A trial that cannot be used is left out and listed with the reason.
 
     Args:
         logs: paths of logs, or of folders with logs.
-        out: folder for the report; without it nothing is written. A report that is there already, of the
-            same logs by the same code, is kept.
-        name: of the report, unless `out` gives it.
-        discover: search for an effect that the model lacks.
-        recordings: also write a Rerun recording of each trial into `out`.
 
     Returns:
         the results; the table has a row for each trial.
@@ -198,7 +177,7 @@ def study(
     Raises:
         LabError: no trial went through, or a file cannot be written.
     """
-    found = studied(logs, out=out, name=name, discover=discover, recordings=recordings, **said)
+    found = studied(logs, **said)
     tell(found.written.failures if found.written else ())
     return found.result
 

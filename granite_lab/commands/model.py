@@ -116,7 +116,7 @@ def params(
         Path, typer.Argument(metavar="FOLDER", help="Folder whose granite-lab.toml applies.")
     ] = Path(),
 ) -> Output:
-    """Robot and soil are those of the options, else of granite-lab.toml in the folder."""
+    """Robot and soil are taken from the options, else from granite-lab.toml in the folder."""
     chosen = api.chosen_in(folder, call.said.get("robot"), call.said.get("soil"))
     rows = list(call(robot=chosen["robot"]["value"], soil=chosen["soil"]["value"]))
     document = {

@@ -46,7 +46,7 @@ def fit_k92(
     out: Table = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print the notes of the fits.")] = False,
 ) -> Output:
-    """Fits that need a remark are marked; --verbose lists the remarks."""
+    """Fits without an optimum are marked; --verbose prints notes on all fits."""
     fits = call()
     if out is not None:
         write_text(out, reporting.tables.k92_table(list(fits)).to_csv())
@@ -82,7 +82,7 @@ def fit_atheta(call: Call[tuple[AThetaFit, Origin]], out: Table = None) -> Outpu
 
 @command(api.compare, busy="fitting", out=_folder("reports/compare", "Folder for tables and figures."))
 def compare(call: Call[Records[Comparison]]) -> Output:
-    """Tables and figures are written, the misfits printed."""
+    """Tables and figures are written, the differences by quantity are printed."""
     out = call.folder("compare")
     found = call(out=out)
     rows = [

@@ -36,6 +36,10 @@ REMAINDER = 0.1
 SCHEMA = "granite-lab/discovery/2"
 
 
+FILES = ("finding.json", "report.json")
+"""Names under which `discover` and `study` write a discovery."""
+
+
 @dataclass(frozen=True)
 class ParameterScore:
     """One parameter of an effect that was named rightly.
@@ -82,18 +86,34 @@ class Score:
     gap_closed: Mapping[str, float | None]
 
 
-def read_finding(path: Path) -> dict[str, Any]:
-    """Return a discovery's JSON document.
+def read_finding(place: Path) -> dict[str, Any]:
+    """Return a discovery's JSON document: of a file, also of a study, or of the newest in a folder.
 
     Raises:
-        InputError: the file cannot be read, or is none.
+        InputError: the file cannot be read, or is none, or the study did not search.
     """
+    path = place
+    if place.is_dir():
+        there = [place / name for name in FILES if (place / name).is_file()]
+        if not there:
+            raise InputError(
+                f"{place}: holds no finding ('finding.json' is missing)",
+                f"run 'granite-lab discover TRIALS… --out {place}' first",
+            )
+        path = max(there, key=lambda file: file.stat().st_mtime)
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise readable(error, path) from None
     except ValueError as error:
         raise InputError(f"{path}: not JSON: {error}", "give the output of `discover --json`") from None
+    if isinstance(document, dict) and "discovery" in document:
+        document = document["discovery"]
+        if document is None:
+            raise InputError(
+                f"{path}: this study did not search for a missing effect",
+                "run 'granite-lab study' without --no-discover, or 'granite-lab discover'",
+            )
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         raise InputError(f"{path}: not a discovery, expected schema '{SCHEMA}'", "see `discover --json`")
     if document.get("verdict") not in ("none", "named", "unknown"):
