@@ -125,7 +125,7 @@ def _without_jumps(t: Array, angle: Array, doubts: list[str]) -> Array:
         return np.abs(step) > FASTEST * time
 
     wild = too_fast(np.diff(angle), np.diff(t))
-    if not wild.any() or np.count_nonzero(wild) > 0.01 * len(wild) + 2:
+    if not wild.any() or wild.all() or np.count_nonzero(wild) > 0.01 * len(wild) + 2:
         return angle
     alone = np.zeros(len(angle), dtype=bool)
     alone[1:-1] = wild[:-1] & wild[1:] & ~too_fast(angle[2:] - angle[:-2], t[2:] - t[:-2])
