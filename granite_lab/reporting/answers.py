@@ -219,10 +219,6 @@ class Answers:
     channels: tuple[ChannelAnswer, ...] = ()
     a_theta_paper: float = math.nan
 
-    def question(self, id_: str) -> Answer | None:
-        """Return a question by its id."""
-        return next((q for q in self.questions if q.id == id_), None)
-
 
 def of_study(result: StudyResult, model: Path | str | None = None, folder: str = "") -> Answers:
     """Decide what a study answers; without trials and with a finding, what the search alone does.

@@ -107,7 +107,7 @@ def test_a_paper_value_is_compared_with_the_interval_as_it_is_printed() -> None:
 
 def test_a_law_is_not_tested_by_fewer_than_three_speeds() -> None:
     for speeds, verdict in (((0.3, 0.7), "Not tested"), ((0.2, 0.3, 0.7), "Yes")):
-        answer = of_study(made_up_study(speeds=speeds)).question("a_theta")
+        answer = next(q for q in of_study(made_up_study(speeds=speeds)).questions if q.id == "a_theta")
         assert answer is not None
         assert answer.verdict == verdict
 
@@ -116,7 +116,11 @@ def test_a_theta_that_differs_is_put_beside_what_is_missing(twelve: StudyResult)
     assert twelve.a_theta is not None
     off = dataclasses.replace(twelve.a_theta, a_theta=Estimate(3.6, 0.05), ci95=(3.5, 3.7))
     for finding, said in ((twelve.finding, True), (made_up_finding("none"), False)):
-        answer = of_study(dataclasses.replace(twelve, a_theta=off, finding=finding)).question("a_theta")
+        answer = next(
+            q
+            for q in of_study(dataclasses.replace(twelve, a_theta=off, finding=finding)).questions
+            if q.id == "a_theta"
+        )
         assert answer is not None
         assert answer.verdict == "No"
         assert ("what is missing can cause this" in answer.text) is said

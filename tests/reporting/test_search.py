@@ -96,7 +96,7 @@ def test_an_effect_without_numbers_and_a_share_that_is_not_known_make_a_report_t
 
 
 def test_reasons_of_a_provisional_verdict_are_doubts() -> None:
-    trust = report_of(made_up_finding(repetitions=1)).answers.question("trust")
+    trust = next(q for q in report_of(made_up_finding(repetitions=1)).answers.questions if q.id == "trust")
     assert trust is not None
     assert trust.verdict == "With care"
     assert "no command was driven twice" in trust.text
