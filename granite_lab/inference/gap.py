@@ -120,18 +120,19 @@ def remaining(problem: Problem, fit: Fit) -> list[Array]:
 
 
 def scatter(problem: Problem, fit: Fit) -> dict[str, float]:
-    """Return channel to how far repetitions differ slowly, over its rms in motion; rms over commands.
+    """Return channel to how far repetitions differ slowly, over its rms in motion; median of the commands.
 
     The numbers of single trials, as sand, gains and offsets, are fitted. Noise and vibration are subtracted,
     by their density at standstill or in the band above `CUT`, whichever is larger. What is left changes from
-    trial to trial and is not in the model, as uneven ground, wind or a motor that warms up.
+    trial to trial and is not in the model, as uneven ground, wind or a motor that warms up. A resonance of
+    the frame that is sampled as a slow wave shows at one speed only, hence the median.
 
     Args:
         problem: the trials.
         fit: of them.
     """
     left = remaining(problem, fit)
-    squares: dict[str, list[float]] = {}
+    every: dict[str, list[float]] = {}
     for command, own in enumerate(problem.commands):
         t = problem.trials[own[0]].observation
         for c in problem.trials[own[0]].channels:
@@ -148,8 +149,8 @@ def scatter(problem: Problem, fit: Fit) -> dict[str, float]:
             if slow.size and above.size:
                 sure = slow.mean() * (1 - 2 / np.sqrt(slow.size))  # a power scatters by itself
                 more = sure - max(above.mean(), still.mean() if still.size else 0.0)
-                squares.setdefault(c, []).append(max(more, 0.0) * CUT / size**2)
-    return {c: float(np.sqrt(np.mean(found))) for c, found in squares.items()}
+                every.setdefault(c, []).append(float(np.sqrt(max(more, 0.0) * CUT)) / size)
+    return {c: float(np.median(found)) for c, found in every.items()}
 
 
 def _powers(rows: Array, width: float, low: float, high: float) -> Array:
