@@ -114,19 +114,20 @@ def _judged(problem: Problem, search: Search, tolerance: float) -> Judgement:
     alone = search.model(())
     assert alone is not None
     alone = replace(alone, fit=under(problem, alone.fit, search.best.fit.scales))
-    before = predict(problem, alone.fit, tolerance)
+    fits, together = (alone.fit, search.best.fit), problem.bench.side_by_side
+    before, after = together(lambda k: predict(problem, fits[k], tolerance), 2)
     beside = _held(search, search.beside)
     if not matters(problem, alone.fit, search.best.fit, tolerance):
         small = (*beside, *_held(search, search.best.effects))
         gap = np.zeros_like(before.own)
         return Judgement("none", 1.0, alone, (), small, before, before, gap, float("nan"))
     best = search.best
-    after = predict(problem, best.fit, tolerance)
     base = before.left_out if np.isfinite(before.left_out).any() else before.own
     floor = np.fmin(after.expected, before.expected)
     gap = base - (floor if floor.sum() < _left(after).sum() else _left(after))
     remainder = 1 - closed(base, _left(after), gap).value
-    parts = [_named(problem, search, e, _Whole(base, gap, after, remainder), tolerance) for e in best.effects]
+    whole = _Whole(base, gap, after, remainder)
+    parts = together(lambda k: _named(problem, search, best.effects[k], whole, tolerance), len(best.effects))
     relevant = [n for n in parts if n.matters(remainder, best.fit.scales.formula)]
     small = (*beside, *(n for n in parts if n not in relevant))
     library = [n for n in relevant if not is_empirical(n.id)]
