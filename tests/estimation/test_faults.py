@@ -1,4 +1,4 @@
-"""Faults injected into good trials: the estimate stays within what it then claims, or is refused."""
+"""Faults injected into good trials: corrected, they are the good trial; else within the std, or refused."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimation import Motion, estimate
-from granite_lab.logs.trial import Trial
+from granite_lab.estimation import Motion, correct, estimate
+from granite_lab.logs.trial import Correction, Trial
 from granite_lab.parameters import WHEELS, Robot, load_robot
 from tests.truth import faults
 from tests.truth.trials import TruthTrial, generate
+from tests.truth.trials import robot as mounted
 
 Fault = Callable[[TruthTrial], Trial]
 
@@ -61,8 +63,12 @@ def hold(fault: Fault, *, grown: float = 0.0, slip: bool = True, said: str = "")
 
 
 @cache
+def corrected(i: int) -> tuple[Trial, Motion]:
+    return correct(good(i).trial, robot(i))
+
+
 def plain(i: int) -> Motion:
-    return estimate(good(i).trial, robot(i))
+    return corrected(i)[1]
 
 
 def ramp(truth: TruthTrial) -> tuple[float, float]:
@@ -141,17 +147,20 @@ def test_rail_known_from_the_grade_is_recognised() -> None:
 
 
 @pytest.mark.parametrize("how", ["frozen", "missing", "zero"])
-def test_dead_encoder_is_left_out_while_it_is_dead(how: str) -> None:
+def test_dead_encoder_is_left_out_while_it_is_dead_and_goes_on_level(how: str) -> None:
     hold(lambda d: faults.dead_encoder(d.trial, "rl", 4.0, 7.0, how), said="encoder rl gives no counts")
-    motion = estimate(faults.dead_encoder(good(0).trial, "rl", 4.0, 7.0, how), robot(0))
+    clean, motion = correct(faults.dead_encoder(good(0).trial, "rl", 4.0, 7.0, how), robot(0))
     dead = (motion.t > 4.1) & (motion.t < 6.9)
-    column = WHEELS.index("rl")
+    column, t = WHEELS.index("rl"), clean.wheels.t
+    assert np.isnan(clean.wheels.angle[(t > 4.05) & (t < 6.95), column]).all()
     assert np.isnan(motion.slip[dead, column]).all()
-    others = np.delete(motion.slip, column, axis=1)
-    assert np.isfinite(others[dead]).all()
+    assert np.isfinite(np.delete(motion.slip, column, axis=1)[dead]).all()
     alive = ((motion.t > 3.0) & (motion.t < 3.9)) | ((motion.t > 7.2) & (motion.t < 9.0))
     error = motion.v_wheel[alive, column] - good(0).at(motion.t[alive], "v_wheel")[:, column]
     assert np.abs(error).max() < 0.02
+    after = (t > 7.1) & (t < 7.6)
+    apart = clean.wheels.angle[after, column] - good(0).trial.wheels.angle[after, column]
+    assert np.abs(apart).max() < 0.03 * 0.5 / robot(0).wheels.radius
 
 
 @pytest.mark.parametrize(
@@ -233,3 +242,124 @@ def test_without_encoders_the_body_is_still_known() -> None:
 def test_neither_imu_nor_encoders_is_refused() -> None:
     with pytest.raises(EstimateError, match="neither IMU nor encoder"):
         estimate(replace(good(0).trial, imu=None, wheels=None), robot(0))
+
+
+def channels(trial: Trial) -> np.ndarray:
+    """(N, 6) force and rate of a corrected trial at the good one's stamps."""
+    imu = trial.imu
+    both = np.hstack([imu.specific_force, imu.angular_rate])
+    place = np.searchsorted(imu.t, good(0).trial.imu.t)
+    return both[np.clip(place, 0, imu.t.size - 1)]
+
+
+def said(trial: Trial, what: str) -> list[Correction]:
+    return [made for made in trial.corrections if what in made.what]
+
+
+def test_good_trial_is_left_as_it_is() -> None:
+    clean, _ = corrected(0)
+    logged = good(0).trial
+    assert clean.corrections == ()
+    assert clean.imu.robot_axes
+    assert np.array_equal(clean.imu.specific_force, logged.imu.specific_force)
+    assert np.array_equal(clean.wheels.angle, logged.wheels.angle)
+    assert np.array_equal(clean.wheels.t, logged.wheels.t)
+    assert np.array_equal(clean.currents.current, logged.currents.current)
+
+
+def test_corrected_trial_is_estimated_as_the_log_was() -> None:
+    turned = faults.flipped(faults.spikes(good(0).trial, 3, 8, 30.0), "rl")
+    clean, motion = correct(turned, robot(0))
+    again, repeated = correct(clean, robot(0))
+    apart = repeated.v - np.interp(repeated.t, motion.t, motion.v)
+    assert np.all(np.abs(apart) < np.interp(repeated.t, motion.t, motion.v_std) + 3e-4)
+    assert again.corrections == clean.corrections
+
+
+@pytest.mark.parametrize("wheels", [("fl",), ("fl", "rl"), ("fr", "rr"), ("fr", "rl"), WHEELS])
+def test_reversed_encoders_are_the_good_ones(wheels: tuple[str, ...]) -> None:
+    clean, motion = correct(faults.flipped(good(0).trial, *wheels), robot(0))
+    assert np.array_equal(clean.wheels.angle, corrected(0)[0].wheels.angle)
+    assert np.array_equal(motion.v, corrected(0)[1].v)
+    assert {made.where for made in said(clean, "sign turned")} == {f"encoder {name}" for name in wheels}
+
+
+def test_spikes_are_absent_and_the_rest_untouched() -> None:
+    thrown = faults.spikes(good(0).trial, 3, 8, 30.0)
+    clean, _ = correct(thrown, robot(0))
+    hit = (thrown.imu.specific_force != good(0).trial.imu.specific_force).any(axis=1)
+    found = channels(clean)
+    far = hit & (np.abs(thrown.imu.specific_force - good(0).trial.imu.specific_force).max(axis=1) > 3.0)
+    assert np.isnan(found[far]).all()
+    assert np.isnan(found).any(axis=1).sum() <= hit.sum()
+    kept = np.isfinite(found)
+    kept[hit] = False
+    assert np.array_equal(found[kept], channels(corrected(0)[0])[kept])
+    assert said(clean, "thrown off")[0].value == np.isnan(found).any(axis=1).sum()
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0, 90.0), (180.0, 0.0, 0.0), (10.0, -80.0, 35.0)])
+def test_imu_in_other_axes_is_in_the_robots(angles: tuple[float, float, float]) -> None:
+    turn = Rotation.from_euler("ZYX", angles[::-1], degrees=True).as_matrix()
+    clean, _ = correct(faults.turned(good(0).trial, turn.T), mounted(rotation=angles))
+    assert channels(clean) == pytest.approx(channels(corrected(0)[0]), abs=1e-9)
+    assert said(clean, "robot axes")
+
+
+def test_restart_of_the_imu_leaves_no_step() -> None:
+    jump = {"accel_jump": np.array([0.15, -0.1, 0.1]), "gyro_jump": np.array([0.01, 0.02, -0.01])}
+    clean, motion = correct(faults.imu_restart(good(0).trial, 4.0, gap=0.2, **jump), robot(0))
+    after = good(0).trial.imu.t > 4.3
+    apart = (channels(clean) - channels(corrected(0)[0]))[after]
+    step = said(clean, "accelerometer")[0]
+    # gravity at the end is levelled by what the pitch is known to there
+    assert abs(np.mean(apart[:, 0])) < 3.0 * step.std
+    assert step.value == pytest.approx(0.15, abs=3.0 * step.std)
+    assert step.std < 0.1
+    assert abs(np.mean(apart[:, 4])) < 3.0 * said(clean, "pitch gyro")[0].std < 0.002
+    gap = (clean.imu.t > 4.0) & (clean.imu.t < 4.2)
+    assert gap.sum() == 2
+    assert np.isnan(clean.imu.specific_force[gap]).all()
+    assert motion.health.gaps
+
+
+@pytest.mark.parametrize("offset", [0.03, -0.05])
+def test_large_clock_offset_is_taken_out_of_the_stamps(offset: float) -> None:
+    truth = generate(61, velocity=0.5, duration=5.0, grade="industrial", clock_offset=0.003)
+    late = faults.late(truth.trial, -offset)
+    (clean, motion), (good_one, good_motion) = correct(late, robot(0)), correct(truth.trial, robot(0))
+    made = said(clean, "clock")[0]
+    apart = clean.wheels.t - good_one.wheels.t
+    assert np.ptp(apart) < 1e-12
+    left = motion.clock_left.value - good_motion.clock_left.value
+    assert abs(apart[0] + left) < 0.5 * made.std + 1e-4  # stamps and what is left of the offset agree
+    assert abs(apart[0]) < 2.0 * made.std
+    assert clean.currents.t[0] - late.currents.t[0] == pytest.approx(made.value)
+    assert motion.clock_applied == made.value
+
+
+def test_offset_given_by_hand_is_in_the_stamps() -> None:
+    info = replace(good(0).trial.info, clock_offset=0.123)
+    clean, motion = correct(replace(good(0).trial, info=info), robot(0))
+    assert clean.wheels.t == pytest.approx(good(0).trial.wheels.t + 0.123)
+    assert clean.info.clock_offset is None
+    assert motion.clock_left.value == 0.0
+
+
+@pytest.mark.parametrize("wheels", [("fl",), ("fr", "rr"), WHEELS])
+def test_currents_of_the_wrong_sign_are_turned(wheels: tuple[str, ...]) -> None:
+    currents = good(0).trial.currents
+    sign = np.array([-1.0 if name in wheels else 1.0 for name in WHEELS])
+    wrong = replace(good(0).trial, currents=replace(currents, current=currents.current * sign))
+    clean, _ = correct(wrong, robot(0))
+    assert np.array_equal(clean.currents.current, currents.current)
+    assert {made.where for made in said(clean, "sign turned")} == {f"current {name}" for name in wheels}
+
+
+def test_gravity_that_the_logger_removed_is_put_back() -> None:
+    clean, _ = correct(good(0).without_gravity(), robot(0))
+    apart = (channels(clean) - channels(corrected(0)[0]))[:, [0, 2]]
+    made = said(clean, "gravity put back")[0]
+    assert not clean.imu.gravity_removed
+    assert np.sqrt(np.mean(apart**2)) < 3.0 * made.std
+    assert np.std(apart[:, 0]) < 0.05

@@ -1,4 +1,4 @@
-"""The IMU may sit anywhere and in any orientation; the estimate is that of the robot all the same."""
+"""Wherever the IMU sits, the estimate is that of the robot; roll, and turns told from wrong signs."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion, estimate
 from granite_lab.estimation.faults import find_faults
+from granite_lab.estimation.mounting import BodyImu, level, to_body, turn_between
 from granite_lab.estimation.mounting import given as orientation
-from granite_lab.estimation.mounting import level, to_body, turn_between
-from granite_lab.estimation.nominal import integrate
-from granite_lab.logs.trial import ImuStream
+from granite_lab.estimation.nominal import integrate, roll_angle
+from granite_lab.estimation.wheels import check_signs
+from granite_lab.logs.trial import ImuStream, WheelStream
 from tests.truth import faults
 from tests.truth.trials import TruthTrial, generate, robot
 
@@ -34,27 +35,11 @@ def plain() -> Motion:
     return estimate(truth().trial, robot())
 
 
-def elementary(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Rz(yaw) Ry(pitch) Rx(roll), from its definition; angles in degrees."""
-    a, b, c = np.radians([roll, pitch, yaw])
-    rx = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
-    ry = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
-    rz = np.array([[np.cos(c), -np.sin(c), 0], [np.sin(c), np.cos(c), 0], [0, 0, 1]])
-    return rz @ ry @ rx
-
-
-@given(roll=DEG, pitch=DEG, yaw=DEG)
-def test_rotation_of_the_robots_file_takes_sensor_axes_to_the_robots(
-    roll: float, pitch: float, yaw: float
-) -> None:
-    matrix = orientation(robot(rotation=(roll, pitch, yaw))).as_matrix()
-    assert matrix == pytest.approx(elementary(roll, pitch, yaw), abs=1e-12)
-
-
 @given(roll=DEG, pitch=DEG, yaw=DEG)
 @settings(max_examples=6, deadline=None, derandomize=True)
 def test_forward_axis_is_found_whatever_the_orientation(roll: float, pitch: float, yaw: float) -> None:
-    turned = faults.turned(truth().trial, elementary(roll, pitch, yaw).T)
+    turn = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()
+    turned = faults.turned(truth().trial, turn.T)
     motion = estimate(turned, robot(forward="find"))
     error = motion.v - truth().at(motion.t, "v")
     moving = motion.v > 0.02
@@ -131,3 +116,96 @@ def test_lever_arm_is_taken_out(x: float, z: float) -> None:
     assert nominal.x == pytest.approx(way[every], abs=5e-4)
     blind = integrate(imu, robot(x=0.0, z=0.0), [(0.0, 0.9), (3.1, 4.0)], found)
     assert np.abs(blind.v - v[every]).max() > 5e-3
+
+
+ROBOT = robot()
+T = np.arange(0.0, 14.0, 0.005)
+REST = (T < 2.0) | (T > 12.0)
+
+
+def leaning(roll: np.ndarray, *, bias: float = 0.0, rate_bias: float = 0.0) -> BodyImu:
+    """Samples of a robot that goes straight and leans by `roll` [rad]."""
+    force = np.stack([0.0 * T, 9.81 * np.sin(roll) + bias, 9.81 * np.cos(roll)], axis=1)
+    rate = np.stack([np.gradient(roll, T) + rate_bias, 0.0 * T, 0.0 * T], axis=1)
+    return to_body(ImuStream(T, force, rate), orientation(ROBOT))
+
+
+def tilting(start: float, end: float) -> np.ndarray:
+    """From one roll to another, by way of a third."""
+    share = np.clip((T - 2.0) / 10.0, 0.0, 1.0)
+    return start + (end - start) * share + 0.004 * np.sin(2 * np.pi * share)
+
+
+@pytest.mark.parametrize("end", [0.01, -0.02])
+def test_ground_that_leans_otherwise_at_the_end_does_not_shift_the_whole_motion(end: float) -> None:
+    truth = tilting(0.01, end)
+    found, std = roll_angle(leaning(truth), REST, ROBOT)
+    assert np.abs(found - truth).max() < 0.3 * std
+    assert np.ptp(found - truth) < 1e-4
+
+
+def test_drift_of_the_gyro_between_standstills_is_taken_out() -> None:
+    truth = tilting(0.01, 0.0)
+    imu = leaning(truth)
+    # a bias that is there only in motion shows at the end
+    drifting = replace(imu, roll_rate=imu.roll_rate + np.where(REST, 0.0, 5e-4))
+    found, _ = roll_angle(drifting, REST, ROBOT)
+    assert np.ptp(found - truth) < 2e-4
+
+
+def test_bias_of_the_accelerometer_stays_within_the_stated_std() -> None:
+    truth = tilting(0.005, -0.01)
+    found, std = roll_angle(leaning(truth, bias=ROBOT.imu_grade.accel_bias), REST, ROBOT)
+    assert 0.5 * std < np.abs(found - truth).max() < 1.3 * std
+
+
+def test_without_gravity_or_standstill_the_roll_is_not_known() -> None:
+    imu = leaning(tilting(0.01, 0.01))
+    for found, std in (
+        roll_angle(replace(imu, gravity=0.0), REST, ROBOT),
+        roll_angle(imu, np.zeros(T.size, dtype=bool), ROBOT),
+    ):
+        assert not found.any()
+        assert std > np.radians(0.9)
+
+
+def turning(left: float, right: float, yaw: float) -> tuple[WheelStream, BodyImu]:
+    """Sides that turn at two velocities [m/s] for some seconds, and a gyro that sees a yaw rate [rad/s]."""
+    t = np.arange(0.0, 8.0, 0.01)
+    on = ((t > 2) & (t < 6)).astype(float)
+    way = np.cumsum(on) * 0.01 / ROBOT.wheels.radius
+    angle = np.stack([left * way, right * way, left * way, right * way], axis=1)
+    rng = np.random.default_rng(0)
+    force = rng.normal(0, 0.02, (t.size, 3)) + np.array([0.0, 0.0, 9.81])
+    rate = rng.normal(0, 0.002, (t.size, 3)) + on[:, None] * [0, 0, yaw]
+    return WheelStream(t, angle), to_body(ImuStream(t, force, rate), orientation(ROBOT))
+
+
+def test_turn_in_place_is_not_taken_for_a_side_that_counts_backwards() -> None:
+    turn = 0.6 * 0.4 / ROBOT.chassis.track  # skidding takes a part of it
+    wheels, imu = turning(-0.2, 0.2, turn)
+    same, said = check_signs(wheels, imu, ROBOT, forward_known=True)
+    assert same is wheels
+    assert said == ()
+    wheels, imu = turning(-0.2, 0.2, 0.0)
+    turned, said = check_signs(wheels, imu, ROBOT, forward_known=True)
+    assert (turned.angle[-1] > 0).all()
+    assert "fl, rl" in said[0]
+
+
+def test_without_a_yaw_gyro_opposite_sides_stay_in_doubt() -> None:
+    wheels, _ = turning(-0.2, 0.2, 0.0)
+    same, said = check_signs(wheels, None, ROBOT, forward_known=False)
+    assert same is wheels
+    assert "no yaw gyro" in said[0]
+
+
+def test_exchanged_sides_are_put_right_when_the_robot_turns() -> None:
+    wheels, imu = turning(0.2, 0.35, 0.7 * 0.15 / ROBOT.chassis.track)
+    same, said = check_signs(wheels, imu, ROBOT, forward_known=True)
+    assert same is wheels
+    assert said == ()
+    wheels, imu = turning(0.35, 0.2, 0.7 * 0.15 / ROBOT.chassis.track)
+    right, said = check_signs(wheels, imu, ROBOT, forward_known=True)
+    assert right.angle[:, 0] == pytest.approx(wheels.angle[:, 1])
+    assert "exchanged" in said[0]

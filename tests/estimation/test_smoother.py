@@ -152,14 +152,6 @@ def wanderer(steps: np.ndarray, seed: int) -> Nodes:
 STEPS = np.array([0.0, 0.1, 0.5, 0.02, 0.9, 0.1, 0.3, 0.05, 1.2, 0.1])
 
 
-def test_uneven_steps_meet_their_own_transition() -> None:
-    nodes = wanderer(STEPS, 0)
-    found = smoother.run(nodes)
-    x, _ = batch(nodes)
-    assert found.x[:, V] == pytest.approx(x[:, V], abs=1e-8)
-    assert found.x[:, X] == pytest.approx(x[:, X], abs=1e-8)
-
-
 def test_blocks_of_nodes_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = smoother.run(wanderer(STEPS, 0))
     monkeypatch.setattr(smoother, "BLOCK", 4)

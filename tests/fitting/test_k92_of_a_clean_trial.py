@@ -1,6 +1,6 @@
 """Faults of sensors and loggers that estimation corrects do not change k_92, either way, nor a_θ.
 
-Faults that leave the good trial to the last digit stand in `tests/estimation/test_clean_trial.py`.
+Faults that leave the good trial to the last digit stand in `tests/estimation/test_faults.py`.
 """
 
 from __future__ import annotations
