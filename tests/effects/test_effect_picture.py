@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from granite_lab.effects import get
 from granite_lab.model.effect import Effect, EffectParameter, Own, activate
@@ -17,6 +16,7 @@ from granite_lab.parameters import GRAVITY, load_robot, load_soil, load_variants
 from granite_lab.planning.imprint import Imprint, imprint
 from granite_lab.reporting.pictures import ROWS, effect_drawing
 from tests.corpus.cli import lab, refused
+from tests.reporting.test_figures import no_text_is_cut_or_covered
 
 TWO = (load_variants()[1], load_variants()[3])
 
@@ -72,25 +72,11 @@ def test_nothing_is_left_of_what_the_sensors_offsets_imitate() -> None:
 def test_every_panel_has_units_and_no_text_is_cut_off_or_covered(slope: Imprint) -> None:
     drawing = effect_drawing(slope)
     figure = drawing.draw()
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
-    wide, tall = canvas.get_width_height()
+    no_text_is_cut_or_covered(figure)
     left = [axis.get_ylabel() for axis in figure.axes if axis.get_ylabel()]
     assert len(left) == len(ROWS)
     assert all("[" in label and "]" in label for label in left)
     assert sum("[s]" in axis.get_xlabel() for axis in figure.axes) == len(TWO)
-    texts = [*figure.texts, *(axis.yaxis.label for axis in figure.axes), *(a.title for a in figure.axes)]
-    for text in texts:
-        if text.get_text():
-            box = text.get_window_extent(renderer)
-            assert box.x0 >= 0, text.get_text()
-            assert box.y0 >= 0, text.get_text()
-            assert box.x1 <= wide, text.get_text()
-            assert box.y1 <= tall, text.get_text()
-    legend = figure.legends[0].get_window_extent(renderer)
-    for title in (axis.title for axis in figure.axes if axis.get_title()):
-        assert not legend.overlaps(title.get_window_extent(renderer))
     assert "1.0°" in figure.texts[0].get_text()
     assert drawing.caption.endswith("(blue).")
 

@@ -25,7 +25,7 @@ from granite_lab.parameters import Soil, Variant, load_robot, load_soil
 
 SLIP = Estimate(0.2, 0.004)
 VELOCITY_STD = 0.003
-"""Std of the velocity [m/s], correlated over 2 s."""
+"""Std of the velocity [m/s], correlated over 2 s, where none is given."""
 
 NOTHING = np.zeros(0)
 HEALTHY = Health(NOTHING, (), NOTHING, NOTHING, {}, NOTHING, NOTHING, NOTHING, NOTHING, (), "made up", True)
@@ -54,6 +54,7 @@ def made_up_trial(
     seed: int = 0,
     soil: Soil | None = None,
     slip_std: float = 0.004,
+    velocity_std: float = VELOCITY_STD,
     start_error: float = 0.01,
     run: Run | None = None,
     name: str = "virtual",
@@ -64,6 +65,7 @@ def made_up_trial(
         variant, k92, soil: of the truth, in which k_92 is constant.
         seed: of all errors; every std below may be 0.
         slip_std: std of λ_R.
+        velocity_std: std of the velocity [m/s], correlated over 2 s.
         start_error: how far the estimate of the start is off [s].
         run: the truth, if it is not to be simulated here.
         name: of the trial.
@@ -75,7 +77,7 @@ def made_up_trial(
     start = float(truth.attrs["t_start_s"])
     t, x, v, pitch = (truth[column].to_numpy() for column in ("t_s", "x_m", "v_mps", "pitch_rad"))
     moving = np.abs(v) > 1e-3
-    v = v + moving * correlated(rng, t.size, 0.005, VELOCITY_STD, 2.0)
+    v = v + moving * correlated(rng, t.size, 0.005, velocity_std, 2.0)
     v_wheel = np.stack([truth[f"v_wheel_{axle}_mps"] for axle in "ffrr"], axis=1)
     floor = np.maximum(np.maximum(v_wheel, v[:, None]), 0.02)
     slip = np.where(v_wheel > 0.02, (v_wheel - v[:, None]) / floor, np.nan)
@@ -86,15 +88,15 @@ def made_up_trial(
         x=x,
         x_std=np.full(t.size, 0.005),
         v=v,
-        v_std=np.where(moving, VELOCITY_STD, 1e-4),
+        v_std=np.where(moving, velocity_std, 1e-4),
         pitch=pitch + 0.004,
         pitch_std=np.full(t.size, 0.002),
         v_wheel=v_wheel,
         v_wheel_std=np.full(v_wheel.shape, 0.001),
         slip=slip,
-        slip_std=np.where(np.isnan(slip), np.nan, VELOCITY_STD / floor),
+        slip_std=np.where(np.isnan(slip), np.nan, velocity_std / floor),
         slip_velocity=v_wheel.mean(axis=1) - v,
-        slip_velocity_std=np.full(t.size, VELOCITY_STD),
+        slip_velocity_std=np.full(t.size, velocity_std),
         phase=tuple(phase_of(t - start, variant)),
         slip_ratio=Estimate(run.slip_ratio + slip_std * rng.standard_normal(), slip_std),
         distance=Estimate(float(run["x_m"][-1]), 0.005),

@@ -33,10 +33,12 @@ def back(path: Path) -> ReadBack:
     return ReadBack(path)
 
 
-def test_disagreements_are_bars_on_the_trials_own_clock(back: ReadBack) -> None:
+def test_disagreements_are_bars_on_the_trials_own_clock(trial: TrialResult, back: ReadBack) -> None:
     lane = "/simulation_differs/pitch_rate"
     assert back.texts(lane, "StateChange:state") == ["none", "35 %", "none"]
-    np.testing.assert_allclose(back.t(lane), [-2.0, BUMP[0] + LATE, BUMP[1] + LATE], atol=NANOSECOND)
+    np.testing.assert_allclose(
+        back.t(lane), [trial.comparison.t[0], BUMP[0] + LATE, BUMP[1] + LATE], atol=NANOSECOND
+    )
     colours = back.fixed(lane, "StateConfiguration:colors")
     assert colours[0] != colours[1]
 
@@ -53,7 +55,7 @@ def test_bars_end_do_not_overlap_and_stay_within_the_log(
     path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=found)
     back, lane = ReadBack(path), "/simulation_differs/pitch_rate"
     assert back.texts(lane, "StateChange:state") == ["none", "20 %", "40 %", "none"]
-    np.testing.assert_allclose(back.t(lane), [-2.0, 2.0, 3.0, 5.0], atol=NANOSECOND)
+    np.testing.assert_allclose(back.t(lane), [trial.comparison.t[0], 2.0, 3.0, 5.0], atol=NANOSECOND)
     values, visible = (back.fixed(lane, f"StateConfiguration:{k}") for k in ("values", "visible"))
     assert dict(zip(values, visible, strict=True)) == {"none": False, "20 %": True, "40 %": True}
 

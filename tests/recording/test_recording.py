@@ -18,7 +18,7 @@ from granite_lab.reporting.recording.lines import MOST_ROWS, Line
 from granite_lab.reporting.recording.scene import FORCE_SCALE
 from granite_lab.results import TrialResult
 from tests.recording.read_back import ReadBack, verify
-from tests.reporting.made_up import made_up_study, made_up_trial
+from tests.reporting.made_up import ORIGIN, made_up_study, made_up_trial
 
 NANOSECOND = 0.6e-9
 DEGREE = 180 / np.pi
@@ -30,7 +30,9 @@ def test_reruns_verifier_accepts_it_and_its_one_timeline_spans_the_log(
     assert "1 file verified" in verify(path)
     assert [index.name for index in back.schema.index_columns()] == ["time"]
     t = np.concatenate([back.t(entity) for entity in back.batches])
-    assert (t.min(), t.max()) == pytest.approx(tuple(trial.comparison.t[[0, -1]]), abs=1e-9)
+    one = trial.trial
+    logged = np.concatenate([s.t for s in (one.imu, one.wheels, one.currents)]) - ORIGIN
+    assert (t.min(), t.max()) == pytest.approx((logged.min(), logged.max()), abs=1e-9)
 
 
 def test_lines_are_the_estimates_and_the_runs_sample_by_sample(trial: TrialResult, back: ReadBack) -> None:
@@ -39,7 +41,7 @@ def test_lines_are_the_estimates_and_the_runs_sample_by_sample(trial: TrialResul
     torque = pairs["torque"] - np.column_stack([c.measured["torque_f"], c.measured["torque_r"]])
     for entity, clock, expected in (
         ("velocity/measured", c.t, motion.v),
-        ("pitch/measured", c.t, DEGREE * motion.pitch),
+        ("pitch/measured", c.t, DEGREE * c.measured["pitch"]),
         ("wheel_velocity/measured_rl", c.t, motion.v_wheel[:, 2]),
         ("wheel_slip/measured", c.t, 100 * motion.slip),
         ("velocity/desired", run.t, run["v_desired_mps"]),
@@ -64,7 +66,8 @@ def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: TrialResult, back: Re
     for entity in back.batches:
         if "slip" in entity or "Measurements:values" not in back.batches[entity][0].schema.names:
             continue
-        assert np.isfinite(back.scalars(entity)).all(), entity
+        ends = slice(5, -5)  # where a mean over half of the width has no samples
+        assert np.isfinite(back.scalars(entity)[ends]).all(), entity
 
 
 def test_bands_are_one_standard_deviation_wide(trial: TrialResult, back: ReadBack) -> None:
@@ -213,7 +216,7 @@ def test_phases_are_the_motions(trial: TrialResult, back: ReadBack) -> None:
     assert states == ["rest", "accelerate", "steady", "brake", "rest"]
     motion = trial.comparison.motion
     changes = [0, *(i for i in range(1, len(motion.t)) if motion.phase[i] != motion.phase[i - 1])]
-    np.testing.assert_allclose(back.t("/phase"), motion.t[changes] - 102.0, atol=NANOSECOND)
+    np.testing.assert_allclose(back.t("/phase"), motion.t[changes] - ORIGIN, atol=NANOSECOND)
 
 
 def test_the_log_tells_what_the_filter_did(trial: TrialResult, back: ReadBack) -> None:
@@ -324,7 +327,7 @@ def test_a_study_lays_its_trials_over_each_other_on_one_clock(tmp_path: Path) ->
     for k, result in enumerate(study.trials):
         motion, line = result.comparison.motion, f"/{result.trial.name}/velocity/measured"
         np.testing.assert_array_equal(back.scalars(line), motion.v[::2])
-        np.testing.assert_allclose(back.t(line), motion.t[::2] - 102.0, atol=NANOSECOND)
+        np.testing.assert_allclose(back.t(line), motion.t[::2] - ORIGIN, atol=NANOSECOND)
         slip = f"/all_trials/{k // 2}/slip/measured/{result.trial.name}"
         steady = (back.t(slip) > 1) & (back.t(slip) < 3)
         assert back.scalars(slip)[steady].mean() == pytest.approx(100 * motion.slip_ratio.value, abs=1)

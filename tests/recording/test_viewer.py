@@ -190,7 +190,7 @@ def test_a_picture_shows_the_time_that_was_asked_for(tmp_path: Path) -> None:
         assert _share(picture, MAGENTA) > 1e-4
     with pytest.raises(UsageError, match="nothing at 99 s") as caught:
         save_picture(path, tmp_path / "a.png", 99.0)
-    assert "-2.00 s to 11.4" in caught.value.hint
+    assert "-2.02 s to 11.4" in caught.value.hint
     assert not (tmp_path / "a.png").exists()
 
 

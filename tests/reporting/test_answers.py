@@ -1,4 +1,4 @@
-"""The page stays short; each number is decided once, and said alike wherever it stands."""
+"""The page stays short; each number is decided once, and said alike wherever it stands, within 80 columns."""
 
 from __future__ import annotations
 
@@ -8,23 +8,28 @@ import io
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pypdf import PdfReader
 from rich.console import Console
 
 from granite_lab.estimate import Estimate, mean_over
-from granite_lab.parameters import load_paper
+from granite_lab.parameters import load_paper, load_variants
+from granite_lab.parameters.catalogue import in_force
+from granite_lab.reporting import terminal
 from granite_lab.reporting.answers import Answers, by_speed, channels_of, of_study
 from granite_lab.reporting.report import Fold, Gallery, study_report
 from granite_lab.reporting.rounding import decided, decimals_for, interval, percent, plus_minus, significant
 from granite_lab.reporting.tables import slip_table, trial_table
 from granite_lab.reporting.terminal import show_study
 from granite_lab.results import Gap, StudyResult, gaps
-from tests.reporting.made_up import SLIP, made_up_study
+from tests.reporting.conftest import HOSTILE
+from tests.reporting.made_up import SPEEDS, made_up_study, rename
 from tests.reporting.made_up_finding import made_up_finding
 from tests.reporting.test_report import Strict
 
@@ -37,7 +42,7 @@ def test_at_most_3500_words_and_ten_figures_are_in_view(twelve_folder: Path) -> 
     assert 2 <= page.figures <= 10
 
 
-@pytest.mark.parametrize("speeds", [(0.5,), tuple(SLIP)])
+@pytest.mark.parametrize("speeds", [(0.5,), SPEEDS])
 def test_one_figure_a_speed_overlays_measured_and_simulated(speeds: tuple[float, ...]) -> None:
     report = study_report(made_up_study(speeds=speeds, repetitions=2))
     blocks = [b for s in report.sections for b in s.blocks]
@@ -47,34 +52,37 @@ def test_one_figure_a_speed_overlays_measured_and_simulated(speeds: tuple[float,
     assert any(isinstance(b, Fold) for b in blocks)
 
 
-def everywhere(twelve: StudyResult, twelve_folder: Path) -> dict[str, str]:
-    """Return each form of a report as plain text."""
+def everywhere(twelve: StudyResult, folder: Path) -> dict[str, str]:
+    """Return each form of a report as text without blanks."""
     out = io.StringIO()
     show_study(twelve, Console(file=out, width=400), model="model.toml")
-    read = {name: (twelve_folder / name).read_text(encoding="utf-8") for name in ("index.html", "report.md")}
+    read = {name: (folder / name).read_text(encoding="utf-8") for name in ("index.html", "report.md")}
     page = re.sub(r"<(style|svg).*?</\1>", " ", read["index.html"], flags=re.S)
     texts = {
         "page": html.unescape(re.sub(r"<[^>]+>", "", page)),
         "Markdown": read["report.md"].replace("\\", ""),
         "terminal": out.getvalue(),
-        "JSON": (twelve_folder / "report.json").read_text(encoding="utf-8"),
+        "JSON": (folder / "report.json").read_text(encoding="utf-8").replace('\\"', '"'),
+        "PDF": " ".join(sheet.extract_text() for sheet in PdfReader(folder / "report.pdf").pages),
     }
-    return {form: " ".join(text.replace("\u00a0", " ").split()) for form, text in texts.items()}
+    return {form: "".join(text.split()) for form, text in texts.items()}
 
 
 def test_every_form_of_the_report_says_the_same_answers(twelve: StudyResult, twelve_folder: Path) -> None:
     decided_once = of_study(twelve, "model.toml")
+    assert [q.id for q in decided_once.questions] == [
+        "slip", "a_theta", "model", "missing", "closes", "trust", "next",
+    ]  # fmt: skip
     for form, text in everywhere(twelve, twelve_folder).items():
         for answer in decided_once.questions:
             for said in (answer.verdict, answer.text):
-                plain = " ".join(said.replace("\u00a0", " ").split())
-                for part in re.split(r"[_θ]+", plain):  # an index is set low on the page
-                    assert part in text.replace('\\"', '"'), (form, answer.id)
+                for part in re.split(r"[_θ−]+", "".join(said.split())):  # symbols are set as such
+                    assert part in text, (form, answer.id)
         if form != "JSON":
-            assert set(re.findall(r"a_?θ = ([\d.]+)", text)) == {"4.93"}, form
+            assert set(re.findall(r"a_?θ=([\d.]+)", text)) == (set() if form == "PDF" else {"4.93"}), form
             for s in decided_once.speeds:
                 for shown in (s.slip.text, s.slip.interval, s.k92.with_std):
-                    assert shown in text, (form, s.velocity)
+                    assert "".join(shown.split()) in text, (form, s.velocity)
 
 
 def test_json_holds_the_numbers_as_they_are_printed(twelve: StudyResult, twelve_folder: Path) -> None:
@@ -247,3 +255,81 @@ def test_rounding_never_moves_a_value_by_more_than_a_fifth_of_its_std(value: flo
     last = 10.0 ** -decimals_for(std)
     assert abs(float(printed.split(" ± ")[0]) - value) <= 0.5 * last * (1 + 1e-9)
     assert last <= std / 0.949 * 1.0001 or std < 1e-4
+
+
+TWINS = ("slip_sinkage", "contact_angle_actual_speed")
+
+
+def calls(result: StudyResult) -> dict[str, tuple[str, tuple[object, ...]]]:
+    """Return functions and what they print, by a name for each."""
+    comparisons = [r.comparison for r in result.trials]
+    found = {
+        f"finding {v}": ("show_study", (replace(result, trials=(), finding=made_up_finding(v, twins=TWINS)),))
+        for v in ("named", "unknown", "none")
+    }
+    return {
+        "study": ("show_study", (result,)),
+        "motions": ("show_motions", ([(c.motion, Path("out") / "trial.csv", None) for c in comparisons],)),
+        "k92": ("show_k92_fits", ([c.fit for c in comparisons],)),
+        "a_theta": ("show_a_theta", (result.a_theta,)),
+        "misfits": ("show_misfits", (comparisons,)),
+        "parameters": ("show_parameters", (in_force("granite", "dry_sand"), load_variants())),
+    } | found  # fmt: skip
+
+
+def printed(result: StudyResult, name: str, *, colours: bool = False) -> str:
+    out = io.StringIO()
+    system = "standard" if colours else None
+    console = Console(file=out, width=80, force_terminal=colours, color_system=system, highlight=False)
+    show, records = calls(result)[name]
+    getattr(terminal, show)(*records, console)
+    return out.getvalue()
+
+
+NAMES = list(calls(made_up_study(speeds=(0.2, 0.7), repetitions=1)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_tables_fit_eighty_columns_are_plain_off_a_terminal_and_marked_where_virtual(
+    name: str, study: StudyResult
+) -> None:
+    text = printed(study, name)
+    assert text.strip()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "\x1b" not in text
+    assert "nan" not in text.lower()
+    assert "…" not in text.replace(" … ", "")  # nothing was cut
+    assert ("virtual" in text) is (name not in ("a_theta", "parameters"))
+
+
+def test_colours_appear_on_a_terminal(study: StudyResult) -> None:
+    for name, colour in (("misfits", 31), ("finding named", 32)):
+        assert f"\x1b[{colour}m" in printed(study, name, colours=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "needed"),
+    [
+        ("finding named", (
+            "What is missing from the model? Multi pass.", "Rear wheels in the compacted rut",
+            "pressure 0.300 ± 0.004 97 %", "cannot tell multi pass from slip sinkage",
+            "falls from 3.10 to 1.15 times", "IMU stamps 4.0 ± 1.0 ms behind",
+            "left out: crashed: no model fits it", "note: One thing could not be told.",
+        )),
+        ("finding none", ("What is missing from the model? Nothing that these trials show.",)),
+    ],
+)  # fmt: skip
+def test_the_answers_are_said(name: str, needed: tuple[str, ...], study: StudyResult) -> None:
+    text = " ".join(printed(study, name).replace("\u00a0", " ").split())
+    assert [part for part in needed if part not in text] == []
+
+
+def test_names_from_logs_cannot_steer_the_terminal() -> None:
+    steering = "[bold]\x1b[35m\x07\x1b]0;evil\x07[/]" + HOSTILE
+    result = rename(made_up_study(speeds=(0.2, 0.7), repetitions=1), steering)
+    for name in NAMES:
+        text = printed(result, name, colours=True)
+        assert "\x07" not in text
+        assert re.sub(r"\x1b\[[0-9;]*m", "", text).count("\x1b") == 0
+        assert "\x1b[35m" not in text
+    assert "[bold]" in printed(result, "motions").replace("\n", "")

@@ -1,4 +1,4 @@
-"""Figures: text whole and uncovered, units on every axis, the same bytes whoever draws them."""
+"""Figures and pictures of logs: text whole and uncovered, units on every axis, the same bytes each time."""
 
 from __future__ import annotations
 
@@ -16,14 +16,18 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
+from granite_lab.logs import inspect_logs
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_report
 from granite_lab.reporting.answers import by_speed
 from granite_lab.reporting.canvas import Figure, envelope, saved, styled
+from granite_lab.reporting.pictures import log_figure
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.plot_results import spread
 from granite_lab.reporting.report import study_report
 from granite_lab.results import Source, StudyResult
+from tests.corpus import cli
+from tests.logs import make
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
@@ -66,46 +70,43 @@ def texts(figure: Canvas) -> list[tuple[str, Bbox]]:
     return [(t.get_text(), t.get_window_extent(renderer)) for t in shown]
 
 
+def no_text_is_cut_or_covered(drawn: Canvas) -> None:
+    """Hold a figure to it that its texts stand within it, beside each other, and legends beside panels."""
+    boxes, frame = texts(drawn), drawn.bbox
+    assert len(boxes) > 5
+    for text, box in boxes:
+        assert frame.x0 <= box.x0 < box.x1 <= frame.x1, text
+        assert frame.y0 <= box.y0 < box.y1 <= frame.y1, text
+    low, high = (np.array([getattr(box, end) for _, box in boxes]) for end in ("min", "max"))
+    over = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
+    for i, j in np.argwhere((over[..., 0] > 1) & (over[..., 1] > 2)):
+        assert i == j, (boxes[i][0], boxes[j][0])
+    legends = [*drawn.legends, *filter(None, (axes.get_legend() for axes in drawn.axes))]
+    taken = [axes.get_window_extent() for axes in drawn.axes]
+    for box in [legend.get_window_extent() for legend in legends]:
+        for other in taken:
+            both = Bbox.intersection(box, other)
+            assert both is None or both.width <= 1 or both.height <= 1
+        taken.append(box)
+
+
 @pytest.mark.parametrize("which", ["of_study", "of_search"])
 def test_no_text_is_cut_or_covered_and_every_figure_says_what_to_see(
     which: str, request: pytest.FixtureRequest
 ) -> None:
-    for drawing in request.getfixturevalue(which):
+    drawings: list[Figure] = request.getfixturevalue(which)
+    assert len({drawing.name for drawing in drawings}) == len(drawings) or which == "of_search"
+    for drawing in drawings:
         with styled():
             drawn = drawing.draw()
-            boxes = texts(drawn)
-        assert len(boxes) > 5
-        frame = drawn.bbox
-        for text, box in boxes:
-            inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1
-            assert inside, (drawing.name, text)
-        low, high = (np.array([getattr(box, end) for _, box in boxes]) for end in ("min", "max"))
-        over = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-        for i, j in np.argwhere((over[..., 0] > 1) & (over[..., 1] > 2)):
-            assert i == j, (drawing.name, boxes[i][0], boxes[j][0])
+            no_text_is_cut_or_covered(drawn)
         labels = [axis.get_xlabel() for axis in drawn.axes]
         assert UNIT.search(next(reversed(list(filter(None, labels))))), drawing.name
+        if which == "of_study":
+            assert all(UNIT.search(axis.get_ylabel()) for axis in drawn.axes), drawing.name
         assert drawing.title
         assert drawing.caption.endswith((".", ")"))
         assert "nan" not in (drawing.caption + drawing.title).lower()
-
-
-def test_no_legend_covers_a_panel(of_study: list[Figure], of_search: list[Figure]) -> None:
-    for drawing in (*of_study, *of_search):
-        drawn = drawing.draw()
-        FigureCanvasAgg(drawn).draw()
-        legends = [*drawn.legends, *filter(None, (axes.get_legend() for axes in drawn.axes))]
-        panels = [axes.get_window_extent() for axes in drawn.axes]
-        boxes = [legend.get_window_extent() for legend in legends]
-        for k, box in enumerate(boxes):
-            for other in [*panels, *boxes[:k]]:
-                over = Bbox.intersection(box, other)
-                assert over is None or over.width <= 1 or over.height <= 1, drawing.name
-
-
-def test_axes_are_named_with_their_units(of_study: list[Figure]) -> None:
-    for drawing in of_study:
-        assert all(UNIT.search(a.get_ylabel()) for a in drawing.draw().axes), drawing.name
 
 
 def test_svg_text_is_what_was_drawn(of_study: list[Figure]) -> None:
@@ -117,10 +118,6 @@ def test_svg_text_is_what_was_drawn(of_study: list[Figure]) -> None:
         drawn_lines = {line for t in drawn.findobj(Text) for line in t.get_text().split("\n")}
         assert {text for text in shown if re.search(r"[A-Za-z]", text)} <= drawn_lines
         assert len([text for text in shown if UNIT.search(text)]) >= 2
-
-
-def test_names_of_figures_are_unique(of_study: list[Figure]) -> None:
-    assert len({d.name for d in of_study}) == len(of_study)
 
 
 @pytest.mark.parametrize("trials", [1, 3, 300])
@@ -169,3 +166,69 @@ def test_a_report_of_twelve_trials_with_its_discovery_stays_small_and_quick(tmp_
     assert drawn > 12
     assert cost <= 2 * drawn * plain
     assert sum(path.stat().st_size for path in tmp_path.rglob("*") if path.is_file()) <= 15_000_000
+
+
+SAMPLE = cli.SAMPLES / "virtual_v0.3_r1.csv"
+PNG = b"\x89PNG"
+
+
+def test_each_sensor_has_a_panel_with_its_unit_and_the_logged_values(tmp_path: Path) -> None:
+    path = tmp_path / "drive.csv"
+    path.write_text(make.text())
+    report = inspect_logs([path]).files[0]
+    assert report.trial is not None
+    figure = log_figure(report.trial, report.rests)
+    labels = [axis.get_ylabel() for axis in figure.axes]
+    assert labels == ["specific force [m/s²]", "angular rate [rad/s]", "wheel angle [rad]"]
+    t, imu, wheels = make.rows()
+    lines = {line.get_label(): line for line in (*figure.axes[0].lines, *figure.axes[2].lines)}
+    assert set(lines) == {"x", "y", "z", "fl", "fr", "rl", "rr"}
+    for name, logged in (("z", imu[:, 2]), ("rr", wheels[:, 3] - wheels[0, 3])):
+        drawn = np.asarray(lines[name].get_xydata())
+        np.testing.assert_allclose(drawn[:, 1], np.interp(drawn[:, 0], t, logged), atol=1e-6)
+        assert drawn[:, 1].max() == pytest.approx(logged.max())
+    assert [text.get_text() for text in figure.texts] == ["drive"]
+    assert figure.axes[-1].get_xlabel() == "time [s]; grey: standstill"
+
+
+def test_a_gap_interrupts_the_line_and_dates_begin_at_the_first_second(tmp_path: Path) -> None:
+    path = tmp_path / "gap.csv"
+    lines = make.lines()
+    rows = [lines[0]]
+    for k, line in enumerate(lines[1:]):
+        stamp, _, rest = line.partition(",")
+        if not 250 <= k < 300:
+            rows.append(f"{float(stamp) + 1.7e9:.6f},{rest}")
+    path.write_text("\n".join(rows) + "\n")
+    report = inspect_logs([path]).files[0]
+    assert report.trial is not None
+    figure = log_figure(report.trial)
+    x = np.asarray(figure.axes[0].lines[0].get_xdata())
+    assert np.isnan(x).sum() == 1
+    assert np.nanmin(x) == 0
+    assert figure.axes[-1].get_xlabel() == "time − 1700000000 s [s]"
+
+
+def test_the_command_writes_the_picture_and_marks_virtual_data(tmp_path: Path) -> None:
+    for name in ("log.png", "log.svg"):
+        done = cli.succeeded("inspect", SAMPLE, "--plot", tmp_path / name)
+        assert name in done.out
+    assert (tmp_path / "log.png").read_bytes().startswith(PNG)
+    drawn = (tmp_path / "log.svg").read_text()
+    assert "virtual_v0.3_r1 (virtual)" in drawn
+    assert "motor current" in drawn
+
+
+def test_what_cannot_be_drawn_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    text = tmp_path / "text.csv"
+    text.write_text("a,b\nx,y\n")
+    for given, code in (
+        ((SAMPLE, "--plot", tmp_path / "a.jpg"), 2),
+        ((SAMPLE, SAMPLE, "--plot", tmp_path / "a.png"), 2),
+        ((text, "--plot", tmp_path / "a.png"), 3),
+    ):
+        done = cli.lab("inspect", *given)
+        assert done.code == code
+        assert done.err.startswith("error: ")
+        assert "\nhint: " in done.err
+    assert list(tmp_path.iterdir()) == [text]

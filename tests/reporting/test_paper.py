@@ -1,19 +1,39 @@
-"""``report.pdf``: four pages of A4 that answer what the first screen answers."""
+"""For the paper: four pages as PDF, budgets that add up to the stated std, LaTeX, and RO-Crate metadata."""
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import hashlib
 import io
+import json
+import math
+import re
+import shutil
+from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pypdf import PdfReader
 
+from granite_lab.errors import InputError
+from granite_lab.estimate import Part
+from granite_lab.fitting import fit_a_theta
+from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_report
+from granite_lab.reporting.answers import by_speed
+from granite_lab.reporting.json_report import CRATE as NAME
+from granite_lab.reporting.json_report import changed_files
+from granite_lab.reporting.render import LONG, escaped, to_latex
 from granite_lab.reporting.report import study_report
-from granite_lab.results import StudyResult
+from granite_lab.reporting.table import Cell, Column, Table, words
+from granite_lab.reporting.tables import COMBINED, budget_tables
+from granite_lab.results import StudyResult, TrialResult
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
+from tests.reporting.made_up_finding import made_up_finding
 
 
 @pytest.fixture(scope="module")
@@ -30,21 +50,6 @@ def test_it_has_four_pages_of_a4_and_each_says_that_the_data_are_virtual(reader:
     for page in reader.pages:
         assert [float(x) for x in page.mediabox] == pytest.approx([0, 0, 595.28, 841.89], abs=0.1)
     assert all(text.startswith("Virtual data") for text in text_of(reader))
-
-
-def test_it_answers_every_question_of_the_first_screen(twelve: StudyResult, reader: PdfReader) -> None:
-    text = " ".join(text_of(reader)).replace(" ", "")
-    answers = study_report(twelve, model="model.toml").answers
-    assert [q.id for q in answers.questions] == [
-        "slip", "a_theta", "model", "missing", "closes", "trust", "next",
-    ]  # fmt: skip
-    for question in answers.questions:
-        for sentence in (question.verdict, question.text):
-            plain = "".join(sentence.split())
-            if not {"_", "−"} & set(plain):  # symbols are set as formulas
-                assert plain in text, question.id
-    for speed in answers.speeds:
-        assert "".join(speed.slip.interval.split()) in text
 
 
 @pytest.mark.usefixtures("small")
@@ -66,3 +71,161 @@ def test_figures_in_pdf_embed_their_fonts_and_keep_their_text(twelve_folder: Pat
     assert "robot slip ratio [%]" in page.extract_text()
     kinds = {font["/DescendantFonts"][0]["/Subtype"] for font in page["/Resources"]["/Font"].values()}
     assert kinds == {"/CIDFontType2"}  # TrueType, which journals take
+
+
+def with_parts(result: TrialResult) -> TrialResult:
+    """Give the std of a trial two components that make it up."""
+
+    def parts(std: float) -> tuple[Part, ...]:
+        return (
+            Part("accelerometer noise", "A", "normal", "m/s²/√Hz", 1e-3, 0.6 * std),
+            Part("encoder counts and stamps", "B", "rectangular", "m", 1e-4, 0.8 * std),
+        )
+
+    c = result.comparison
+    motion = replace(c.motion, slip_parts=parts(c.motion.slip_ratio.std))
+    fit = replace(c.fit, parts=parts(c.fit.k92.std))
+    return TrialResult(result.trial, replace(c, motion=motion, fit=fit))
+
+
+@pytest.fixture(scope="module")
+def budgeted() -> StudyResult:
+    made = made_up_study()
+    trials = tuple(map(with_parts, made.trials))
+    return replace(made, trials=trials, a_theta=fit_a_theta([r.comparison.fit for r in trials]))
+
+
+def test_the_contributions_add_up_to_the_stated_std_and_the_shares_to_one(budgeted: StudyResult) -> None:
+    speeds = by_speed(budgeted, load_paper())
+    squares: dict[tuple[str, str], float] = defaultdict(float)
+    shares: dict[tuple[str, str], float] = defaultdict(float)
+    for table in budget_tables(budgeted, speeds):
+        for row in csv.DictReader(io.StringIO(table.to_csv())):
+            if row["component"] != COMBINED:
+                key = table.name, row.get("speed_mps", "")
+                squares[key] += float(row["contribution"]) ** 2
+                shares[key] += float(row["share"])
+    sums = {key: math.sqrt(square) for key, square in squares.items()}
+    assert {name for name, _ in sums} == {"budget_slip", "budget_k92", "budget_a_theta"}
+    for s in speeds:  # the stated ones are rounded to two digits or fewer
+        assert 100 * sums["budget_slip", f"{s.velocity:g}"] == pytest.approx(s.slip.std, rel=0.05)
+        assert sums["budget_k92", f"{s.velocity:g}"] == pytest.approx(s.k92.std, rel=0.05)
+    assert budgeted.a_theta is not None
+    assert sums["budget_a_theta", ""] == pytest.approx(budgeted.a_theta.a_theta.std, rel=1e-6)
+    assert [*shares.values()] == pytest.approx([1.0] * len(shares))
+
+
+def test_the_budgets_stand_in_one_closed_part_of_the_report(budgeted: StudyResult) -> None:
+    report = study_report(budgeted)
+    folds = [b for s in report.sections for b in s.blocks if getattr(b, "title", "") == "Uncertainty budgets"]
+    assert len(folds) == 1
+    assert all(t.virtual for t in report.tables if t.name.startswith("budget"))
+    made = made_up_study(speeds=(0.2, 0.3, 0.5), repetitions=2)  # without components
+    assert budget_tables(made, by_speed(made, load_paper())) == []
+
+
+def table(rows: int, text: str = "a_b & c") -> Table:
+    columns = (Column("trial", "", ("trial",), False), Column("slip λ_R", "%", ("slip",)))
+    return Table(
+        "mine", "Title 5 %", "", columns, ((words(text), Cell("−1.5 ± 0.2", (-1.5,))),) * rows, virtual=True
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("50 % & more_of #1", r"50 \% \& more\_of \#1"),
+        ("k_92 = exp(−a_θ v)", r"$k_{92}$ = exp($-$$a_\theta$ v)"),
+        ("3.8·10⁻⁵ m/s²", r"3.8$\cdot$10$^{-5}$ m/s$^{2}$"),
+        ("{x}^~\\", r"\{x\}\textasciicircum{}\textasciitilde{}\textbackslash{}"),
+    ],
+)
+def test_characters_are_escaped(text: str, expected: str) -> None:
+    assert escaped(text) == expected
+
+
+def test_a_table_has_the_lines_of_booktabs_and_units_in_its_head() -> None:
+    lines = to_latex(table(2)).splitlines()
+    assert [line for line in lines if line.endswith("rule")] == [r"\toprule", r"\midrule", r"\bottomrule"]
+    assert r"trial & slip $\lambda_R$ {[}\%{]} \\" in lines
+    assert lines.count(r"a\_b \& c & $-$1.5 $\pm$ 0.2 \\") == 2
+    assert any("(virtual data)" in line for line in lines)
+    long = to_latex(table(LONG + 1))  # it may run over pages
+    assert r"\begin{longtable}" in long
+    assert r"\begin{table}" not in long
+
+
+def test_every_table_of_a_report_is_valid_latex_whatever_its_texts_hold() -> None:
+    result = replace(made_up_study(speeds=(0.3, 0.7), repetitions=2), finding=made_up_finding())
+    for one in (*study_report(result).tables, table(3, HOSTILE)):
+        content = to_latex(one).split("\n", 1)[1]  # the first line is a comment
+        assert content.count("{") - content.count(r"\{") == content.count("}") - content.count(r"\}")
+        # without commands and escaped characters nothing special is left; "~" is a space
+        plain = re.sub(r"\$[^$]*\$|\\[A-Za-z]+|\\[&%$#_{}\\]", "", content)
+        assert not set(plain) & set("%#_^\\$"), one.name
+        for row in content.splitlines():
+            if row.endswith(r" \\") and not row.startswith("\\"):
+                assert len(re.findall(r"(?<!\\)&", row)) == len(one.columns) - 1
+        assert content.isascii(), (one.name, {c for c in content if not c.isascii()})
+
+
+@pytest.fixture(scope="module")
+def entities(folder: Path) -> dict[str, dict[str, Any]]:
+    document = json.loads((folder / NAME).read_text(encoding="utf-8"))
+    assert document["@context"][0] == "https://w3id.org/ro/crate/1.1/context"
+    found = {e["@id"]: e for e in document["@graph"]}
+    assert len(found) == len(document["@graph"])
+    return found
+
+
+def linked(value: Any) -> set[str]:
+    """Return all ids that an entity refers to."""
+    if isinstance(value, dict):
+        return {value["@id"]} if set(value) == {"@id"} else set().union(*map(linked, value.values()))
+    return set().union(*map(linked, value)) if isinstance(value, list) else set()
+
+
+def test_descriptor_and_root_are_as_the_specification_asks(entities: dict[str, dict[str, Any]]) -> None:
+    assert entities[NAME]["@type"] == "CreativeWork"
+    assert entities[NAME]["about"] == {"@id": "./"}
+    assert entities[NAME]["conformsTo"] == {"@id": "https://w3id.org/ro/crate/1.1"}
+    root = entities["./"]
+    assert root["@type"] == "Dataset"
+    assert {"name", "description", "datePublished", "license"} <= set(root)
+    assert "virtual" in root["description"]
+
+
+def test_every_reference_leads_somewhere(entities: dict[str, dict[str, Any]]) -> None:
+    known = set(entities) | {"https://w3id.org/ro/crate/1.1"}
+    assert linked(list(entities.values())) <= known
+
+
+def test_files_software_and_logs_are_recorded(
+    folder: Path, study: StudyResult, entities: dict[str, dict[str, Any]]
+) -> None:
+    files = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - {NAME}
+    assert {name for name, e in entities.items() if e["@type"] == "File"} == files
+    page = hashlib.sha256((folder / "index.html").read_bytes()).hexdigest()
+    assert entities["index.html"]["sha256"] == page
+    action = entities["#study"]
+    assert action["@type"] == "CreateAction"
+    assert entities[action["instrument"]["@id"]]["version"] == study.source.version
+    assert {entities[o["@id"]]["sha256"] for o in action["object"]} == {i.sha256 for i in study.source.inputs}
+
+
+def test_a_changed_and_a_missing_file_are_named(folder: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    assert list(changed_files(copy)) == []
+    (copy / "report.md").write_text("edited")
+    (copy / "report.pdf").unlink()
+    assert list(changed_files(copy)) == [
+        f"report.md: its content is not what {NAME} records",
+        f"report.pdf: {NAME} records it, but it is missing",
+    ]
+
+
+def test_other_metadata_are_refused(tmp_path: Path) -> None:
+    assert list(changed_files(tmp_path)) == []
+    (tmp_path / NAME).write_text("{}")
+    with pytest.raises(InputError, match="is not RO-Crate metadata"):
+        list(changed_files(tmp_path))

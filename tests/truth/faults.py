@@ -125,10 +125,8 @@ def turned(trial: Trial, matrix: Array) -> Trial:
 
 def shifted_time(trial: Trial, origin: float) -> Trial:
     """Log under another origin of time [s], as epoch stamps do."""
-    imu, wheels, currents = (
-        s and replace(s, t=s.t + origin) for s in (trial.imu, trial.wheels, trial.currents)
-    )
-    return replace(trial, imu=imu, wheels=wheels, currents=currents)
+    streams = {name: getattr(trial, name) for name in ("imu", "wheels", "currents", "command")}
+    return replace(trial, **{name: s and replace(s, t=s.t + origin) for name, s in streams.items()})
 
 
 def late(trial: Trial, by: float) -> Trial:
