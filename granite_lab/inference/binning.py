@@ -113,7 +113,7 @@ class Binning:
             alike.setdefault((s.t.tobytes(), s.is_angle, s.window), []).append(name)
         self._groups = [self._group(names, streams, edges, t_start) for names in alike.values()]
         self._order = tuple(streams)
-        self._known: dict[tuple[int, float, int], Any] = {}
+        self._known: dict[tuple[int, float, int], tuple[Any, Any]] = {}
 
     @staticmethod
     def _group(names: list[str], streams: Mapping[str, Stream], edges: Array, t_start: float) -> _Group:
@@ -124,7 +124,12 @@ class Binning:
         return _Group(tuple(names), weights, s.t[used] - t_start, s.window, s.sensor, to_bins[:, used])
 
     def __call__(
-        self, t: Array, response: Array, start: float, late: Sequence[float] = (0.0, 0.0, 0.0)
+        self,
+        t: Array,
+        response: Array,
+        start: float,
+        late: Sequence[float] = (0.0, 0.0, 0.0),
+        only: Sequence[str] = (),
     ) -> dict[str, Array]:
         """Return channel to its (n,) bins, or to the (n, k) bins of k responses.
 
@@ -133,20 +138,28 @@ class Binning:
             response: (8, M) or (8, M, k) simulated signals.
             start: by how much the command starts later than `t_start` [s].
             late: by how much the stamps of each sensor of `SENSOR_OF` are late [s].
+            only: channels that are wanted; all by default.
         """
+        wanted = only or self._order
         found: dict[str, Array] = {}
         for number, group in enumerate(self._groups):
-            matrix = self._matrix(number, t, start + late[group.sensor])
             for name, weights in zip(group.names, group.weights, strict=True):
-                used = np.flatnonzero(weights)
-                found[name] = matrix @ sum(weights[k] * response[k] for k in used)
-        return {name: found[name] for name in self._order}
+                if name in wanted:
+                    signal = sum(weights[k] * response[k] for k in np.flatnonzero(weights))
+                    found[name] = self._in_bins(number, t, start + late[group.sensor], signal)
+        return {name: found[name] for name in wanted}
 
-    def _matrix(self, number: int, t: Array, shift: float) -> Any:
-        key = (number, shift, t.size)
+    def _in_bins(self, number: int, t: Array, shift: float, signal: Array) -> Array:
+        """Return the (n,) bins of a signal, or (n, k); many signals are worth the product of the matrices."""
+        group, key = self._groups[number], (number, shift, t.size)
         if key not in self._known:
             while len(self._known) >= KEPT * len(self._groups):
                 del self._known[next(iter(self._known))]
-            group = self._groups[number]
-            self._known[key] = group.to_bins @ group.to_stamps(t, shift)
-        return self._known[key]
+            self._known[key] = group.to_stamps(t, shift), None
+        to_stamps, product = self._known[key]
+        if signal.ndim == 1:
+            return np.asarray(group.to_bins @ (to_stamps @ signal))
+        if product is None:
+            product = group.to_bins @ to_stamps
+            self._known[key] = to_stamps, product
+        return np.asarray(product @ signal)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -227,19 +228,27 @@ class Posterior:
 
     Attributes:
         step: (p,) from the point to the mean.
-        covariance: (p, p).
         evidence: logarithm of the marginal likelihood, up to a constant of the noise.
         misfit: sum of squares left at the mean, priors included.
         rest: (k+1, k+1) the matrix of the candidates and the residual, the parameters integrated out.
         follow: (p, k) how far the parameters follow the candidates.
+        factor: (p, p) lower Cholesky factor of the precision, each row over `scale`.
+        scale: (p,) that brings the precision's diagonal to one.
     """
 
     step: Array
-    covariance: Array
     evidence: float
     misfit: float
     rest: Array
     follow: Array
+    factor: Array
+    scale: Array
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(p, p) of the parameters."""
+        inverse = cho_solve((self.factor, True), np.diag(self.scale), check_finite=False)
+        return np.asarray(self.scale[:, None] * inverse)
 
 
 def posterior(M: Array, logdet: float, precision: Array, pull: Array) -> Posterior:
@@ -263,5 +272,4 @@ def posterior(M: Array, logdet: float, precision: Array, pull: Array) -> Posteri
     given = precision > 0
     logdet_N = 2 * float(np.log(np.diag(factor[0])).sum()) - 2 * float(np.log(scale).sum())
     evidence = -0.5 * (rest[-1, -1] + logdet + logdet_N - float(np.log(precision[given]).sum()))
-    inverse = scale[:, None] * cho_solve(factor, np.diag(scale), check_finite=False)
-    return Posterior(solved[:, -1], inverse, evidence, float(rest[-1, -1]), rest, solved[:, :-1])
+    return Posterior(solved[:, -1], evidence, float(rest[-1, -1]), rest, solved[:, :-1], factor[0], scale)

@@ -6,12 +6,13 @@ begins. The sand enters through simulations; the rest is applied to a finished s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from granite_lab.inference.bench import ACCURACY, RAKED, SAND
-from granite_lab.inference.binning import CURRENTS, IMU, SENSOR_OF
+from granite_lab.inference.binning import CURRENTS, IMU, WHEELS
 from granite_lab.inference.constants import CURRENT_LATENCY_STD, LATENCY_STD, RAKING, SENSOR_STD
 from granite_lab.inference.observation import Observation
 from granite_lab.logs.trial import Array
@@ -23,6 +24,12 @@ SENSORS = ("latency", "arm_x", "arm_z", "current_latency")
 off the file [m], latency of the currents behind the wheels [s]."""
 
 SENSORS_STD = np.array([LATENCY_STD, SENSOR_STD["arm"], SENSOR_STD["arm"], CURRENT_LATENCY_STD])
+
+LATENCY_OF = {IMU: "latency", CURRENTS: "current_latency"}
+"""The number of `SENSORS` by which a sensor is late."""
+
+ARM_OF = {"accel_x": "arm_z", "accel_z": "arm_x"}
+"""The number of `SENSORS` by which turning shows in a channel."""
 
 _SHIFT_STEP = 1e-3
 
@@ -69,17 +76,19 @@ class TrialModel:
         """How many numbers the trial has."""
         return len(self.slacks)
 
-    def bins_of(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
-        """Return channel to the (n,) bins of an (8, M) response, or (n, k) of (8, M, k)."""
+    def bins_of(
+        self, response: Array, x: Array, sensors: Array, only: Sequence[str] = ()
+    ) -> dict[str, Array]:
+        """Return channel to the (n,) bins of an (8, M) response, or (n, k) of (8, M, k); all by default."""
         imu, currents = (float(sensors[SENSORS.index(name)]) for name in ("latency", "current_latency"))
-        return self.observation.binned(self.t, response, float(x[RAKED]), (0.0, imu, currents))
+        return self.observation.binned(self.t, response, float(x[RAKED]), (0.0, imu, currents), only)
 
     def predict(self, response: Array, x: Array, sensors: Array) -> Array:
         """Return the (C, n) bins that the trial should show."""
         b = self.bins_of(response, x, sensors)
         out = dict(b)
         if "accel_x" in b:
-            turning = self.bins_of(self._turning(response), x, sensors)
+            turning = self.bins_of(self._turning(response), x, sensors, ("accel_x", "accel_z"))
             f_x = b["accel_x"] + sensors[2] * turning["accel_x"]
             f_z = b["accel_z"] + sensors[1] * turning["accel_z"]
             tilt = self._of(x, "tilt")
@@ -94,40 +103,49 @@ class TrialModel:
                 out[c] = (1 + self._of(x, f"{c} gain")) * b[c]
         return np.stack([out[c] + self._of(x, f"{c} offset") for c in self.channels])
 
-    def columns(self, response: Array, raked: Array, x: Array, sensors: Array) -> Array:
-        """Return the (C n, p) derivatives of `predict` by the trial's numbers.
+    def directions(self, response: Array) -> Array:
+        """Return the (8, M, 3) changes of a response that need no simulation.
+
+        They are the response itself, its change with the place of the IMU, its derivative by a later start.
+        """
+        return np.dstack([response, self._turning(response), self._later(response)])
+
+    def columns(self, changes: Array, x: Array, sensors: Array) -> tuple[Array, Array, Array]:
+        """Return the derivatives of `predict`.
 
         Args:
-            response: (8, M) near the trial's own.
-            raked: (8, M, RAKED) derivatives of the response by the sand.
+            changes: (8, M, 3 + RAKED + k) of the response: its `directions`, its derivatives by the sand that
+                is raked, and k others.
             x: the trial's numbers.
             sensors: numbers of the sensors that all trials share.
+
+        Returns:
+            (C n, p) by the trial's numbers, (C n, 4) by `SENSORS`, (C n, k) by what the others are of.
         """
-        started = self._later(response)
-        bins = self.bins_of(np.dstack([response, raked, started]), x, sensors)
-        b, *columns = ({c: bins[c][:, k] for c in self.channels} for k in range(RAKED + 2))
-        zero = {c: np.zeros(self.observation.bins) for c in self.channels}
-        for slack in self.slacks[RAKED + 1 :]:
-            own = dict(zero)
+        bins = self.bins_of(changes, x, sensors)
+        raked, others = slice(3, 3 + RAKED), slice(3 + RAKED, None)
+        local = np.zeros((len(self.channels), self.observation.bins, self.size))
+        by_sensor = np.zeros((*local.shape[:2], len(SENSORS)))
+        for k, c in enumerate(self.channels):
+            local[k, :, :RAKED], local[k, :, RAKED] = bins[c][:, raked], bins[c][:, 2]
+            sensor = self.observation.streams[c].sensor
+            if sensor != WHEELS:
+                by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = bins[c][:, 2]
+            if c in ARM_OF:
+                by_sensor[k, :, SENSORS.index(ARM_OF[c])] = bins[c][:, 1]
+        for n, slack in enumerate(self.slacks[RAKED + 1 :], start=RAKED + 1):
             channel, _, kind = slack.name.partition(" ")
             if slack.name == "tilt":
-                own |= {"accel_x": -b["accel_z"], "accel_z": b["accel_x"]}
+                local[self.channels.index("accel_x"), :, n] = -bins["accel_z"][:, 0]
+                local[self.channels.index("accel_z"), :, n] = bins["accel_x"][:, 0]
             elif kind == "offset":
-                own[channel] = np.ones(self.observation.bins)
+                local[self.channels.index(channel), :, n] = 1.0
             else:  # a gain
-                own[channel] = b["wheel"] if channel == "wheel_split" else b[channel]
-            columns.append(own)
-        return np.stack([np.concatenate([own[c] for c in self.channels]) for own in columns], axis=1)
-
-    def sensor_columns(self, response: Array, x: Array, sensors: Array) -> Array:
-        """Return the (C n, 4) derivatives of `predict` by `SENSORS`."""
-        late, sensor = self._later(response), np.array(SENSOR_OF)[:, None]
-        late_imu, late_currents = (np.where(sensor == own, late, 0.0) for own in (IMU, CURRENTS))
-        turning = self._turning(response)
-        arm_x, arm_z = np.zeros_like(turning), np.zeros_like(turning)
-        arm_z[0], arm_x[1] = turning[0], turning[1]
-        b = self.bins_of(np.dstack([late_imu, arm_x, arm_z, late_currents]), x, sensors)
-        return np.concatenate([b[c] for c in self.channels])
+                shown = "wheel" if channel == "wheel_split" else channel
+                local[self.channels.index(channel), :, n] = bins[shown][:, 0]
+        rows = local.shape[0] * local.shape[1]
+        rest = np.concatenate([bins[c][:, others] for c in self.channels])
+        return local.reshape(rows, -1), by_sensor.reshape(rows, -1), rest
 
     def effect_columns(self, changes: Array, x: Array, sensors: Array) -> Array:
         """Return the (C n, k) bins of k changes of the response, (8, M, k)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -58,16 +58,24 @@ class Slopes:
 
     Attributes:
         response: per command the (8, M) response.
+        directions: per command (8, M, 3), see `TrialModel.directions`.
         sand: per command (8, M, 7), by the logarithms of the sand.
         common, own: per command (8, M, e), by the effects' shared and per-trial parameters.
         traces: per command (8, M, s), what each effect changes.
     """
 
     response: tuple[Array, ...]
+    directions: tuple[Array, ...]
     sand: tuple[Array, ...]
     common: tuple[Array, ...]
     own: tuple[Array, ...]
     traces: tuple[Array, ...]
+
+    @cached_property
+    def changes(self) -> tuple[Array, ...]:
+        """Per command (8, M, 10 + e) all that `TrialModel.columns` takes: directions, sand, own, common."""
+        parts = zip(self.directions, self.sand, self.own, self.common, strict=True)
+        return tuple(np.concatenate(own, axis=-1) for own in parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +107,9 @@ class Problem:
         self.variants = sorted({t.variant for t in trials})
         self.commands = tuple(tuple(i for i, t in enumerate(trials) if t.variant == v) for v in self.variants)
         self.whiteners: list[list[Whitener]] = []
+        self._alike: list[tuple[Whitener, list[tuple[int, int]]]] = []  # with the rows that share it
         self._plain: list[dict[str, Basis]] = []
-        self._white_plain: dict[tuple[int, str], Array] = {}
+        self._white_plain: dict[tuple[int, str, int], tuple[Array, Array]] = {}
         self._sizes: list[dict[str, tuple[float, Array, Array]]] = []
         self.rows = tuple(
             {c: slice(k * t.observation.bins, (k + 1) * t.observation.bins) for k, c in enumerate(t.channels)}
@@ -290,8 +299,10 @@ class Problem:
             sand = sand_from.sand[j] if sand_from is not None else stacked(derived[:n], base)
             effect = stacked(derived[n:], base)
             traces = stacked([base - other for other in others[h:]], base)
-            parts.append((base, sand, effect[..., : len(shared)], effect[..., len(shared) :], traces))
-        return Slopes(*(tuple(p[k] for p in parts) for k in range(5)))
+            common, own = np.split(effect, [len(shared)], axis=-1)
+            directions = self.trials[self.commands[j][0]].directions(base)
+            parts.append((base, directions, sand, common, own, traces))
+        return Slopes(*map(tuple, zip(*parts, strict=True)))
 
     def residuals(self, point: Point, responses: Sequence[Array]) -> tuple[Array, ...]:
         """Return per trial (C, n) measured minus predicted."""
@@ -302,7 +313,12 @@ class Problem:
 
     def white(self, residuals: Sequence[Array]) -> tuple[Array, ...]:
         """Return per trial the (C n,) whitened residuals."""
-        return tuple(self.whiten(i, r.ravel()) for i, r in enumerate(residuals))
+        white = [np.empty(r.size) for r in residuals]
+        for whitener, rows in self._alike:
+            found = whitener(np.column_stack([residuals[i][k] for i, k in rows]))
+            for (i, k), row in zip(rows, found.T, strict=True):
+                white[i][k * row.size : (k + 1) * row.size] = row
+        return tuple(white)
 
     def whiten(self, trial: int, columns: Array) -> Array:
         """Return whitened (C n,) or (C n, k) columns of one trial."""
@@ -323,6 +339,11 @@ class Problem:
     def weigh(self, whiteners: list[list[Whitener]], point: Point, slopes: Slopes) -> None:
         """Set the noise, and the size of each channel's discrepancy from the responses at a point."""
         self.whiteners = whiteners
+        alike: dict[int, list[tuple[int, int]]] = {}
+        for i, own in enumerate(whiteners):
+            for k, w in enumerate(own):
+                alike.setdefault(id(w.inverse), []).append((i, k))
+        self._alike = [(whiteners[rows[0][0]][rows[0][1]], rows) for rows in alike.values()]
         self._plain, self._white_plain, self._sizes = [], {}, []
         for command, own in enumerate(self.commands):
             t, x = self.trials[own[0]], point.trials[own[0]]
@@ -430,22 +451,36 @@ class Problem:
         gram, basis = np.zeros((at.size, at.size)), np.zeros((kind.size, kind.size))
         across = np.zeros((kind.size, at.size))
         rows = []
+        known: dict[int, tuple[Array, Array]] = {}  # by whitener, which repetitions share
         for i in (i for i in own if name in self.trials[i].channels):
-            number, bins = self.trials[i].channels.index(name), self.rows[i][name]
-            if (i, name) not in self._white_plain:
-                self._white_plain[i, name] = self.whiteners[i][number](self._plain[command][name].columns)
-            B = self._white_plain[i, name]
-            if formula:
-                B = np.hstack([B, self.whiteners[i][number](np.hstack([f.columns for f in formula]))])
+            whitener, bins = self.whiteners[i][self.trials[i].channels.index(name)], self.rows[i][name]
+            if id(whitener.inverse) not in known:
+                known[id(whitener.inverse)] = self._white_basis(command, name, whitener, formula)
+            B, BB = known[id(whitener.inverse)]
             place = np.searchsorted(at, whitened[i][0])
             A, w = whitened[i][1][bins], white[i][bins]
             full = np.column_stack([A, w])
             k = np.append(place, at.size - 1)
             gram[np.ix_(k, k)] += full.T @ full
-            basis += B.T @ B
+            basis += BB
             across[:, k] += B.T @ full
             rows.append(Rows(i, bins, place, A, B))
         return ChannelPart(name, whole.columns, kind, tuple(rows), gram, basis, across)
+
+    def _white_basis(
+        self, command: int, name: str, whitener: Whitener, formula: Sequence[Basis]
+    ) -> tuple[Array, Array]:
+        """Return the (n, m) whitened discrepancy of a channel, and its (m, m) inner products."""
+        key = command, name, id(whitener.inverse)
+        if key not in self._white_plain:
+            plain = whitener(self._plain[command][name].columns)
+            self._white_plain[key] = plain, plain.T @ plain
+        B, BB = self._white_plain[key]
+        if not formula:
+            return B, BB
+        F = whitener(np.hstack([f.columns for f in formula]))
+        across = B.T @ F
+        return np.hstack([B, F]), np.block([[BB, across], [across.T, F.T @ F]])
 
     def columns(self, i: int, point: Point, slopes: Slopes, further: Further | None = None) -> Array:
         """Return the (C n, k) derivatives of what a trial should show.
@@ -461,13 +496,11 @@ class Problem:
         """
         t, x = self.trials[i], point.trials[i]
         command = self.variants.index(t.variant)
-        response, sand = slopes.response[command], slopes.sand[command]
-        local = t.columns(response, sand[..., :RAKED], x[: t.size], point.sensors)
-        changes = [sand[..., RAKED:], slopes.own[command], slopes.common[command]]
-        changes += [further.changes[command]] if further else []
-        rest, own, *shared = (t.effect_columns(change, x, point.sensors) for change in changes)
-        sensors = t.sensor_columns(response, x, point.sensors)
-        return np.column_stack([local, own, local[:, :RAKED], rest, sensors, *shared])
+        local, sensors, others = t.columns(slopes.changes[command], x, point.sensors)
+        first, private = len(SAND) - RAKED, slopes.own[command].shape[-1]
+        rest, own, common = np.split(others, [first, first + private], axis=1)
+        more = [t.effect_columns(further.changes[command], x, point.sensors)] if further else []
+        return np.column_stack([local, own, local[:, :RAKED], rest, sensors, common, *more])
 
 
 def stacked(changes: Sequence[Array], like: Array) -> Array:
