@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +14,7 @@ from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import EFFECT_ODDS, LEFT, SPREAD, TOLERANCE
 from granite_lab.inference.fit import Fit, fit, under
 from granite_lab.inference.gap import moved, shares
+from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Point, Problem
 
 MOST = 3
@@ -135,16 +135,15 @@ def search(
 
     def fitted(starts: Sequence[tuple[Point, Fit]]) -> None:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
-        new: dict[tuple[str, ...], tuple[Point, Fit, list[Fit]]] = {}
+        new: dict[tuple[str, ...], tuple[Point, Scales]] = {}
         for start, near in starts:
             key = tuple(sorted(start.effects))
             if key not in found:
-                new.setdefault(key, (start, near, [m.fit for k, m in found.items() if set(k) < set(key)]))
+                new.setdefault(key, (start, near.scales))
         if new:
             tell(f"fitting {', '.join(map(_words, new))}")
-        given = list(new.values())
-        fits = problem.bench.side_by_side(lambda k: best_fit(problem, *given[k]), len(given))
-        found.update({k: _model(k, f, candidates) for k, f in zip(new, fits, strict=True) if f is not None})
+        fits = fit_sets(problem, new, {k: m.fit for k, m in found.items()})
+        found.update({k: _model(k, f, candidates) for k, f in fits.items()})
 
     def extended(model: Model, wanted: Callable[[str, float], bool], most: int = TRIED) -> list[Score]:
         """Fit the promising ones of the wanted candidates beside those of a model, and return them."""
@@ -154,8 +153,11 @@ def search(
             others = [c for c in candidates if c not in model.effects and not (closed and is_empirical(c))]
             sizes = FEW if closed else ALL
             origins = _origins(problem, model.fit)
+            screens = problem.bench.side_by_side(
+                lambda k: _screened(problem, origins[k], others, sizes), len(origins)
+            )
             looks[model.effects] = tuple(
-                problem.bench.side_by_side(lambda k: _look(problem, origins[k], others, sizes), len(origins))
+                Look(origin, *found) for origin, found in zip(origins, screens, strict=True)
             )
         promises = _promises(looks[model.effects])
         promising = _promising({c: p for c, p in promises.items() if wanted(c, p.gain)}, most)
@@ -191,8 +193,8 @@ def search(
     for id_, tried in path[:-1]:  # those of the last stood beside the same effects
         rivals = [score for score in tried if score.candidate not in current.effects]
         others.append((problem.without_effect(current.fit.point, id_), rivals))
-    fitted([(without, current.fit) for without, _ in others])
-    fitted([(_with(problem, point, score), current.fit) for point, tried in others for score in tried])
+    exchanged = [_with(problem, point, score) for point, tried in others for score in tried]
+    fitted([(point, current.fit) for point in (*(without for without, _ in others), *exchanged)])
     models = sorted(found.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), looks, frozenset(small))
 
@@ -201,29 +203,50 @@ def _with(problem: Problem, point: Point, score: Score) -> Point:
     return problem.with_effect(point, score.candidate, score.values, score.own)
 
 
-def best_fit(problem: Problem, start: Point, near: Fit, parts: Sequence[Fit]) -> Fit | None:
-    """Return the fit of a set of effects; None where the start has no solution.
+def fit_sets(
+    problem: Problem,
+    starts: Mapping[tuple[str, ...], tuple[Point, Scales]],
+    known: Mapping[tuple[str, ...], Fit],
+) -> dict[tuple[str, ...], Fit]:
+    """Return the fits of sets of effects, those left out whose start has no solution.
 
-    It can be no worse than that of a part of the set: one that is has missed the optimum, and is made again
+    A fit can be no worse than that of a part of the set: one that is has missed the optimum. It is made again
     from the part, with the other effects at their neutral values.
 
     Args:
         problem: the trials.
-        start: where to begin, with the set switched on.
-        near: a fit whose scales are to begin with.
-        parts: fits of parts of the set.
+        starts: of each set, where to begin, with the set switched on, and the scales to begin with.
+        known: fits of other sets.
     """
-    found = []
-    with suppress(EstimateError):
-        found.append(fit(problem, start, near.scales))
-    part = max(parts, key=lambda f: f.evidence, default=None)
-    if part is not None and not any(f.evidence > part.evidence for f in found):
-        again = part.point
-        for id_ in (e for e in start.effects if e not in part.point.effects):
-            again = problem.with_effect(again, id_, [p.neutral for p in problem.parameters_of(id_)])
-        with suppress(EstimateError):
-            found.append(fit(problem, again, part.scales))
-    return max(found, key=lambda f: f.evidence, default=None)
+    found = _attempts(problem, starts)
+    again: dict[tuple[str, ...], tuple[Point, Scales]] = {}
+    for key, (start, _) in starts.items():
+        parts = [f for k, f in {**known, **found}.items() if set(k) < set(key)]
+        part = max(parts, key=lambda f: f.evidence, default=None)
+        if part is not None and not (key in found and found[key].evidence > part.evidence):
+            point = part.point
+            for id_ in (e for e in start.effects if e not in point.effects):
+                point = problem.with_effect(point, id_, [p.neutral for p in problem.parameters_of(id_)])
+            again[key] = point, part.scales
+    for key, other in _attempts(problem, again).items():
+        if key not in found or other.evidence > found[key].evidence:
+            found[key] = other
+    return found
+
+
+def _attempts(
+    problem: Problem, starts: Mapping[tuple[str, ...], tuple[Point, Scales]]
+) -> dict[tuple[str, ...], Fit]:
+    given = list(starts.values())
+
+    def one(k: int) -> Fit | None:
+        try:
+            return fit(problem, *given[k])
+        except EstimateError:
+            return None
+
+    fits = problem.bench.side_by_side(one, len(given))
+    return {key: f for key, f in zip(starts, fits, strict=True) if f is not None}
 
 
 def left_open(model: Model, base: Fit, own: Collection[str]) -> Callable[[str, float], bool]:
@@ -284,9 +307,11 @@ def _origins(problem: Problem, result: Fit) -> list[Fit]:
         return [result]
 
 
-def _look(problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int) -> Look:
+def _screened(
+    problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int
+) -> tuple[Screen, tuple[Score, ...]]:
     screened = screen(problem, origin, candidates, most=sizes)
-    return Look(origin, screened, tuple(scores(problem, screened)))
+    return screened, tuple(scores(problem, screened))
 
 
 @dataclass(frozen=True, eq=False)

@@ -340,8 +340,8 @@ class Problem:
         """Set the noise, and the size of each channel's discrepancy from the responses at a point."""
         self.whiteners = whiteners
         alike: dict[int, list[tuple[int, int]]] = {}
-        for i, own in enumerate(whiteners):
-            for k, w in enumerate(own):
+        for i, mine in enumerate(whiteners):
+            for k, w in enumerate(mine):
                 alike.setdefault(id(w.inverse), []).append((i, k))
         self._alike = [(whiteners[rows[0][0]][rows[0][1]], rows) for rows in alike.values()]
         self._plain, self._white_plain, self._sizes = [], {}, []

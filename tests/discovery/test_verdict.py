@@ -12,7 +12,7 @@ import pytest
 
 from granite_lab.discovery.candidates import scores, screen
 from granite_lab.discovery.power import _by_noise_own
-from granite_lab.discovery.search import WORTH, Model, Search, best_fit, left_open, search, strained
+from granite_lab.discovery.search import WORTH, Model, Search, fit_sets, left_open, search, strained
 from granite_lab.discovery.verdict import Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
@@ -243,9 +243,8 @@ def test_a_set_that_ends_below_a_part_of_it_is_fitted_again_from_the_part(
         return replace(found, evidence=alone.evidence - 1) if at is start else found
 
     monkeypatch.setattr("granite_lab.discovery.search.fit", stuck)
-    found, lost = (best_fit(problem, start, alone, parts) for parts in ([alone], []))
-    assert found is not None
-    assert lost is not None
+    given = {("push",): (start, alone.scales)}
+    found, lost = (fit_sets(problem, given, known)["push",] for known in ({(): alone}, {}))
     assert found.evidence > alone.evidence > lost.evidence
     assert found.point.common[0] == pytest.approx(0.7, abs=0.05)
 
