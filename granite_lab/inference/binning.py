@@ -51,9 +51,15 @@ def means(t: Array, start: Array, end: Array) -> Any:
 
     Args:
         t: (N,) stamps, rising.
-        start, end: (n,) between what each mean is taken; where they are equal, the value there.
+        start, end: (n,) between what each mean is taken; where they are equal, the value there. The same
+            array twice asks for values alone.
     """
     first = np.clip(np.searchsorted(t, start, side="right") - 1, 0, t.size - 2)
+    if start is end:
+        later = (start - t[first]) / (t[first + 1] - t[first])
+        columns, values = np.stack([first, first + 1], axis=-1), np.stack([1 - later, later], axis=-1)
+        rows = 2 * np.arange(start.size + 1)
+        return csr_array((values.ravel(), columns.ravel(), rows), shape=(start.size, t.size))
     last = np.clip(np.searchsorted(t, end, side="left") - 1, first, t.size - 2)
     count = last - first + 1  # lines that a mean goes over
     ends = np.cumsum(count)
@@ -95,6 +101,8 @@ class _Group:
         # accelerations jump: what the sensor shows of a corner depends on where its window lies
         inside = (at - half >= t[0]) & (at + half <= t[-1])
         at = np.clip(at, t[0], t[-1])
+        if not half:
+            return means(t, at, at)
         return means(t, np.where(inside, at - half, at), np.where(inside, at + half, at))
 
 

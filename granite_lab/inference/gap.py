@@ -62,9 +62,8 @@ def discrepancies(problem: Problem, fit: Fit, *, formulas: bool = True) -> list[
             amplitude, _ = c.amplitudes(step[part.place_in(step.size)], fit.scales)
             own = np.flatnonzero((c.kind == MOTION) | ((c.kind == FORMULA) & formulas))
             columns = c.columns[:, own]
-            root, inverse, _ = c.factor(fit.scales)
-            spread = inverse[:, own] * root[own]
-            variance = ((columns @ spread.T) ** 2).sum(axis=1)
+            root, inverse = c.inverse(fit.scales)
+            variance = (((columns * root[own]) @ inverse[own]) ** 2).sum(axis=1)
             louder = fit.scales.louder.get(c.name, 1.0)
             value = (columns @ amplitude[own]) * (moving > 0)
             found.append(Discrepancy(command, c.name, size, value, louder * np.sqrt(variance) * (moving > 0)))
@@ -186,5 +185,4 @@ def beyond(problem: Problem, fit: Fit, tolerance: float) -> tuple[float, float]:
 
 def held(channel: ChannelPart, scales: Scales) -> float:
     """Return the number of directions along which the discrepancy of a channel is held by its prior."""
-    _, inverse, _ = channel.factor(scales)
-    return float((inverse**2).sum())
+    return float((channel.inverse(scales)[1] ** 2).sum())

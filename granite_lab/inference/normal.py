@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.lapack import dtrtri
+from scipy.linalg import cho_factor, cho_solve, cholesky
+from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from granite_lab.inference.discrepancy import variances
 from granite_lab.logs.trial import Array
@@ -91,7 +91,7 @@ class ChannelPart:
     _known: dict[tuple[float, float, float], Factor] = field(default_factory=dict, repr=False)
 
     def factor(self, scales: Scales) -> Factor:
-        """Return sqrt(Λ), the inverse Cholesky factor of 1 + sqrt(Λ) G sqrt(Λ), and log det of the latter.
+        """Return sqrt(Λ), the upper Cholesky factor of 1 + sqrt(Λ) G sqrt(Λ), and log det of the latter.
 
         The last one is remembered, as each step of a fit asks for it several times.
         """
@@ -100,18 +100,22 @@ class ChannelPart:
         if (found := self._known.get(key)) is not None:
             return found
         root = np.sqrt(variances(self.kind, scales.share_of(self.name), scales.formula)) / louder
-        M = np.eye(root.size) + root[:, None] * self.basis * root
-        L = np.linalg.cholesky(M)
-        # LAPACK complains on stdout of a matrix without rows
-        inverse: Array = dtrtri(L.T, lower=0)[0].T if L.size else np.zeros((0, 0))
+        M = root[:, None] * self.basis * root
+        M.flat[:: root.size + 1] += 1
+        U = cholesky(M, overwrite_a=True, check_finite=False)
         self._known.clear()
-        self._known[key] = root, inverse, 2 * float(np.log(np.diag(L)).sum())
+        self._known[key] = root, U, 2 * float(np.log(np.diag(U)).sum())
         return self._known[key]
+
+    def inverse(self, scales: Scales) -> tuple[Array, Array]:
+        """Return sqrt(Λ), and the inverse of the upper Cholesky factor; see `factor`."""
+        root, U, _ = self.factor(scales)
+        return root, np.asarray(dtrtri(U)[0] if U.size else U)
 
     def marginal(self, scales: Scales) -> tuple[Array, float]:
         """Return the (a, a) matrix with the discrepancy integrated out, and the log determinant it brings."""
-        root, inverse, logdet = self.factor(scales)
-        X = inverse @ (root[:, None] * self.across)
+        root, U, logdet = self.factor(scales)
+        X = _solved(U, root[:, None] * self.across)
         return (self.gram - X.T @ X) / scales.louder.get(self.name, 1.0) ** 2, logdet
 
     def amplitudes(self, step: Array, scales: Scales) -> tuple[Array, Array]:
@@ -121,17 +125,16 @@ class ChannelPart:
             step: (a,) change of each column's parameter with its sign turned, 1 for the residual.
             scales: learnt.
         """
-        root, inverse, _ = self.factor(scales)
-        left = root * (self.across @ step)
-        mean = root * (inverse.T @ (inverse @ left))
+        root, inverse = self.inverse(scales)
+        mean = root * (inverse @ (inverse.T @ (root * (self.across @ step))))
         louder = scales.louder.get(self.name, 1.0)
-        return np.asarray(mean), np.asarray((louder * root) ** 2 * (inverse**2).sum(axis=0))
+        return np.asarray(mean), np.asarray((louder * root) ** 2 * (inverse**2).sum(axis=1))
 
     def misfit(self, white: Sequence[Array], scales: Scales) -> float:
         """Return the sum of squares of other whitened residuals once the discrepancy is refitted."""
-        root, inverse, _ = self.factor(scales)
+        root, U, _ = self.factor(scales)
         b = np.sum([r.basis.T @ white[r.trial][r.bins] for r in self.rows], axis=0)
-        x = inverse @ (root * b)
+        x = _solved(U, root * b)
         squares = sum(float(w @ w) for w in (white[r.trial][r.bins] for r in self.rows))
         return (squares - float(x @ x)) / scales.louder.get(self.name, 1.0) ** 2
 
@@ -220,6 +223,11 @@ class Normal:
             for c in part.channels:
                 total[c.name] = total.get(c.name, 0.0) + c.misfit(white, scales)
         return total
+
+
+def _solved(U: Array, b: Array) -> Array:
+    """Return the solution of U^T x = b; LAPACK complains on stdout of a matrix without rows."""
+    return np.asarray(dtrtrs(U, b, trans=1)[0] if U.size else b)
 
 
 @dataclass(frozen=True, eq=False)
