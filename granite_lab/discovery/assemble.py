@@ -29,7 +29,8 @@ from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import Discrepancy, beyond, discrepancies
 from granite_lab.inference.observation import CHANNELS, UNITS
-from granite_lab.inference.problem import SHARED, Problem
+from granite_lab.inference.point import SHARED
+from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect
 from granite_lab.parameters import load_paper

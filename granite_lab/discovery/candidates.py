@@ -11,7 +11,8 @@ import numpy as np
 from granite_lab.inference.bench import Task
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Posterior, posterior
-from granite_lab.inference.problem import Further, Problem, stacked
+from granite_lab.inference.point import Further, stacked
+from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter

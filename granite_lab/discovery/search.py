@@ -15,7 +15,8 @@ from granite_lab.inference.constants import EFFECT_ODDS, LEFT, SPREAD, TOLERANCE
 from granite_lab.inference.fit import Fit, fit, under
 from granite_lab.inference.gap import moved, shares
 from granite_lab.inference.normal import Scales
-from granite_lab.inference.problem import Point, Problem
+from granite_lab.inference.point import Point
+from granite_lab.inference.problem import Problem
 
 MOST = 3
 """Effects in a set at most."""

@@ -11,7 +11,8 @@ from granite_lab.errors import EstimateError
 from granite_lab.inference.constants import FORMULA_ERROR, PSEUDO_TRIALS, SPREAD, TOLERANCE
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
-from granite_lab.inference.problem import Point, Problem, Slopes
+from granite_lab.inference.point import Point, Slopes
+from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import own_name, width_of
 from granite_lab.logs.trial import Array
 

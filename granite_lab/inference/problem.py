@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -14,81 +14,14 @@ from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, join
 from granite_lab.inference.noise import Whitener
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_STD, TrialModel
+from granite_lab.inference.point import SHARED, Further, Point, Slopes, stacked
 from granite_lab.inference.strengths import centre_of, own_name, step_of, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-SHARED = (*SAND, *SENSORS)
-
 STEP = np.array((0.01, 0.01, -0.03, 0.01, -0.01, 0.01, 0.005))
 """Steps of the differences by `SAND`. In the file's sand the friction on the tyre limits the shear stress
 (10); the smaller steps in the strength show what the other limit does where both rule."""
-
-
-@dataclass(frozen=True, eq=False)
-class Point:
-    """Where the numbers stand.
-
-    Attributes:
-        shared: numbers common to all trials, as `SHARED`.
-        effects: ids of the effects that are switched on.
-        common: (e,) parameters of those effects that all trials share, in order.
-        trials: per trial its numbers: those of `TrialModel`, then its own parameters of effects.
-    """
-
-    shared: Array
-    effects: tuple[str, ...]
-    common: Array
-    trials: tuple[Array, ...]
-
-    @property
-    def sensors(self) -> Array:
-        """The numbers of the sensors."""
-        return self.shared[len(SAND) :]
-
-    @property
-    def vector(self) -> Array:
-        """All numbers: the trials' own one after the other, then the shared ones."""
-        return np.concatenate([*self.trials, self.shared, self.common])
-
-
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """Derivatives of the responses at one point.
-
-    Attributes:
-        response: per command the (8, M) response.
-        directions: per command (8, M, 3), see `TrialModel.directions`.
-        sand: per command (8, M, 7), by the logarithms of the sand.
-        common, own: per command (8, M, e), by the effects' shared and per-trial parameters.
-        traces: per command (8, M, s), what each effect changes.
-    """
-
-    response: tuple[Array, ...]
-    directions: tuple[Array, ...]
-    sand: tuple[Array, ...]
-    common: tuple[Array, ...]
-    own: tuple[Array, ...]
-    traces: tuple[Array, ...]
-
-    @cached_property
-    def changes(self) -> tuple[Array, ...]:
-        """Per command (8, M, 10 + e) all that `TrialModel.columns` takes: directions, sand, own, common."""
-        parts = zip(self.directions, self.sand, self.own, self.common, strict=True)
-        return tuple(np.concatenate(own, axis=-1) for own in parts)
-
-
-@dataclass(frozen=True, eq=False)
-class Further:
-    """Changes of the response that are no parameters yet: candidates of a screen.
-
-    Attributes:
-        changes: per command (8, M, k); first those that all trials share.
-        each: number of the last ones, which each trial has of its own.
-    """
-
-    changes: tuple[Array, ...]
-    each: int = 0
 
 
 class Problem:
@@ -501,11 +434,6 @@ class Problem:
         rest, own, common = np.split(others, [first, first + private], axis=1)
         more = [t.effect_columns(further.changes[command], x, point.sensors)] if further else []
         return np.column_stack([local, own, local[:, :RAKED], rest, sensors, common, *more])
-
-
-def stacked(changes: Sequence[Array], like: Array) -> Array:
-    """Return k changes of a response as one (8, M, k) array; `like` is a response."""
-    return np.stack(changes, axis=-1) if changes else np.zeros((*like.shape, 0))
 
 
 def as_values(values: Array) -> Values:

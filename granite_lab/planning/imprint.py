@@ -12,7 +12,8 @@ from granite_lab.inference import noise
 from granite_lab.inference.bench import ACCURACY, Bench, World
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.observation import CHANNELS, Observation
-from granite_lab.inference.problem import Further, Problem, stacked
+from granite_lab.inference.point import Further, stacked
+from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil, Variant

@@ -21,7 +21,8 @@ from granite_lab.inference.noise import FLOOR, Whitener
 from granite_lab.inference.normal import Posterior, Scales, posterior
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import BIN, CHANNELS, Observation
-from granite_lab.inference.problem import Further, Point, Problem, Slopes, stacked
+from granite_lab.inference.point import Further, Point, Slopes, stacked
+from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, peak_velocity
 from granite_lab.parameters import Robot, Variant

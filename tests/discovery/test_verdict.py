@@ -18,7 +18,8 @@ from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.normal import Scales
-from granite_lab.inference.problem import Point, Problem
+from granite_lab.inference.point import Point
+from granite_lab.inference.problem import Problem
 from tests.inference.stub import drawn, measure, problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")

@@ -18,7 +18,8 @@ from granite_lab.inference.binning import Stream
 from granite_lab.inference.noise import nominal
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import UNITS, Observation
-from granite_lab.inference.problem import Point, Problem
+from granite_lab.inference.point import Point
+from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import corners, duration
 from granite_lab.model.effect import Effect, EffectParameter

@@ -13,7 +13,8 @@ from granite_lab.inference.constants import PSEUDO_TRIALS
 from granite_lab.inference.fit import FORMULAS, SHARES, Fit, fit, simulated, under
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.normal import Scales
-from granite_lab.inference.problem import SHARED, Point, Problem
+from granite_lab.inference.point import SHARED, Point
+from granite_lab.inference.problem import Problem
 from tests.inference.stub import Respond, drawn, measure, measured, problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")

@@ -10,7 +10,8 @@ import pytest
 from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import UNITS
-from granite_lab.inference.problem import SHARED, Point, Problem
+from granite_lab.inference.point import SHARED, Point
+from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from tests.inference.stub import predicted, problem_of
 

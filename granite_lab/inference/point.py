@@ -1,0 +1,87 @@
+"""Where the numbers of a problem stand, and how the responses change there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from granite_lab.inference.bench import SAND
+from granite_lab.inference.nuisances import SENSORS
+from granite_lab.logs.trial import Array
+
+SHARED = (*SAND, *SENSORS)
+"""Numbers that all trials share, those of effects excepted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Where the numbers stand.
+
+    Attributes:
+        shared: numbers common to all trials, as `SHARED`.
+        effects: ids of the effects that are switched on.
+        common: (e,) parameters of those effects that all trials share, in order.
+        trials: per trial its numbers: those of `TrialModel`, then its own parameters of effects.
+    """
+
+    shared: Array
+    effects: tuple[str, ...]
+    common: Array
+    trials: tuple[Array, ...]
+
+    @property
+    def sensors(self) -> Array:
+        """The numbers of the sensors."""
+        return self.shared[len(SAND) :]
+
+    @property
+    def vector(self) -> Array:
+        """All numbers: the trials' own one after the other, then the shared ones."""
+        return np.concatenate([*self.trials, self.shared, self.common])
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivatives of the responses at one point.
+
+    Attributes:
+        response: per command the (8, M) response.
+        directions: per command (8, M, 3), see `TrialModel.directions`.
+        sand: per command (8, M, 7), by the logarithms of the sand.
+        common, own: per command (8, M, e), by the effects' shared and per-trial parameters.
+        traces: per command (8, M, s), what each effect changes.
+    """
+
+    response: tuple[Array, ...]
+    directions: tuple[Array, ...]
+    sand: tuple[Array, ...]
+    common: tuple[Array, ...]
+    own: tuple[Array, ...]
+    traces: tuple[Array, ...]
+
+    @cached_property
+    def changes(self) -> tuple[Array, ...]:
+        """Per command (8, M, 10 + e) all that `TrialModel.columns` takes: directions, sand, own, common."""
+        parts = zip(self.directions, self.sand, self.own, self.common, strict=True)
+        return tuple(np.concatenate(own, axis=-1) for own in parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Further:
+    """Changes of the response that are no parameters yet: candidates of a screen.
+
+    Attributes:
+        changes: per command (8, M, k); first those that all trials share.
+        each: number of the last ones, which each trial has of its own.
+    """
+
+    changes: tuple[Array, ...]
+    each: int = 0
+
+
+def stacked(changes: Sequence[Array], like: Array) -> Array:
+    """Return k changes of a response as one (8, M, k) array; `like` is a response."""
+    return np.stack(changes, axis=-1) if changes else np.zeros((*like.shape, 0))
