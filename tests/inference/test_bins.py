@@ -1,8 +1,10 @@
-"""Measurement and simulation go through the same bins."""
+"""Measurement and simulation go through the same bins; trials of one logger share a clock."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +14,11 @@ from scipy.interpolate import make_interp_spline
 
 from granite_lab.effects import get
 from granite_lab.errors import InputError
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import ACCURACY, SIGNALS
 from granite_lab.inference.binning import means
+from granite_lab.inference.clocks import one_clock
 from granite_lab.inference.observation import Observation, bin_width, observe
 from granite_lab.inference.setup import start_of, variant_of_trial
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
@@ -22,6 +27,8 @@ from granite_lab.model.instants import Accuracy
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import GRAVITY, Robot, Variant, load_paper, load_robot, load_soil, load_variants
+from tests.fitting.made_up import made_up_trial
+from tests.truth import faults
 
 VARIANT = load_variants()[3]
 START = 2.013
@@ -178,3 +185,45 @@ def test_lines_between_the_instants_of_a_run_show_its_corners_on_time(
         rate = np.gradient(exact[name], exact["t_s"])
         ahead, rate = (x[: x.size // 200 * 200].reshape(-1, 200).mean(axis=1) for x in (ahead, rate))
         assert abs(ahead @ rate / (rate @ rate)) < limit
+
+
+STD = 0.006
+
+
+@pytest.fixture(scope="module")
+def one() -> tuple[Motion, Trial]:
+    motion, trial, *_ = made_up_trial(load_variants()[3], 0.8)
+    return motion, trial
+
+
+def moved(one: tuple[Motion, Trial], applied: Sequence[float]) -> tuple[list[Trial], list[Motion]]:
+    """Return a trial as often as there are offsets, as estimation leaves it after applying each."""
+    motion, trial = one
+    trials, motions = [], []
+    for by in applied:
+        trials.append(faults.late(trial, by))
+        start = replace(motion.t_start, value=motion.t_start.value + by)
+        motions.append(replace(motion, clock_offset=Estimate(by, STD), clock_applied=by, t_start=start))
+    return trials, motions
+
+
+@pytest.mark.parametrize("applied", [(0.042, 0.036, 0.04, 0.0), (0.0, 0.022, 0.0, 0.0)])
+def test_stamps_of_one_logger_are_moved_by_the_same(
+    one: tuple[Motion, Trial], applied: tuple[float, ...]
+) -> None:
+    """Also where one trial alone would have been left as it is, or where it alone was moved."""
+    trials, motions = one_clock(*moved(one, applied))
+    common = float(np.median(applied))
+    (expected,), (told,) = moved(one, [common])
+    for trial, motion in zip(trials, motions, strict=True):
+        assert motion.clock_applied == pytest.approx(common)
+        assert motion.t_start.value == pytest.approx(told.t_start.value)
+        for stream, wanted in ((trial.wheels, expected.wheels), (trial.currents, expected.currents)):
+            np.testing.assert_allclose(stream.t, wanted.t, atol=1e-12)
+
+
+def test_clocks_that_were_set_anew_in_each_trial_stay(one: tuple[Motion, Trial]) -> None:
+    trials, motions = moved(one, (0.3, -0.2, 0.05, 0.12))
+    after = one_clock(trials, motions)
+    assert all(a is b for a, b in zip(after[0], trials, strict=True))
+    assert all(a is b for a, b in zip(after[1], motions, strict=True))

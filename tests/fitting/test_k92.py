@@ -1,0 +1,264 @@
+"""k_92, a_θ and the start of the command of a trial: by steady slip, by whole histories, and under faults."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from functools import cache
+from itertools import cycle, islice
+
+import numpy as np
+import pytest
+
+from granite_lab.effects import get
+from granite_lab.errors import EstimateError
+from granite_lab.estimate import Estimate
+from granite_lab.estimation import correct
+from granite_lab.fitting import K92Fit, fit_k92, fit_trajectory, simulate_k92, simulated_slip, slip_interval
+from granite_lab.fitting.k92 import SlipCurve
+from granite_lab.logs.trial import Trial
+from granite_lab.model import simulate
+from granite_lab.model.command import steady_interval, steady_part
+from granite_lab.model.effect import activate
+from granite_lab.parameters import Robot, load_paper, load_robot, load_soil, load_variants, variant_of
+from tests.fitting.made_up import draw_soil, made_up_trial, without_currents
+from tests.truth import faults
+from tests.truth.simulator import simulate as simulate_truth
+from tests.truth.trials import TruthTrial, log_run, robot
+
+ROBOT, SOIL = load_robot(), load_soil()
+
+
+def k92_of(slip, velocity):
+    """k_92 with which the model slips so over its steady part."""
+    variant = variant_of(velocity)
+    k92, status = SlipCurve(lambda k: simulate(variant, ROBOT, SOIL, k92=k).slip_ratio).root(slip)
+    assert status == "ok"
+    return k92
+
+
+@pytest.mark.parametrize(("velocity", "k92"), [(0.2, 0.3345), (0.3, 0.2559), (0.5, 0.1074), (0.7, 0.0283)])
+def test_the_papers_measured_slip_gives_its_k92(velocity, k92):
+    row = next(p for p in load_paper().table3 if p.velocity == velocity)
+    fitted = k92_of(row.slip_measured, velocity)
+    assert fitted == pytest.approx(k92, abs=0.0005)
+    assert fitted == pytest.approx(row.k92, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("slip", "status", "k92"), [(0.29, "at_lower_bound", 0.0), (-0.08, "at_upper_bound", 1.0)]
+)
+def test_a_trial_beyond_the_models_reach_ends_at_the_bound_and_says_so(slip, status, k92):
+    motion, trial, _, _ = made_up_trial(variant_of(0.3), 0.1)
+    motion = dataclasses.replace(motion, slip_ratio=Estimate(slip, 0.01))
+    fit = fit_k92(motion, trial, ROBOT, SOIL, trajectory=False)
+    assert (fit.status, fit.k92.value) == (status, k92)
+    assert "to 25.71% that the model attains" in fit.notes[0]
+    assert "std)." in fit.notes[0]
+    assert fit.status_trajectory == "not_evaluated"
+    assert math.isnan(fit.k92_trajectory.value)
+
+
+def test_a_trial_without_slip_ratio_is_refused():
+    motion, trial, _, _ = made_up_trial(variant_of(0.3), 0.1)
+    motion = dataclasses.replace(motion, slip_ratio=Estimate(math.nan))
+    with pytest.raises(EstimateError, match="slip ratio"):
+        fit_k92(motion, trial, ROBOT, SOIL)
+
+
+def test_simulated_slip_is_taken_over_the_interval_of_the_measured():
+    variant = variant_of(0.7)
+    run = simulate(variant, ROBOT, SOIL, k92=0.03)
+    t1, t2 = steady_interval(variant)
+    # right after the ramp the robot still settles, so the interval matters
+    assert simulated_slip(run, (t1, t2)) > simulated_slip(run) + 0.01
+    motion, _, _, start = made_up_trial(variant, 0.03, run=run, start_error=0.0)
+    early = dataclasses.replace(motion, steady=(start + t1, start + t2))
+    assert slip_interval(early) == pytest.approx((t1, t2))
+    nowhere = dataclasses.replace(motion, t_start=Estimate(math.nan))
+    assert slip_interval(nowhere) == steady_part(variant)
+
+
+def test_the_std_has_a_part_from_slip_and_a_part_from_the_sand():
+    motion, trial, run, _ = made_up_trial(variant_of(0.3), 0.22, slip_std=0.005)
+    fit = fit_k92(motion, trial, ROBOT, SOIL, trajectory=False)
+    slope = (
+        simulate(run.variant, ROBOT, SOIL, k92=0.24).slip_ratio
+        - simulate(run.variant, ROBOT, SOIL, k92=0.20).slip_ratio
+    ) / 0.04
+    assert fit.std_measurement == pytest.approx(0.005 / abs(slope), rel=0.1)
+    std_sand = math.hypot(*(p.contribution for p in fit.parts if "raking" in p.name))
+    assert 0.002 < std_sand < 0.008
+    assert fit.k92.std == pytest.approx(math.hypot(fit.std_measurement, std_sand))
+
+
+@pytest.mark.slow
+def test_the_95_percent_interval_holds_the_true_k92():
+    """64 virtual trials, each on its own sand and with its own error of λ_R."""
+    inside = []
+    for seed, variant in enumerate(islice(cycle(load_variants()), 64)):
+        rng = np.random.default_rng([7, seed])
+        k92 = math.exp(-4.919 * variant.velocity) * (1 + 0.05 * rng.standard_normal())
+        motion, trial, _, _ = made_up_trial(variant, k92, seed=seed, soil=draw_soil(rng))
+        fit = fit_k92(motion, trial, ROBOT, SOIL, trajectory=False)
+        low, high = fit.k92.interval()
+        inside.append(low <= k92 <= high)
+    assert 0.90 <= np.mean(inside) <= 0.99
+
+
+def trial_by_5(velocity=0.3, k92=0.2286, effects=(), **options):
+    """A trial in which k_92 follows (5) to its steady value."""
+    variant = variant_of(velocity)
+    run = simulate_k92(variant, ROBOT, SOIL, k92, effects=effects)
+    return made_up_trial(variant, k92, run=run, **options)
+
+
+def test_k92_and_the_start_are_found_from_a_start_that_is_off():
+    motion, trial, _, start = trial_by_5(start_error=0.03)
+    fit = fit_k92(motion, trial, ROBOT, SOIL)
+    assert fit.status_trajectory == "ok"
+    assert fit.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fit.k92_trajectory.std)
+    assert fit.k92_trajectory.std < 0.01
+    assert fit.t_start.value == pytest.approx(start, abs=0.002)
+
+
+def test_a_k92_far_from_the_papers_is_found():
+    motion, trial, _, _ = trial_by_5(0.5, math.exp(-2.5 * 0.5))
+    own = fit_trajectory(trial, motion, ROBOT, SOIL).a_theta
+    assert own.value == pytest.approx(2.5, abs=3 * own.std)
+    assert own.std < 0.3
+
+
+def test_without_currents_the_interval_is_wider():
+    motion, trial, _, _ = trial_by_5()
+    with_all = fit_k92(motion, trial, ROBOT, SOIL)
+    fewer = fit_k92(motion, without_currents(trial), ROBOT, SOIL)
+    assert fewer.k92_trajectory.std > 1.1 * with_all.k92_trajectory.std
+    assert fewer.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fewer.k92_trajectory.std)
+
+
+def test_stamps_of_the_imu_that_come_late_are_latency_and_not_k92():
+    motion, trial, _, _ = trial_by_5(0.5, 0.0855)
+    late = dataclasses.replace(trial, imu=dataclasses.replace(trial.imu, t=trial.imu.t + 0.008))
+    at_once, delayed = (fit_trajectory(t, motion, ROBOT, SOIL) for t in (trial, late))
+    assert delayed.latency.value - at_once.latency.value == pytest.approx(0.008, abs=1e-3)
+    assert delayed.a_theta.value == pytest.approx(at_once.a_theta.value, abs=0.5 * at_once.a_theta.std)
+
+
+def test_effects_of_the_model_are_in_the_fit():
+    reaction = activate(get("drive_reaction"), {"share": 1.0})
+    motion, trial, _, _ = trial_by_5(0.5, 0.0855, effects=(reaction,))
+    whole = fit_k92(motion, trial, ROBOT, SOIL, effects=(reaction,)).k92_trajectory
+    without = fit_k92(motion, trial, ROBOT, SOIL)
+    assert whole.value == pytest.approx(0.0855, abs=3 * whole.std)
+    assert without.k92_trajectory.std > 1.5 * whole.std  # a model that is off says less
+
+
+@pytest.mark.parametrize(("start", "reason"), [(math.nan, "start of the motion is unknown"), (13.0, "cover")])
+def test_a_trajectory_that_cannot_be_had_is_not_evaluated(start, reason):
+    motion, trial, _, _ = trial_by_5()
+    fit = fit_k92(dataclasses.replace(motion, t_start=Estimate(start, 0.1)), trial, ROBOT, SOIL)
+    assert (fit.status, fit.status_trajectory) == ("ok", "not_evaluated")
+    assert any(reason in note for note in fit.notes)
+
+
+def test_a_gap_in_the_encoders_leaves_the_fit_alive():
+    motion, trial, _, start = trial_by_5()
+    wheels = trial.wheels
+    kept = ~((wheels.t > start + 2.0) & (wheels.t < start + 2.4))
+    holed = dataclasses.replace(
+        trial, wheels=dataclasses.replace(wheels, t=wheels.t[kept], angle=wheels.angle[kept])
+    )
+    fit = fit_k92(motion, holed, ROBOT, SOIL)
+    assert fit.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fit.k92_trajectory.std)
+
+
+@pytest.mark.parametrize(("number", "velocity"), [*enumerate((0.2, 0.3, 0.5, 0.7))])
+def test_a_theta_of_a_trial_by_the_independent_simulator(number, velocity):
+    robot = load_robot("granite", "industrial")
+    rng = np.random.default_rng([8, number])
+    true = 4.6 * float(np.exp(0.03 * rng.standard_normal()))
+    soil = draw_soil(rng)
+    run = simulate_truth(variant_of(velocity), a_theta=true, soil=soil, settle=2.0, after=3.0)
+    trial, motion = correct(log_run(20 + number, run).trial, robot)
+    found = fit_trajectory(trial, motion, robot, SOIL).a_theta
+    assert found.value == pytest.approx(true, abs=2.5 * found.std)
+    assert found.std < 0.2
+
+
+@pytest.mark.slow
+def test_the_95_percent_interval_of_the_trajectory_holds_the_true_k92():
+    """16 virtual trials on their own sand: at least 13 inside (chance 0.993 if 95 % are meant)."""
+    inside = 0
+    for seed, variant in enumerate(islice(cycle(load_variants()), 16)):
+        rng = np.random.default_rng([11, seed])
+        k92 = math.exp(-4.919 * variant.velocity) * (1 + 0.05 * rng.standard_normal())
+        run = simulate_k92(variant, ROBOT, draw_soil(rng), k92)
+        motion, trial, _, _ = made_up_trial(variant, k92, seed=seed, run=run)
+        low, high = fit_k92(motion, trial, ROBOT, SOIL).k92_trajectory.interval()
+        inside += low <= k92 <= high
+    assert inside >= 13
+
+
+A_THETA, TENTH = 4.7, 0.1
+
+
+@cache
+def good() -> TruthTrial:
+    run = simulate_truth(variant_of(0.5), a_theta=A_THETA, settle=2.0, after=3.0)
+    return log_run(3, run, clock_offset=0.003)
+
+
+def fitted(trial: Trial, robot: Robot) -> K92Fit:
+    clean, motion = correct(trial, robot)
+    return fit_k92(motion, clean, robot, load_soil())
+
+
+@cache
+def plain() -> K92Fit:
+    return fitted(good().trial, robot())
+
+
+def restarted(trial: Trial, at: float) -> Trial:
+    jump = {"accel_jump": np.array([0.15, -0.1, 0.1]), "gyro_jump": np.array([0.01, 0.02, -0.01])}
+    return faults.imu_restart(trial, at, gap=0.1, **jump)
+
+
+def apart(found: K92Fit) -> tuple[float, float]:
+    """Difference to the good trial's k_92 by slip and by trajectory, over its std."""
+    pairs = (found.k92, plain().k92), (found.k92_trajectory, plain().k92_trajectory)
+    return tuple(abs(one.value - other.value) / other.std for one, other in pairs)
+
+
+def test_good_trial_has_the_k92_of_the_simulator() -> None:
+    for k92 in (plain().k92, plain().k92_trajectory):
+        assert k92.value == pytest.approx(np.exp(-A_THETA * 0.5), abs=2 * k92.std)
+
+
+@pytest.mark.parametrize(
+    ("fault", "mounting"),
+    [
+        (lambda t: faults.turned(t, faults.SIDEWAYS), {"forward": "find"}),
+        (lambda t: restarted(t, 0.8), {}),
+    ],
+    ids=["IMU axes found", "restart at rest"],
+)
+def test_a_corrected_trial_has_the_k92_of_the_good_one(
+    fault: Callable[[Trial], Trial], mounting: dict[str, object]
+) -> None:
+    by_slip, by_trajectory = apart(fitted(fault(good().trial), robot(**mounting)))
+    assert by_slip < TENTH
+    assert by_trajectory < TENTH
+
+
+def test_spikes_that_are_left_out_cost_information_but_no_more() -> None:
+    by_slip, by_trajectory = apart(fitted(faults.spikes(good().trial, 3, 8, 30.0), robot()))
+    assert by_slip < 0.5
+    assert by_trajectory < 0.2
+
+
+@pytest.mark.parametrize("by", [0.03, -0.03])
+@pytest.mark.xfail(reason="estimation leaves such an offset in the stamps: 0.7 to 0.9 std")
+def test_an_offset_that_nobody_states_is_gone(by: float) -> None:
+    assert max(apart(fitted(faults.late(good().trial, -by), robot()))) < TENTH
