@@ -196,16 +196,17 @@ def inspect_logs(
     Raises:
         UsageError: unknown robot or column map.
     """
-    said = Choice(given_maps(map), rows, topics or {})
+    said = Choice(given_maps(map), topics or {})
     files = [file for path in paths for file in parts_of(Path(path)) or [Path(path)]]
-    return Inspection(tuple(_inspect(path, said, robot) for path in files))
+    return Inspection(tuple(_inspect(path, said, robot, rows) for path in files))
 
 
-def _inspect(path: Path, said: Choice, robot: str | Path | None) -> FileReport:
+def _inspect(path: Path, said: Choice, robot: str | Path | None, rows: str | None) -> FileReport:
     """Look at one file: by its layout, or else by guess."""
     report, found = FileReport(path), None
     try:
-        table, found = recognise(path, said)
+        found = recognise(path, said)
+        table = found.table
     except InputError as error:
         report = replace(report, problem=error.message)
         if is_bag(path):
@@ -232,7 +233,7 @@ def _inspect(path: Path, said: Choice, robot: str | Path | None) -> FileReport:
         if not any("t" in column.to for column in entries):
             return report
     try:
-        source = read_source(table, found or _bound(report, table), said.rows, columns)
+        source = read_source(found or _bound(report, table), rows, columns)
         trial = assemble(path, [("", source)], robot, whole=False)
     except InputError as error:
         told = (*report.doubts, error.message) if error.message != report.problem else report.doubts

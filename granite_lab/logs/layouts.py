@@ -146,12 +146,14 @@ class Match:
     """How well a layout fits a table.
 
     Attributes:
+        table: the file.
         layout: the column map.
         bindings: the columns it knows, in the order of the map.
         missing: what it needs and the table lacks.
         columns: number of columns of the table that it knows.
     """
 
+    table: Table
     layout: Layout
     bindings: tuple[Binding, ...]
     missing: tuple[str, ...]
@@ -259,7 +261,7 @@ def match(layout: Layout, table: Table) -> Match:
         InputError: a needed column occurs twice, or its name carries an unknown unit.
     """
     tries = [_match_row(layout, table, names) for names in table.headers]
-    nothing = Match(layout, (), ("a header line",), 0)
+    nothing = Match(table, layout, (), ("a header line",), 0)
     return max(tries, key=lambda m: (not m.missing, m.columns), default=nothing)
 
 
@@ -284,7 +286,7 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
                 unit = find_unit(DATE) or unit
             if channel == "t" or all(b.channel != channel for b in bindings):
                 bindings.append(Binding(place, names[place], channel, unit, spec))
-    return Match(layout, tuple(bindings), missing, columns)
+    return Match(table, layout, tuple(bindings), missing, columns)
 
 
 def _unit_in(hit: re.Match[str]) -> str:
@@ -325,7 +327,7 @@ def _one(table: Table, spec: Column, hits: list[Hit], names: Sequence[str]) -> H
     )
 
 
-def best(path: Path, fits: list[Match]) -> Match:
+def best(fits: list[Match]) -> Match:
     """Take the layout that explains most of the file, if there is one."""
 
     def rank(m: Match) -> tuple[int, bool]:
@@ -338,19 +340,20 @@ def best(path: Path, fits: list[Match]) -> Match:
     rivals = [m.layout.name for m in others if rank(m) == rank(first) and meaning(m) != meaning(first)]
     if rivals:
         raise InputError(
-            f"{path}: could be of layout '{first.layout.name}' or '{rivals[0]}'",
+            f"{first.table.path}: could be of layout '{first.layout.name}' or '{rivals[0]}'",
             f"say which: --map {first.layout.name} or --map {rivals[0]}",
         )
     return first
 
 
-def no_match(table: Table, tries: list[Match], given: bool) -> InputError:
-    """Say what is missing from the layout that comes closest."""
+def no_match(tries: list[Match], given: bool) -> InputError:
+    """Say what is missing from the layout that comes closest, of those tried on one table."""
+    table = tries[0].table
     names = [name for name in table.headers[0] if name]
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
     where = at(table.path, table.header_line or None)
-    near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)), default=None)
-    if near is None or (near.columns <= len(near.missing) and not given):
+    near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)))
+    if near.columns <= len(near.missing) and not given:
         return InputError(
             f"{where}: the layout is not known: {shown}",
             "granite-lab inspect shows what the columns seem to be and writes a column map for --map",

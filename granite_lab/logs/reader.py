@@ -17,8 +17,8 @@ from granite_lab.logs.layouts import Binding, Maps, given_maps, match, no_match
 from granite_lab.logs.log import Log
 from granite_lab.logs.named import name_of, parts_of, sidecar
 from granite_lab.logs.quantities import SENSORS
-from granite_lab.logs.source import Choice, Source, open_source
-from granite_lab.logs.streams import Parts, interval, read_streams
+from granite_lab.logs.source import Choice, Source, read_source, recognise
+from granite_lab.logs.streams import interval, read_streams
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo
 from granite_lab.logs.wheels import (
     check_currents,
@@ -38,7 +38,6 @@ _ROLES: dict[str, tuple[str, ...]] = {
 }
 """What is taken from a file that was given for one purpose."""
 
-_KINDS = ("acceleration", "rate", "wheels", "currents", "command", "reference_x", "reference_v")
 _STREAMS = ("imu", "wheels", "currents", "command", "reference_x", "reference_v")
 
 BRIDGED = 0.5
@@ -83,22 +82,22 @@ def read_trial(
         InputError: a file cannot be used, or its wheels do not turn in the window.
         UsageError: unknown robot or column map.
     """
-    first, said = Path(path), Choice(given_maps(map), rows, topics or {})
-    others = dataclasses.replace(said, rows=None)
+    first, said = Path(path), Choice(given_maps(map), topics or {})
     if parts := parts_of(first):
+        sides = [sidecar(first), *[None] * (len(parts) - 1)]
         files = [
-            ("", open_source(part, others, None if k else sidecar(first))) for k, part in enumerate(parts)
+            ("", read_source(recognise(part, said), None, beside=side))
+            for part, side in zip(parts, sides, strict=True)
         ]
     else:
-        files = [("", open_source(first, said))]
+        files = [("", read_source(recognise(first, said), rows))]
     extra = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
     for role, other in extra.items():
         if other is not None and Path(other) != first:
-            files.append((role, open_source(Path(other), others)))
+            files.append((role, read_source(recognise(Path(other), said), None)))
     for layout in said.maps:
         if all(source.match.layout != layout for _, source in files):
-            table = files[0][1].table
-            raise no_match(table, [match(layout, table)], given=True)
+            raise no_match([match(layout, files[0][1].match.table)], given=True)
     trial = assemble(first, files, robot, info, window=window)
     if window is None or trial.wheels is None:
         return trial
@@ -131,12 +130,10 @@ def assemble(
     doubts: list[str] = []
     sources = [source for _, source in files]
     name, the_robot = _robot(sources, robot, info, doubts)
-    parts = [read_streams(source, the_robot, window) for source in sources]
-    doubts += [doubt for one in parts for doubt in one.doubts]
-    merged, columns = _merge(files, parts)
+    merged, columns = _merge(files, [read_streams(source, the_robot, window, doubts) for source in sources])
     log = Log(the_robot, str(path), columns, doubts)
     said = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
-    imu, wheels, clean = _imu(merged, path, doubts), merged.wheels, None
+    imu, wheels, clean = _imu(merged, path, doubts), merged.pop("wheels", None), None
     if imu is not None:
         imu, clean = check_units(imu, log)
     wheels = None if wheels is None else check_wheels(wheels, imu, log)
@@ -145,10 +142,7 @@ def assemble(
         info=trial_info(said, info, name),
         imu=imu,
         wheels=wheels,
-        currents=merged.currents,
-        command=merged.command,
-        reference_x=merged.reference_x,
-        reference_v=merged.reference_v,
+        **{kind: merged[kind] for kind in _STREAMS if kind in merged},
         inputs=tuple(dict.fromkeys(file for source in sources for file in source.inputs)),
         layout=" + ".join(dict.fromkeys(source.match.layout.name for source in sources)),
     )
@@ -203,30 +197,32 @@ def _beside(source: Source, name: str) -> str:
     return str(path) if name.endswith(".toml") and path.is_file() else name
 
 
-def _merge(files: Files, parts: Sequence[Parts]) -> tuple[Parts, dict[str, Binding]]:
+def _merge(files: Files, parts: Sequence[dict[str, Any]]) -> tuple[dict[str, Any], dict[str, Binding]]:
     """Take each sensor from the file that was given for it, else from the first file that has it."""
-    merged, columns = Parts(), {b.channel: b for _, s in reversed(files) for b in reversed(s.match.bindings)}
+    merged: dict[str, Any] = {}
+    columns = {b.channel: b for _, s in reversed(files) for b in reversed(s.match.bindings)}
     for (role, source), one in zip(files, parts, strict=True):
-        found = [kind for kind in _ROLES.get(role, _KINDS) if getattr(one, kind) is not None]
+        found = [kind for kind in _ROLES.get(role, one) if kind in one]
         if role and not found:
             raise InputError(
                 f"{source.path}: given as --{role}, but nothing in it is of that kind",
                 f"its layout was taken as '{source.match.layout.name}'",
             )
+        removed = source.match.layout.gravity_removed or source.metadata.get("imu_gravity_removed", False)
         for kind in found:
             # An acceleration with gravity in it is worth more than one without.
-            better = kind == "acceleration" and merged.gravity_removed and not one.gravity_removed
-            if role or better or getattr(merged, kind) is None:
-                setattr(merged, kind, getattr(one, kind))
+            better = kind == "acceleration" and merged.get("removed", False) and not removed
+            if role or better or kind not in merged:
+                merged[kind] = one[kind]
                 columns |= {b.channel: b for b in reversed(source.bindings(*SENSORS[kind].channels))}
                 if kind == "acceleration":
-                    merged.gravity_removed = one.gravity_removed
+                    merged["removed"] = removed
     return merged, columns
 
 
-def _imu(parts: Parts, path: Path, doubts: list[str]) -> ImuStream | None:
+def _imu(merged: dict[str, Any], path: Path, doubts: list[str]) -> ImuStream | None:
     """Put accelerometer and gyroscope on common stamps."""
-    sensors = {"accelerometer": parts.acceleration, "gyroscope": parts.rate}
+    sensors = {"accelerometer": merged.get("acceleration"), "gyroscope": merged.get("rate")}
     present = {what: samples for what, samples in sensors.items() if samples is not None}
     if not present:
         return None
@@ -250,7 +246,7 @@ def _imu(parts: Parts, path: Path, doubts: list[str]) -> ImuStream | None:
         values if what in present else np.full_like(values, np.nan)
         for what, values in zip(sensors, (force, rate), strict=True)
     )
-    return ImuStream(t, force, rate, parts.gravity_removed)
+    return ImuStream(t, force, rate, merged.get("removed", False))
 
 
 def _nothing_in_common(path: Path, one: str, t: Array, other: str, s: Array) -> InputError:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +29,9 @@ _MANY = 100
 _WRAPS = (2.0**16, 2.0**24, 2.0**32)
 """Ranges of counters that loggers use as clocks."""
 
+KINDS = ("acceleration", "rate", "wheels", "currents", "command", "globe", "reference_x", "reference_v")
+"""What a file may hold besides its clock."""
+
 _A, _E2 = 6378137.0, 6.69437999014e-3
 """Semi-major axis [m] and squared eccentricity of WGS 84."""
 
@@ -42,48 +43,44 @@ class Samples(NamedTuple):
     values: Array
 
 
-@dataclass
-class Parts:
-    """What one file holds; accelerometer and gyroscope still apart, for their stamps may differ."""
-
-    acceleration: Samples | None = None
-    rate: Samples | None = None
-    wheels: WheelStream | None = None
-    currents: CurrentStream | None = None
-    command: Series | None = None
-    reference_x: Series | None = None
-    reference_v: Series | None = None
-    gravity_removed: bool = False
-    doubts: list[str] = field(default_factory=list)
-
-
-def read_streams(source: Source, robot: Robot, window: tuple[float, float] | None = None) -> Parts:
+def read_streams(
+    source: Source, robot: Robot, window: tuple[float, float] | None, doubts: list[str]
+) -> dict[str, Any]:
     """Turn the columns of a file into streams.
 
     Args:
         source: the file.
         robot: gives wheel radius and counts per revolution where the units need them.
         window: begin and end [s, the log's time] of what is taken; None: everything.
+        doubts: what had to be done is added here.
+
+    Returns:
+        kind of a sensor to what the file holds of it; accelerometer and gyroscope are still apart, for their
+        stamps may differ.
 
     Raises:
         InputError: clock, samples or units cannot be used.
     """
-    parts = Parts(doubts=list(source.doubts))
-    removed = source.metadata.get("imu_gravity_removed", False)
-    parts.gravity_removed = source.match.layout.gravity_removed or removed
-    t = _clock(source, parts.doubts)
+    doubts += source.doubts
+    t = _clock(source, doubts)
     if window is not None:
         source, t = _cut(source, t, window)
-    for kind in ("acceleration", "rate"):
-        if samples := _samples(source, t, kind, parts.doubts):
-            setattr(parts, kind, _complete(source, samples, kind, parts.doubts))
-    parts.wheels = _wheels(source, t, robot, parts)
-    if currents := _samples(source, t, "currents", parts.doubts):
-        parts.currents = CurrentStream(currents.t, currents.values)
-    if command := _samples(source, t, "command", parts.doubts):
-        parts.command = Series(command.t, command.values[:, 0])
-    _reference(source, t, parts)
-    return parts
+    streams: dict[str, Any] = {}
+    for kind in KINDS:
+        samples = _samples(source, t, kind, doubts)
+        if samples is not None and kind in ("acceleration", "rate"):
+            samples = _complete(source, samples, kind, doubts)
+        if samples is not None:
+            streams[kind] = _wheels(source, samples, robot, doubts) if kind == "wheels" else samples
+    if "currents" in streams:
+        streams["currents"] = CurrentStream(*streams["currents"])
+    if "command" in streams:
+        streams["command"] = _series(streams["command"])
+    return streams | _reference(source, streams, doubts)
+
+
+def _series(samples: Samples) -> Series:
+    return Series(samples.t, samples.values[:, 0])
 
 
 def _cut(source: Source, t: Array, window: tuple[float, float]) -> tuple[Source, Array]:
@@ -95,8 +92,7 @@ def _cut(source: Source, t: Array, window: tuple[float, float]) -> tuple[Source,
             f"to {np.nanmax(t):.10g} s",
             "--from and --to are seconds of the log's own time, as granite-lab inspect shows it",
         )
-    columns = {place: values[inside] for place, values in source.columns.items()}
-    return dataclasses.replace(source, columns=columns, kept=source.kept[inside]), t[inside]
+    return source.only(inside), t[inside]
 
 
 def interval(window: tuple[float, float]) -> str:
@@ -228,13 +224,9 @@ def _longest(flags: Mask, t: Array) -> tuple[int, int]:
     return max(runs(flags), key=lambda run: t[run[1]] - t[run[0]])
 
 
-def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream | None:
+def _wheels(source: Source, samples: Samples, robot: Robot, doubts: list[str]) -> WheelStream:
     """Return wheel angles and rates."""
-    samples = _samples(source, t, "wheels", parts.doubts)
-    if samples is None:
-        return None
-    angle = np.full(samples.values.shape, np.nan)
-    rate = np.full(samples.values.shape, np.nan)
+    angle, rate = (np.full(samples.values.shape, np.nan) for _ in range(2))
     steps: list[float] = []
     for binding in source.bindings(*ENCODERS):
         where = f"{source.path.name}: column '{binding.name}'"
@@ -242,7 +234,7 @@ def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream
         raw = samples.values[:, wheel]
         seen = np.isfinite(raw)
         if not seen.any():
-            parts.doubts.append(f"{where} is empty; that wheel is taken as without encoder")
+            doubts.append(f"{where} is empty; that wheel is taken as without encoder")
             continue
         per_rev = _counts(source, binding, robot)
         converted = convert(
@@ -252,13 +244,13 @@ def _wheels(source: Source, t: Array, robot: Robot, parts: Parts) -> WheelStream
         if converted.rate is not None:
             rate[seen, wheel] = converted.rate
         steps.append(converted.step)
-        parts.doubts += [f"{where}: {doubt}" for doubt in converted.doubts]
+        doubts += [f"{where}: {doubt}" for doubt in converted.doubts]
         if not seen.all():
             first, last = _longest(~seen, samples.t)
             begin, end = samples.t[first], samples.t[last]
             # In a log where each wheel has rows of its own, holes are the rule and short.
             if end - begin > 0.1 and (last - first) > 0.02 * len(seen):
-                parts.doubts.append(f"{where}: no sample from t = {begin:.3f} s to {end:.3f} s")
+                doubts.append(f"{where}: no sample from t = {begin:.3f} s to {end:.3f} s")
     rates = np.isfinite(rate).any()
     step = source.metadata.get("enc_step_radps" if rates else "enc_step_rad", max(steps, default=0.0))
     return WheelStream(samples.t, angle, rate if rates else None, step)
@@ -276,29 +268,26 @@ def _counts(source: Source, binding: Binding, robot: Robot) -> float:
     return counts
 
 
-def _reference(source: Source, t: Array, parts: Parts) -> None:
-    """Return the external reference as distance and speed along the path."""
-    kinds = ("globe", "reference_x", "reference_v")
-    globe, plane, speed = (_samples(source, t, kind, parts.doubts) for kind in kinds)
-    place = globe or (plane if source.bindings("ref_y") else None)
+def _reference(source: Source, streams: dict[str, Any], doubts: list[str]) -> dict[str, Series]:
+    """Take the external reference out of the streams; return it as distance and speed along the path."""
+    globe, plane, speed = (streams.pop(kind, None) for kind in KINDS[-3:])
+    place, found = globe or (plane if source.bindings("ref_y") else None), dict[str, Series]()
     if place is not None:
         whole = np.isfinite(place.values).all(axis=1)
         if np.count_nonzero(whole) < 2:
-            parts.doubts.append(f"{source.path.name}: reference: no two places with both coordinates")
-            return
+            doubts.append(f"{source.path.name}: reference: no two places with both coordinates")
+            return {}
         stamps, (x, y) = place.t[whole], place.values[whole].T
         if globe is not None:
             x, y = _metres(latitude=x, longitude=y)
         # Speed over a few samples in each direction: the noise of places at rest adds up to no distance.
         along = np.hypot(slope(stamps, x), slope(stamps, y))
-        parts.reference_x = Series(stamps, integral(stamps, along))
-        parts.reference_v = Series(stamps, along)
+        found = {"reference_x": Series(stamps, integral(stamps, along)), "reference_v": Series(stamps, along)}
     elif plane is not None:
-        parts.reference_x = Series(plane.t, plane.values[:, 0])
-        if speed is None and len(plane.t) > WINDOW:
-            parts.reference_v = Series(plane.t, slope(plane.t, plane.values[:, 0]))
-    if speed is not None:
-        parts.reference_v = Series(speed.t, speed.values[:, 0])
+        found["reference_x"] = way = _series(plane)
+        if len(plane.t) > WINDOW:
+            found["reference_v"] = Series(way.t, slope(way.t, way.value))
+    return found if speed is None else found | {"reference_v": _series(speed)}
 
 
 def slope(t: Array, x: Array, window: int = WINDOW) -> Array:
