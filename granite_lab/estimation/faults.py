@@ -10,6 +10,7 @@ import numpy as np
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
 from granite_lab.estimation.wheels import bridged, runs
+from granite_lab.logs.imu_checks import rail
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, ImuGrade
 
@@ -86,34 +87,6 @@ def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.nda
         beyond=tuple(float(beyond[a:b].max()) for a, b in spans),
         spikes=spikes,
     )
-
-
-def rail(axis: Array) -> np.ndarray:
-    """Mark the samples at an axis's largest or smallest reading, where that is a rail.
-
-    A rail is met by three samples in a row, more than the axis repeats itself elsewhere (a logger
-    that holds the last value does so everywhere), and away from the usual reading.
-    """
-    mark = np.zeros(axis.size, dtype=bool)
-    known = axis[np.isfinite(axis)]
-    if known.size < 8:
-        return mark
-    centre = float(np.median(known))
-    change = np.abs(np.diff(known))
-    moved = change[change > 0]
-    if moved.size == 0:
-        return mark
-    step = float(moved.min())
-    scatter = 1.4826 * float(np.median(np.abs(known - centre)))
-    usual = known.size / (moved.size + 1.0)
-    for extreme in (float(known.max()), float(known.min())):
-        if abs(extreme - centre) <= max(3.0 * step, 1.5 * scatter):
-            continue
-        at_limit = axis == extreme
-        begin, end = runs(at_limit)
-        if (end - begin).max() >= 3.0 * max(usual, 1.0):
-            mark |= at_limit
-    return mark
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
+from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import Mask, integral, runs
-from granite_lab.logs.log import Log
-from granite_lab.logs.quantities import ACCELERATION, RATE, STANDARD_GRAVITY, factors, gravity_unit
+from granite_lab.logs.layouts import Log
+from granite_lab.logs.quantities import ACCELERATION, RATE, SENSORS, STANDARD_GRAVITY, factors, gravity_unit
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -121,11 +122,13 @@ def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
     Raises:
         InputError: a column that would carry a wrong result, with what it looks like and what to write.
     """
-    _refuse_dead(imu, log)
+    roll, pitch, yaw = log.robot.imu.rotation
+    mounting = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()
+    _refuse_dead(imu, mounting, log)
     known = not np.isnan(imu.specific_force).any()
     if known and not imu.gravity_removed and log.robot.imu.forward != "find":
-        _refuse_gravity(imu, still, log)
-        _refuse_pitch_rate(imu, still, log)
+        _refuse_gravity(imu, mounting, still, log)
+        _refuse_pitch_rate(imu, mounting, still, log)
 
 
 def _windows(imu: ImuStream) -> Windows | None:
@@ -233,42 +236,54 @@ def _noise_ratio(seen: Windows, robot: Robot) -> float:
 def _report_rails(imu: ImuStream, log: Log) -> None:
     """Report axes that stay at the end of their range, and axes that never change."""
     grade = log.robot.imu_grade
-    for what, unit, values, limit in (
-        ("accelerometer", "m/s^2", imu.specific_force, grade.accel_range if grade else math.inf),
-        ("gyroscope", "rad/s", imu.angular_rate, grade.gyro_range if grade else math.inf),
-    ):
+    limits = (grade.accel_range, grade.gyro_range) if grade else (math.inf, math.inf)
+    for (what, _, values), unit, limit in zip(_sensors(imu), ("m/s^2", "rad/s"), limits, strict=True):
         for axis, column in zip("xyz", values.T, strict=True):
             if np.isnan(column).all():
                 continue
             if np.ptp(column) == 0 and len(column) > 10:
                 log.doubts.append(f"{what} {axis}: constant at {column[0]:g} {unit}: not connected?")
-                continue
-            at_rail = _rail(column, limit)
-            if at_rail.any():
+            elif (at_rail := (np.abs(column) >= 0.999 * limit) | rail(column)).any():
                 log.doubts.append(
                     f"{what} {axis}: saturated at {column[at_rail][0]:.4g} {unit} in {int(at_rail.sum())} "
                     f"samples, first at t = {imu.t[int(np.argmax(at_rail))]:.3f} s"
                 )
 
 
-def _rail(column: Array, limit: float) -> Mask:
-    """Return which samples sit at a rail: the known one, or an extreme value held for a while."""
-    at_rail = np.abs(column) >= 0.999 * limit
-    for extreme in (column.max(), column.min()):
-        held = column == extreme
-        if any(last - first > 1 for first, last in runs(held)):
-            low, middle, high = np.quantile(column, [0.16, 0.5, 0.84])
-            at_rail |= held & (high > low) & (abs(extreme - middle) > 2 * (high - low))
-    return np.asarray(at_rail)
+def _sensors(imu: ImuStream) -> tuple[tuple[str, tuple[str, ...], Array], ...]:
+    """Return name, channels and samples of both sensors."""
+    kinds = ((SENSORS["acceleration"], imu.specific_force), (SENSORS["rate"], imu.angular_rate))
+    return tuple((sensor.name, sensor.channels, values) for sensor, values in kinds)
 
 
-def _refuse_dead(imu: ImuStream, log: Log) -> None:
+def rail(axis: Array) -> Mask:
+    """Mark the samples (N,) at an axis's largest or smallest reading, where that is a rail.
+
+    A rail is met by three samples in a row, more than the axis repeats itself elsewhere (a logger
+    that holds the last value does so everywhere), and away from the usual reading.
+    """
+    mark = np.zeros(axis.size, dtype=bool)
+    known = axis[np.isfinite(axis)]
+    change = np.abs(np.diff(known))
+    moved = change[change > 0]
+    if known.size < 8 or moved.size == 0:
+        return mark
+    centre, step = float(np.median(known)), float(moved.min())
+    scatter = 1.4826 * float(np.median(np.abs(known - centre)))
+    usual = known.size / (moved.size + 1.0)
+    for extreme in (float(known.max()), float(known.min())):
+        at_limit = axis == extreme
+        longest = max(last + 1 - first for first, last in runs(at_limit))
+        if abs(extreme - centre) > max(3.0 * step, 1.5 * scatter) and longest >= 3.0 * max(usual, 1.0):
+            mark |= at_limit
+    return mark
+
+
+def _refuse_dead(imu: ImuStream, mounting: Array, log: Log) -> None:
     """Refuse an axis that never changes and that velocity or pitch need."""
-    turn = np.abs(log.mounting) > 0.5
-    for what, channels, values, other, rows in (
-        ("accelerometer", ACCELERATION, imu.specific_force, imu.angular_rate, (0, 2)),
-        ("gyroscope", RATE, imu.angular_rate, imu.specific_force, (1,)),
-    ):
+    turn = np.abs(mounting) > 0.5
+    both, needed = _sensors(imu), ((0, 2), (1,))
+    for (what, channels, values), (_, _, other), rows in zip(both, both[::-1], needed, strict=True):
         same = runs((np.diff(values, axis=0) == 0).all(axis=1))
         first, last = max(same, key=lambda run: run[1] - run[0], default=(0, -1))
         begin, end = float(imu.t[first]), float(imu.t[last + 1])
@@ -293,16 +308,16 @@ def _refuse_dead(imu: ImuStream, log: Log) -> None:
                 )
 
 
-def _refuse_gravity(imu: ImuStream, still: Spans, log: Log) -> None:
+def _refuse_gravity(imu: ImuStream, mounting: Array, still: Spans, log: Log) -> None:
     """Refuse an accelerometer whose gravity at rest is not on the robot's z axis."""
     rest = np.zeros(len(imu.t), dtype=bool)
     for begin, end in still:
         rest |= (imu.t > begin + 0.1) & (imu.t < end - 0.1)
     mean = imu.specific_force[rest].mean(axis=0) if rest.any() else np.zeros(3)
     size = float(np.linalg.norm(mean))
-    up = log.mounting @ mean / max(size, 1e-9)
+    up = mounting @ mean / max(size, 1e-9)
     if 0.5 * GRAVITY < size < 1.5 * GRAVITY and up[2] < np.cos(np.radians(OFF_AXIS)):
-        j, expected = int(np.argmax(np.abs(mean))), int(np.argmax(np.abs(log.mounting[2])))
+        j, expected = int(np.argmax(np.abs(mean))), int(np.argmax(np.abs(mounting[2])))
         raise log.refuse(
             ACCELERATION[j],
             f" reads {mean[j]:+.2f} m/s^2 at rest: gravity is on it, expected on "
@@ -311,13 +326,12 @@ def _refuse_gravity(imu: ImuStream, still: Spans, log: Log) -> None:
         )
 
 
-def _refuse_pitch_rate(imu: ImuStream, still: Spans, log: Log) -> None:
+def _refuse_pitch_rate(imu: ImuStream, matrix: Array, still: Spans, log: Log) -> None:
     """Refuse a pitch rate with which the velocity does not return to zero, where another one does that.
 
     Between two rests velocity is the integral of specific force less gravity's part by pitch, and pitch
     is the integral of the pitch rate; both are levelled and unbiased at the rests.
     """
-    matrix = log.mounting
     force, rate = imu.specific_force @ matrix.T, np.nan_to_num(imu.angular_rate) @ matrix.T
     left: dict[str, list[float]] = {}
     for one, other in pairwise(still):

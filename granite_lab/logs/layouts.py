@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -29,7 +29,7 @@ from granite_lab.errors import InputError, at
 from granite_lab.files import is_folder
 from granite_lab.logs.dialect import Table, TableFormat
 from granite_lab.logs.quantities import CHANNELS, DATE, ENCODERS, Unit, find_unit, resembling, spellings
-from granite_lab.parameters import CATALOGUE, names
+from granite_lab.parameters import CATALOGUE, Robot, names
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml
 
@@ -158,6 +158,44 @@ class Match:
     bindings: tuple[Binding, ...]
     missing: tuple[str, ...]
     columns: int
+
+
+OUT = "to = [] in a column map (inspect --write-map) leaves it out"
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log under examination.
+
+    Attributes:
+        robot: its wheels, motors, IMU and how that is mounted.
+        where: the file, for messages.
+        columns: channel to the column that feeds it.
+        doubts: warnings are added here.
+    """
+
+    robot: Robot
+    where: str
+    columns: Mapping[str, Binding]
+    doubts: list[str]
+
+    def name(self, channel: str) -> str:
+        """Return what the file calls the column of a channel."""
+        return self.columns[channel].name if channel in self.columns else channel
+
+    def column(self, *channels: str) -> str:
+        """Name the column of a channel, or the columns of several."""
+        names = " ".join(f"'{self.name(channel)}'" for channel in channels)
+        return f"column{'s' * (len(channels) > 1)} {names}"
+
+    def unit(self, *channels: str) -> str:
+        """Return the unit that the first logged of some channels was said to have."""
+        return next((self.columns[channel].unit.name for channel in channels if channel in self.columns), "")
+
+    def refuse(self, channels: str | tuple[str, ...], what: str, hint: str = OUT) -> InputError:
+        """Return the error that names the columns of some channels."""
+        named = self.column(*([channels] if isinstance(channels, str) else channels))
+        return InputError(f"{self.where}: {named}{what}", hint)
 
 
 def load_layout(name: str | Path) -> Layout:

@@ -13,8 +13,7 @@ from granite_lab.errors import InputError
 from granite_lab.logs.canonical import trial_info
 from granite_lab.logs.clocks import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
-from granite_lab.logs.layouts import Binding, Maps, given_maps, match, no_match
-from granite_lab.logs.log import Log
+from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
 from granite_lab.logs.named import name_of, parts_of, sidecar
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Choice, Source, read_source, recognise

@@ -11,7 +11,7 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.clocks import Mask, runs
 from granite_lab.logs.encoders import quantum
-from granite_lab.logs.log import Log
+from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
