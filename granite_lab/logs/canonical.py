@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from granite_lab.errors import InputError, at
 from granite_lab.files import write_text, writing
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
-from granite_lab.logs.trial import Array, Trial, TrialInfo
+from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.parameters.quantity import build, key_of, parse_toml, quantity, read_toml, toml_line
 
 if TYPE_CHECKING:
@@ -150,26 +150,20 @@ def _table(trial: Trial) -> pd.DataFrame:
     """Merge all streams into one table, a row per stamp of any of them."""
     import pandas as pd  # noqa: PLC0415, heavy
 
-    streams: list[tuple[Array, Array, Sequence[str], str]] = []
-    if trial.imu is not None:
-        streams.append((trial.imu.t, trial.imu.specific_force, ACCELERATION, "_mps2"))
-        streams.append((trial.imu.t, trial.imu.angular_rate, RATE, "_radps"))
-    if trial.wheels is not None:
-        angle, rate = trial.wheels.angle, trial.wheels.rate
-        logged = (angle, ENCODERS, "_rad") if rate is None else (rate, ENCODERS, "_radps")
-        streams.append((trial.wheels.t, *logged))
-    if trial.currents is not None:
-        streams.append((trial.currents.t, trial.currents.current, CURRENTS, "_A"))
-    for name, series in (
-        ("v_cmd_mps", trial.command),
-        ("ref_x_m", trial.reference_x),
-        ("ref_v_mps", trial.reference_v),
-    ):
-        if series is not None:
-            streams.append((series.t, series.value[:, None], (name,), ""))
+    rates = trial.wheels is not None and trial.wheels.rate is not None
+    logged = (
+        (trial.imu, "specific_force", ACCELERATION, "_mps2"),
+        (trial.imu, "angular_rate", RATE, "_radps"),
+        (trial.wheels, *(("rate", ENCODERS, "_radps") if rates else ("angle", ENCODERS, "_rad"))),
+        (trial.currents, "current", CURRENTS, "_A"),
+        (trial.command, "value", ("v_cmd",), "_mps"),
+        (trial.reference_x, "value", ("ref_x",), "_m"),
+        (trial.reference_v, "value", ("ref_v",), "_mps"),
+    )
     frames = [
-        pd.DataFrame(values, index=t, columns=[f"{name}{unit}" for name in names]).dropna(how="all")
-        for t, values, names, unit in streams
+        pd.DataFrame(getattr(stream, values), stream.t, [name + unit for name in names]).dropna(how="all")
+        for stream, values, names, unit in logged
+        if stream is not None
     ]
     return pd.concat(frames or [pd.DataFrame()], axis=1, sort=True).dropna(axis=1, how="all")
 

@@ -189,35 +189,31 @@ def _set(found: Found, place: int, unit: str, why: str, **more: Any) -> None:
     found[place] = replace(found[place], unit=unit, why=why, **more)
 
 
-_SECONDS = re.compile(r"(?P<stem>(?:.*[^A-Za-z])?)s(?:ec(?:ond)?s?)?[\])]?", re.IGNORECASE)
-_PARTS = re.compile(
-    r"(?P<stem>(?:.*[^A-Za-z])?)(?P<unit>n|nano|u|micro|m|milli)s?(?:ec(?:ond)?s?)?[\])]?", re.IGNORECASE
-)
-_A_SECOND = {"n": ("ns", 1e9), "u": ("us", 1e6), "mic": ("us", 1e6), "m": ("ms", 1e3), "mil": ("ms", 1e3)}
-
-
 def _seconds_and_parts(found: Found, columns: Mapping[int, Array]) -> None:
     """Find whole seconds and the parts of a second in two columns: ``stamp.secs``, ``stamp.nsecs``."""
-    named = {place: one.name.strip() for place, one in found.items()}
-    wholes = [(place, hit["stem"].lower()) for place in named if (hit := _SECONDS.fullmatch(named[place]))]
-    for part, name in named.items():
-        hit = _PARTS.fullmatch(name)
-        said = hit["unit"].lower() if hit else ""
-        unit, size = _A_SECOND.get(said[:3]) or _A_SECOND.get(said[:1]) or ("", 1.0)
-        for whole in [place for place, stem in wholes if hit and stem == hit["stem"].lower()]:
-            seen = np.isfinite(columns[part]) & np.isfinite(columns[whole])
-            s, p = columns[whole][seen], columns[part][seen]
-            if len(s) < 6 or (s != np.rint(s)).any() or (p < 0).any() or (p >= size).any():
-                continue
-            # The parts start again just where the seconds go on, and only there.
-            forward = (np.diff(s + p / size) >= 0).mean() > 0.98
-            if forward and (np.diff(s) > 0).any() and np.ptp(p) > 0.5 * size:
-                sure = {"confidence": 0.98, "assumed": False}
-                why = f"with '{found[part].name}': whole seconds and their parts"
-                _set(found, whole, "s", why, to=("t",), **sure)
-                why = f"part of a second, belongs to '{found[whole].name}'"
-                _set(found, part, unit, why, to=("t_add",), **sure)
-                return
+    stems: dict[str, int] = {}
+    parts: list[tuple[str, int, Unit]] = []
+    for place, one in found.items():
+        hit = re.fullmatch(r"((?:.*[^A-Za-z])?)([A-Za-z]+)[\])]?", one.name.strip())
+        unit = find_unit(hit[2]) if hit else None
+        if hit and unit and unit.name == "s":
+            stems.setdefault(hit[1].lower(), place)
+        elif hit and unit and unit.quantity == "time" and unit.name != DATE:
+            parts.append((hit[1].lower(), place, unit))
+    for stem, part, unit in parts:
+        whole = stems.get(stem, part)
+        seen = np.isfinite(columns[part]) & np.isfinite(columns[whole])
+        s, p = columns[whole][seen], columns[part][seen] * unit.factor
+        if whole == part or len(s) < 6 or (s != np.rint(s)).any() or (p < 0).any() or (p >= 1).any():
+            continue
+        # The parts start again just where the seconds go on, and only there.
+        if (np.diff(s + p) >= 0).mean() > 0.98 and (np.diff(s) > 0).any() and np.ptp(p) > 0.5:
+            sure = {"confidence": 0.98, "assumed": False}
+            why = f"with '{found[part].name}': whole seconds and their parts"
+            _set(found, whole, "s", why, to=("t",), **sure)
+            why = f"part of a second, belongs to '{found[whole].name}'"
+            _set(found, part, unit.name, why, to=("t_add",), **sure)
+            return
 
 
 def _first_only(found: Found) -> None:
