@@ -136,14 +136,12 @@ def write_canonical(path: Path, trial: Trial) -> None:
 
 def _comments(trial: Trial) -> list[str]:
     """Return the metadata as lines of TOML."""
-    info, wheels = trial.info, trial.wheels
-    known: dict[str, object] = {key: getattr(info, name, None) for key, name in _KEYS.items()}
-    known["virtual"] = info.virtual or None
-    known["imu_gravity_removed"] = (trial.imu is not None and trial.imu.gravity_removed) or None
+    wheels, known = trial.wheels, {key: getattr(trial.info, name, None) for key, name in _KEYS.items()}
+    known["imu_gravity_removed"] = trial.imu is not None and trial.imu.gravity_removed
     if wheels is not None and wheels.step > 0:
         known["enc_step_rad" if wheels.rate is None else "enc_step_radps"] = wheels.step
-    said = {key: value for key, value in known.items() if value is not None}
-    return [toml_line(key, value) for key, value in (*said.items(), *info.extra.items())]
+    said = {key: value for key, value in known.items() if value is not None and value is not False}
+    return [toml_line(key, value) for key, value in (said | trial.info.extra).items()]
 
 
 def _table(trial: Trial) -> pd.DataFrame:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clocks import SECONDS, unit_factor
+from granite_lab.logs.counters import SECONDS, unit_factor
 from granite_lab.logs.dialect import Table
 from granite_lab.logs.quantities import (
     ACCELERATION,
@@ -23,9 +23,9 @@ from granite_lab.logs.quantities import (
     SENSORS,
     WORDS,
     Unit,
+    factors,
     find_unit,
     gravity_unit,
-    si_unit,
 )
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS
@@ -116,7 +116,7 @@ def by_name(name: str, place: int = 0) -> ColumnReport:
     if unit is not None and unit.quantity in CHANNELS[to[0]]:
         sure = min(confidence + 0.1, 0.98)
         return ColumnReport(name, place, to, unit.name, sure, "name and unit in it", assumed=False)
-    usual = "deg" if to[0] in _GLOBE else si_unit(CHANNELS[to[0]][0])
+    usual = "deg" if to[0] in _GLOBE else next(iter(factors(CHANNELS[to[0]][0])))
     return ColumnReport(name, place, to, usual, confidence * (0.6 if unit else 0.9), "name; unit assumed")
 
 

@@ -17,7 +17,7 @@ from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clocks import Mask, integral, runs
+from granite_lab.logs.counters import Mask, integral, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import ACCELERATION, RATE, SENSORS, STANDARD_GRAVITY, factors, gravity_unit
 from granite_lab.logs.trial import Array, ImuStream

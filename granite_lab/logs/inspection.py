@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clocks import GAP_PERIODS
+from granite_lab.logs.counters import GAP_PERIODS
 from granite_lab.logs.dialect import Table, is_number
 from granite_lab.logs.guess import ColumnReport, by_name, guess
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
@@ -253,10 +253,9 @@ def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
     """Read every column that holds numbers or dates; a faulty one becomes a doubt."""
     dates = [place for place in range(table.width) if table.is_dated(place)]
     wanted = [place for place in range(table.width) if place in dates or _is_numeric(table, place)]
+    columns, doubts = dict[int, Array](), list[str]()
     with suppress(InputError):
-        return load(table, wanted, dates) if wanted else ({}, [])
-    columns: dict[int, Array] = {}
-    doubts: list[str] = []
+        return load(table, wanted, dates) if wanted else (columns, doubts)
     for place in wanted:
         try:
             columns |= load(table, [place], [place] if place in dates else [])[0]
@@ -282,26 +281,21 @@ def _ranged(column: ColumnReport, values: Array | None) -> ColumnReport:
 
 def _recognised(found: Match) -> list[ColumnReport]:
     """Report the columns of a known layout, in the order of its map."""
-    clocks = sum(b.channel == "t" for b in found.bindings)
-    reports = []
-    for place in dict.fromkeys(b.place for b in found.bindings):
-        bound = [b for b in found.bindings if b.place == place]
-        first, spec, to = bound[0], bound[0].spec, tuple(b.channel for b in bound)
-        settings = [(key, value) for key in SETTINGS if (value := getattr(spec, key)) != getattr(PLAIN, key)]
-        settings += [("optional", True)] if "t" in to and clocks > 1 else []
-        why = f"layout '{found.layout.name}'"
-        reports.append(
-            ColumnReport(first.name, place, to, first.unit.name, KNOWN, why, settings=tuple(settings))
-        )
-    return reports
+    why, reports = f"layout '{found.layout.name}'", dict[int, ColumnReport]()
+    several = sum(b.channel == "t" for b in found.bindings) > 1
+    for b in found.bindings:
+        said = [(key, value) for key in SETTINGS if (value := getattr(b.spec, key)) != getattr(PLAIN, key)]
+        said += [("optional", True)] if b.channel == "t" and several else []
+        to = (*reports[b.place].to, b.channel) if b.place in reports else (b.channel,)
+        reports[b.place] = ColumnReport(b.name, b.place, to, b.unit.name, KNOWN, why, settings=tuple(said))
+    return list(reports.values())
 
 
 def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnReport:
     """Report a column that nothing is taken from, with what it may be."""
-    name = table.header(place)
     if place not in columns:
-        return ColumnReport(name, place, why="not used; texts or empty")
-    one = by_name(name, place)
+        return ColumnReport(table.header(place), place, why="not used; texts or empty")
+    one = by_name(table.header(place), place)
     what = f"its name suggests {', '.join(one.to)} [{one.unit}]" if one.to else one.why
     return replace(one, to=(), confidence=0.0, why=f"not used; {what}")
 
@@ -312,9 +306,12 @@ def _bound(report: FileReport, table: Table) -> Match:
     Raises:
         InputError: no clock is among them, two columns cannot be told apart, or the file has no header.
     """
-    entries = [e for e in report.entries if e.to]
-    columns = [Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit) for e in entries]
-    found = match(Layout(name=report.path.stem, column=tuple(columns)), table)
+    columns = tuple(
+        Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit)
+        for e in report.entries
+        if e.to
+    )
+    found = match(Layout(name=report.path.stem, column=columns), table)
     if found.missing:
         raise InputError(report.problem)
     return found
@@ -331,6 +328,6 @@ def _streams(trial: Trial) -> Iterator[StreamReport]:
             t, steps = stream.t, np.diff(stream.t)
             period = float(np.median(steps))
             gap = steps > GAP_PERIODS * period
-            jitter, longest = float(steps[~gap].std()), float(steps.max())
-            start, end = float(t[0]), float(t[-1])
-            yield StreamReport(what, len(t), start, end, 1 / period, jitter, int(gap.sum()), longest)
+            rate, jitter = 1 / period, float(steps[~gap].std())
+            span = (float(t[0]), float(t[-1]))
+            yield StreamReport(what, len(t), *span, rate, jitter, int(gap.sum()), float(steps.max()))

@@ -86,19 +86,13 @@ def find_unit(text: str) -> Unit | None:
 
 
 def factors(quantity: str) -> dict[str, float]:
-    """Return the units of a quantity with the number of SI units that one is."""
+    """Return the units of a quantity, that of SI first, with the number of SI units that one is."""
     return {name: factor for name, (factor, _) in _TABLE[quantity].items()}
-
-
-def si_unit(quantity: str) -> str:
-    """Return the SI unit of a quantity."""
-    return next(iter(_TABLE[quantity]))
 
 
 def spellings(*quantities: str) -> str:
     """List how the units of some quantities are written, for messages."""
-    names = [name for quantity in quantities for name in _TABLE[quantity]]
-    return ", ".join(names)
+    return ", ".join(name for quantity in quantities for name in _TABLE[quantity])
 
 
 def resembling(text: str, *quantities: str) -> str:

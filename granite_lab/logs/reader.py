@@ -11,7 +11,7 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.canonical import trial_info
-from granite_lab.logs.clocks import describe_gaps
+from granite_lab.logs.counters import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
 from granite_lab.logs.named import name_of, parts_of, sidecar
@@ -266,8 +266,8 @@ def _across(trial: Trial) -> list[str]:
     streams = {"IMU": trial.imu, "encoders": trial.wheels, "motor currents": trial.currents}
     found = {what: stream.t for what, stream in streams.items() if stream is not None}
     doubts = [text for what, t in found.items() if (text := describe_gaps(t, what))]
-    (first, base), *others = list(found.items()) or [("", np.zeros(0))]
-    for what, t in others:
+    first, base = next(iter(found.items()), ("", np.zeros(0)))
+    for what, t in list(found.items())[1:]:
         shared = min(t[-1], base[-1]) - max(t[0], base[0])
         if shared <= 0:
             raise _nothing_in_common(trial.inputs[0].path, first, base, what, t)
@@ -281,13 +281,9 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
     if trial.imu is None:
         return trial
     t = trial.imu.t
-    long = np.flatnonzero(np.diff(t) > BRIDGED)
-    still = rests(trial, robot) if len(long) else []
-    gaps = [
-        (float(t[i]), float(t[i + 1]))
-        for i in long
-        if not any(begin <= t[i] and t[i + 1] <= end for begin, end in still)
-    ]
+    gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > BRIDGED)]
+    still = rests(trial, robot) if gaps else []
+    gaps = [(a, b) for a, b in gaps if not any(begin <= a and b <= end for begin, end in still)]
     if not gaps:
         return trial
     stretches = zip([float(t[0]), *(b for _, b in gaps)], [*(a for a, _ in gaps), float(t[-1])], strict=True)
@@ -302,20 +298,15 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
         f"no IMU samples while the robot moved: {missing}: the log is cut there and only its longest stretch "
         f"with a rest is used, {begin:.3f} to {end:.3f} s; --from and --to choose another"
     )
-    cut = {name: _within(getattr(trial, name), begin, end) for name in _STREAMS}
-    return dataclasses.replace(trial, **cut)
+    return dataclasses.replace(
+        trial, **{name: _within(getattr(trial, name), begin, end) for name in _STREAMS}
+    )
 
 
 def _within(stream: Any, begin: float, end: float) -> Any:
     """Return the samples of a stream between two instants; None where hardly any is left."""
-    if stream is None:
-        return None
-    keep = (stream.t >= begin) & (stream.t <= end)
+    keep = np.zeros(0) if stream is None else (stream.t >= begin) & (stream.t <= end)
     if np.count_nonzero(keep) < 2:
         return None
-    arrays = {
-        f.name: value
-        for f in dataclasses.fields(stream)
-        if isinstance(value := getattr(stream, f.name), np.ndarray)
-    }
+    arrays = {name: values for name, values in vars(stream).items() if isinstance(values, np.ndarray)}
     return dataclasses.replace(stream, **{name: values[keep] for name, values in arrays.items()})

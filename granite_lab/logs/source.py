@@ -15,7 +15,7 @@ from granite_lab.errors import InputError, UsageError, at
 from granite_lab.files import sha256
 from granite_lab.logs.bag import bag_layout, read_bag
 from granite_lab.logs.canonical import Metadata, collect
-from granite_lab.logs.clocks import Mask
+from granite_lab.logs.counters import Mask
 from granite_lab.logs.dialect import Table
 from granite_lab.logs.guess import by_name
 from granite_lab.logs.layouts import Binding, Layout, Match, all_layouts, best, match, no_match

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clocks import Mask, integral, runs, stray, tidy, unit_factor
-from granite_lab.logs.encoders import convert, unwrap
+from granite_lab.logs.counters import Mask, convert, integral, runs, stray, tidy, unit_factor, unwrap
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import ENCODERS, SENSORS
 from granite_lab.logs.source import Source
@@ -106,7 +105,8 @@ def interval(window: tuple[float, float]) -> str:
 def _clock(source: Source, doubts: list[str]) -> Array:
     """Return the stamp of every row [s], from the first clock that runs."""
     clocks = source.bindings("t")
-    binding = next((b for b in clocks if _advances(source.columns[b.place])), None)
+    seen = {b.place: source.columns[b.place][np.isfinite(source.columns[b.place])] for b in clocks}
+    binding = next((b for b in clocks if np.diff(seen[b.place]).any()), None)
     if binding is None:
         raise InputError(
             f"{source.path}: column '{clocks[0].name}' does not advance, expected time stamps",
@@ -123,9 +123,9 @@ def _clock(source: Source, doubts: list[str]) -> Array:
         )
         logged = logged.copy()
         logged[block] = np.nan
-    raw, seen = logged.copy(), np.isfinite(logged)
+    raw, known = logged.copy(), np.isfinite(logged)
     ranges = (binding.spec.wrap,) if binding.spec.wrap else _WRAPS
-    raw[seen], wraps, width = unwrap(logged[seen], ranges, slack=0.0)
+    raw[known], wraps, width = unwrap(logged[known], ranges, slack=0.0)
     if wraps:
         doubts.append(f"{source.path.name}: the clock wrapped {wraps} times at {width:.0f}; unwrapped")
     for kind in ("acceleration", "rate", "wheels"):
@@ -140,11 +140,6 @@ def _clock(source: Source, doubts: list[str]) -> Array:
             doubts.append(f"{source.path.name}: column '{binding.name}': {doubt}")
         break
     return raw * factor
-
-
-def _advances(stamps: Array) -> bool:
-    known = stamps[np.isfinite(stamps)]
-    return len(known) > 1 and bool(np.ptp(known) > 0)
 
 
 def _sampled(source: Source, channels: Sequence[str]) -> Mask:

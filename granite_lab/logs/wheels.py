@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.logs.clocks import Mask, runs
-from granite_lab.logs.encoders import quantum
+from granite_lab.logs.counters import Mask, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clocks import describe_gaps, tidy, unit_factor
+from granite_lab.logs.counters import describe_gaps, tidy, unit_factor
 from tests.logs import make
 
 T = np.arange(1000) / 100

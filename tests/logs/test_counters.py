@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granite_lab.logs.encoders import convert, quantum, unwrap
+from granite_lab.logs.counters import convert, quantum, unwrap
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import find_unit
 from tests.logs import make
