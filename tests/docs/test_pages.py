@@ -1,4 +1,4 @@
-"""Every line that README and pages show to run is run as it is printed, and its output is looked at."""
+"""Every line that README and pages show to run is run as printed; what pages name exists."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,11 @@ import pandas as pd
 import pytest
 
 from granite_lab import Estimate
+from granite_lab.errors import InputError
 from granite_lab.logs import read_trial
 from granite_lab.parameters import load_robot
 from tests.corpus.cli import Done, lab
-from tests.docs.pages import PAGES, ROOT, blocks, command_of, lines_to_run, save_files
+from tests.docs.pages import PAGES, ROOT, blocks, command_of, lines_to_run, save_files, text_of
 from tests.effects.example import EXAMPLE
 from tests.logs.bags import Bag
 
@@ -39,7 +41,7 @@ ELSEWHERE = {
     "granite-lab view reports/mylab --trial run07": "opens a window: tests/recording",
     "granite-lab view reports/mylab --trial run07 --web": "serves until Ctrl+C: tests/recording",
     "granite-lab discover data/samples --effects towed_sledge.py": "a search: tests/discovery",
-    "granite-lab hide --effect random --lab wild --seed 7 --out sets/7": "tests/hidden/test_wild_lab.py",
+    "granite-lab hide --effect random --lab wild --seed 7 --out sets/7": "tests/hidden/test_hidden_sets.py",
     "granite-lab discover sets/7 --json > finding.json": "the search of the tutorial",
     "granite-lab reveal sets/7 --finding finding.json": "as in the tutorial",
     "granite-lab study trials/ --out reports/my-sand": "the study of the tutorial",
@@ -315,3 +317,52 @@ def test_no_line_is_left_out_unseen() -> None:
             assert followed or line in ELSEWHERE, (page, line)
     code = {str(page.relative_to(ROOT)) for page in PAGES for b in blocks(page) if b.language == "python"}
     assert code == {"docs/estimation.md", "docs/how-to-effect.md", "docs/tutorial.md", "docs/api.md"}
+
+
+SHOWN = [line for page in PAGES for line, _ in lines_to_run(page) if line.startswith("granite-lab ")]
+INLINE = [
+    words
+    for page in PAGES
+    for words in re.findall(r"(?<!`)`granite-lab ([^`]+)`", re.sub(r"(?s)```.*?```", "", text_of(page)))
+]
+LINK = re.compile(r"\]\((?!https?:)([^)#\s]+)(?:#([^)]*))?\)")
+
+
+@pytest.mark.parametrize("line", sorted(set(SHOWN)))
+def test_a_shown_command_is_understood(line: str) -> None:
+    command, rest = command_of(shlex.split(line.split(" > ", maxsplit=1)[0])[1:])
+    assert command.name != "granite-lab", line
+    with suppress(InputError):  # the files of the page are not here
+        command.make_context("granite-lab", rest)  # raises where an option or argument does not fit
+
+
+@pytest.mark.parametrize("text", sorted(set(INLINE)))
+def test_a_command_that_a_sentence_names_exists(text: str) -> None:
+    command, rest = command_of(text.split())
+    if not text.startswith("-"):
+        assert command.name != "granite-lab", text
+    known = {name for p in command.params for name in (*p.opts, *p.secondary_opts)} | {"--help", "-h"}
+    assert {word.split("=")[0] for word in rest if word.startswith("-")} <= known
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_pictures_of_a_page_lead_somewhere(page: Path) -> None:
+    for target, heading in LINK.findall(text_of(page)):
+        assert (page.parent / target).exists(), target
+        if heading:
+            titles = re.findall(r"^#+ (.*)", text_of(page.parent / target), re.MULTILINE)
+            anchors = [re.sub(r"[^\w -]", "", title).lower().replace(" ", "-") for title in titles]
+            assert heading in anchors, (target, heading)
+
+
+def test_every_page_is_linked_from_the_readme() -> None:
+    linked = {(ROOT / target).resolve() for target, _ in LINK.findall(text_of("README.md"))}
+    assert {page.resolve() for page in PAGES} - linked - {ROOT / "README.md"} == set()
+
+
+def test_make_targets_that_are_named_exist() -> None:
+    makefile = text_of("Makefile")
+    named = {target for page in PAGES for target in re.findall(r"(?:`|^)make ([a-z-]+)", text_of(page), re.M)}
+    assert len(named) > 5
+    for target in named:
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target

@@ -1,24 +1,39 @@
-"""The simulator conserves what must be conserved and knows its limits.
-
-It gives the known figures as it agrees with `tests.truth.simulator`, which is held to them.
-"""
+"""The simulator agrees with the independent implementation in tests.truth, conserves and knows its limits."""
 
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 from itertools import pairwise
 
+import casadi as ca
 import numpy as np
+import numpy.typing as npt
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import welch
 
 from granite_lab.effects import get
 from granite_lab.errors import EstimateError, InputError
-from granite_lab.model import Run, simulate, simulator
+from granite_lab.model import Accuracy, Run, command, simulate, simulator
 from granite_lab.model.effect import activate
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
-from granite_lab.parameters import GRAVITY, Variant, load_paper, load_variants, variant_of
+from granite_lab.model.virtual import Scatter, rake, virtual_trial
+from granite_lab.parameters import (
+    GRAVITY,
+    Variant,
+    load_paper,
+    load_robot,
+    load_soil,
+    load_variants,
+    variant_of,
+)
 from tests.model.box import ROBOT, SOIL, altered
+from tests.truth.simulator import Result
+from tests.truth.simulator import simulate as reference
+from tests.truth.trials import quiet
 
 
 def run_of(variant: Variant, **options: object) -> Run:
@@ -83,3 +98,233 @@ def test_each_run_is_integrated_unless_sensors_with_faults_look_at_the_same_moti
     assert looked == 3
     assert (tilted[0]["v_mps"] == tilted[1]["v_mps"]).all()
     assert (tilted[0]["imu_ax_mps2"] != tilted[1]["imu_ax_mps2"]).any()
+
+
+Array = npt.NDArray[np.float64]
+
+AFTER = 1.5
+"""Time after the command's end that is compared [s]."""
+
+PUBLISHED = {row.velocity: row.k92 for row in load_paper().table3}
+
+CASES = [(v, law) for v in sorted(PUBLISHED) for law in ("constant", "exponential")]
+
+# signal of the package, signal of the reference, tolerance as a share of the signal's peak
+BOTH_AXLES = [
+    ("omega_{}_radps", "omega", 2e-3),
+    ("theta_{}_rad", "angle", 2e-4),
+    ("v_wheel_{}_mps", "v_o", 2e-3),
+    ("slip_{}", "slip", 1e-2),
+    ("sinkage_{}_m", "sinkage", 1e-3),
+    ("load_{}_N", "W", 1e-2),
+    ("resistance_{}_N", "R", 1e-2),
+    ("thrust_{}_N", "F", 1e-2),
+    ("force_z_{}_N", "normal", 1e-2),
+    ("moment_{}_Nm", "M", 1e-2),
+    ("torque_{}_Nm", "torque", 1e-2),
+    ("current_{}_A", "current", 1e-2),
+    ("voltage_{}_V", "voltage", 1e-2),
+]
+WHOLE_ROBOT = [
+    ("pitch_rad", "pitch", 5e-3),
+    ("k92", "k92", 1e-9),
+    ("v_desired_mps", "v_d", 1e-9),
+    ("s_desired_m", "s_d", 1e-9),
+]
+
+
+def law_of(velocity: float, law: str) -> dict[str, float]:
+    return {"k92": PUBLISHED[velocity]} if law == "constant" else {"a_theta": load_paper().a_theta}
+
+
+@lru_cache
+def both(velocity: float, law: str) -> tuple[Run, Result]:
+    variant, chosen = variant_of(velocity), law_of(velocity, law)
+    run = simulate(variant, load_robot(), load_soil(), **chosen)
+    return run, reference(variant, settle=0.5, after=AFTER, **chosen)
+
+
+def difference(run: Run, name: str, truth: Result, values: Array) -> Array:
+    """Package minus reference at the package's samples that both cover."""
+    known = (run.t >= truth.t[0]) & (run.t <= truth.t[-1])
+    assert run.t[known][-1] > truth.t[-1] - 0.01
+    return np.asarray(run[name][known] - np.interp(run.t[known], truth.t, values))
+
+
+@pytest.mark.parametrize(("velocity", "law"), CASES)
+def test_every_signal_agrees(velocity: float, law: str) -> None:
+    run, truth = both(velocity, law)
+    assert np.abs(difference(run, "v_mps", truth, truth.v)).max() < 1e-4
+    assert np.abs(difference(run, "x_m", truth, truth.x)).max() < 1e-4
+    assert run.slip_ratio == pytest.approx(truth.slip_ratio(*run.steady), abs=1e-4)
+    pairs = [(name, np.asarray(getattr(truth, other)), share) for name, other, share in WHOLE_ROBOT]
+    for name, other, share in BOTH_AXLES:
+        for i, axle in enumerate("fr"):
+            pairs.append((name.format(axle), getattr(truth, other)[:, i], share))
+    for name, values, share in pairs:
+        assert np.abs(difference(run, name, truth, values)).max() < share * np.abs(values).max(), name
+
+
+@pytest.mark.parametrize("velocity", sorted(PUBLISHED))
+def test_imu_feels_what_rigid_body_kinematics_says(velocity: float) -> None:
+    run, truth = both(velocity, "exponential")
+    arm, s, c = load_robot().imu, np.sin(truth.pitch), np.cos(truth.pitch)
+    q, dq = truth.pitch_rate, truth.pitch_acceleration
+    along = truth.acceleration[:, 0] + dq * arm.z - q**2 * arm.x - GRAVITY * s
+    up = truth.acceleration[:, 1] - dq * arm.x - q**2 * arm.z + GRAVITY * c
+    # at the kinks of the command the acceleration changes within a sample
+    for name, values in (("imu_ax_mps2", along), ("imu_az_mps2", up)):
+        assert np.sqrt(np.mean(difference(run, name, truth, values) ** 2)) < 5e-3
+    assert np.abs(difference(run, "imu_gy_radps", truth, q)).max() < 2e-4
+
+
+def test_another_robot_on_another_soil_agrees_too() -> None:
+    """No number of the paper's robot or sand is built in."""
+    chassis = {
+        "wheel_base": 0.5, "body_mass": 28.0, "wheel_mass": 2.2, "com_x": 0.03, "com_z": 0.1,
+        "wheel_inertia": 0.03, "pitch_inertia": 0.8, "contact_damping": 700.0,
+    }  # fmt: skip
+    drive = {
+        "inductance": 2e-4, "resistance": 0.5, "emf_constant": 0.025, "torque_constant": 0.028,
+        "gear_ratio": 60, "gear_efficiency": 0.7, "voltage_max": 24.0, "voltage_min": -24.0,
+        "gain_p": 20.0, "gain_d": 6.0,
+    }  # fmt: skip
+    robot = altered(load_robot(), wheels={"radius": 0.13, "width": 0.09}, chassis=chassis, drive=drive)
+    soil = dataclasses.replace(
+        load_soil(), exponent=0.9, cohesive_modulus=5e3, frictional_modulus=9e5, cohesion=300.0,
+        friction_angle=27.0, shear_modulus=0.018, tyre_friction=0.8,
+    )  # fmt: skip
+    variant = Variant(velocity=0.4, acceleration=0.8, distance=0.9)
+    run = simulate(variant, robot, soil, k92=0.2)
+    truth = reference(variant, robot=robot, soil=soil, settle=0.5, after=AFTER, k92=0.2)
+    assert truth.v.max() > 0.2
+    assert np.abs(difference(run, "v_mps", truth, truth.v)).max() < 1e-4
+    for i, axle in enumerate("fr"):
+        torque = truth.torque[:, i]
+        assert np.abs(difference(run, f"torque_{axle}_Nm", truth, torque)).max() < 0.01 * np.abs(torque).max()
+    assert np.abs(difference(run, "pitch_rad", truth, truth.pitch)).max() < 2e-5
+
+
+variants = st.builds(
+    Variant,
+    velocity=st.floats(0.05, 2.0),
+    acceleration=st.floats(0.1, 5.0),
+    distance=st.floats(0.1, 10.0),
+)
+
+
+def evaluate(function: object, variant: Variant, t: np.ndarray) -> np.ndarray:
+    symbol = ca.SX.sym("t")
+    return np.array(ca.Function("f", [symbol], [function(symbol, variant)])(t[None, :])).ravel()
+
+
+@given(variants)
+def test_distance_is_reached_exactly_and_velocity_stays_inside_its_bounds(variant: Variant) -> None:
+    t = np.linspace(-1, command.duration(variant) + 1, 400)
+    v = evaluate(command.desired_velocity, variant, t)
+    s = evaluate(command.desired_distance, variant, t)
+    assert s[0] == 0
+    assert s[-1] == pytest.approx(variant.distance, rel=1e-9)
+    assert (np.diff(s) >= -1e-12).all()
+    assert v.min() >= 0
+    assert v.max() <= variant.velocity * (1 + 1e-12)
+    assert np.abs(np.diff(v) / np.diff(t)).max() <= variant.acceleration * (1 + 1e-9)
+
+
+@given(variants)
+def test_distance_is_the_integral_of_velocity(variant: Variant) -> None:
+    corners = [0.0, *command.steady_interval(variant), command.duration(variant)]
+    t = np.unique(np.concatenate([corners, np.linspace(0, corners[-1], 50)]))
+    v = evaluate(command.desired_velocity, variant, t)
+    s = evaluate(command.desired_distance, variant, t)
+    # the trapezoidal rule is exact between the corners of a trapezoid
+    integral = np.concatenate([[0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t))])
+    np.testing.assert_allclose(s, integral, atol=1e-9 * variant.distance)
+
+
+@pytest.mark.parametrize("variant", load_variants())
+def test_phases_follow_table_2(variant: Variant) -> None:
+    ramp, brake = command.steady_interval(variant)
+    assert ramp == pytest.approx(variant.velocity / variant.acceleration)
+    end = command.duration(variant)
+    assert end - brake == pytest.approx(ramp)
+    t = np.array([-0.1, ramp / 2, (ramp + brake) / 2, brake + ramp / 2, end + 0.1])
+    assert command.phase_of(t, variant) == ["rest", "accelerate", "steady", "brake", "rest"]
+
+
+@given(variants)
+def test_the_acceleration_jumps_at_the_corners_and_nowhere_else(variant: Variant) -> None:
+    places = np.array(command.corners(variant))
+    assert (np.diff(places) >= -1e-12).all()
+    between = np.sort(np.concatenate([places, np.linspace(-0.5, places[-1] + 0.5, 60)]))
+    level = evaluate(command.desired_velocity, variant, between)
+    middle = evaluate(command.desired_velocity, variant, (between[1:] + between[:-1]) / 2)
+    assert middle == pytest.approx((level[1:] + level[:-1]) / 2, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return simulate(variant_of(0.5), load_robot(), load_soil(), accuracy=Accuracy(1e-6, 1e-8, 0.0025))
+
+
+def test_the_same_seed_gives_the_same_log_and_another_seed_another(run: Run) -> None:
+    a, b, c = (virtual_trial(run, seed, "x")[0] for seed in (1, 1, 2))
+    assert a.info.virtual
+    np.testing.assert_array_equal(a.imu.specific_force, b.imu.specific_force)
+    assert np.abs(a.imu.specific_force[:100] - c.imu.specific_force[:100]).max() > 1e-3
+
+
+def test_without_errors_the_sensors_read_the_model(run: Run) -> None:
+    ideal = dataclasses.replace(run, robot=quiet(run.robot))
+    trial, truth = virtual_trial(ideal, 3, "x")
+    t = trial.imu.t - truth.attrs["t_start_s"]
+    # the sum of the samples is the change of velocity, whatever happens between them
+    for read, name, scale in (
+        (trial.imu.specific_force[:, 0], "imu_ax_mps2", 1.0),
+        (trial.imu.angular_rate[:, 1], "imu_gy_radps", 0.1),
+    ):
+        true = np.trapezoid(run[name], run.t)
+        resting = run[name][0] * (run.t[0] - t[0]) + run[name][-1] * (t[-1] - run.t[-1])
+        assert (read * np.gradient(t)).sum() == pytest.approx(true + resting, abs=2e-3 * scale)
+    rolled = trial.wheels.angle[-1] - trial.wheels.angle[0]
+    true = [np.ptp(run[f"theta_{axle}_rad"]) for axle in "ffrr"]
+    assert rolled == pytest.approx(true, abs=2 * trial.wheels.step)
+
+
+def test_white_noise_has_the_density_of_the_grade(run: Run) -> None:
+    robot = dataclasses.replace(run.robot, imu=dataclasses.replace(run.robot.imu, vibration=0.0))
+    trial, _ = virtual_trial(dataclasses.replace(run, robot=robot), 4, "x")
+    still = trial.imu.t < 1.9
+    sample_std = robot.imu_grade.accel_noise * np.sqrt(robot.imu_grade.rate)
+    assert trial.imu.specific_force[still, 1].std() == pytest.approx(sample_std, rel=0.15)
+
+
+def test_vibration_shakes_but_does_not_carry_away(run: Run) -> None:
+    loud = dataclasses.replace(quiet(run.robot), imu=dataclasses.replace(quiet(run.robot).imu, vibration=1.0))
+    shaken, truth = virtual_trial(dataclasses.replace(run, robot=loud), 5, "x")
+    still, _ = virtual_trial(dataclasses.replace(run, robot=quiet(run.robot)), 5, "x")
+    extra = shaken.imu.specific_force[:, 0] - still.imu.specific_force[:, 0]
+    t = shaken.imu.t
+    steady = (t > truth.attrs["t_start_s"] + 1) & (t < truth.attrs["t_start_s"] + 4.5)
+    assert extra[steady].std() == pytest.approx(1.0, rel=0.3)
+    velocity = np.concatenate([[0], np.cumsum((extra[1:] + extra[:-1]) / 2 * np.diff(t))])
+    assert np.abs(velocity).max() < 0.03  # white noise of the same rms would reach 0.1 m/s
+    frequency, power = welch(extra[steady], fs=200, nperseg=256)
+    assert 15 < frequency[power.argmax()] < 36
+
+
+def test_stamps_rise_and_keep_the_rate(run: Run) -> None:
+    trial, _ = virtual_trial(run, 6, "x")
+    for stream, rate in ((trial.imu, 200), (trial.wheels, 100), (trial.currents, 100)):
+        assert (np.diff(stream.t) > 0).all()
+        assert stream.t.size / np.ptp(stream.t) == pytest.approx(rate, rel=0.01)
+
+
+def test_raking_scatters_the_sand_as_stated() -> None:
+    rng = np.random.default_rng(0)
+    drawn = [rake(load_soil(), 4.919, Scatter(), rng) for _ in range(2000)]
+    k = np.log([soil.frictional_modulus for soil, _ in drawn])
+    a = np.log([a_theta for _, a_theta in drawn])
+    assert k.std() == pytest.approx(0.05, rel=0.1)
+    assert a.std() == pytest.approx(0.03, rel=0.1)
+    assert a.mean() == pytest.approx(np.log(4.919), abs=0.003)
