@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import binomtest
 
 from benchmarks.estimation import cell_row, drawn, remembered, report, summaries
-from benchmarks.estimation_cell import Cell, Score, score, successive_correlation, summarise
+from benchmarks.estimation_cell import Cell, Score, successive_correlation, summarise
 from benchmarks.intervals import alike, around, excludes, wilson
 from granite_lab.estimation.motion import Health
 from tests.fitting.made_up import HEALTHY
@@ -79,13 +79,6 @@ def test_correlation_of_innovations() -> None:
     coloured = np.convolve(white, [1.0, 1.0], mode="valid")
     assert successive_correlation(health_of(coloured), "wheel") == pytest.approx(0.5, abs=0.05)
     assert math.isnan(successive_correlation(health_of(white[:5]), "wheel"))
-
-
-def test_a_trial_is_judged() -> None:
-    s = score(Cell("industrial", 4.0, 0.5), 3)
-    assert not s.refused
-    assert 0 < s.v_square < 0.02**2
-    assert 0 < s.slip_std < 0.1
 
 
 def test_a_run_that_ends_early_has_its_share_of_each_cell() -> None:

@@ -33,8 +33,6 @@ MAPS: Cases = {
     "empty": ("", "'name' is missing", "add name"),
     "no columns": ('name = "a"\n', "'column' is missing", "column"),
     "not TOML": ("name = mine\n", "not valid TOML", "toml.io"),
-    "a CSV file": (LOG, "not valid TOML", "toml.io"),
-    "binary": (bytes(range(256)), "is not UTF-8 text", "UTF-8"),
     "UTF-16": (MAP.encode("utf-16"), "is not UTF-8 text", "UTF-8"),
     "unknown key": ("nme = 3\n" + MAP, "unknown key 'nme'", "did you mean 'name'?"),
     "unknown key of a column": (MAP.replace('unit = "rad"', 'unit = "rad"\nscal = 2'), "unknown key 'scal'", "did you mean 'scale'?"),
@@ -47,7 +45,6 @@ MAPS: Cases = {
     "name and pattern": (MAP.replace('name = "enc_fl_rad"', 'name = "a"\npattern = "b"'), "needs either 'name' or 'pattern'", "which column"),
     "not a regular expression": (MAP.replace('name = "enc_fl_rad"', "pattern = '('"), "is not a regular expression", "quotes"),
     "scale of zero": (MAP.replace('unit = "rad"', 'unit = "rad"\nscale = 0'), "scale = 0", "leave it out"),
-    "scale not finite": (MAP.replace('unit = "rad"', 'unit = "rad"\nscale = nan'), "scale = nan is out of range", "expected a number"),
     "scale as text": (MAP.replace('unit = "rad"', 'unit = "rad"\nscale = "two"'), "scale = 'two' is not a number", "expected a number"),
     "negative wrap": (MAP.replace('unit = "rad"', 'unit = "rad"\nwrap = -5'), "wrap = -5 is out of range", "expected a number"),
     "channels as a text": (MAP.replace('to = ["t"]', 'to = "t"'), "is not a list", "write it as"),
@@ -72,10 +69,8 @@ ROBOTS: Cases = {
     "empty": ("", "'name' is missing", "add name"),
     "only a name": ('name = "a"\ntitle = "A"\n', "'wheels' is missing", "wheels"),
     "not TOML": (robot("[wheels]", "[wheels"), "not valid TOML", "toml.io"),
-    "a decimal comma": (robot("radius_m = 0.0965", "radius_m = 0,0965"), "not valid TOML", "toml.io"),
     "a duplicate key": (robot("radius_m = 0.0965", "radius_m = 0.0965\nradius_m = 0.1"), "not valid TOML", "toml.io"),
     "negative mass": (robot("body_mass_kg = 36.54", "body_mass_kg = -36.54"), "body_mass_kg = -36.54 is out of range", "from 0.1 to 2000 kg"),
-    "mass in grams": (robot("body_mass_kg = 36.54", "body_mass_kg = 36540"), "body_mass_kg = 36540 is out of range", "kg"),
     "NaN": (robot("body_mass_kg = 36.54", "body_mass_kg = nan"), "body_mass_kg = nan is out of range", "kg"),
     "a text": (robot("body_mass_kg = 36.54", 'body_mass_kg = "36.54 kg"'), "is not a number", "kg"),
     "a truth value": (robot("body_mass_kg = 36.54", "body_mass_kg = true"), "is not a number", "kg"),
@@ -84,8 +79,6 @@ ROBOTS: Cases = {
     "another unit in the key": (robot("radius_m = 0.0965", "radius_mm = 96.5"), "unknown key 'radius_mm'", "did you mean 'radius_m'?"),
     "misspelt table": (robot("[chassis]", "[chasis]"), "unknown key 'chasis'", "did you mean 'chassis'?"),
     "a table as a number": ('name = "a"\ntitle = "A"\nwheels = 3\n', "'wheels' must be a table", "[wheels]"),
-    "a radius of zero": (robot("radius_m = 0.0965", "radius_m = 0"), "radius_m = 0 is out of range", "m"),
-    "an efficiency in per cent": (robot("gear_efficiency = 0.8", "gear_efficiency = 80"), "gear_efficiency = 80 is out of range", "0.05 to 1"),
     "an unknown IMU grade": (robot('grade = "industrial"', 'grade = "golden"'), "unknown IMU grade 'golden'", "industrial"),
     "an unknown forward axis": (robot('grade = "industrial"', 'grade = "industrial"\nforward = "up"'), "forward = 'up' is not known", "given"),
     "a number as a name": (robot('name = "granite"', "name = 7"), "name = 7 is not a text", "quotes"),
@@ -95,8 +88,6 @@ SOILS: Cases = {
     "empty": ("", "'name' is missing", "add name"),
     "a robot": (GRANITE, "unknown key", ""),
     "an angle in radians": (soil("friction_angle_deg = 30", "friction_angle_deg = 0.52"), "friction_angle_deg = 0.52 is out of range", "5 to 60 deg"),
-    "an exponent of zero": (soil("exponent = ", "exponent = 0 #"), "exponent = 0 is out of range", "0.1 to 3"),
-    "negative cohesion": (soil("cohesion_Pa = ", "cohesion_Pa = -1 #"), "cohesion_Pa = -1 is out of range", "Pa"),
     "unknown key": (soil("cohesion_Pa", "cohesiom_Pa"), "unknown key 'cohesiom_Pa'", "did you mean"),
 }  # fmt: skip
 
@@ -125,10 +116,7 @@ MODELS: Cases = {
     "an unknown law": (MODEL.replace('"exponential"', '"cubic"'), "law = 'cubic' is not known", "exponential, constant"),
     "a law without a value": (MODEL.replace("value = 4.9\n", ""), "'value' is missing", "add value"),
     "an unknown table": (MODEL.replace("[k92]", "[k29]"), "unknown key 'k29'", "k92"),
-    "a text": (MODEL.replace("value = 4.9", 'value = "4.9"'), "is not a number", "s/m"),
-    "NaN": (MODEL.replace("value = 4.9", "value = nan"), "value = nan is out of range", "from 0 to 100 s/m"),
     "another unit": (MODEL.replace("std = 0.1", 'unit = "deg"'), "unit = 'deg' does not fit", ""),
-    "a negative std": (MODEL.replace("std = 0.1", "std = -0.1"), "std = -0.1 is out of range", "from 0"),
     "an unknown effect": (MODEL.replace('"drive_reaction"', '"drive_reactoin"'), "unknown effect 'drive_reactoin'", "did you mean 'drive_reaction'"),
     "an unknown parameter": (MODEL.replace("share =", "shar ="), "unknown key 'shar'", "did you mean 'share'"),
     "a size out of bounds": (MODEL.replace("value = 1.0", "value = 1000.0"), "share: value = 1000 is out of range", "from "),
@@ -145,12 +133,10 @@ assert HOOK in EXAMPLE
 EFFECTS: Cases = {
     "empty": ("", "defines no effect", "subclass"),
     "not Python": ("effect = (\n", ":1: not valid Python", "Python module"),
-    "NUL bytes": (b"a = 1\0\n", "not valid Python", "Python module"),
     "not UTF-8": (b"a = '\xff\xfe'\n", "not valid Python", "Python module"),
     "raises at once": ("raise RuntimeError('no \\n sand')\n", ":1: RuntimeError: no sand", "docs/effects.md"),
     "ends the process": ("import sys\nsys.exit(0)\n", ":2: SystemExit: 0", "docs/effects.md"),
     "imports what is not there": ("import granite_sand\n", ":1: ModuleNotFoundError", "docs/effects.md"),
-    "asserts": ("assert 1 == 2, 'sums'\n", ":1: AssertionError: sums", "docs/effects.md"),
     "a hook that raises": (EXAMPLE.replace(HOOK, "        raise ValueError('wind')\n"), ":22: effect 'head_wind': ValueError: wind", "docs/effects.md"),
     "a hook that returns nothing": (EXAMPLE.replace(HOOK, "        return None\n"), "AttributeError", "docs/effects.md"),
     "a hook that divides by zero": (EXAMPLE.replace(HOOK, "        return replace(load, x=1 / 0)\n"), "ZeroDivisionError", "docs/effects.md"),
@@ -172,15 +158,12 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
 
 
 # kind: (cases, name of the file, commands that take it)
+SIMULATE = ("simulate", "--variant", "0.5", "--out", "OUT")
 KINDS: dict[str, tuple[Cases, str, tuple[tuple[str, ...], ...]]] = {
     "map": (MAPS, "map.toml", (("ingest", "LOG", "--out", "OUT", "--jobs", "1", "--map"),)),
-    "robot": (
-        ROBOTS,
-        "robot.toml",
-        (("params", "--robot"), ("simulate", "--variant", "0.5", "--out", "OUT", "--robot")),
-    ),
-    "soil": (SOILS, "soil.toml", (("simulate", "--variant", "0.5", "--out", "OUT", "--soil"),)),
-    "model": (MODELS, "model.toml", (("simulate", "--variant", "0.5", "--out", "OUT", "--model"),)),
+    "robot": (ROBOTS, "robot.toml", (("params", "--robot"), (*SIMULATE, "--robot"))),
+    "soil": (SOILS, "soil.toml", ((*SIMULATE, "--soil"),)),
+    "model": (MODELS, "model.toml", ((*SIMULATE, "--model"),)),
     "effect": (EFFECTS, "mine.py", (("effects", "--effects"),)),
 }
 
@@ -191,11 +174,8 @@ KINDS: dict[str, tuple[Cases, str, tuple[tuple[str, ...], ...]]] = {
 def test_a_broken_file_is_refused_in_one_line(kind: str, name: str, tmp_path: Path) -> None:
     cases, called, commands = KINDS[kind]
     content, error, hint = cases[name]
-    log, path, out = (
-        written(tmp_path, "trial.csv", LOG),
-        written(tmp_path, called, content),
-        tmp_path / "out.csv",
-    )
+    log, path = written(tmp_path, "trial.csv", LOG), written(tmp_path, called, content)
+    out = tmp_path / "out.csv"
     for command in commands:
         done = lab(*({"LOG": log, "OUT": out}.get(word, word) for word in command), path)
         refused(done, 2 if kind == "robot" and "grade" in name else 3, error, hint)

@@ -26,11 +26,11 @@ from granite_lab.planning.design import Design, Driven, Figure, Named, Noise
 from granite_lab.planning.plan import plan_next
 from granite_lab.planning.question import explanations, question
 from granite_lab.planning.stage import Stage, fitted, whitener_of
+from tests.planning.test_plan_next import design_of, driven_of
 
 ROBOT, SOIL = load_robot(), load_soil()
 SLOW = Variant(velocity=0.3, acceleration=1.2, distance=0.9)
 OTHER = Variant(velocity=0.4, acceleration=1.2, distance=1.2)
-CHANNELS = tuple(FLOOR)
 LEVEL = 0.05
 WEAK = (("hum", (1e-3,)),)  # so weak that the gain of the sensor does not matter
 MIDDLE, HALF = 1.75, 1.25  # of the time for which the sine lasts [s]
@@ -65,10 +65,6 @@ class Swell(Hum):
         return (1 + ca.cos(np.pi * t / HALF)) / 2
 
 
-def design_of(*driven: Driven, **told: Any) -> Design:
-    return Design(**{"verdict": "none", "robot": ROBOT, "soil": SOIL, "share": 0.0, "driven": driven, **told})
-
-
 def driven_once(variant: Variant = SLOW, level: float = LEVEL, **told: Any) -> Driven:
     noise = (Noise(channel="current_r", rest=float(np.sqrt(level**2 - FLOOR["current_r"] ** 2))),)
     return Driven(**{"variant": variant, "noise": noise, **told})
@@ -98,7 +94,7 @@ def std_of(information: np.ndarray) -> float:
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_the_std_of_a_sine_in_white_noise_is_that_of_its_fisher_information(stages: Any, count: int) -> None:
-    stage = stages(design_of(driven_once(count=count)))
+    stage = stages(design_of(driven_once(count=count), share=0.0))
     bins = 2 * HALF / 0.02
     mean_over_bin = np.sinc(Hum.frequency * 0.02)
     expected = LEVEL / np.sqrt(count * bins / 2) / mean_over_bin
@@ -106,7 +102,7 @@ def test_the_std_of_a_sine_in_white_noise_is_that_of_its_fisher_information(stag
 
 
 def test_a_repetition_lowers_the_std_by_the_root_of_the_trials(stages: Any) -> None:
-    stage = stages(design_of(driven_once(count=3)))
+    stage = stages(design_of(driven_once(count=3), share=0.0))
     now = stage.at_hand(WEAK)
     more = stage.one_more(0, WEAK, ())
     assert std_of(now + more) / std_of(now) == pytest.approx(np.sqrt(3 / 4), rel=1e-3)
@@ -123,21 +119,15 @@ def test_repetitions_share_the_discrepancy_of_the_model_and_another_command_does
 
 
 def test_no_number_of_trials_beats_the_error_of_an_effects_formula(stages: Any) -> None:
-    many = design_of(driven_once(count=50))
+    many = design_of(driven_once(count=50), share=0.0)
     exact = std_of(stages(many).at_hand((("hum", (0.5,)),)))
     about = std_of(stages(many, formula=0.1).at_hand((("hum", (0.5,)),)))
     assert about > 2 * exact
 
 
-def all_channels(variant: Variant, **told: Any) -> Driven:
-    level = {"accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 3e-3, "wheel": 1e-3, "wheel_split": 3e-4}
-    noise = tuple(Noise(channel=c, rest=level.get(c, 0.05)) for c in CHANNELS)
-    return Driven(**{"variant": variant, "noise": noise, **told})
-
-
 TILT = (Figure(name="tilt", value=1e-3),)
 SLOPE = design_of(
-    all_channels(SLOW, count=3), verdict="named", share=0.02, scales=TILT,
+    driven_of(SLOW, count=3), verdict="named", scales=TILT,
     named=(Named(id="ground_slope", values=(1.0,), twins=("imu_tilt",)),),
 )  # fmt: skip
 
@@ -157,7 +147,7 @@ def test_a_run_in_the_other_direction_tells_a_slope_from_a_tilted_sensor() -> No
 def test_the_expected_bayes_factor_is_what_a_full_fit_to_such_trials_loses() -> None:
     """Trials with a slope, there and back, are written without noise and fitted with a tilted sensor."""
     back = Conditions(turned=True)
-    design = replace(SLOPE, driven=(all_channels(SLOW), all_channels(SLOW, conditions=back)))
+    design = replace(SLOPE, driven=(driven_of(SLOW), driven_of(SLOW, conditions=back)))
     world = StagedWorld(ROBOT, SOIL, (SLOW, SLOW), library() | STAGING, conditions=(Conditions(), back))
     with Bench(world) as bench:
         stage = Stage(design, bench)

@@ -31,3 +31,10 @@ def path(trial: TrialResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def back(path: Path) -> ReadBack:
     return ReadBack(path)
+
+
+@pytest.fixture(scope="session")
+def searched(trial: TrialResult, finding: Finding, tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
+    """The same trial with what a search found."""
+    folder = tmp_path_factory.mktemp("discovered")
+    return ReadBack(record_trial(trial.trial, trial.comparison, folder / "trial.rrd", finding=finding))

@@ -23,7 +23,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
         yield tab
 
 
-@pytest.mark.parametrize("which", ["folder", "hostile_folder", "discovery_folder"])
+@pytest.mark.parametrize("which", ["twelve_folder", "hostile_folder", "discovery_folder"])
 @pytest.mark.parametrize(("name", "width", "height"), [("phone", 390, 844), ("desktop", 1280, 900)])
 def test_the_page_fits_its_window(
     page: Page, which: str, name: str, width: int, height: int, request: pytest.FixtureRequest
@@ -35,6 +35,7 @@ def test_the_page_fits_its_window(
     assert page.complaints() == []
     if which != "hostile_folder":
         assert page.evaluate("stackedLetters()") == []
+        assert page.evaluate("cutTables()") == []
     picture = ARTEFACTS / f"report_{which.removesuffix('_folder')}_{name}.png"
     page.save(picture, "Page.captureScreenshot", captureBeyondViewport=True)
     assert picture.stat().st_size > 50_000
@@ -64,12 +65,6 @@ def test_the_page_is_short_with_all_details_closed(page: Page, twelve_folder: Pa
     bottom = page.evaluate("document.getElementById('answers').getBoundingClientRect().bottom")
     assert bottom <= 1100  # the answers stand on the first screen
     assert page.evaluate("document.querySelectorAll('details[open]').length") == 0
-
-
-@pytest.mark.parametrize("width", [390, 1280])
-def test_no_open_table_is_cut_off(page: Page, twelve_folder: Path, width: int) -> None:
-    page.open(twelve_folder / "index.html", width, 900)
-    assert page.evaluate("cutTables()") == []
 
 
 def test_print_takes_eight_pages_with_details_closed_and_no_heading_alone(
