@@ -26,7 +26,7 @@ from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from tests.inference.stub import drawn, measure, problem_of
-from tests.inference.test_gap import linear
+from tests.inference.test_normal import linear
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 SIX = (0, 0, 1, 1, 2, 2)

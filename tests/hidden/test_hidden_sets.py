@@ -101,13 +101,10 @@ def test_sand_off_its_file_is_off_by_five_to_twenty_percent_either_way() -> None
     assert there.friction_angle == pytest.approx(soil.friction_angle * known["friction_angle"])
 
 
-def test_a_robot_that_digs_itself_in_is_not_logged() -> None:
+def test_a_robot_that_digs_itself_in_or_has_no_drive_is_not_logged() -> None:
     wish = Wish("bulldozing", 1, sizes={"strength": 8.0})
     with pytest.raises(EstimateError, match="sinks to its axles"):
         make_set(wish, load_robot(), load_soil(), repetitions=1, variants=SHORT)
-
-
-def test_a_robot_without_drive_cannot_be_simulated() -> None:
     with pytest.raises(UsageError, match="cannot be simulated"):
         make_set(Wish("none", 0), load_robot("husky"), load_soil())
 

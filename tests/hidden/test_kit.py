@@ -1,4 +1,4 @@
-"""A kit for strangers: its checker needs Python alone and seals; `reveal` holds to the seal."""
+"""A kit for strangers is checked and sealed; every outcome of a judgement, from a table of answers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ import granite_lab as gl
 from granite_lab.effects import library
 from granite_lab.errors import InputError, UsageError
 from granite_lab.hidden import kit_check
-from granite_lab.hidden.scoring import SCHEMA
+from granite_lab.hidden.scoring import SCHEMA, read_finding, score
+from granite_lab.hidden.sealed import open_answer, seal, unseal
 from granite_lab.logs import read_trial
 from tests.corpus.cli import SAMPLES, succeeded, told
 
@@ -224,3 +225,141 @@ def test_the_judgement_names_who_made_the_kit(kit: Path) -> None:
     done = succeeded("reveal", kit)
     assert "made by planar simulator in C" in done.out
     assert "judgement: right" in done.out
+
+
+def answer(*ids: str, library: bool = True) -> dict[str, Any]:
+    parameters = {"size": {"value": 2.0, "unit": "N", "kind": "exact"}}
+    return {"effects": [{"id": name, "library": library, "parameters": parameters} for name in ids]}
+
+
+def verdict_of(verdict: str, *effects: tuple[str, ...], **gap: Any) -> dict[str, Any]:
+    return {
+        "schema": "granite-lab/discovery/2",
+        "verdict": verdict,
+        "effects": [
+            {
+                "id": first,
+                "parameters": {"size": {"value": 2.5, "std": 0.25, "unit": "N"}},
+                "indistinguishable_from": list(twins),
+            }
+            for first, *twins in effects
+        ],
+        "gap": gap,
+    }
+
+
+@pytest.mark.parametrize(
+    ("hidden", "found", "outcome", "right"),
+    [
+        (answer(), verdict_of("none"), "right", True),
+        (answer(), verdict_of("named", ("a",)), "false_alarm", False),
+        (answer(), verdict_of("unknown"), "false_alarm", False),
+        (answer("a"), verdict_of("none"), "missed", False),
+        (answer("a"), verdict_of("unknown"), "abstained", False),
+        (answer("a"), verdict_of("named"), "abstained", False),
+        (answer("a"), verdict_of("named", ("a",)), "right", True),
+        (answer("a"), verdict_of("named", ("a", "b")), "right", True),
+        (answer("a"), verdict_of("named", ("b", "a")), "twin_set", True),
+        (answer("a"), verdict_of("named", ("b", "a", "c")), "twin_set", True),
+        (answer("a"), verdict_of("named", ("b", "a", "c", "d")), "vague", False),
+        (answer("a"), verdict_of("named", ("a", "b", "c", "d")), "vague", False),
+        (answer("a"), verdict_of("named", ("b",)), "wrong_name", False),
+        (answer("a"), verdict_of("named", ("b", "c")), "wrong_name", False),
+        (answer("a"), verdict_of("named", ("a",), ("b",)), "spurious", False),
+        (answer("a"), verdict_of("named", ("b",), ("c", "a")), "spurious", False),
+        (answer("a", "b"), verdict_of("named", ("b",), ("a",)), "right", True),
+        (answer("a", "b"), verdict_of("named", ("c", "b"), ("a",)), "twin_set", True),
+        (answer("a", "b"), verdict_of("named", ("b", "a"), ("a", "b")), "right", True),
+        (answer("a", "b"), verdict_of("named", ("b", "a")), "partial", False),
+        (answer("a", "b"), verdict_of("named", ("a",), ("c",)), "wrong_name", False),
+        (answer("a", "b"), verdict_of("named", ("c",), ("d",)), "wrong_name", False),
+        (answer("a", "b"), verdict_of("none"), "missed", False),
+        (answer("com_offset"), verdict_of("named", ("drive_reaction",)), "near_twin", False),
+        (answer("com_offset"), verdict_of("named", ("drive_reaction",), ("a",)), "wrong_name", False),
+        (answer("x", library=False), verdict_of("unknown"), "abstained", True),
+        (answer("x", library=False), verdict_of("none"), "missed", False),
+        (answer("x", library=False), verdict_of("named", ("a",)), "wrong_name", False),
+    ],
+)
+def test_outcomes(hidden: dict[str, Any], found: dict[str, Any], outcome: str, right: bool) -> None:
+    judged = score(hidden, found)
+    assert (judged.outcome, judged.right) == (outcome, right)
+
+
+def test_parameters_are_judged_where_the_name_is_right() -> None:
+    (parameter,) = score(answer("a", "b"), verdict_of("named", ("a",))).parameters
+    assert (parameter.effect, parameter.true, parameter.value) == ("a", 2.0, 2.5)
+    assert parameter.z == pytest.approx(2.0)
+    assert parameter.relative == pytest.approx(0.25)
+    assert score(answer("b"), verdict_of("named", ("a",))).parameters == ()
+    without = verdict_of("named", ("a",))
+    without["effects"][0]["parameters"]["size"]["std"] = None
+    (parameter,) = score(answer("a"), without).parameters
+    assert parameter.z is None
+    assert parameter.relative == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("gap", "closed"),
+    [
+        ({"before": 5.0, "after": 1.4}, 0.9),
+        ({"before": 5.0, "after": 5.0}, 0.0),
+        ({"before": 5.0, "after": 6.0}, -0.25),
+        ({"before": 1.0, "after": 1.0}, None),
+        ({"before": None, "after": 1.0}, None),
+        ({}, None),
+    ],
+)
+def test_the_gap_closed_is_a_share_of_what_is_not_explained(gap: dict[str, Any], closed: float) -> None:
+    judged = score(answer("a"), verdict_of("named", ("a",), held_out=gap))
+    assert judged.gap_closed["held_out"] == (None if closed is None else pytest.approx(closed))
+    assert judged.gap_closed["train"] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "not JSON"),
+        ("[]", "expected schema"),
+        ('{"schema": "granite-lab/fit/1"}', "expected schema"),
+        ('{"schema": "granite-lab/discovery/2", "verdict": "maybe"}', "verdict is 'maybe'"),
+        ('{"schema": "granite-lab/discovery/2", "verdict": "named", "effects": ["a"]}', "malformed"),
+        (
+            '{"schema": "granite-lab/discovery/2", "verdict": "named", "effects": [{"name": "a"}]}',
+            "malformed",
+        ),
+    ],
+)
+def test_a_file_that_is_no_discovery_is_named(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "finding.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said) as error:
+        read_finding(path)
+    assert str(path) in error.value.message
+
+
+def test_a_sealed_answer_opens_to_what_was_sealed_and_cannot_be_read_by_eye(tmp_path: Path) -> None:
+    whole = {"effects": [{"id": "tyre_windup", "library": True}], "seed": 7, "μ": 0.5}
+    data = seal(whole)
+    assert unseal(data, "x") == whole
+    assert b"tyre" not in data
+    assert seal(whole) == data
+    (tmp_path / "sealed.bin").write_bytes(data)
+    assert open_answer(tmp_path) == whole
+    assert json.dumps(whole)[:8].encode() not in data
+
+
+@pytest.mark.parametrize("place", [70, 125, 150, -4])
+def test_a_changed_seal_is_noticed(place: int) -> None:
+    data = bytearray(seal({"effects": [], "seed": 3, "text": "a longer text, so that there is something"}))
+    data[place] = ord("A") if data[place] != ord("A") else ord("B")
+    with pytest.raises(InputError, match="damaged"):
+        unseal(bytes(data), "x")
+
+
+def test_a_folder_without_a_seal_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="does not exist"):
+        open_answer(tmp_path)
+    (tmp_path / "sealed.bin").write_bytes(b"something else")
+    with pytest.raises(InputError, match="not a sealed answer"):
+        open_answer(tmp_path)

@@ -32,6 +32,7 @@ def test_reruns_verifier_accepts_it_and_its_one_timeline_spans_the_log(
 ) -> None:
     assert "1 file verified" in verify(path)
     assert [index.name for index in back.schema.index_columns()] == ["time"]
+    assert back.fixed("/__properties", "RecordingInfo:name") == [trial.trial.name]
     t = np.concatenate([back.t(entity) for entity in back.batches])
     one = trial.trial
     logged = np.concatenate([s.t for s in (one.imu, one.wheels, one.currents)]) - ORIGIN
@@ -249,10 +250,6 @@ def test_updates_far_outside_their_std_are_named(trial: TrialResult, tmp_path: P
     bad = [line for line in back.texts("/events", "TextLog:text") if "times its std off" in line]
     assert len(bad) == 1
     assert "7.0 times" in bad[0]
-
-
-def test_a_recording_has_the_name_of_its_trial(trial: TrialResult, back: ReadBack) -> None:
-    assert back.fixed("/__properties", "RecordingInfo:name") == [trial.trial.name]
 
 
 @pytest.mark.parametrize("virtual", [True, False])
