@@ -193,9 +193,7 @@ def test_a_second_effect_is_found_where_the_first_leaves_less_than_the_tolerance
 
 
 @pytest.mark.parametrize("others", [{}, {"push": 0.3}])
-def test_what_all_trials_have_alike_is_an_effect_though_numbers_of_each_trial_could_stand_in(
-    others: dict[str, float],
-) -> None:
+def test_what_all_trials_have_alike_is_an_effect_and_no_gain_of_each(others: dict[str, float]) -> None:
     answer = ask(motor=0.3, discrepancy=0.0, candidates=("motor", *CANDIDATES), **others)
     assert answer.named == {"motor", *others}
 
@@ -231,9 +229,7 @@ def test_the_stated_amplitude_of_changing_phase_is_seen_in_four_of_five_draws() 
     assert np.mean(np.array(gains) > 5.2) == pytest.approx(0.8, abs=0.12)
 
 
-def test_a_set_that_ends_below_a_part_of_it_is_fitted_again_from_the_part(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fit that stops before the optimum must not cost the effect."""
     rng = np.random.default_rng(4)
     problem = problem_of((0, 0, 1, 1))
@@ -261,7 +257,7 @@ def test_a_set_that_ends_below_a_part_of_it_is_fitted_again_from_the_part(
         ("empirical.force_slip", 400.0, False),
     ],
 )
-def test_beside_a_model_that_leaves_nothing_errors_of_its_formulas_are_no_effects(
+def test_beside_a_whole_model_errors_of_formulas_are_no_effects(
     candidate: str, gain: float, open_: bool
 ) -> None:
     explained: Any = SimpleNamespace(evidence=1000.0)

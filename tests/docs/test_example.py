@@ -41,9 +41,7 @@ def test_it_is_of_the_samples_that_are_there(report: dict[str, Any]) -> None:
         assert sha256(log) in text, f"{log.name} has changed: run reports/make_example.py"
 
 
-def test_its_first_screen_says_slip_a_theta_what_is_missing_and_how_much_closes(
-    report: dict[str, Any],
-) -> None:
+def test_its_first_screen_says_slip_a_theta_and_what_is_missing(report: dict[str, Any]) -> None:
     page = (EXAMPLE / "report.md").read_text(encoding="utf-8").split("\n## ")[0]
     said = " ".join(page.replace("\\", "").split())  # no-break spaces, too
     for s in report["answers"]["speeds"]:

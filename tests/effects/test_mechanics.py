@@ -102,9 +102,7 @@ def test_a_payload_sinks_the_robot_and_loads_the_wheels_with_its_weight(by: Any)
         assert (state(r, "sinkage") > state(plain, "sinkage") + 8e-4).all()
 
 
-def test_a_centre_of_mass_further_forward_loads_the_front_by_weight_times_shift_over_wheelbase(
-    by: Any,
-) -> None:
+def test_a_centre_of_mass_further_forward_loads_the_front_by_its_lever(by: Any) -> None:
     plain, r = seen(by), seen(by, "com_offset", forward=0.03)
     front, rear = 2 * (resting(r, "normal") - resting(plain, "normal"))
     lever = 0.03 + CHASSIS.com_z * (resting(r, "pitch") - resting(plain, "pitch"))

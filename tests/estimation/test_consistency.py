@@ -49,9 +49,7 @@ def scores() -> dict[str, list[Score]]:
 
 
 @pytest.mark.parametrize("grade", ["industrial", "consumer"])
-def test_velocity_and_distance_are_as_good_as_they_should_be(
-    scores: dict[str, list[Score]], grade: str
-) -> None:
+def test_velocity_and_distance_are_as_good_as_asked(scores: dict[str, list[Score]], grade: str) -> None:
     v, distance = BOUNDS[grade]
     of_grade = scores[grade]
     assert not any(s.refused for s in of_grade)
@@ -60,9 +58,7 @@ def test_velocity_and_distance_are_as_good_as_they_should_be(
 
 
 @pytest.mark.parametrize("grade", ["industrial", "consumer"])
-def test_velocity_distance_and_slip_scatter_as_they_are_said_to(
-    scores: dict[str, list[Score]], grade: str
-) -> None:
+def test_velocity_distance_and_slip_scatter_as_stated(scores: dict[str, list[Score]], grade: str) -> None:
     of_grade = scores[grade]
     # a trial's mean NEES scatters like chi-squared of about two degrees of freedom: std 1 for one trial
     assert abs(float(np.mean([s.v_nees for s in of_grade])) - 1.0) < 3.0 / np.sqrt(len(of_grade))

@@ -136,9 +136,7 @@ def edit(kit: Path, name: str, change: Callable[[list[str]], list[str]]) -> None
 
 
 @pytest.mark.parametrize(("breach", "said"), BREACHES, ids=[said for _, said in BREACHES])
-def test_what_is_wrong_is_told_and_nothing_is_sealed(
-    kit: Path, breach: Callable[[Path], Any], said: str
-) -> None:
+def test_what_is_wrong_is_told_and_not_sealed(kit: Path, breach: Callable[[Path], Any], said: str) -> None:
     breach(kit)
     done = check(kit, "--seal")
     assert done.returncode == 3
@@ -177,9 +175,7 @@ def test_a_finding_in_the_kit_is_judged(
         assert opened.score.parameters[0].z == pytest.approx(-0.4)
 
 
-def test_without_a_finding_the_kit_is_searched_with_its_own_files(
-    kit: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_kit_without_finding_is_searched_with_its_files(kit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
 
     def discover(logs: list[Path], **options: Any) -> None:

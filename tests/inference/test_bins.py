@@ -168,9 +168,7 @@ def test_means_are_the_integrals_of_the_straight_lines(seed: int, samples: int, 
 
 @pytest.mark.parametrize("offset", [0.0, -0.6e-3, 0.6e-3], ids=lambda x: f"{1e3 * x:g} ms")
 @pytest.mark.parametrize("variant", load_variants(), ids=lambda v: f"{v.velocity:g} m/s")
-def test_lines_between_the_instants_of_a_run_show_its_corners_on_time(
-    variant: Variant, offset: float
-) -> None:
+def test_lines_between_instants_of_a_run_show_its_corners_on_time(variant: Variant, offset: float) -> None:
     """Motors and tyres answer a corner of the command within milliseconds; 0.03 ms late was too much.
 
     A clock that is early shows the answer before the corner, where lines must be as short. What is late
@@ -208,9 +206,7 @@ def moved(one: tuple[Motion, Trial], applied: Sequence[float]) -> tuple[list[Tri
 
 
 @pytest.mark.parametrize("applied", [(0.042, 0.036, 0.04, 0.0), (0.0, 0.022, 0.0, 0.0)])
-def test_stamps_of_one_logger_are_moved_by_the_same(
-    one: tuple[Motion, Trial], applied: tuple[float, ...]
-) -> None:
+def test_stamps_of_one_logger_are_moved_alike(one: tuple[Motion, Trial], applied: tuple[float, ...]) -> None:
     """Also where one trial alone would have been left as it is, or where it alone was moved."""
     trials, motions = one_clock(*moved(one, applied))
     common = float(np.median(applied))

@@ -184,9 +184,7 @@ def test_amplitudes_of_the_discrepancy_are_those_of_a_regression(m: Made, scales
     assert np.concatenate([f[1] for f in found]) == pytest.approx(variance, rel=1e-7, abs=1e-9)
 
 
-def test_the_misfit_of_other_residuals_is_their_mahalanobis_distance(
-    m: Made, scales: Scales, rng: Rng
-) -> None:
+def test_misfits_of_other_residuals_are_mahalanobis_distances(m: Made, scales: Scales, rng: Rng) -> None:
     other = rng.normal(size=m.y.size) * 2
     C = m.covariance(scales)
     found = m.normal.misfits(m.white(other), scales)
@@ -196,9 +194,7 @@ def test_the_misfit_of_other_residuals_is_their_mahalanobis_distance(
         assert found[c] == pytest.approx(wanted, rel=1e-8)
 
 
-def test_other_residuals_in_place_of_the_old_are_the_same_as_all_built_anew(
-    m: Made, scales: Scales, rng: Rng
-) -> None:
+def test_other_residuals_give_the_same_as_all_built_anew(m: Made, scales: Scales, rng: Rng) -> None:
     m.normal.marginal(scales)  # what is remembered must not survive
     other = rng.normal(size=m.y.size)
     M, _ = m.normal.at(m.white(other)).marginal(scales)

@@ -71,9 +71,7 @@ def test_a_robot_without_chassis_cannot_be_simulated() -> None:
         simulate(variant_of(0.3), bare, SOIL)
 
 
-def test_each_run_is_integrated_unless_sensors_with_faults_look_at_the_same_motion(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_motion_is_integrated_once_for_sensors_with_faults(monkeypatch: pytest.MonkeyPatch) -> None:
     p = model_parameters(ROBOT, SOIL, load_variants()[3], a_theta=load_paper().a_theta)
     looked = 0
 

@@ -119,9 +119,7 @@ def shaken_finding(rng: np.random.Generator) -> tuple[Finding, Variant]:
     return replace(made_up_finding("none"), residuals=tuple(rows)), command
 
 
-def test_the_noise_of_a_trial_to_come_is_that_of_the_trials_driven_and_vibration_grows_with_speed(
-    tmp_path: Path,
-) -> None:
+def test_noise_of_a_trial_to_come_is_that_of_those_driven_and_grows_with_speed(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     finding, command = shaken_finding(rng)
     design = saved(finding, tmp_path / DESIGN)
@@ -146,9 +144,7 @@ def test_the_noise_of_a_trial_to_come_is_that_of_the_trials_driven_and_vibration
 
 
 @pytest.mark.parametrize("repetitions", [1, 3])
-def test_logs_that_begin_driving_and_end_soon_after_the_stop_give_a_plan(
-    tmp_path: Path, repetitions: int
-) -> None:
+def test_logs_that_begin_driving_and_end_soon_give_a_plan(tmp_path: Path, repetitions: int) -> None:
     """No standstill, 0.4 s after the stop, no currents, gaps."""
     whole = made_up_finding(
         "named", speeds=(0.2,), repetitions=repetitions, channels=("accel_x", "accel_z", "wheel")

@@ -27,7 +27,7 @@ NANOSECOND = 0.6e-9
 DEGREE = 180 / np.pi
 
 
-def test_reruns_verifier_accepts_it_and_its_one_timeline_spans_the_log(
+def test_reruns_verifier_accepts_one_timeline_over_the_log(
     trial: TrialResult, path: Path, back: ReadBack
 ) -> None:
     assert "1 file verified" in verify(path)
@@ -376,7 +376,7 @@ def test_disagreements_are_bars_on_the_trials_own_clock(trial: TrialResult, sear
     assert colours[0] != colours[1]
 
 
-def test_bars_end_do_not_overlap_and_stay_within_the_log(
+def test_bars_do_not_overlap_and_stay_in_the_log(
     trial: TrialResult, finding: Finding, tmp_path: Path
 ) -> None:
     one = next(d for d in finding.where if d.variant == 0.3)
@@ -443,9 +443,7 @@ def test_nothing_found_is_said_and_no_after_is_drawn(trial: TrialResult, tmp_pat
     assert back.fixed("/found_pitch_rate/from_model", "Measurements:names") == ["simulated"]
 
 
-def test_a_trial_that_was_not_searched_has_no_bars_and_one_that_was_dropped_says_why(
-    trial: TrialResult, tmp_path: Path
-) -> None:
+def test_a_trial_that_was_not_searched_has_no_bars_and_says_why(trial: TrialResult, tmp_path: Path) -> None:
     finding = made_up_finding(names="another_{speed}_{repetition}")
     finding = dataclasses.replace(finding, dropped=((trial.trial.name, "no model fits it"),))
     back = ReadBack(record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=finding))

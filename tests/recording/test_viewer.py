@@ -195,9 +195,7 @@ def test_a_picture_shows_the_time_that_was_asked_for(tmp_path: Path) -> None:
 
 
 @draws
-def test_a_study_looks_right_and_a_name_without_glyphs_does_not_end_the_viewer(
-    headless: Any, tmp_path: Path
-) -> None:
+def test_a_study_looks_right_with_a_name_without_glyphs(headless: Any, tmp_path: Path) -> None:
     study = made_up_study(speeds=(0.2, 0.7), repetitions=2)
     odd = made_up_trial(0.7, name="砂 \N{LARGE BLUE SQUARE} grüße λ_R² ∂x")
     path = record_study(replace(study, trials=(*study.trials, odd)), tmp_path / "study.rrd")

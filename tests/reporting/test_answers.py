@@ -170,9 +170,7 @@ def gap(normalised: float, rms: float = 0.05, phase: str = "all") -> Gap:
         (0.61, 0.74, "not judged, noise too large"),
     ],
 )
-def test_a_quantity_is_judged_by_its_noise_and_its_largest_value(
-    normalised: float, rms: float, verdict: str
-) -> None:
+def test_a_quantity_is_judged_by_noise_and_largest_value(normalised: float, rms: float, verdict: str) -> None:
     (judged,) = channels_of({("velocity", "all"): gap(normalised, rms)})
     assert judged.verdict == verdict
 
@@ -290,9 +288,7 @@ NAMES = list(calls(made_up_study(speeds=(0.2, 0.7), repetitions=1)))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_tables_fit_eighty_columns_are_plain_off_a_terminal_and_marked_where_virtual(
-    name: str, study: StudyResult
-) -> None:
+def test_tables_fit_eighty_columns_and_are_marked_where_virtual(name: str, study: StudyResult) -> None:
     text = printed(study, name)
     assert text.strip()
     assert max(map(len, text.splitlines())) <= 80

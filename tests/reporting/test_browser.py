@@ -67,9 +67,7 @@ def test_the_page_is_short_with_all_details_closed(page: Page, twelve_folder: Pa
     assert page.evaluate("document.querySelectorAll('details[open]').length") == 0
 
 
-def test_print_takes_eight_pages_with_details_closed_and_no_heading_alone(
-    page: Page, twelve_folder: Path
-) -> None:
+def test_print_takes_eight_pages_and_leaves_no_heading_alone(page: Page, twelve_folder: Path) -> None:
     page.open(twelve_folder / "index.html", 794, 1123, media="print")
     assert not page.evaluate(
         "[...document.querySelectorAll('details figure')].filter(f => f.checkVisibility()).length"

@@ -91,7 +91,7 @@ def no_text_is_cut_or_covered(drawn: Canvas) -> None:
 
 
 @pytest.mark.parametrize("which", ["of_study", "of_search"])
-def test_no_text_is_cut_or_covered_and_every_figure_says_what_to_see(
+def test_texts_are_whole_and_every_figure_says_what_to_see(
     which: str, request: pytest.FixtureRequest
 ) -> None:
     drawings: list[Figure] = request.getfixturevalue(which)

@@ -154,9 +154,7 @@ def write_small_search(folder: Path, virtual: bool) -> Path:
 
 @pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("writer", [write_small_study, write_small_search])
-def test_a_real_experiment_is_not_called_virtual_and_gives_the_same_bytes(
-    writer: Writer, tmp_path: Path
-) -> None:
+def test_a_real_experiment_is_not_virtual_and_gives_the_same_bytes(writer: Writer, tmp_path: Path) -> None:
     for name in "ab":
         writer(tmp_path / name / "report", False)
     files = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
@@ -262,9 +260,7 @@ def test_failures_alone_make_a_report_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("small")
-def test_a_second_report_replaces_the_first_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_report_replaces_the_first_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "report"
     for name in ("recordings/a.rrd", "figures/stale.svg", "index.html"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)

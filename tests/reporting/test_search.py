@@ -54,9 +54,7 @@ def rows_of(table: Table | None) -> list[dict[str, str]]:
     return [dict(zip(titles, (spaced(cell.text) for cell in row), strict=True)) for row in table.rows]
 
 
-def test_the_first_screen_says_what_is_missing_how_much_it_closes_and_how_far_to_trust_it(
-    findings: dict[str, Finding],
-) -> None:
+def test_the_first_screen_says_what_is_missing_and_how_far_to_trust_it(findings: dict[str, Finding]) -> None:
     answers = report_of(findings["named"]).answers
     found = {a.id: spaced(f"{a.verdict}. {a.text} {a.command}") for a in answers.questions}
     for id_, needed in (
@@ -244,9 +242,7 @@ def naming(effect: FoundEffect) -> Finding:
          "tyre that deflects under its load (compliance 20.0 ± 1.0 µm/N)"),
     ],
 )  # fmt: skip
-def test_a_sign_is_said_as_a_direction_and_a_size_in_a_unit_that_fits(
-    effect: FoundEffect, expected: str
-) -> None:
+def test_a_sign_is_a_direction_and_a_size_has_a_unit_that_fits(effect: FoundEffect, expected: str) -> None:
     assert spaced(names.describe(effect)) == expected
 
 

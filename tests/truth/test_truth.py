@@ -199,7 +199,7 @@ def test_energy_put_in_is_energy_kept_or_lost() -> None:
     [(0.3, 0.25, 0, None), (0.1, 0.2, 0, None), (0.5, -0.1, 0, None), (0.01, 0.004, 0, None),
      (0.2, 0.0, 0, None), (0.5, 0.4, 0.4, 0.13)],
 )  # fmt: skip
-def test_forces_on_the_arc_match_adaptive_quadrature(
+def test_forces_on_the_arc_match_quadrature(
     v_o: float, v: float, harden: float, radius: float | None
 ) -> None:
     ground, k92, z0 = replace(build(variant_of(0.5)).ground, harden=harden, harden_speed=0.02), 0.4, 0.017

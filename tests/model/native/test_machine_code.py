@@ -218,9 +218,7 @@ SETS = (
 
 @pytest.mark.parametrize("ids", SETS, ids="+".join)
 @pytest.mark.parametrize("variant", load_variants()[::3], ids=lambda v: f"{v.velocity:g}")
-def test_signals_are_those_of_cvodes_at_a_much_smaller_tolerance(
-    variant: Variant, ids: tuple[str, ...]
-) -> None:
+def test_signals_are_those_of_cvodes_at_a_fine_tolerance(variant: Variant, ids: tuple[str, ...]) -> None:
     p = model_parameters(load_robot(), load_soil(), variant, a_theta=load_paper().a_theta)
     active = [
         activate(get(i), {q.name: (q.prior_low + 3 * q.prior_high) / 4 for q in get(i).parameters})
