@@ -25,12 +25,11 @@ from granite_lab.estimation.nodes import MOST, choose
 from granite_lab.estimation.noise import stamp_noise
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.files import write_table
-from granite_lab.logs import read_trial
+from granite_lab.logs import read_trial, write_canonical
 from granite_lab.logs.trial import ImuStream
 from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, faults, generate
-from tests.truth.long_drives import Drive
-from tests.truth.long_logs import long_drive, write_log
+from tests.truth.long_logs import Drive, repeated
 
 SEEDS = range(5)
 CELLS = [
@@ -212,8 +211,8 @@ def clocked(run: Callable[[], T]) -> tuple[T, float]:
 @pytest.fixture(scope="module")
 def six_minutes(tmp_path_factory: pytest.TempPathFactory) -> Ingested:
     folder: Path = tmp_path_factory.mktemp("long")
-    log = long_drive("trials", DURATION)
-    write_log(folder / "log.csv", log)
+    log = repeated(DURATION)
+    write_canonical(folder / "log.csv", log.trial)
     trial, reading = clocked(lambda: read_trial(folder / "log.csv"))
     robot = load_robot("granite")
     motion, estimating = clocked(lambda: estimate(trial, robot))

@@ -15,7 +15,7 @@ from granite_lab.estimation.nominal import Nominal, quieten
 from granite_lab.estimation.spectrum import blackman_harris, hann, slope, spectral_density
 from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, generate
-from tests.truth.long_drives import Drive, cycles, drive
+from tests.truth.long_logs import Drive, cycles, drive
 
 FREQUENCY = np.arange(2.0, 10.0, 0.05)
 ANY = np.empty((0, 2))

@@ -1,40 +1,140 @@
-"""Long logs as files: what a logger writes in an hour, with the truth beside it."""
+"""Long drives over uneven ground with their truth: for what short trials on sand do not show.
+
+Everything is by formula on a fine grid; nothing of `granite_lab.estimation` or of the simulators is used.
+"""
 
 from __future__ import annotations
 
-import dataclasses
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
+from numpy.typing import NDArray
 from scipy.signal import iirpeak, lfilter
 
-from granite_lab.parameters import WHEELS
-from tests.truth.long_drives import LEVER, Array, Drive, cycles, drive, wander
+from granite_lab.logs.trial import ImuStream, Trial, TrialInfo, WheelStream
+
+Array = NDArray[np.float64]
+
+RADIUS = 0.0965
+LEVER = (0.10, 0.12)
+"""The sample robot's wheel radius, and its IMU's place ahead of and above R [m]."""
 
 SEED = 1
+"""Of long logs."""
+
+FINE, IMU_RATE, WHEEL_RATE = 400.0, 200.0, 100.0
+"""Rates of the grid, of the IMU and of the encoders [Hz]."""
 
 
-def long_drive(course: str, duration: float) -> Drive:
-    """Drive for some time at 200 Hz of IMU and 100 Hz of encoders.
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A log and what happened.
+
+    Attributes:
+        trial: IMU and encoders.
+        t: (K,) grid [s].
+        v, wheel: (K,) body and wheel velocity [m/s].
+    """
+
+    trial: Trial
+    t: Array
+    v: Array
+    wheel: Array
+
+    def at(self, t: Array, name: str) -> Array:
+        """Truth at other instants."""
+        return np.asarray(np.interp(t, self.t, getattr(self, name)))
+
+
+def wander(rng: np.random.Generator, n: int, std: float, time: float) -> Array:
+    """(n,) first-order Gauss-Markov process twice smoothed, so that it can be differentiated."""
+    a = np.exp(-1.0 / (FINE * time))
+    signal = lfilter(
+        [1 - a], [1, -a], lfilter([1 - a], [1, -a], rng.standard_normal(n + int(8 * time * FINE)))
+    )
+    signal = signal[-n:]
+    return np.asarray(signal * (std / max(float(np.std(signal)), 1e-12)))
+
+
+def drive(
+    seed: int,
+    course: Sequence[tuple[float, float]],
+    *,
+    slip: float = 0.04,
+    scatter: float = 0.03,
+    accel: float = 0.02,
+    gyro: float = 0.0005,
+) -> Drive:
+    """Drive a course.
 
     Args:
-        course: "trials" of 30 s each with standstills between, on soft ground under a consumer IMU;
-            "straight" or "winding" on firm, rough ground without a stop but at both ends.
-        duration: [s].
+        seed: of all that is random.
+        course: (instant [s], wheel speed [m/s]), straight lines between; zero speed is a standstill.
+        slip, scatter: mean of the slip ratio, and std of what wanders about it within a second.
+        accel, gyro: white noise of the IMU in motion [m/s^2 sqrt(s)], [rad/s sqrt(s)]; a tenth at rest.
     """
-    if course == "trials":
-        calm = drive(SEED, cycles(round(duration / 30.0)), slip=0.15, accel=0.0, gyro=0.0)
-        return sensed(calm)
-    course_points = [(0.0, 0.0), (3.0, 0.0), (4.0, 0.5)]
-    # the driver does not keep one speed for an hour
-    rng = np.random.default_rng(SEED)
-    instants = np.arange(20.0, duration - 20.0, 20.0)
-    speeds = rng.uniform(0.3, 0.7, instants.size)
-    course_points += [(float(t), float(v)) for t, v in zip(instants, speeds, strict=True)]
-    course_points += [(duration - 3.0, 0.5), (duration - 2.0, 0.0), (duration, 0.0)]
-    straight = drive(SEED, course_points)
-    return turning(straight) if course == "winding" else straight
+    rng = np.random.default_rng(seed)
+    instants, speeds = np.array(course, dtype=float).T
+    t = np.arange(instants[0], instants[-1], 1.0 / FINE)
+    wheel = np.interp(t, instants, speeds)
+    moving = wheel > 0
+    wheel = wheel * (1.0 + wander(rng, t.size, 0.04, 1.5) * np.minimum(wheel / 0.2, 1.0))
+    ratio = slip + wander(rng, t.size, scatter, 0.4)
+    v = wheel * (1.0 - ratio)
+    # pitch by the way: the ground is what it is, and the robot stands on it
+    ground = wander(rng, t.size, 0.02, 3.0)  # [rad]
+    way = np.cumsum(np.where(moving, 1.0, 0.0)) / FINE
+    pitch = np.interp(way, t - t[0], ground)
+    rate = np.gradient(pitch, 1.0 / FINE)
+    force = np.gradient(v, 1.0 / FINE) - 9.81 * np.sin(pitch)
+    force += np.gradient(rate, 1.0 / FINE) * LEVER[1] - rate**2 * LEVER[0]
+    up = 9.81 * np.cos(pitch)
+
+    def mean_over(signal: Array, every: int) -> Array:
+        return np.asarray(signal[: signal.size // every * every].reshape(-1, every).mean(axis=1))
+
+    every = round(FINE / IMU_RATE)
+    stamps = mean_over(t, every)
+    n = stamps.size
+    shake = np.where(mean_over(moving.astype(float), every) > 0, 1.0, 0.1)
+    specific, angular = np.zeros((n, 3)), np.zeros((n, 3))
+    specific[:, 0], specific[:, 2], angular[:, 1] = (mean_over(s, every) for s in (force, up, rate))
+    specific += accel * np.sqrt(IMU_RATE) * shake[:, None] * rng.standard_normal((n, 3)) + rng.normal(
+        0, 0.05, 3
+    )
+    angular += gyro * np.sqrt(IMU_RATE) * shake[:, None] * rng.standard_normal((n, 3)) + rng.normal(
+        0, 2e-3, 3
+    )
+    skip = round(FINE / WHEEL_RATE)
+    step = 2 * np.pi / 106000
+    angle = np.floor(np.cumsum(wheel)[::skip] / FINE / RADIUS / step) * step
+    trial = Trial(
+        name=f"long-{seed}",
+        info=TrialInfo(robot="granite", virtual=True),
+        imu=ImuStream(stamps, specific, angular),
+        wheels=WheelStream(t[::skip], np.repeat((angle - angle[0])[:, None], 4, axis=1), step=step),
+    )
+    return Drive(trial, t, v, wheel)
+
+
+def cycles(number: int, length: float = 30.0) -> list[tuple[float, float]]:
+    """Course of repeated drives at 0.5 m/s with a standstill after each."""
+    course = [(0.0, 0.0)]
+    for i in range(number):
+        begin = i * length
+        course += [
+            (begin + 3.0, 0.0),
+            (begin + 4.0, 0.5),
+            (begin + length - 3.0, 0.5),
+            (begin + length - 2.0, 0),
+        ]
+    return [*course, (number * length + 1.0, 0.0)]
+
+
+def repeated(duration: float) -> Drive:
+    """Drive for 30 s again and again on soft ground, with standstills between, under a consumer IMU."""
+    return sensed(drive(SEED, cycles(round(duration / 30.0)), slip=0.15, accel=0.0, gyro=0.0))
 
 
 def sensed(calm: Drive) -> Drive:
@@ -50,36 +150,5 @@ def sensed(calm: Drive) -> Drive:
     vibration *= 0.3 / vibration.std() * np.minimum(calm.at(imu.t, "wheel") / 0.5, 1.0)[:, None]
     force = imu.specific_force + 0.002 * np.sqrt(rate) * rng.standard_normal(shape) + vibration
     turned = imu.angular_rate + 1e-4 * np.sqrt(rate) * rng.standard_normal(shape)
-    imu = dataclasses.replace(imu, specific_force=force, angular_rate=turned)
-    return dataclasses.replace(calm, trial=dataclasses.replace(calm.trial, imu=imu))
-
-
-def turning(straight: Drive) -> Drive:
-    """Let a drive wind: yaw rate of 0.2 rad/s (std) while it moves, R without sideways velocity."""
-    imu = straight.trial.imu
-    rng = np.random.default_rng(SEED + 1)
-    yaw = wander(rng, straight.t.size, 0.2, 2.0) * np.minimum(np.abs(straight.v) / 0.2, 1.0)
-    growth = np.gradient(yaw, straight.t)
-    r, dr, v = (np.interp(imu.t, straight.t, signal) for signal in (yaw, growth, straight.v))
-    rate, force = imu.angular_rate.copy(), imu.specific_force.copy()
-    rate[:, 2] += r
-    force[:, 0] -= r**2 * LEVER[0]
-    force[:, 1] += r * v + dr * LEVER[0]
-    imu = dataclasses.replace(imu, angular_rate=rate, specific_force=force)
-    return dataclasses.replace(straight, trial=dataclasses.replace(straight.trial, imu=imu))
-
-
-def write_log(path: Path, log: Drive) -> None:
-    """Write the log as a canonical CSV, one row a stamp of either sensor."""
-    imu, wheels = log.trial.imu, log.trial.wheels
-    names = [*(f"imu_a{a}_mps2" for a in "xyz"), *(f"imu_g{a}_radps" for a in "xyz")]
-    inertial = _table(imu.t, np.hstack([imu.specific_force, imu.angular_rate]), names)
-    rolled = _table(wheels.t, wheels.angle, [f"enc_{wheel}_rad" for wheel in WHEELS])
-    rows = pd.concat([inertial, rolled]).sort_values("t_s", kind="stable")
-    with path.open("w", encoding="utf-8") as file:
-        file.write('# robot = "granite"\n')
-        rows.to_csv(file, index=False, float_format="%.9g")
-
-
-def _table(t: Array, values: Array, names: list[str]) -> pd.DataFrame:
-    return pd.DataFrame(np.column_stack([t, values]), columns=["t_s", *names])
+    imu = replace(imu, specific_force=force, angular_rate=turned)
+    return replace(calm, trial=replace(calm.trial, imu=imu))
