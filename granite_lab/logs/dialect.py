@@ -114,6 +114,11 @@ class Table:
         """Return what a message calls a column, counted from 0."""
         return self.header(place) or f"column {place + 1}"
 
+    def error(self, what: str, hint: str, line: int = 0, place: int | None = None) -> InputError:
+        """Return an error that names the file, and the line and the column if they are known."""
+        column = "" if place is None else f" column '{self.name(place)}':"
+        return InputError(f"{at(self.path, line or None)}:{column} {what}", hint)
+
 
 def is_number(cell: str, decimal: str = ".") -> bool:
     """Say whether a cell reads as a number."""
@@ -168,14 +173,27 @@ def sniff(path: Path, said: TableFormat | None = None) -> Table:
         )
     width = Counter(len(row) for _, row in rows[first : first + 20]).most_common(1)[0][0]
     below = [row for _, row in rows[first:] if len(row) == width]
-    headers, header_line = _headers(path, rows[:first], below, comments, delimiter, said, rows[first][0])
-    if headers and header_line < 0:  # the header is the last comment line, as in EuRoC
-        header_line, comments = comments[-1][0], comments[:-1]
+    above = rows[:first]
+    if comments and not above:  # the header may be the last comment line, as in EuRoC
+        row = _cells(path, comments[-1][1].lstrip("#").strip(), delimiter)
+        above = [(comments[-1][0], row)] if len(row) == width and not any(map(is_number, row)) else []
+    headers, header_line = ((said.names,), 0) if said.names else _headers(above, below)
+    if said.names and len(said.names) != width:
+        raise InputError(
+            f"{at(path, rows[first][0])}: {width} columns, but the column map names {len(said.names)}",
+            "correct 'names' under [table] in the map",
+        )
+    if above and not headers:
+        raise InputError(
+            f"{at(path, above[-1][0])}: the header names {len(above[-1][1])} columns, "
+            f"the rows below have {width}",
+            "one name a column: quote names that hold the delimiter; a decimal comma needs another delimiter",
+        )
     return Table(
         path, headers, width, encoding, delimiter, decimal, header_line,
         data_line=rows[first][0],
         sample=tuple(tuple(row) for row in below[:_SAMPLE_ROWS]),
-        comments=tuple(comments),
+        comments=tuple(comment for comment in comments if comment[0] != header_line),
         preamble=tuple(line for _, line in lines[:first]) + ((f"sep={separator}",) if separator else ()),
         doubts=doubts,
         text=text,
@@ -328,42 +346,18 @@ def _is_data(row: list[str], decimal: str) -> bool:
 
 
 def _headers(
-    path: Path,
-    above: list[tuple[int, list[str]]],
-    below: list[list[str]],
-    comments: list[tuple[int, str]],
-    delimiter: str,
-    said: TableFormat,
-    data_line: int,
+    above: list[tuple[int, list[str]]], below: list[list[str]]
 ) -> tuple[tuple[tuple[str, ...], ...], int]:
-    """Return the header rows as wide as the data, and the line of the first (-1: the last comment)."""
-    width = len(below[0])
-    if said.names:
-        if len(said.names) != width:
-            raise InputError(
-                f"{at(path, data_line)}: {width} columns, but the column map names {len(said.names)}",
-                "correct 'names' under [table] in the map",
-            )
-        return (said.names,), 0
-    # A delimiter behind the last cell may stand in the header only, or in the data only.
-    open_end = all(not row[-1].strip() for row in below)
-    rows: list[tuple[str, ...]] = []
+    """Return the header rows as wide as the data, and the line of the first."""
+    width, open_end = len(below[0]), all(not row[-1].strip() for row in below)
+    headers: list[tuple[str, ...]] = []
     line = 0
     for number, row in reversed(above):
+        # A delimiter behind the last cell may stand in the header only, or in the data only.
         cells = row[:-1] if len(row) == width + 1 and not row[-1].strip() else row
         cells = [*cells, ""] if len(cells) == width - 1 and open_end else cells
         if len(cells) != width:
             break
-        rows.insert(0, tuple(cell.strip() for cell in cells))
+        headers.insert(0, tuple(cell.strip() for cell in cells))
         line = number
-    if not above and comments:
-        cells = _cells(path, comments[-1][1].lstrip("#").strip(), delimiter)
-        if len(cells) == width and not any(is_number(cell) for cell in cells):
-            rows, line = [tuple(cell.strip() for cell in cells)], -1
-    if above and not rows:
-        raise InputError(
-            f"{at(path, above[-1][0])}: the header names {len(above[-1][1])} columns, "
-            f"the rows below have {width}",
-            "one name a column: quote names that hold the delimiter; a decimal comma needs another delimiter",
-        )
-    return tuple(rows), line
+    return tuple(headers), line

@@ -359,10 +359,8 @@ def _one(table: Table, spec: Column, hits: list[Hit], names: Sequence[str]) -> H
         if len(angles) == 1:
             return angles[0]
     listed = " and ".join(f"'{names[place]}' (column {place + 1})" for place, _ in hits)
-    raise InputError(
-        f"{at(table.path, table.header_line)}: {listed} both are {spec.to[0]}, expected one column for it",
-        "rename or remove the other one",
-    )
+    what = f"{listed} both are {spec.to[0]}, expected one column for it"
+    raise table.error(what, "rename or remove the other one", table.header_line)
 
 
 def best(fits: list[Match]) -> Match:
@@ -389,22 +387,16 @@ def no_match(tries: list[Match], given: bool) -> InputError:
     table = tries[0].table
     names = [name for name in table.headers[0] if name]
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
-    where = at(table.path, table.header_line or None)
     near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)))
     if near.columns <= len(near.missing) and not given:
-        return InputError(
-            f"{where}: the layout is not known: {shown}",
-            "granite-lab inspect shows what the columns seem to be and writes a column map for --map",
-        )
+        hint = "granite-lab inspect shows what the columns seem to be and writes a column map for --map"
+        return table.error(f"the layout is not known: {shown}", hint, table.header_line)
     lacking = near.missing[0]
     unused = [name for name in names if not any(c.regex.fullmatch(name.strip()) for c in near.layout.column)]
     close = difflib.get_close_matches(lacking, unused, n=1, cutoff=0.6)
     hint = f"there is '{close[0]}'; " if close and close[0] != lacking else ""
-    if near.layout.name == "canonical":
-        hint += "names are channel_unit, such as imu_gy_radps or enc_fl_rad"
-    else:
-        hint += f"columns here: {shown}"
+    own = near.layout.name == "canonical"
+    hint += "names are channel_unit, such as imu_gy_radps or enc_fl_rad" if own else f"columns here: {shown}"
     more = f" (and {len(near.missing) - 1} more)" if len(near.missing) > 1 else ""
-    return InputError(
-        f"{where}: column '{lacking}' is missing{more}, expected by layout '{near.layout.name}'", hint
-    )
+    what = f"column '{lacking}' is missing{more}, expected by layout '{near.layout.name}'"
+    return table.error(what, hint, table.header_line)

@@ -101,10 +101,8 @@ def recognise(path: Path, said: Choice) -> Match:
     if all(found.missing for found in tries):
         table = open_table(path)
         if not table.headers:
-            raise InputError(
-                f"{at(path, table.data_line)}: no header line, expected the names of the columns",
-                "add one, or name the columns with names = […] under [table] in a column map",
-            )
+            hint = "add one, or name the columns with names = […] under [table] in a column map"
+            raise table.error("no header line, expected the names of the columns", hint, table.data_line)
         tries = [match(layout, table) for layout in all_layouts() if layout.may_be(table)]
         if all(found.missing for found in tries):
             near = [match(layout, table) for layout in said.maps] or tries
@@ -160,15 +158,11 @@ def read_source(
     if selector:
         chosen = columns[selector[0]] == selector[1]
         if not chosen.any():
-            raise InputError(
-                f"{table.path}: no row has {condition}", f"values there: {_values(columns[selector[0]])}"
-            )
+            raise table.error(f"no row has {condition}", f"values there: {_values(columns[selector[0]])}")
         source = source.only(chosen)
     if splitter is not None and len(runs := np.unique(source.columns[splitter])) > 1:
-        raise InputError(
-            f"{table.path}: holds several runs: {layout.split} = {_values(runs)}",
-            f"choose one, such as --rows '{layout.split} = {runs[0]:g}'",
-        )
+        what = f"holds several runs: {layout.split} = {_values(runs)}"
+        raise table.error(what, f"choose one, such as --rows '{layout.split} = {runs[0]:g}'")
     return source
 
 
@@ -190,9 +184,7 @@ def _selector(table: Table, condition: str, asked: bool) -> tuple[int, float] | 
     place = _place(table, hit["name"])
     if place is None and asked:
         known = ", ".join(filter(None, table.headers[0]))
-        raise InputError(
-            f"{table.path}: there is no column '{hit['name']}' to choose rows by", f"columns: {known}"
-        )
+        raise table.error(f"there is no column '{hit['name']}' to choose rows by", f"columns: {known}")
     return None if place is None else (place, float(hit["value"]))
 
 

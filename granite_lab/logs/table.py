@@ -68,9 +68,9 @@ def load(
         begin = table.text.find(b"\n", begin) + 1
     try:
         frame = _parse(table, begin, wanted, dates)
-    except (ValueError, OverflowError, pd.errors.ParserError) as error:
-        place = at(table.path, _find_fault(table, numbers) or None)
-        raise InputError(f"{place}: not a table of numbers: {error}", "export the log again") from None
+    except (ValueError, OverflowError) as error:
+        line = _find_fault(table, numbers)
+        raise table.error(f"not a table of numbers: {error}", "export the log again", line) from None
     doubts: list[str] = []
     # Rows of blanks are rows to pandas but hold no delimiter; they also end up in the careful count.
     delimiters = table.text.count(table.delimiter.encode(), begin)
@@ -100,11 +100,9 @@ def _seconds(table: Table, place: int, texts: pd.Series) -> Array:
     wrong = np.flatnonzero(stamps.isna() & texts.notna())
     if len(wrong):
         row = int(wrong[0])
-        raise InputError(
-            f"{at(table.path, line_of(table, row) or None)}: column '{table.name(place)}': "
-            f"{str(texts.iloc[row])[:30]!r} is not a date, expected one as 2026-03-01T12:00:00.25Z",
-            "write dates by ISO 8601, or leave the cell empty",
-        )
+        what = f"{str(texts.iloc[row])[:30]!r} is not a date, expected one as 2026-03-01T12:00:00.25Z"
+        hint = "write dates by ISO 8601, or leave the cell empty"
+        raise table.error(what, hint, line_of(table, row), place)
     since = (stamps - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
     return np.asarray(since, dtype=np.float64)
 
@@ -142,8 +140,8 @@ def _walk(table: Table) -> Iterator[tuple[int, list[str]]]:
             if row:
                 yield table.data_line - 1 + getattr(rows, "line_num", count), row
     except csv.Error as error:
-        place = at(table.path, table.data_line + count)
-        raise InputError(f"{place}: not a row of a table: {error}", "export the log again") from None
+        line = table.data_line + count
+        raise table.error(f"not a row of a table: {error}", "export the log again", line) from None
 
 
 def _find_fault(table: Table, wanted: Sequence[int]) -> int:
@@ -155,19 +153,17 @@ def _find_fault(table: Table, wanted: Sequence[int]) -> int:
     short = cells = 0
     for line, row in _walk(table):
         if short:
-            raise InputError(
-                f"{at(table.path, short)}: {cells} cells, expected {table.width}",
-                "a row of the log is cut off or damaged",
+            raise table.error(
+                f"{cells} cells, expected {table.width}", "a row of the log is cut off or damaged", short
             )
-        if len(row) < table.width and not (len(row) == table.width - 1 and table.open_end):
+        more = len(row) - table.width
+        if more < 0 and not (more == -1 and table.open_end):
             if any(cell.strip() for cell in row):
                 short, cells = line, len(row)
             continue
-        if len(row) > table.width and not (len(row) == table.width + 1 and not row[-1].strip()):
-            raise InputError(
-                f"{at(table.path, line)}: {len(row)} cells, expected {table.width}",
-                "a delimiter too many, or a decimal comma in a comma-separated file",
-            )
+        if more > 1 or (more == 1 and row[-1].strip()):
+            hint = "a delimiter too many, or a decimal comma in a comma-separated file"
+            raise table.error(f"{len(row)} cells, expected {table.width}", hint, line)
         for place in wanted:
             if place < len(row):
                 _check_cell(table, line, place, row[place].strip())
@@ -178,18 +174,15 @@ def _check_cell(table: Table, line: int, place: int, text: str) -> None:
     """Refuse a cell that is neither a finite number nor empty."""
     if text in MISSING or text.casefold() in ("true", "false"):
         return
-    where = f"{at(table.path, line)}: column '{table.name(place)}'"
     shown = text if len(text) <= 30 else text[:27] + "…"
     if not is_number(text, table.decimal):
-        comma = table.decimal == "." and is_number(text.replace(",", "."))
-        hint = (
-            'write numbers with a decimal point, or say decimal = "," under [table] in a column map'
-            if comma
-            else "leave the cell empty where the sensor has no sample"
-        )
-        raise InputError(f"{where}: {shown!r} is not a number, expected one", hint)
+        hint = "leave the cell empty where the sensor has no sample"
+        if table.decimal == "." and is_number(text.replace(",", ".")):
+            hint = 'write numbers with a decimal point, or say decimal = "," under [table] in a column map'
+        raise table.error(f"{shown!r} is not a number, expected one", hint, line, place)
     if not np.isfinite(float(text.replace(table.decimal, "."))):
-        raise InputError(f"{where}: {shown} is not finite, expected a number", "leave the cell empty instead")
+        what = f"{shown} is not finite, expected a number"
+        raise table.error(what, "leave the cell empty instead", line, place)
 
 
 def _matlab(path: Path) -> Table:
