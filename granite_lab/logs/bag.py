@@ -17,19 +17,12 @@ from granite_lab.logs.layouts import Column, Layout
 from granite_lab.logs.quantities import ROS, WORDS
 from granite_lab.logs.trial import Array
 
-IMU, JOINTS, ODOMETRY = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
-POSES = tuple(
-    f"geometry_msgs/msg/Pose{kind}" for kind in ("", "Stamped", "WithCovariance", "WithCovarianceStamped")
-)
-
-ROLES: dict[str, tuple[str, ...]] = {
-    "imu": (IMU,),
-    "joints": (JOINTS,),
-    "odom": (ODOMETRY,),
-    "reference": (ODOMETRY, *POSES, "sensor_msgs/msg/NavSatFix"),
-}
+ROLES = {role: tuple(told["types"].split()) for role, told in ROS.items()}
 """What a topic can be taken for, and the types of its messages. `odom` is the odometry of the wheels,
 `reference` a place from outside (GPS, motion capture) that only judges."""
+
+_INSTEAD = {"imu": "", "joints": "odom", "odom": "joints"}
+"""What a bag must hold one of, and which of them makes it needless."""
 
 LEFT_OUT = "none"
 """Given for a role in place of a topic, it leaves the role out."""
@@ -86,8 +79,9 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
         ) from None
     columns = {"t": _stamps(path, rows, doubts)}
     cells: dict[str, dict[int, float]] = {}
+    fields = {topic: list(ROS[role]["fields"]) for role, topic in chosen.items()}
     for row, (topic, _, message) in enumerate(rows):
-        for name, value in _fields(message):
+        for name, value in _numbers(message, fields[topic]):
             cells.setdefault(f"{topic}.{name}", {})[row] = value
     for name, held in cells.items():
         columns[name] = np.full(len(rows), np.nan)
@@ -116,26 +110,22 @@ def _choose(
                 "choose another topic",
             )
         chosen[role] = name
-    for role, instead in (("imu", ""), ("joints", "odom"), ("odom", "joints")):
-        if role in asked or instead in chosen:
-            continue
-        free = {
-            name: info.msgcount
-            for name, info in topics.items()
+    for role, instead in _INSTEAD.items():
+        fits = [] if role in asked or instead in chosen else list(topics.items())
+        free = [
+            (-info.msgcount, name)
+            for name, info in fits
             if info.msgtype in ROLES[role] and info.msgcount > 0 and name not in asked.values()
-        }
-        if not free:
-            continue
-        best = min(free, key=lambda name: (-free[name], name))
-        chosen[role] = best
-        others = ", ".join(sorted(set(free) - {best}))
-        if others:
-            doubts.append(
-                f"{path.name}: topic {best} taken as {role}, not {others}; --topic {role}=… chooses another"
-            )
-    if not set(chosen) & {"imu", "joints", "odom"}:
+        ]
+        if free:
+            chosen[role] = best = min(free)[1]
+            if others := ", ".join(sorted(name for _, name in free if name != best)):
+                told = f"{path.name}: topic {best} taken as {role}, not {others}"
+                doubts.append(f"{told}; --topic {role}=… chooses another")
+    if not set(chosen) & set(_INSTEAD):
         held = ", ".join(sorted({str(info.msgtype) for info in topics.values()})) or "nothing"
-        raise InputError(f"{path}: no topic with {IMU}, {JOINTS} or {ODOMETRY}", f"the bag holds: {held}")
+        imu, joints, odometry = (ROLES[role][0] for role in _INSTEAD)
+        raise InputError(f"{path}: no topic with {imu}, {joints} or {odometry}", f"the bag holds: {held}")
     if "odom" in chosen:
         doubts.append(
             f"{path.name}: no joint states: the wheels' velocity is that of odometry {chosen['odom']}"
@@ -164,33 +154,24 @@ def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str])
     return np.array([(stamp - origin * _SECOND) / 1e9 for stamp in stamps])
 
 
-def _fields(message: Any) -> Iterator[tuple[str, float]]:
-    """Yield the numbers of a message by the name of their field.
+def _numbers(message: Any, fields: Sequence[str]) -> Iterator[tuple[str, float]]:
+    """Yield the numbers of a message by the name of their field; what is not there is passed over.
 
-    Of an IMU, a covariance that begins with -1 says that the quantity is not there; of joints, position
-    [rad], velocity [rad/s] and effort [N m]; else velocity and place, or latitude and longitude.
+    Of an IMU, a covariance that begins with -1 says so; of a place on the globe, the status; of joints, NaN.
     """
-    if hasattr(message, "angular_velocity"):
-        for name in ("linear_acceleration", "angular_velocity", "orientation"):
-            if getattr(message, f"{name}_covariance")[0] != -1:
-                axes = "xyzw" if name == "orientation" else "xyz"
-                yield from ((f"{name}.{axis}", getattr(getattr(message, name), axis)) for axis in axes)
-    elif hasattr(message, "effort"):
+    if hasattr(message, "effort"):
         for name in ("position", "velocity", "effort"):
-            for joint, value in zip(message.name, getattr(message, name), strict=False):
-                if not math.isnan(value):
-                    yield f"{name}.{joint}", value
-    elif hasattr(message, "latitude"):
-        if message.status.status >= 0:  # -1: no fix
-            yield "latitude", message.latitude
-            yield "longitude", message.longitude
-    else:
-        if hasattr(message, "twist"):
-            yield "twist.twist.linear.x", message.twist.twist.linear.x
-        while hasattr(message, "pose"):  # stamped, with covariance, or both
-            message = message.pose
-        yield "pose.pose.position.x", message.position.x
-        yield "pose.pose.position.y", message.position.y
+            values = zip(message.name, getattr(message, name), strict=False)
+            yield from ((f"{name}.{joint}", value) for joint, value in values if not math.isnan(value))
+    if hasattr(message, "latitude") and message.status.status < 0:
+        return
+    for field in fields:
+        held, missing = message, getattr(message, f"{field.split('.')[0]}_covariance", (0,))[0] == -1
+        for name in field.split("."):
+            if name != "pose" or hasattr(held, name):
+                held = getattr(held, name, None)
+        if held is not None and not missing:
+            yield field, held
 
 
 def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str]]:
@@ -208,11 +189,11 @@ def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str
     names, doubts = table.headers[0], list[str]()
     columns = [Column(to=("t",), name="t", unit="s")]
     for role, topic in ((role, roles[role]) for role in ROLES if role in roles):
-        fields = ROS[role] if role != "joints" else _wheels(names, topic)
+        fields = ROS[role]["fields"] or _wheels(names, topic)
         columns += [
             Column(to=tuple(to), name=name, unit=unit)
             for field, (unit, *to) in fields.items()
-            if (name := f"{topic}.{field}") in names
+            if to and (name := f"{topic}.{field}") in names
         ]
         if not fields:
             what = f"{table.path}: no wheel among the joints of {topic}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import re
 from dataclasses import dataclass
+from typing import Any
 
 from granite_lab.parameters import CATALOGUE
 from granite_lab.parameters.quantity import build, parse_toml, quantity
@@ -67,8 +68,8 @@ SENSORS = {kind: build(Sensor, table, str(_PATH)) for kind, table in _LISTED["se
 WORDS: dict[str, frozenset[str]] = {key: frozenset(text.split()) for key, text in _LISTED["words"].items()}
 """What a name speaks of, to the words that say so."""
 
-ROS: dict[str, dict[str, list[str]]] = _LISTED["ros"]
-"""What a topic was taken for, to its fields with their unit and channels."""
+ROS: dict[str, dict[str, Any]] = _LISTED["ros"]
+"""What a topic can be taken for, to the types of its messages, and their fields with unit and channels."""
 
 CHANNELS = {channel: sensor.quantities for sensor in SENSORS.values() for channel in sensor.channels}
 """Channel to the quantities that may feed it."""
