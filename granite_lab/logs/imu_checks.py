@@ -78,12 +78,11 @@ def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
     seen = _windows(clean)
     a, removed = (1.0, imu.gravity_removed) if seen is None else _acceleration(imu.gravity_removed, seen, log)
     g = _rate(clean.angular_rate, removed, seen, log)
-    corrected = []
-    for one in (imu, clean):
-        force, rate = one.specific_force * a, one.angular_rate * g
-        corrected.append(ImuStream(one.t, force, rate, gravity_removed=removed))
-    _report_rails(corrected[0], log)
-    return corrected[0], corrected[1]
+    imu, clean = (
+        ImuStream(one.t, one.specific_force * a, one.angular_rate * g, removed) for one in (imu, clean)
+    )
+    _report_rails(imu, log)
+    return imu, clean
 
 
 def despike(stream: ImuStream) -> tuple[ImuStream, Mask]:
@@ -94,21 +93,18 @@ def despike(stream: ImuStream) -> tuple[ImuStream, Mask]:
         sample in a hundred would go, the frame really shakes like that, and none is touched.
     """
     hit = np.zeros(stream.t.size, dtype=bool)
-    clean: list[Array] = []
-    for values, least in ((stream.specific_force, SPIKE[0]), (stream.angular_rate, SPIKE[1])):
-        clean.append(values.copy())
-        for axis in range(3):
-            signal = values[:, axis]
-            if stream.t.size < 50 or not np.isfinite(signal).all():
-                continue
-            middle = median_filter(signal, 5, mode="nearest")
-            off = np.abs(signal - middle)
-            spike = off > max(least, 5.0 * float(np.percentile(off, 90)))
-            clean[-1][spike, axis] = middle[spike]
-            hit |= spike
+    both = np.hstack([stream.specific_force, stream.angular_rate])
+    for axis, signal in enumerate(both.T.copy()):
+        if stream.t.size < 50 or not np.isfinite(signal).all():
+            continue
+        middle = median_filter(signal, 5, mode="nearest")
+        off = np.abs(signal - middle)
+        spike = off > max(SPIKE[axis // 3], 5.0 * float(np.percentile(off, 90)))
+        both[spike, axis] = middle[spike]
+        hit |= spike
     if not hit.any() or hit.mean() > 0.01:
         return stream, np.zeros(stream.t.size, dtype=bool)
-    return dataclasses.replace(stream, specific_force=clean[0], angular_rate=clean[1]), hit
+    return dataclasses.replace(stream, specific_force=both[:, :3], angular_rate=both[:, 3:]), hit
 
 
 def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
@@ -287,13 +283,10 @@ def _refuse_dead(imu: ImuStream, mounting: Array, log: Log) -> None:
         same = runs((np.diff(values, axis=0) == 0).all(axis=1))
         first, last = max(same, key=lambda run: run[1] - run[0], default=(0, -1))
         begin, end = float(imu.t[first]), float(imu.t[last + 1])
+        changes = f"expected readings of the {what} that change"
         if end - begin > HANGS and 50 < last + 1 - first < 0.9 * len(imu.t):
-            raise log.refuse(
-                channels,
-                f": every sample from t = {begin:.3f} s to {end:.3f} s is the same, expected readings of the "
-                f"{what} that change: the sensor hangs",
-                "cut the log there (--from, --to)",
-            )
+            told = f": every sample from t = {begin:.3f} s to {end:.3f} s is the same, {changes}: it hangs"
+            raise log.refuse(channels, told, "cut the log there (--from, --to)")
         constant = np.array([np.isfinite(v).all() and np.ptp(v) == 0 for v in values.T])
         if constant[np.isfinite(values).any(axis=0)].all() and (
             np.isnan(other).all() or not np.ptp(other, axis=0).any()
@@ -301,11 +294,10 @@ def _refuse_dead(imu: ImuStream, mounting: Array, log: Log) -> None:
             return  # nothing is connected: the rails' warning says so
         for j in np.flatnonzero(constant):
             if log.robot.imu.forward == "find" or any(turn[row, j] for row in rows):
-                raise log.refuse(
-                    channels[j],
-                    f": every sample is {values[0, j]:.6g}, expected readings of the {what} that change: the "
-                    "sensor hangs or is not connected",
+                told = (
+                    f": every sample is {values[0, j]:.6g}, {changes}: the sensor hangs or is not connected"
                 )
+                raise log.refuse(channels[j], told)
 
 
 def _refuse_gravity(imu: ImuStream, mounting: Array, still: Spans, log: Log) -> None:

@@ -20,7 +20,7 @@ from granite_lab.logs.guess import ColumnReport, by_name, guess
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
 from granite_lab.logs.named import is_bag, name_of, parts_of
 from granite_lab.logs.reader import assemble
-from granite_lab.logs.source import Choice, read_source, recognise
+from granite_lab.logs.source import read_source, recognise
 from granite_lab.logs.table import load, open_table
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.logs.wheels import MotionGuess, look, rests
@@ -196,30 +196,36 @@ def inspect_logs(
     Raises:
         UsageError: unknown robot or column map.
     """
-    said = Choice(given_maps(map), topics or {})
+    maps = given_maps(map)
     files = [file for path in paths for file in parts_of(Path(path)) or [Path(path)]]
-    return Inspection(tuple(_inspect(path, said, robot, rows) for path in files))
+    return Inspection(tuple(_inspect(path, maps, topics, robot, rows) for path in files))
 
 
-def _inspect(path: Path, said: Choice, robot: str | Path | None, rows: str | None) -> FileReport:
+def _inspect(
+    path: Path,
+    maps: Sequence[Layout],
+    topics: Mapping[str, str] | None,
+    robot: str | Path | None,
+    rows: str | None,
+) -> FileReport:
     """Look at one file: by its layout, or else by guess."""
     report, found = FileReport(path), None
     try:
-        found = recognise(path, said)
+        found = recognise(path, maps, topics)
         table = found.table
     except InputError as error:
         report = replace(report, problem=error.message)
         if is_bag(path):
             return report
         try:
-            table = open_table(path, said.maps[0].table if len(said.maps) == 1 else None)
+            table = open_table(path, maps[0].table if len(maps) == 1 else None)
         except InputError:
             return report
     columns, doubts = _numbers(table)
     entries = _recognised(found) if found is not None else guess(table, columns)
     used = {column.place for column in entries}
     entries += [_unused(table, columns, place) for place in range(table.width) if place not in used]
-    entries = [_ranged(column, columns.get(column.place)) for column in entries]
+    entries = [_ranged(one, columns[one.place]) if one.place in columns else one for one in entries]
     report = replace(
         report, dialect=table if table.data_line else None, entries=tuple(entries), doubts=tuple(doubts)
     )
@@ -233,7 +239,7 @@ def _inspect(path: Path, said: Choice, robot: str | Path | None, rows: str | Non
         if not any("t" in column.to for column in entries):
             return report
     try:
-        source = read_source(found or _bound(report, table), rows, columns)
+        source = read_source(found or _bound(report, table), rows, held=columns)
         trial = assemble(path, [("", source)], robot, whole=False)
     except InputError as error:
         told = (*report.doubts, error.message) if error.message != report.problem else report.doubts
@@ -271,10 +277,10 @@ def _is_numeric(table: Table, place: int) -> bool:
     return not table.data_line or numbers > 0.5 * len(cells)
 
 
-def _ranged(column: ColumnReport, values: Array | None) -> ColumnReport:
+def _ranged(column: ColumnReport, values: Array) -> ColumnReport:
     """Add lowest and highest value and the filled share of a column."""
-    seen = values[np.isfinite(values)] if values is not None else np.zeros(0)
-    if values is None or len(seen) == 0:
+    seen = values[np.isfinite(values)]
+    if len(seen) == 0:
         return column
     return replace(column, low=float(seen.min()), high=float(seen.max()), filled=len(seen) / len(values))
 

@@ -207,10 +207,18 @@ def load_layout(name: str | Path) -> Layout:
     """
     path = find("loggers", name)
     layout = build(Layout, read_toml(path), str(path))
-    for what, pattern in ("file", layout.file), ("preamble", layout.preamble):
-        _refuse_pattern(path, what, pattern)
+    patterns = {"file": layout.file, "preamble": layout.preamble}
+    patterns |= {f"[[column]] {n} pattern": column.pattern for n, column in enumerate(layout.column, 1)}
+    for what, pattern in patterns.items():
+        try:
+            re.compile(pattern)
+        except re.error as error:
+            raise InputError(
+                f"{path}: {what} = {pattern!r} is not a regular expression: {error}",
+                "write it in 'single quotes', and \\( for a bracket",
+            ) from None
     for number, column in enumerate(layout.column, 1):
-        _check(path, number, column)
+        _check(f"{path}: [[column]] {number}", column)
     if not any("t" in column.to for column in layout.column):
         raise InputError(f"{path}: no column feeds 't'", 'add a [[column]] with to = ["t"] and its unit')
     return layout
@@ -239,34 +247,19 @@ def all_layouts() -> tuple[Layout, ...]:
     return tuple(load_layout(CATALOGUE / "loggers" / f"{name}.toml") for name in names("loggers"))
 
 
-def _refuse_pattern(path: Path, what: str, pattern: str) -> None:
-    """Refuse what is no regular expression."""
-    try:
-        re.compile(pattern)
-    except re.error as error:
-        raise InputError(
-            f"{path}: {what} = {pattern!r} is not a regular expression: {error}",
-            "write it in 'single quotes', and \\( for a bracket",
-        ) from None
-
-
-def _check(path: Path, number: int, column: Column) -> None:
+def _check(where: str, column: Column) -> None:
     """Refuse a column entry that cannot be meant."""
-    where = f"{path}: [[column]] {number}"
     if bool(column.name) == bool(column.pattern):
-        raise InputError(
-            f"{where}: needs either 'name' or 'pattern'", "one of the two says which column is meant"
-        )
-    _refuse_pattern(path, f"[[column]] {number} pattern", column.pattern)
+        hint = "one of the two says which column is meant"
+        raise InputError(f"{where}: needs either 'name' or 'pattern'", hint)
     for channel in column.to:
         if channel not in CHANNELS:
             raise InputError(f"{where}: unknown channel '{channel}'", f"channels: {', '.join(CHANNELS)}")
         if column.unit or "unit" not in column.regex.groupindex:
             check_unit(column.unit, channel, where)
     if column.scale == 0:
-        raise InputError(
-            f"{where}: scale = 0 would make every sample zero", "leave it out, or give the factor"
-        )
+        hint = "leave it out, or give the factor"
+        raise InputError(f"{where}: scale = 0 would make every sample zero", hint)
 
 
 def check_unit(text: str, channel: str, where: str) -> Unit:

@@ -16,7 +16,7 @@ from granite_lab.logs.imu_checks import check_units, refuse_axes
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
 from granite_lab.logs.named import name_of, parts_of, sidecar
 from granite_lab.logs.quantities import SENSORS
-from granite_lab.logs.source import Choice, Source, read_source, recognise
+from granite_lab.logs.source import Source, read_source, recognise
 from granite_lab.logs.streams import interval, read_streams
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo
 from granite_lab.logs.wheels import (
@@ -81,20 +81,18 @@ def read_trial(
         InputError: a file cannot be used, or its wheels do not turn in the window.
         UsageError: unknown robot or column map.
     """
-    first, said = Path(path), Choice(given_maps(map), topics or {})
-    if parts := parts_of(first):
-        sides = [sidecar(first), *[None] * (len(parts) - 1)]
-        files = [
-            ("", read_source(recognise(part, said), None, beside=side))
-            for part, side in zip(parts, sides, strict=True)
-        ]
-    else:
-        files = [("", read_source(recognise(first, said), rows))]
-    extra = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
-    for role, other in extra.items():
-        if other is not None and Path(other) != first:
-            files.append((role, read_source(recognise(Path(other), said), None)))
-    for layout in said.maps:
+    first, maps = Path(path), given_maps(map)
+    given = [("", part) for part in parts_of(first)] or [("", first)]
+    roles = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
+    given += [
+        (role, Path(other)) for role, other in roles.items() if other is not None and Path(other) != first
+    ]
+    files: list[tuple[str, Source]] = []
+    for role, file in given:
+        # What is said of the whole trial goes with its first file.
+        of_all = (rows if file == first else None, None if files else sidecar(first))
+        files.append((role, read_source(recognise(file, maps, topics), *of_all)))
+    for layout in maps:
         if all(source.match.layout != layout for _, source in files):
             raise no_match([match(layout, files[0][1].match.table)], given=True)
     trial = assemble(first, files, robot, info, window=window)

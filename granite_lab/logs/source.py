@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -69,33 +69,25 @@ class Source:
         return dataclasses.replace(self, columns=columns, kept=self.kept[rows])
 
 
-@dataclass(frozen=True)
-class Choice:
-    """What a user says about the files.
+def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str] | None = None) -> Match:
+    """Open a table or a bag and find its layout.
 
-    Attributes:
+    Args:
+        path: the file.
         maps: column maps; they go before the catalogue.
         topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
-    """
-
-    maps: tuple[Layout, ...] = ()
-    topics: Mapping[str, str] = field(default_factory=dict)
-
-
-def recognise(path: Path, said: Choice) -> Match:
-    """Open a table or a bag and find its layout.
 
     Raises:
         InputError: not a table, of no known layout, or several fit equally well.
     """
     tries: list[Match] = []
     if is_bag(path):
-        table, roles = read_bag(path, said.topics)
-        tries = [match(layout, table) for layout in said.maps]
+        table, roles = read_bag(path, topics or {})
+        tries = [match(layout, table) for layout in maps]
         if all(found.missing for found in tries):
             layout, doubts = bag_layout(table, roles)
             tries = [match(layout, _doubted(table, *doubts))]
-    for layout in said.maps if not is_bag(path) else ():
+    for layout in maps if not is_bag(path) else ():
         with suppress(InputError):  # the map may be meant for another file of the trial
             tries.append(match(layout, open_table(path, layout.table)))
     if all(found.missing for found in tries):
@@ -105,10 +97,10 @@ def recognise(path: Path, said: Choice) -> Match:
             raise table.error("no header line, expected the names of the columns", hint, table.data_line)
         tries = [match(layout, table) for layout in all_layouts() if layout.may_be(table)]
         if all(found.missing for found in tries):
-            near = [match(layout, table) for layout in said.maps] or tries
-            raise no_match(near, bool(said.maps))
+            near = [match(layout, table) for layout in maps] or tries
+            raise no_match(near, bool(maps))
     chosen = best([found for found in tries if not found.missing])
-    if is_bag(path) or chosen.layout in said.maps or any(b.channel in ENCODERS for b in chosen.bindings):
+    if is_bag(path) or chosen.layout in maps or any(b.channel in ENCODERS for b in chosen.bindings):
         return chosen
     table, known = chosen.table, {b.place for b in chosen.bindings}
     names = [table.name(place) for place in range(table.width) if place not in known]
@@ -125,15 +117,15 @@ def _doubted(table: Table, *doubts: str) -> Table:
 
 
 def read_source(
-    found: Match, rows: str | None, held: Mapping[int, Array] | None = None, beside: Path | None = None
+    found: Match, rows: str | None, beside: Path | None = None, held: Mapping[int, Array] | None = None
 ) -> Source:
     """Read the columns that a layout binds.
 
     Args:
         found: the file and its layout.
         rows: which rows to take, as ``run_id = 4``.
-        held: columns that were read already.
         beside: a further TOML file with metadata, which go before the file's.
+        held: columns that were read already.
 
     Raises:
         InputError: anything that is wrong with the columns or the rows.
@@ -149,8 +141,10 @@ def read_source(
     else:
         columns, cut = load(table, sorted(wanted), sorted(dates))
         doubts += cut
-    sides = [side for side in (sidecar(table.path), beside) if side not in (None, table.path)]
-    sides = [side for side in sides if side.is_file()]
+    beside_it = dict.fromkeys(
+        side for side in (sidecar(table.path), beside) if side not in (None, table.path)
+    )
+    sides = [side for side in beside_it if side is not None and side.is_file()]
     metadata = collect(table.comments, table.path, doubts, sides)
     inputs = tuple(InputFile(file, sha256(file)) for file in (table.path, *sides))
     kept = np.arange(len(next(iter(columns.values()))), dtype=np.float64)
