@@ -15,7 +15,7 @@ from granite_lab.logs.named import name_of, trial_files
 from granite_lab.logs.trial import Trial
 from tests.logs import make
 from tests.logs.bags import EPOCH, IMU, JOINTS, KINDS, ODOM, OUTSIDE, WHEELS, Bag, rounded
-from tests.logs.test_damaged_logs import check
+from tests.logs.test_texts import check
 
 
 @pytest.fixture(scope="module")

@@ -159,13 +159,6 @@ def test_a_misspelt_metadata_key_is_pointed_out(tmp_path: Path) -> None:
     assert any("did you mean 'v_desired_mps'" in line for line in trial.warnings)
 
 
-def test_two_files_make_one_trial(tmp_path: Path) -> None:
-    wheels = make.written(tmp_path, make.only("t_s", *make.WHEELS), "enc.csv")
-    two = make.read(tmp_path, make.only("t_s", *make.IMU), "imu.csv", encoders=wheels)
-    make.same(two, make.read(tmp_path, make.text()))
-    assert len(two.inputs) == 2
-
-
 def test_the_angle_counts_where_the_rate_is_logged_too(tmp_path: Path) -> None:
     header, *rows = make.lines()
     trial = make.read(tmp_path, "\n".join([header + ",enc_fl_radps", *(row + ",7.5" for row in rows)]))

@@ -1,6 +1,6 @@
-"""Broken logs: each is refused in one line that names the place, with a hint and exit code 3."""
+"""Text as programs write it gives the same trial; a broken log is refused in one line, with place and hint."""
 
-# ruff: noqa: E501  # a table, one broken log a line
+# ruff: noqa: E501  # tables, one log a line
 
 from __future__ import annotations
 
@@ -10,12 +10,86 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
 
-from granite_lab.errors import InputError
-from granite_lab.logs import inspect_logs
+from granite_lab.errors import InputError, LabError
+from granite_lab.logs import inspect_logs, read_trial
 from tests.logs import make
+from tests.soak import SOAK
 
 LINES = make.lines()
+
+
+PLAIN = "\n".join(LINES)
+HEADER, *ROWS = LINES
+
+
+def each(change: Callable[[str], str], header: str = HEADER) -> str:
+    """Change every row, and give the header that belongs to it."""
+    return "\n".join([header, *map(change, ROWS)])
+
+
+def quoted(line: str) -> str:
+    return ",".join(f'"{cell}"' for cell in line.split(","))
+
+
+WAYS: dict[str, str | bytes] = {
+    "UTF-8 with byte order mark": b"\xef\xbb\xbf" + PLAIN.encode(),
+    "UTF-16 little endian": PLAIN.encode("utf-16"),
+    "UTF-16 big endian": b"\xfe\xff" + PLAIN.encode("utf-16-be"),
+    "UTF-16 without mark": PLAIN.encode("utf-16-le"),
+    "Windows line ends": PLAIN.replace("\n", "\r\n"),
+    "old Macintosh line ends": PLAIN.replace("\n", "\r").encode(),
+    "semicolons": PLAIN.replace(",", ";"),
+    "semicolons and decimal commas": PLAIN.replace(",", ";").replace(".", ","),
+    "tabs": PLAIN.replace(",", "\t"),
+    "tabs and decimal commas": PLAIN.replace(",", "\t").replace(".", ","),
+    "blanks": PLAIN.replace(",", "   "),
+    "bars": PLAIN.replace(",", "|"),
+    "blanks behind commas": PLAIN.replace(",", ", "),
+    "quoted cells": each(quoted, quoted(HEADER)),
+    "quoted decimal commas": each(lambda row: quoted(row).replace(".", ","), quoted(HEADER)),
+    "delimiter at the end of every line": each(lambda row: row + ",", HEADER + ","),
+    "semicolon at the end of every line": each(lambda row: row + ";", HEADER + ";"),
+    "delimiter at the end of rows only": each(lambda row: row + ","),
+    "sep= line": "sep=;\n" + PLAIN.replace(",", ";"),
+    "quoted sep= line": '"sep=,"\n' + PLAIN,
+    "unnamed index": each(lambda row: "7," + row, "," + HEADER),
+    "a column of texts": each(lambda row: row + ',"a, b"', HEADER + ",note"),
+    "doubled header that nobody needs": each(lambda row: row + ",1,2", HEADER + ",x,x"),
+    "a row of units below the header": "\n".join([HEADER, "s" + ",-" * 10, *ROWS]),
+    "preamble": "Recorded by station 4\n\n" + PLAIN,
+    "upper case": each(str, HEADER.upper()),
+    "empty lines": PLAIN.replace("\n", "\n\n"),
+    "no line end at the end": PLAIN,
+    "NaN for not sampled": each(lambda row: row + ",NaN", HEADER + ",cur_fl_A"),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_same_trial_comes_out(way: str, tmp_path: Path) -> None:
+    make.same(make.read(tmp_path, make.text()), make.read(tmp_path, WAYS[way], "other.csv"))
+
+
+def test_a_row_that_was_cut_off_at_the_end_is_left_out_and_said(tmp_path: Path) -> None:
+    trial = make.read(tmp_path, "\n".join(LINES)[:-40], "cut.csv")
+    assert len(trial.imu.t) == len(LINES) - 2
+    assert any(f"cut.csv:{len(LINES)}: the last row is cut off" in line for line in trial.warnings)
+
+
+def test_windows_1252_is_read_and_said(tmp_path: Path) -> None:
+    trial = make.read(tmp_path, ("# Bediener = Müller\n" + "\n".join(LINES)).encode("cp1252"))
+    assert trial.info.extra == {"Bediener": "Müller"}
+    assert any("Windows-1252" in line for line in trial.warnings)
+
+
+def test_a_million_blank_lines(tmp_path: Path) -> None:
+    blank = "\n" * 1_000_000
+    trial = make.read(tmp_path, blank + "\n".join(LINES[:300]) + blank + "\n".join(LINES[300:]))
+    assert len(trial.imu.t) == len(LINES) - 1
+
+
 COLUMNS = make.COLUMNS
 
 
@@ -152,3 +226,98 @@ def test_counts_of_an_encoder_nobody_describes(tmp_path: Path) -> None:
 def test_a_last_row_that_is_cut_off_within_a_broken_number_is_named_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"trial\.csv:602: not a table of numbers"):
         make.read(tmp_path, TEXT + "6.0,0.1,-0.07x\n")
+
+
+EXAMPLES = 3000 if SOAK else 150
+GOOD = make.text(duration=3.0).encode()
+ROWS_OF_BYTES = GOOD.split(b"\n")
+
+CELLS = [
+    *(b"", b"nan", b"inf", b"-", b"1e400", b"1e-320", b"1,5", b"0x10", b"=1+1", b"true", b"9" * 400, b"t_s"),
+    *(b"'", b'"', b'""', b"#", b",", b";", b"\t", b"\r", b"\n", b"\x00", b"\xff\xfe", b"# a = 1"),
+]
+cells = st.sampled_from(CELLS)
+damage = st.one_of(
+    st.tuples(st.just("cell"), st.integers(0, len(ROWS_OF_BYTES) - 1), st.integers(0, 10), cells),
+    st.tuples(st.just("bytes"), st.integers(0, len(GOOD)), st.just(0), st.binary(max_size=20)),
+    st.tuples(st.just("cut"), st.integers(0, len(GOOD)), st.integers(0, len(GOOD)), st.just(b"")),
+    st.tuples(
+        st.just("swap"),
+        st.integers(0, len(ROWS_OF_BYTES) - 1),
+        st.integers(0, len(ROWS_OF_BYTES) - 1),
+        st.just(b""),
+    ),
+    st.tuples(st.just("line"), st.integers(0, len(ROWS_OF_BYTES) - 1), st.just(0), st.binary(max_size=40)),
+)
+
+
+def damaged(steps: list[tuple[str, int, int, bytes]]) -> bytes:
+    """Apply some damage to the good log."""
+    content = GOOD
+    for kind, a, b, text in steps:
+        if kind == "bytes":
+            content = content[:a] + text + content[a:]
+        elif kind == "cut":
+            content = content[: min(a, b)] + content[max(a, b) :]
+        else:
+            lines = content.split(b"\n")
+            if a < len(lines) and kind == "line":
+                lines.insert(a, text)
+            elif max(a, b) < len(lines) and kind == "swap":
+                lines[a], lines[b] = lines[b], lines[a]
+            elif a < len(lines) and kind == "cell":
+                row = lines[a].split(b",")
+                row[min(b, len(row) - 1)] = text
+                lines[a] = b",".join(row)
+            content = b"\n".join(lines)
+    return content
+
+
+def check(path: Path) -> bool:
+    """Read a log and hold what comes out to its promises; return whether it was refused."""
+    refused: LabError | None = None
+    try:
+        trial = read_trial(path)
+    except LabError as error:
+        refused = error
+    else:
+        if trial.imu is not None:
+            assert np.isfinite(trial.imu.t).all()
+            assert (np.diff(trial.imu.t) > 0).all()
+            for values in (trial.imu.specific_force, trial.imu.angular_rate):
+                assert (np.isfinite(values).all(axis=0) | np.isnan(values).all(axis=0)).all()
+        if trial.wheels is not None:
+            assert (np.diff(trial.wheels.t) > 0).all()
+            assert not np.isinf(trial.wheels.angle).any()
+        assert all("\n" not in line for line in trial.warnings)
+    if refused:
+        assert refused.message.startswith(str(path)), refused.message
+        assert "\n" not in refused.message
+        assert refused.hint
+        assert refused.exit_code == 3
+    inspect_logs([path]).as_json()
+    return refused is not None
+
+
+many = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+numbers = st.floats(allow_nan=True, width=32) | st.none()
+
+
+@given(steps=st.lists(damage, min_size=1, max_size=4))
+@many
+def test_a_damaged_log(steps: list[tuple[str, int, int, bytes]], tmp_path: Path) -> None:
+    check(make.written(tmp_path, damaged(steps)))
+
+
+@given(content=st.binary(max_size=300))
+@many
+def test_any_bytes(content: bytes, tmp_path: Path) -> None:
+    check(make.written(tmp_path, content))
+
+
+@given(rows=st.lists(st.lists(numbers, min_size=11, max_size=11), max_size=12))
+@example(rows=[[0.0] * 11, [2.0**-9, *[0.0] * 9, 1.0]])  # a wheel whose only step no wheel can make
+@many
+def test_any_numbers(rows: list[list[float | None]], tmp_path: Path) -> None:
+    table = [",".join("" if x is None else repr(x) for x in row) for row in rows]
+    check(make.written(tmp_path, "\n".join([make.HEADER, *table])))
