@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
-from granite_lab import __version__, reporting
+from granite_lab import __version__, fitting, reporting
 from granite_lab.comparison.compare import compare
-from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError
@@ -25,8 +23,8 @@ from granite_lab.results import Source, StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, Options, each_trial, sifted
 from granite_lab.running.cache import code, fingerprint
 from granite_lab.running.each import HERE
+from granite_lab.running.options import corrected
 from granite_lab.running.output import Guard
-from granite_lab.running.reading import estimate, read
 from granite_lab.running.search import save_found, search
 
 
@@ -36,13 +34,10 @@ def analyse(path: Path, options: Options) -> TrialResult:
     Raises:
         LabError: any stage could not do its work; the message says which and why.
     """
-    from granite_lab.fitting import fit_k92  # noqa: PLC0415, heavy
-
-    logged, robot = read(path, options)
-    trial, motion = estimate(logged, robot, options)
+    trial, robot, motion = corrected(path, options)
     name, effects = ground(trial, options)
     soil = load_soil(name)
-    fit = fit_k92(motion, trial, robot, soil, effects=effects)
+    fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)
     return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
 
 
@@ -98,10 +93,8 @@ def study(
 
 def over_trials(trials: Sequence[TrialResult]) -> AThetaFit | None:
     """Fit a_θ over trials; None where they do not allow it."""
-    from granite_lab.fitting import fit_a_theta  # noqa: PLC0415, heavy
-
     try:
-        return fit_a_theta([trial.comparison.fit for trial in trials])
+        return fitting.fit_a_theta([trial.comparison.fit for trial in trials])
     except EstimateError:
         return None
 
@@ -138,20 +131,24 @@ def source_of(
     )
 
 
-class Written(NamedTuple):
-    """What was written.
+@dataclass(frozen=True)
+class Written:
+    """A study or a search, and what was written of it.
 
     Attributes:
+        result: the study; of a search alone one without trials. What could not be written is among the
+            `failures` of its finding.
         page: first page of the report; None where it could not be written.
         model: the model with what was found; None where nothing was searched, or it could not be written.
-        finding: what was found, with what could not be written among its `failures`.
         failures: what could not be written, one line each.
+        unchanged: the folder held all of it already, so that nothing was written.
     """
 
-    page: Path | None
+    result: StudyResult
+    page: Path | None = None
     model: Path | None = None
-    finding: Finding | None = None
     failures: tuple[str, ...] = ()
+    unchanged: bool = False
 
 
 def write(
@@ -159,6 +156,7 @@ def write(
     options: Options,
     folder: Path,
     searched: Sequence[tuple[Trial, Motion]] = (),
+    failures: Sequence[str] = (),
 ) -> Written:
     """Write the report of a study, and the model with what was found; what fails costs nothing of the others.
 
@@ -167,6 +165,7 @@ def write(
         options: of it.
         folder: to write into.
         searched: trials of a search alone, with their motion.
+        failures: what could not be written before.
     """
     guard, model = Guard(folder), None
     library(options.effects)  # the report takes words from the user's own effects, too
@@ -177,18 +176,15 @@ def write(
         model = save_found(found, options, trials, motions, guard)
     name = model.name if model and result.trials else model
 
-    def told() -> Finding | None:
-        return found and replace(found, failures=(*found.failures, *guard.lines))
+    def told() -> StudyResult:
+        return replace(result, finding=found and replace(found, failures=(*found.failures, *guard.lines)))
 
-    page = guard.run(
-        "report",
-        lambda: reporting.write_report(replace(result, finding=told()), folder, model=name),
-    )
-    if page is None and (finding := told()):
+    page = guard.run("report", lambda: reporting.write_report(told(), folder, model=name))
+    if page is None and (finding := told().finding):
         guard.run("finding", lambda: reporting.write_finding(finding, folder, name))
         alone = replace(result, finding=None, unsearched="the search could not be shown; see finding.json")
         page = guard.run("rest", lambda: reporting.write_report(alone, folder)) if result.trials else None
-    return Written(page, model, told(), tuple(guard.lines))
+    return Written(told(), page, model, (*failures, *guard.lines))
 
 
 def record(

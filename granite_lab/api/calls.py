@@ -18,7 +18,7 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Annotated, Any, ParamSpec, TypeVar
 
 from granite_lab.errors import UsageError
 
@@ -64,17 +64,24 @@ class Arg:
         return f"{self.low:g} or more"
 
 
+NAMED = "a name of the catalogue or a .toml file"
+File = str | Path | None
+
+RobotFile = Annotated[File, Arg(f"the robot: {NAMED}; by default that of the log, else granite")]
+SoilFile = Annotated[File, Arg(f"the soil: {NAMED}; by default that of the log, else dry_sand")]
+MapFile = Annotated[File, Arg(f"column map: {NAMED}, or a folder of these")]
+ModelFile = Annotated[File, Arg("file (model.toml) of the paper's model with effects switched on")]
+EffectFile = Annotated[File, Arg("your own effect file (.py). It is executed: use only code you trust")]
+Topics = Annotated[
+    Mapping[str, str] | None, Arg("of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic")
+]
+Jobs = Annotated[int, Arg("number of processes; 0 means one per core", 0, low=0)]
+Done = Annotated[Callable[[Path], None], Arg("called with each path once it is finished", lambda _: None)]
+
+
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a function.
-
-    Attributes:
-        name: in Python.
-        kinds: types that it may have.
-        default: `inspect.Parameter.empty` where a value must be given.
-        help: what it is, from the docstring.
-        arg: what its annotation says besides.
-    """
+    """A parameter of a function: its name, the types that it may have, its default and what is said of it."""
 
     name: str
     kinds: tuple[Any, ...]
@@ -86,10 +93,20 @@ class Parameter:
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Make a function raise a TypeError that names the parameter, what was expected and what was given.
 
-    Keywords that several functions share (``**said: Unpack[…]``) stand in its signature and docstring like
-    its own, and are handed over with their defaults. Types that only a type checker imports are not checked.
+    Keywords that several functions share (``**said: Unpack[…]``) stand in its signature like its own, and are
+    handed over with their defaults; what their annotations say of them completes its docstring. Types that
+    only a type checker imports are not checked.
     """
-    signature, hints, shared = _spelt_out(function)
+    signature, hints = inspect.signature(function), hints_of(function)
+    parameters = list(signature.parameters.values())
+    if parameters and parameters[-1].kind is inspect.Parameter.VAR_KEYWORD:
+        (said,) = typing.get_args(hints.pop(parameters.pop().name))
+        hints |= (shared := typing.get_type_hints(said, include_extras=True))
+        parameters += [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=_arg(hint).default)
+            for name, hint in shared.items()
+        ]
+        signature = signature.replace(parameters=parameters)
 
     @functools.wraps(function)
     def called(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -110,17 +127,28 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         bound.apply_defaults()
         return function(*bound.args, **bound.kwargs)
 
-    called.__signature__ = signature  # type: ignore[attr-defined]
-    lines = "".join(f"    {name}: {_arg(hints[name]).help}.\n" for name in shared)
-    called.__doc__ = re.sub(r"(?s)(Args:\n.*?\n)(?=\n|$)", rf"\g<1>{lines}", f"{inspect.getdoc(function)}\n")
+    vars(called).update(__signature__=signature, hints=hints)
+    called.__doc__ = _completed(inspect.getdoc(function) or "", hints)
     return called
+
+
+def _completed(doc: str, hints: Mapping[str, Any]) -> str:
+    """Return a docstring with the arguments that are described in their annotations."""
+    lines = [f"\n    {name}: {_arg(hint).help}." for name, hint in hints.items() if _arg(hint).help]
+    if not lines:
+        return doc
+    parts = doc.split("\n\n")
+    known = (i for i, part in enumerate(parts) if part.startswith(("Args:", "Returns:", "Raises:")))
+    place = next(known, len(parts))
+    if not any(part.startswith("Args:") for part in parts):
+        parts.insert(place, "Args:")
+    parts[place] += "".join(lines)
+    return "\n\n".join(parts)
 
 
 def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
     """Return the parameters of a function with a docstring."""
-    hints = hints_of(function)
-    if "said" in hints:
-        hints |= typing.get_type_hints(typing.get_args(hints["said"])[0], include_extras=True)
+    hints = vars(function).get("hints") or hints_of(function)
     section = (inspect.getdoc(function) or "").partition("Args:\n")[2].partition("\n\n")[0]
     entries = re.findall(r"(?ms)^    (\w[\w, ]*): (.*?)(?=^    \w|\Z)", section + "\n")
     helps = {name: " ".join(text.split()) for names, text in entries for name in re.split(r",\s*", names)}
@@ -131,34 +159,15 @@ def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
 
 
 def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of a function."""
-    return typing.get_type_hints(function, localns=_Known(function), include_extras=True)
+    """Return the annotations of a function; names in them that it does not import may be anything."""
+    return typing.get_type_hints(
+        function, localns=_Known(vars(typing) | function.__globals__), include_extras=True
+    )
 
 
 class _Known(dict[str, Any]):
-    """Names in the annotations of a function; those that it does not import may be anything."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__()
-        self._found = vars(typing) | vars(builtins) | inspect.unwrap(function).__globals__
-
     def __missing__(self, name: str) -> Any:
-        return self._found.get(name, Any)
-
-
-def _spelt_out(function: Callable[..., Any]) -> tuple[inspect.Signature, dict[str, Any], list[str]]:
-    """Return signature and types of a function, shared keywords one by one, and the names of these."""
-    signature = inspect.signature(function)
-    hints = hints_of(function)
-    parameters, shared = list(signature.parameters.values()), {}
-    if parameters and parameters[-1].kind is inspect.Parameter.VAR_KEYWORD:
-        (said,) = typing.get_args(hints[parameters.pop().name])
-        shared = typing.get_type_hints(said, include_extras=True)
-        parameters += [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=_arg(hint).default)
-            for name, hint in shared.items()
-        ]
-    return signature.replace(parameters=parameters), hints | shared, list(shared)
+        return getattr(builtins, name, Any)
 
 
 def _arg(hint: Any) -> Arg:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from granite_lab import estimation
 from granite_lab.api.calls import checked
 from granite_lab.api.project import About, choose
 from granite_lab.errors import EstimateError, InputError, LabError, UsageError
@@ -18,6 +19,7 @@ from granite_lab.logs.named import is_bag
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.processes import one_thread
+from granite_lab.running.options import read
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,8 +99,6 @@ def check(log: str | Path, **said: Unpack[About]) -> Checked:
     choice = choose(log, said, everything=True)
     if len(choice.files) > 1:
         raise UsageError(f"{log}: {len(choice.files)} logs", "check one after the other")
-    from granite_lab.running.reading import estimate, read  # noqa: PLC0415, heavy
-
     path, options = choice.files[0], choice.options
     try:
         trial, robot = read(path, options)
@@ -108,7 +108,7 @@ def check(log: str | Path, **said: Unpack[About]) -> Checked:
     failed = InputError if not all(c.good for c in checks) else EstimateError
     try:
         with one_thread():
-            checks += _motion(estimate(trial, robot, options)[1], trial)
+            checks += _motion(estimation.correct(trial, robot)[1], trial)
     except (InputError, EstimateError) as error:
         if isinstance(error, InputError):
             failed = InputError

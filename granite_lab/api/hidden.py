@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from granite_lab.api import calls
 from granite_lab.api.calls import Arg, checked
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import sha256, write_bytes, write_text
@@ -88,12 +89,12 @@ def hide(
     sand_off: bool = False,
     repetitions: Annotated[int | None, Arg(low=1, high=99)] = None,
     lab: str = "bench",
-    robot: str | Path | None = None,
-    soil: str | Path | None = None,
+    robot: calls.RobotFile = None,
+    soil: calls.SoilFile = None,
     overwrite: bool = False,
     label: str = "hidden",
-    truth: str | Path | None = None,
-    jobs: Annotated[int, Arg(low=0)] = 1,
+    truth: calls.File = None,
+    jobs: calls.Jobs = 1,
     done: Callable[[str], None] = lambda _: None,
 ) -> HiddenSet:
     """Write virtual trials with a hidden effect, by an independent simulator; seal the answer.
@@ -110,12 +111,9 @@ def hide(
         repetitions: trials of each variant; by default 3 (``bench``) or 2 to 4 (``wild``).
         lab: ``bench``: sensors, robot and sand as in the files; ``wild``: drawn by the seed, with files of
             robot and sand beside the trials.
-        robot: a name of the catalogue or a .toml file; granite by default.
-        soil: a name of the catalogue or a .toml file; dry_sand by default.
         overwrite: replace a set that is there.
         label: first word of the trials' names.
         truth: folder for the true motion of each trial (CSV).
-        jobs: number of processes; 0 means one per core.
         done: called with the name of each finished trial.
 
     Raises:
@@ -154,9 +152,7 @@ def hide(
 
 
 @checked
-def reveal(
-    folder: str | Path, finding: str | Path | None = None, *, jobs: Annotated[int, Arg(low=0)] = 0
-) -> Revealed:
+def reveal(folder: str | Path, finding: calls.File = None, *, jobs: calls.Jobs = 0) -> Revealed:
     """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
 
     In a kit without a discovery, `discover` runs first and writes into the kit's folder ``finding``.
@@ -164,7 +160,6 @@ def reveal(
     Args:
         folder: folder written by `hide`, or a kit that another laboratory filled.
         finding: discovery to be judged: JSON of `discover` or `study`, or its folder.
-        jobs: number of processes of a search.
 
     Raises:
         InputError: a file cannot be used, or the answer is not the one that was promised by its hash.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from granite_lab import reporting
+from granite_lab import estimation, reporting
+from granite_lab import logs as log_files
+from granite_lab.api import calls
 from granite_lab.api.calls import Arg, checked
 from granite_lab.api.project import About, Logs, choose
 from granite_lab.api.records import Origin, Records
@@ -18,7 +20,8 @@ from granite_lab.files import is_folder, refuse_special
 from granite_lab.logs.named import is_log, name_of
 from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.parameters import Robot
-from granite_lab.running import Options, each_trial, sifted
+from granite_lab.running import each_trial, sifted
+from granite_lab.running.options import corrected
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
@@ -56,30 +59,21 @@ class Ingested(Shown):
         return self.motion.to_frame()
 
 
-def _ingest(path: Path, options: Options) -> Ingested:
-    from granite_lab.running.reading import estimate, read  # noqa: PLC0415, heavy
-
-    logged, robot = read(path, options)
-    trial, motion = estimate(logged, robot, options)
-    return Ingested(trial, robot, motion)
-
-
 @checked
 def ingest(
     logs: Logs = (),
     *,
-    imu: str | Path | None = None,
-    encoders: str | Path | None = None,
-    currents: str | Path | None = None,
-    reference: str | Path | None = None,
+    imu: calls.File = None,
+    encoders: calls.File = None,
+    currents: calls.File = None,
+    reference: calls.File = None,
     rows: str | None = None,
     variant: Annotated[float | None, Arg(low=0.01, high=5)] = None,
     rests: Sequence[tuple[float, float]] = (),
     distance_measured: Estimate | None = None,
     against_reference: bool = False,
-    reference_std: Annotated[float, Arg(low=0)] = 0.0,
-    jobs: Annotated[int, Arg(low=0)] = 0,
-    done: Callable[[Path], None] = lambda _: None,
+    jobs: calls.Jobs = 0,
+    done: calls.Done = lambda _: None,
     **said: Unpack[About],
 ) -> Records[Ingested]:
     """Estimate body velocity, slip and their uncertainty from logs.
@@ -95,9 +89,6 @@ def ingest(
         rests: intervals of standstill (start, end) [s, the log's time].
         distance_measured: total distance by tape [m].
         against_reference: judge the estimate by the log's reference, which the filter does not use.
-        reference_std: standard deviation of the reference's velocity [m/s].
-        jobs: number of processes; 0 means one per core.
-        done: called with each path once it is finished.
 
     Returns:
         one record a log; its table has a row for each IMU stamp.
@@ -111,6 +102,10 @@ def ingest(
     paths: dict[str, Any] = {name: Path(path) for name, path in apart.items() if path is not None}
     if paths and not isinstance(logs, (str, Path)) and not logs:  # the IMU's file is the log
         logs = paths.pop("imu", ())
+    if variant:
+        paths["info"] = TrialInfo(
+            robot=None if said["robot"] is None else str(said["robot"]), v_desired=variant
+        )
     choice = choose(
         logs, {**said, "jobs": jobs, "cache": False},
         rows=rows, rests=tuple(rests), distance_measured=distance_measured, **paths,
@@ -120,12 +115,10 @@ def ingest(
     options = choice.options
     if variant:
         options = replace(options, info=TrialInfo(robot=options.robot, v_desired=variant))
-    outcomes = each_trial(_ingest, choice.files, options, execution=choice.execution, done=done)
-    found, _ = sifted(choice.files, outcomes, strict=True)
+    outcomes = each_trial(corrected, choice.files, options, execution=choice.execution, done=done)
+    found = [Ingested(*one) for one in sifted(choice.files, outcomes, strict=True)[0]]
     if against_reference:
-        from granite_lab.estimation import judge  # noqa: PLC0415, heavy
-
-        found = [replace(i, judgement=judge(i.motion, i.trial, reference_std)) for i in found]
+        found = [replace(i, judgement=estimation.judge(i.motion, i.trial, 0.0)) for i in found]
     warnings = tuple(f"{item.name}: {line}" for item in found for line in item.motion.warnings)
     origin = Origin(left_out=choice.excluded, warnings=warnings)
     return Records(found, [item.name for item in found], origin)
@@ -135,9 +128,9 @@ def ingest(
 def inspect(
     logs: Logs,
     *,
-    column_map: str | Path | None = None,
-    topics: Mapping[str, str] | None = None,
-    robot: str | Path | None = None,
+    column_map: calls.MapFile = None,
+    topics: calls.Topics = None,
+    robot: calls.RobotFile = None,
 ) -> Inspection:
     """Show what is recognised in logs: columns, units, clocks, rates, gaps, variant.
 
@@ -145,9 +138,6 @@ def inspect(
 
     Args:
         logs: paths of logs.
-        column_map: a name of the catalogue, a .toml file, or a folder of these.
-        topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
-        robot: a name of the catalogue or a .toml file.
 
     Returns:
         what was recognised, file by file; its table has a row for each column.
@@ -161,9 +151,7 @@ def inspect(
         raise UsageError("no log given", "name the files of one trial")
     for path in paths:
         refuse_special(Path(path))
-    from granite_lab.logs import inspect_logs  # noqa: PLC0415, heavy
-
-    return inspect_logs(paths, map=column_map, robot=robot, topics=topics)
+    return log_files.inspect_logs(paths, map=column_map, robot=robot, topics=topics)
 
 
 @checked
@@ -172,11 +160,11 @@ def view(
     *,
     trial: str | None = None,
     web: bool = False,
-    screenshot: str | Path | None = None,
+    screenshot: calls.File = None,
     at: float | None = None,
-    robot: str | Path | None = None,
-    soil: str | Path | None = None,
-    column_map: str | Path | None = None,
+    robot: calls.RobotFile = None,
+    soil: calls.SoilFile = None,
+    column_map: calls.MapFile = None,
     tell: Callable[[str], None] = print,
 ) -> None:
     """Open a recording in the Rerun viewer, which stays open.
@@ -187,7 +175,6 @@ def view(
         web: serve the viewer to a browser on this machine instead, until interrupted.
         screenshot: save a picture of the viewer (.png) instead; no display is needed.
         at: time of the `screenshot` since the start of the command [s]; by default the middle.
-        robot, soil, column_map: with a log, a name of the catalogue or a .toml file.
         tell: called with the address, with `web`.
 
     Raises:
@@ -204,23 +191,18 @@ def view(
     if is_folder(path) and not is_log(path):
         path = _recording_in(path, trial)
     elif path.suffix != ".rrd":
-        path = _recorded(path, {"robot": robot, "soil": soil, "column_map": column_map})
+        from granite_lab.study import analyse  # noqa: PLC0415, heavy
+
+        said = {"robot": robot, "soil": soil, "column_map": column_map}
+        found = analyse(path, choose(path, said, everything=True).options)
+        made = Path("reports") / "view" / f"{name_of(path)}.rrd"
+        path = reporting.recording.record_trial(found.trial, found.comparison, made)
     if screenshot is not None:
         reporting.recording.save_picture(path, Path(screenshot), at)
     elif web:
         reporting.recording.serve(path, tell)
     else:
         reporting.recording.open_viewer(path)
-
-
-def _recorded(log: Path, said: Mapping[str, Any]) -> Path:
-    """Make a recording of a log below ``reports/view``."""
-    options = choose(log, said, everything=True).options
-    from granite_lab.study import analyse  # noqa: PLC0415, heavy
-
-    result = analyse(log, options)
-    made = Path("reports") / "view" / f"{name_of(log)}.rrd"
-    return reporting.recording.record_trial(result.trial, result.comparison, made)
 
 
 def _recording_in(folder: Path, trial: str | None) -> Path:

@@ -7,17 +7,18 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict, TypeVar, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
+from granite_lab.api import calls
 from granite_lab.api.calls import Arg, checked
 from granite_lab.api.project import FILE, project_in
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import UsageError
-from granite_lab.logs import write_canonical, write_truth
+from granite_lab.logs import write_canonical
 from granite_lab.model import Accuracy, Run
 from granite_lab.model import simulate as run_model
 from granite_lab.model.effect import Active, Effect, activate
@@ -39,8 +40,6 @@ from granite_lab.parameters.quantity import build, key_of
 if TYPE_CHECKING:
     import pandas as pd
 
-T = TypeVar("T", Wheels, Soil)
-
 
 class Said(TypedDict, total=False):
     """What may be said of the model that is computed."""
@@ -51,20 +50,10 @@ class Said(TypedDict, total=False):
     a_theta: Annotated[
         float | None, Arg("exponent a_θ of the law (5) [s/m]; the paper's by default", low=0, high=100)
     ]
-    robot: Annotated[
-        str | Path | Robot | None,
-        Arg("the robot: a name of the catalogue or a .toml file; granite by default"),
-    ]
-    soil: Annotated[
-        str | Path | Soil | None,
-        Arg("the soil: a name of the catalogue or a .toml file; dry_sand by default"),
-    ]
-    model: Annotated[
-        str | Path | None, Arg("file (model.toml) of the paper's model with effects switched on")
-    ]
-    effects: Annotated[
-        str | Path | None, Arg("your own effect file (.py). It is executed: use only code you trust")
-    ]
+    robot: Annotated[calls.File | Robot, Arg(f"the robot: {calls.NAMED}; granite by default")]
+    soil: Annotated[calls.File | Soil, Arg(f"the soil: {calls.NAMED}; dry_sand by default")]
+    model: calls.ModelFile
+    effects: calls.EffectFile
     active: Annotated[
         Mapping[str, Mapping[str, float]] | None,
         Arg('effects to switch on, id to its parameters, as ``{"drive_reaction": {"share": 1.0}}``'),
@@ -81,7 +70,7 @@ class _Model(NamedTuple):
     a_theta: float | None
 
 
-def _model(said: Said, grade: str | None = None) -> _Model:
+def _model(said: Said) -> _Model:
     """Return the model that was asked for; what is given wins over the model file.
 
     Raises:
@@ -97,7 +86,7 @@ def _model(said: Said, grade: str | None = None) -> _Model:
     switched = tuple(activate(get(name, known), values) for name, values in (said["active"] or {}).items())
     robot, soil = said["robot"], said["soil"]
     if not isinstance(robot, Robot):
-        robot = load_robot(robot or (base.robot if base else "granite"), grade)
+        robot = load_robot(robot or (base.robot if base else "granite"))
     if not isinstance(soil, Soil):
         soil = load_soil(soil or (base.soil if base else "dry_sand"))
     if base and k92 is None and a_theta is None:
@@ -112,12 +101,9 @@ def simulate(
     v: float | None = None,
     a: float | None = None,
     distance: float | None = None,
-    grade: str | None = None,
-    log: str | Path | None = None,
-    truth: str | Path | None = None,
+    log: calls.File = None,
     seed: Annotated[int, Arg(low=0)] = 0,
     scatter: bool = False,
-    repetition: Annotated[int, Arg(low=1)] = 1,
     **said: Unpack[Said],
 ) -> Run:
     """Simulate one run by equations (1)-(26), with k_92 = exp(-a_θ v) or a constant `k92`.
@@ -127,12 +113,9 @@ def simulate(
         v: desired velocity [m/s] instead of a variant; needs `a` and `distance`.
         a: largest acceleration [m/s²] (with `v`).
         distance: total distance [m] (with `v`).
-        grade: IMU grade instead of the robot's, as industrial or consumer.
         log: file for the log of virtual sensors (CSV).
-        truth: file for the true motion (CSV); needs `log`.
         seed: seed of the random numbers of sensors and sand.
         scatter: vary the sand at random, as raking does.
-        repetition: number of the repetition, as the log states it.
 
     Returns:
         the run; its table has a row for each instant.
@@ -142,9 +125,7 @@ def simulate(
         InputError: a number out of its bounds, or a file that cannot be used.
         EstimateError: the robot finds no rest on this soil, or the simulation does not converge.
     """
-    if truth is not None and log is None:
-        raise UsageError("--truth needs --log", "give the virtual log a path with --log")
-    it = _model(said, grade)
+    it = _model(said)
     ground, a_theta = it.soil, it.a_theta
     if scatter:
         from granite_lab.model.virtual import Scatter, rake  # noqa: PLC0415, heavy
@@ -159,10 +140,7 @@ def simulate(
     if log:
         from granite_lab.model.virtual import virtual_trial  # noqa: PLC0415, heavy
 
-        trial, true = virtual_trial(run, seed, Path(log).stem, repetition=repetition)
-        write_canonical(Path(log), trial)
-        if truth:
-            write_truth(Path(truth), true)
+        write_canonical(Path(log), virtual_trial(run, seed, Path(log).stem)[0])
     return run
 
 
@@ -245,28 +223,20 @@ def wheel(
     *,
     load: Annotated[float | None, Arg(low=0.001, high=100_000)] = None,
     sinkage: float | None = None,
-    omega: float | None = None,
     v: float | None = None,
-    angle: float = 0.0,
-    radius: float | None = None,
-    width: float | None = None,
     soil_values: Mapping[str, float] | None = None,
     **said: Unpack[Said],
 ) -> WheelRun:
     """Compute one wheel on the soil, at a load or a sinkage, by the contact model (4), (6)-(17).
 
-    Without `omega` and `v`, the larger of ω r and v is 0.1 m/s. Above 0.02 m/s only effects depend on it. The
-    law (5) is evaluated at this velocity.
+    Without `v`, the larger of ω r and v is 0.1 m/s. Above 0.02 m/s only effects depend on it. The law (5) is
+    evaluated at this velocity.
 
     Args:
         slip: slip ratio λ of (1), one or several; negative where the wheel brakes.
         load: vertical load [N]; a quarter of the robot's weight by default.
         sinkage: z_0 [m] instead of a load.
-        omega: angular velocity [rad/s].
         v: velocity of the wheel's centre [m/s].
-        angle: of the wheel [rad], for effects that depend on it.
-        radius: radius of the wheel instead of the robot's [m].
-        width: width of the wheel instead of the robot's [m].
         soil_values: values instead of the soil's, by the keys of its file, as ``{"cohesion_Pa": 500}``.
 
     Raises:
@@ -277,8 +247,10 @@ def wheel(
     if load is not None and sinkage is not None:
         raise UsageError("--load and --sinkage exclude each other", "give one of the two")
     it = _model(said)
-    rim = _changed(it.robot.wheels, {"radius_m": radius, "width_m": width})
-    ground = _changed(it.soil, soil_values or {})
+    rim, ground = it.robot.wheels, it.soil
+    if soil_values:
+        table = {key_of(f): getattr(ground, f.name) for f in dataclasses.fields(ground)}
+        ground = build(Soil, table | dict(soil_values), "command line")
     ratio = Ratio(it.k92, load_paper().a_theta if it.a_theta is None else it.a_theta)
     if load is None and sinkage is None:
         if it.robot.chassis is None:
@@ -287,7 +259,7 @@ def wheel(
     one_wheel = SingleWheel(rim, ground, it.effects, it.robot.chassis)
     points = []
     for one in [slip] if isinstance(slip, (int, float)) else slip:
-        motion = rolling(float(one), rim.radius, omega=omega, velocity=v, angle=angle)
+        motion = rolling(float(one), rim.radius, velocity=v)
         if sinkage is not None:
             points.append(one_wheel.at_sinkage(sinkage, motion, ratio))
         else:
@@ -296,36 +268,16 @@ def wheel(
     return WheelRun(tuple(points), rim, ground, one_wheel.effects, left_out)
 
 
-def _changed(record: T, values: Mapping[str, float | None]) -> T:
-    """Return a record of a file with some values replaced, by their keys in the file.
-
-    Raises:
-        InputError: unknown key, or a number out of its bounds.
-    """
-    given = {key: value for key, value in values.items() if value is not None}
-    if not given:
-        return record
-    table: dict[str, Any] = {key_of(f): getattr(record, f.name) for f in dataclasses.fields(record)}
-    return build(type(record), table | given, "command line")
-
-
 @checked
-def params(
-    robot: str | Path | None = None, soil: str | Path | None = None, grade: str | None = None
-) -> Records[Provenance]:
+def params(robot: calls.RobotFile = None, soil: calls.SoilFile = None) -> Records[Provenance]:
     """List every number in force with its unit, allowed range and origin.
 
-    Args:
-        robot: a name of the catalogue or a .toml file; granite by default.
-        soil: a name of the catalogue or a .toml file; dry_sand by default.
-        grade: IMU grade instead of the robot's, as industrial or consumer.
-
     Raises:
-        UsageError: unknown robot, soil or IMU grade.
+        UsageError: unknown robot or soil.
         InputError: a file is wrong.
     """
     forget()
-    return Records(in_force(str(robot or "granite"), str(soil or "dry_sand"), grade))
+    return Records(in_force(str(robot or "granite"), str(soil or "dry_sand")))
 
 
 def chosen_in(
@@ -349,11 +301,8 @@ def chosen_in(
 
 
 @checked
-def list_effects(effects: str | Path | None = None) -> Records[Effect]:
+def list_effects(effects: calls.EffectFile = None) -> Records[Effect]:
     """List every effect that can be added to the paper's model.
-
-    Args:
-        effects: your own effect file (.py). It is executed: use only code you trust.
 
     Raises:
         InputError: the file cannot be used.
@@ -362,12 +311,11 @@ def list_effects(effects: str | Path | None = None) -> Records[Effect]:
 
 
 @checked
-def show_effect(effect_id: str, effects: str | Path | None = None) -> Effect:
+def show_effect(effect_id: str, effects: calls.EffectFile = None) -> Effect:
     """Describe one effect: equation, source and parameters.
 
     Args:
         effect_id: its id.
-        effects: your own effect file (.py). It is executed: use only code you trust.
 
     Raises:
         UsageError: no such effect.

@@ -9,20 +9,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
+from granite_lab.api import calls
 from granite_lab.api.calls import Arg
+from granite_lab.effects import library
+from granite_lab.effects.model_file import load_model
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
+from granite_lab.logs.layouts import given_maps
 from granite_lab.logs.named import is_log, name_of, trial_files
 from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
 from granite_lab.parameters.quantity import build, read_toml
 from granite_lab.results import EXCLUDED, Failure
 from granite_lab.running import Cache, Execution, Options
-from granite_lab.running.each import HERE
 
 FILE = "granite-lab.toml"
-
-NAMED = "a name of the catalogue or a .toml file"
 
 Logs = str | Path | Sequence[str | Path]
 
@@ -30,11 +31,9 @@ Logs = str | Path | Sequence[str | Path]
 class About(TypedDict, total=False):
     """What may be said about logs."""
 
-    robot: Annotated[str | Path | None, Arg(f"the robot: {NAMED}; by default that of the log")]
-    column_map: Annotated[str | Path | None, Arg(f"column map: {NAMED}, or a folder of these")]
-    topics: Annotated[
-        Mapping[str, str] | None, Arg("of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic")
-    ]
+    robot: calls.RobotFile
+    column_map: calls.MapFile
+    topics: calls.Topics
     window: Annotated[
         tuple[float, float] | None,
         Arg("begin and end of the part to use of every log [s of the log], infinite where open"),
@@ -44,15 +43,12 @@ class About(TypedDict, total=False):
 class Work(About, total=False):
     """What may be said of work over many trials."""
 
-    soil: Annotated[str | Path | None, Arg(f"the soil: {NAMED}; by default that of the log")]
-    effects: Annotated[
-        str | Path | None,
-        Arg("your own effect file (.py). It is executed: use only code you trust"),
-    ]
+    soil: calls.SoilFile
+    effects: calls.EffectFile
     strict: Annotated[
         bool, Arg("a trial that fails is an error; by default it is left out and listed in the result", False)
     ]
-    jobs: Annotated[int, Arg("number of processes; 0 means one per core", 0, low=0)]
+    jobs: calls.Jobs
     scheduler: Annotated[str | None, Arg("address of a Dask scheduler that does the work")]
     cache: Annotated[bool, Arg("store results and reuse those with the same inputs", True)]
 
@@ -60,10 +56,8 @@ class Work(About, total=False):
 class Fit(Work, total=False):
     """What may be said of fits."""
 
-    model: Annotated[
-        str | Path | None, Arg("file (model.toml) of the paper's model with effects switched on")
-    ]
-    done: Annotated[Callable[[Path], None], Arg("called with each path once it is finished", lambda _: None)]
+    model: calls.ModelFile
+    done: calls.Done
 
 
 class Search(Work, total=False):
@@ -86,7 +80,7 @@ class Chain(Fit, Search, total=False):
     """What may be said of a study."""
 
     out: Annotated[
-        str | Path | None,
+        calls.File,
         Arg(
             "folder for the report; without it nothing is written. A report that is there already, of the "
             "same logs by the same code, is kept"
@@ -141,9 +135,9 @@ class Chosen:
 
     files: tuple[Path, ...]
     options: Options
-    out: Path = Path("reports")
-    excluded: tuple[Failure, ...] = ()
-    execution: Execution = HERE
+    out: Path
+    excluded: tuple[Failure, ...]
+    execution: Execution
 
 
 def project_in(folder: Path) -> Project:
@@ -219,34 +213,20 @@ def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **m
             f"{files[0].parent / FILE}: excludes {'all trials' if len(files) > 1 else files[0].name}",
             f"reason given: {excluded[0].reason}",
         )
-    _refuse_unknown(names, said.get("model"), said.get("effects"))
-    named = {key: said.get(key) for key in ("model", "effects")}
-    paths: dict[str, Any] = {key: Path(path) for key, path in named.items() if path is not None}
+    # All files that are named are read once, so that a wrong one is told before any work.
+    load_robot(names["robot"] or "granite")
+    load_soil(names["soil"] or "dry_sand")
+    given_maps(names["map"] or ())
+    paths: dict[str, Any] = {
+        key: Path(said[key]) for key in ("model", "effects") if said.get(key) is not None
+    }
+    if "effects" in paths:
+        library(paths["effects"])
+    if "model" in paths:
+        load_model(paths["model"], paths.get("effects"))
     plain = {key: said[key] for key in ("tolerance", "latency", "window") if key in said}
     topics = tuple((said.get("topics") or {}).items())
     options = Options(names["robot"], names["soil"], names["map"], topics=topics, **paths, **plain, **more)
     cache = Cache() if said.get("cache", True) else None
     execution = Execution(said.get("jobs", 0), said.get("scheduler"), cache)
     return Chosen(taken, options, Path(names["out"] or "reports"), excluded, execution)
-
-
-def _refuse_unknown(
-    names: Mapping[str, str | None], model: str | Path | None, effects: str | Path | None
-) -> None:
-    """Read all files that were named once, so that a wrong one is told before any work."""
-    if names["robot"]:
-        load_robot(names["robot"])
-    if names["soil"]:
-        load_soil(names["soil"])
-    if names["map"]:
-        from granite_lab.logs.layouts import given_maps  # noqa: PLC0415, heavy
-
-        given_maps(names["map"])
-    if model or effects:
-        from granite_lab.effects.library import library  # noqa: PLC0415, heavy
-        from granite_lab.effects.model_file import load_model  # noqa: PLC0415, heavy
-
-        own = Path(effects) if effects else None
-        library(own)
-        if model:
-            load_model(Path(model), own)

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
 
-from granite_lab.results import Failure, Source, StudyResult
+from granite_lab.results import Failure, Source
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from granite_lab.study import Written
 
 
 class Tabular(Protocol):
@@ -45,23 +43,6 @@ class Origin:
     left_out: tuple[Failure, ...] = ()
     warnings: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()
-
-
-@dataclass(frozen=True)
-class Studied:
-    """A study or a search, and what was written of it.
-
-    Attributes:
-        result: the study; of a search alone one without trials.
-        origin: where it comes from.
-        written: None where no folder was given.
-        unchanged: the folder held all of it already, so that nothing was written.
-    """
-
-    result: StudyResult
-    origin: Origin
-    written: Written | None = None
-    unchanged: bool = False
 
 
 class Records(Shown, Sequence[T], Generic[T]):

@@ -9,22 +9,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Unpack
 
-from granite_lab import reporting
+from granite_lab import fitting, reporting
+from granite_lab.api import calls
 from granite_lab.api.calls import Arg, checked
 from granite_lab.api.project import Chain, Fit, Logs, Search, choose
-from granite_lab.api.records import Origin, Records, Studied
+from granite_lab.api.records import Origin, Records
 from granite_lab.comparison.record import Comparison
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
+from granite_lab.effects import library
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.results import StudyResult, TrialResult
 from granite_lab.running import each_trial, sifted
-from granite_lab.running.cache import code, content, digest_of
-from granite_lab.running.output import Guard, Stamp, claimed, tell
+from granite_lab.running.cache import code, content, digest_of, fingerprint
+from granite_lab.running.codec import encode
+from granite_lab.running.options import corrected
+from granite_lab.running.output import Guard, claimed, tell
 
 if TYPE_CHECKING:
     from granite_lab.planning.plan import Plan
+    from granite_lab.study import Written
 
 
 def _analysed(command: str, logs: Logs, said: Fit) -> tuple[list[TrialResult], Origin]:
@@ -32,8 +37,9 @@ def _analysed(command: str, logs: Logs, said: Fit) -> tuple[list[TrialResult], O
     choice = choose(logs, said)
     from granite_lab.study import analyse, source_of  # noqa: PLC0415, heavy
 
-    options, execution = choice.options, choice.execution
-    outcomes = each_trial(analyse, choice.files, options, execution=execution, done=said["done"])
+    outcomes = each_trial(
+        analyse, choice.files, choice.options, execution=choice.execution, done=said["done"]
+    )
     found, failed = sifted(choice.files, outcomes, strict=said["strict"])
     lines = [f"{r.trial.name}: {line}" for r in found for line in r.comparison.motion.warnings]
     source = source_of(command, choice.files, [r.trial for r in found], choice.options)
@@ -88,23 +94,17 @@ def a_theta_of(
     """Run `fit_a_theta`, and say where the fit comes from."""
     if published and (isinstance(logs, (str, Path)) or len(logs) > 0):
         raise UsageError("--published takes no trials", "leave out one of the two")
-    fits: list[K92Fit] = []
-    origin = Origin()
-    if not isinstance(logs, (str, Path)):
-        fits = [item for item in logs if isinstance(item, K92Fit)]
+    given = [logs] if isinstance(logs, (str, Path)) else list(logs)
+    fits, origin = [item for item in given if isinstance(item, K92Fit)], Origin()
     if not (published or fits):
-        paths = logs if isinstance(logs, (str, Path)) else [x for x in logs if not isinstance(x, K92Fit)]
-        found, origin = _analysed("fit-atheta", paths, said)
+        found, origin = _analysed("fit-atheta", [x for x in given if not isinstance(x, K92Fit)], said)
         fits = [result.comparison.fit for result in found]
-    from granite_lab.fitting import fit_a_theta as fit_over_trials  # noqa: PLC0415, heavy
-    from granite_lab.fitting import published_fit  # noqa: PLC0415, heavy
-
     by_name = sorted(fits, key=lambda fit: fit.trial)  # sums do not depend on the order of the logs
-    return published_fit() if published else fit_over_trials(by_name), origin
+    return fitting.published_fit() if published else fitting.fit_a_theta(by_name), origin
 
 
 @checked
-def compare(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Fit]) -> Records[Comparison]:
+def compare(logs: Logs, *, out: calls.File = None, **said: Unpack[Fit]) -> Records[Comparison]:
     """Compare measured and simulated motion: velocity, wheel speed, slip, torques and pitch.
 
     Args:
@@ -126,40 +126,39 @@ def compare(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Fit]) -
 
 
 @checked
-def studied(logs: Logs, **said: Unpack[Chain]) -> Studied:
+def studied(logs: Logs, **said: Unpack[Chain]) -> tuple[Written, Origin]:
     """Run `study`, and say what was written; what could not be written is no error here."""
     choice, progress = choose(logs, said), said["progress"]
     from granite_lab.study import Written, record, write  # noqa: PLC0415, heavy
     from granite_lab.study import study as run  # noqa: PLC0415, heavy
 
     folder = None if said["out"] is None else Path(said["out"])
+    options, execution, cache = choice.options, choice.execution, choice.execution.cache
     with claimed(folder) if folder else nullcontext():
         result = run(
-            choice.files, folder.name if folder else said["name"], choice.options, execution=choice.execution,
+            choice.files, folder.name if folder else said["name"], options, execution=execution,
             discover=said["discover"], strict=said["strict"], done=said["done"], progress=progress,
         )  # fmt: skip
         result = replace(result, failures=(*result.failures, *choice.excluded))
-        origin = Origin(result.source, result.failures, choice.execution.tidied())
+        origin = Origin(result.source, result.failures, execution.tidied())
         if folder is None:
-            return Studied(result, origin)
-        key = digest_of(code(shows=True), content(result), content(choice.options), said["recordings"])
-        stamp = Stamp(folder, key, choice.execution.cache)
-        if stamp.holds():
-            model = folder / MODEL if (folder / MODEL).exists() else None
-            return Studied(result, origin, Written(folder / "index.html", model, result.finding), True)
-        failed, jobs = [], choice.execution.jobs
+            return Written(result), origin
+        key = digest_of(code(shows=True), content(result), content(options), said["recordings"])
+        known: dict[str, str] | None = cache.get(key) if cache is not None else None
+        if known and all(fingerprint(folder / name) == sha for name, sha in known.items()):
+            model = folder / MODEL if MODEL in known else None
+            return Written(result, folder / "index.html", model, unchanged=True), origin
+        guard = Guard(folder)
         if said["recordings"]:
-            guard = Guard(folder)
-            guard.run(
-                "recordings", lambda: record(result, folder / "recordings", jobs=jobs, progress=progress)
-            )
-            failed = guard.lines
+            place, jobs = folder / "recordings", execution.jobs
+            guard.run("recordings", lambda: record(result, place, jobs=jobs, progress=progress))
         progress("report", 0)
-        written = write(result, choice.options, folder)
-        written = written._replace(failures=(*failed, *written.failures))
-        if not written.failures:
-            stamp.set()
-    return Studied(replace(result, finding=written.finding), origin, written)
+        written = write(result, options, folder, failures=guard.lines)
+        if cache is not None and not written.failures:
+            files = sorted(path for path in folder.rglob("*") if path.is_file())
+            known = {path.relative_to(folder).as_posix(): fingerprint(path) for path in files}
+            cache.put(key, encode(((), known)))
+    return written, origin
 
 
 @checked
@@ -177,9 +176,9 @@ def study(logs: Logs, **said: Unpack[Chain]) -> StudyResult:
     Raises:
         LabError: no trial went through, or a file cannot be written.
     """
-    found = studied(logs, **said)
-    tell(found.written.failures if found.written else ())
-    return found.result
+    written, _ = studied(logs, **said)
+    tell(written.failures)
+    return written.result
 
 
 @checked
@@ -206,33 +205,31 @@ def report(result: StudyResult, folder: str | Path) -> Path:
 
 
 @checked
-def discovered(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Search]) -> Studied:
-    """Run `discover`, and say what was written; it is a study without trials."""
+def discovered(logs: Logs, *, out: calls.File = None, **said: Unpack[Search]) -> tuple[Written, Origin]:
+    """Run `discover`, and say what was written."""
     choice, progress = choose(logs, said), said["progress"]
-    from granite_lab.running.reading import corrected  # noqa: PLC0415, heavy
     from granite_lab.running.search import search  # noqa: PLC0415, heavy
-    from granite_lab.study import source_of, write  # noqa: PLC0415, heavy
+    from granite_lab.study import Written, source_of, write  # noqa: PLC0415, heavy
 
     execution, options = choice.execution, choice.options
     outcomes = each_trial(corrected, choice.files, options, execution=execution)
     read, failed = sifted(choice.files, outcomes, strict=said["strict"])
     left_out = (*choice.excluded, *failed)
-    trials, motions = [trial for trial, _ in read], [motion for _, motion in read]
+    trials, motions = [trial for trial, _, _ in read], [motion for _, _, motion in read]
     finding = search(trials, options, motions=motions, execution=execution, progress=progress)
     notes = (*finding.notes, *(f"{one.trial} left out: {one.message}" for one in left_out))
     source, name = source_of("discover", choice.files, trials, options), Path(out or "").resolve().name
-    result, written = StudyResult(name, (), (), None, source, replace(finding, notes=notes)), None
+    written = Written(StudyResult(name, (), (), None, source, replace(finding, notes=notes)))
     if out is not None:
         progress("writing the report", 0)
         with claimed(Path(out)):
-            written = write(result, options, Path(out), read)
-        result = replace(result, finding=written.finding or result.finding)
+            written = write(written.result, options, Path(out), list(zip(trials, motions, strict=True)))
     lines = (f"{trial.name}: {line}" for trial in trials for line in trial.warnings)
-    return Studied(result, Origin(source, left_out, (*lines, *execution.tidied())), written)
+    return written, Origin(source, left_out, (*lines, *execution.tidied()))
 
 
 @checked
-def discover(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Search]) -> Finding:
+def discover(logs: Logs, *, out: calls.File = None, **said: Unpack[Search]) -> Finding:
     """Find the physical effect that the model lacks.
 
     Args:
@@ -247,7 +244,7 @@ def discover(logs: Logs, *, out: str | Path | None = None, **said: Unpack[Search
         InputError: a log cannot be used, or nothing says what was commanded.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
-    finding = discovered(logs, out=out, **said).result.finding
+    finding = discovered(logs, out=out, **said)[0].result.finding
     assert finding is not None
     return finding
 
@@ -258,8 +255,8 @@ def plan_next(
     *,
     room: Annotated[float | None, Arg(low=0.1)] = None,
     max_speed: Annotated[float | None, Arg(low=0.02)] = None,
-    effects: str | Path | None = None,
-    jobs: Annotated[int, Arg(low=0)] = 0,
+    effects: calls.EffectFile = None,
+    jobs: calls.Jobs = 0,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> Plan:
     """Propose the most useful next trial.
@@ -268,8 +265,6 @@ def plan_next(
         folder: folder written by `discover` or `study`.
         room: longest distance that fits on the sand [m]; by default the longest so far.
         max_speed: fastest command [m/s]; by default 1.25 times the fastest so far.
-        effects: your own effect file (.py). It is executed: use only code you trust.
-        jobs: number of processes; 0 means one per core.
         progress: told how many trials are looked at, and of how many.
 
     Returns:
@@ -287,7 +282,6 @@ def plan_next(
             f"{folder}: holds no search for a missing effect ('{DESIGN}' is missing)",
             f"run 'granite-lab discover TRIALS… --out {folder}', or 'study' without --no-discover, first",
         )
-    from granite_lab.effects import library  # noqa: PLC0415, heavy
     from granite_lab.planning.design import load_design  # noqa: PLC0415, heavy
     from granite_lab.planning.plan import plan_next as rank  # noqa: PLC0415, heavy
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import json as json_text
 import re
 import sys
 import typing
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any, Generic, TypeVar, cast
 
@@ -18,7 +18,7 @@ import typer
 from granite_lab import reporting
 from granite_lab.api.calls import hints_of, parameters_of
 from granite_lab.commands.options import FLAGS, METAVARS, Flag, names_of, options_of, said_for, said_of
-from granite_lab.errors import LabError, printable
+from granite_lab.errors import printable
 from granite_lab.files import write_bytes
 from granite_lab.shown import jsonable
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from granite_lab.api.records import Origin
+    from granite_lab.reporting.table import Cells
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -35,32 +36,18 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document inst
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress display.")]
 
 
-@dataclass(frozen=True)
-class Output:
-    """What a command prints, and how it ends.
-
-    Attributes:
-        schema: of its JSON, name and version.
-        document: the JSON.
-        text: prints the same for a reader.
-        error: with which the command ends; None where all is well.
-    """
-
-    schema: str
-    document: Mapping[str, Any]
-    text: Callable[[Console], None]
-    error: LabError | None = None
-
-
 class Call(Generic[T]):
-    """The call of the API that a command stands for.
+    """The call of the API that a command stands for, and what is printed of it.
 
     Args:
         function: of the API.
         said: its keywords.
         told: keywords by which it tells how far it is.
         busy: what is being done; an empty text shows no progress.
-        as_json: JSON is asked for.
+        as_json: JSON is asked for, and nothing else is printed.
+
+    Attributes:
+        said, as_json: as given.
     """
 
     def __init__(
@@ -74,14 +61,19 @@ class Call(Generic[T]):
         self.said, self.as_json = dict(said), as_json
         self._function, self._told, self._busy = function, told, busy
 
+    @functools.cached_property
+    def shown(self) -> Console:
+        """Where to print for a reader."""
+        return console(quiet=self.as_json)
+
     def __call__(self, **changes: Any) -> T:
         """Call it, with further keywords."""
         return self.of(self._function, **self.said | changes)
 
     def of(self, function: Callable[..., R], *args: Any, **said: Any) -> R:
         """Call another function in its place."""
-        with progress(not self._busy, self._busy) as shown:
-            return function(*args, **said, **{name: getattr(shown, name) for name in self._told})
+        with progress(self._busy) as told:
+            return function(*args, **said, **{name: told[name] for name in self._told})
 
     def folder(self, name: str) -> Path:
         """Return the folder for results: as asked for, else of this name, where the project keeps them."""
@@ -90,6 +82,32 @@ class Call(Generic[T]):
         given = self.said.get("out")
         logs = self.said.get("logs") or [self.said[key] for key in ("imu",) if key in self.said]
         return Path(given) if given else choose(logs, self.said).out / name
+
+    def json(self, schema: str, document: Mapping[str, Any]) -> None:
+        """Print one JSON document on stdout where it is asked for.
+
+        Args:
+            schema: its name and version.
+            document: the rest of it.
+        """
+        if not self.as_json:
+            return
+        whole = jsonable({"schema": f"granite-lab/{schema}"} | dict(document))
+        text = json_text.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False)
+        # A file's name may hold bytes that are no character; JSON can, the terminal's encoding cannot.
+        sys.stdout.write(re.sub("[\ud800-\udfff]", lambda c: f"\\u{ord(c[0]):04x}", text) + "\n")
+
+    def line(self, text: object) -> None:
+        """Print a line as it is, however long: nothing in it is markup."""
+        self.shown.print(str(text), soft_wrap=True, markup=False)
+
+    def say(self, text: str, style: str = "") -> None:
+        """Print a sentence."""
+        reporting.table.say(self.shown, text, style)
+
+    def rows(self, name: str, items: Iterable[Any], cells: Cells | None = None, **parts: str) -> None:
+        """Print a table; arguments as in `reporting.table.tabulate`."""
+        reporting.table.show_rows(name, items, self.shown, cells, **parts)
 
 
 def command(
@@ -100,7 +118,7 @@ def command(
     leave: Collection[str] = (),
     json: bool = True,
     **flags: Flag,
-) -> Callable[[Callable[..., Output | None]], Callable[..., None]]:
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a command of what shows the result of a function of the API.
 
     Its options are the parameters of the function, then those of what is decorated, which gets the call.
@@ -117,7 +135,7 @@ def command(
     parameters = [p for p in parameters_of(function) if p.name not in leave]
     told = [p.name for p in parameters if p.name in ("done", "progress")]
 
-    def decorate(show: Callable[..., Output | None]) -> Callable[..., None]:
+    def decorate(show: Callable[..., None]) -> Callable[..., None]:
         hints, keyword = hints_of(show), inspect.Parameter.KEYWORD_ONLY
         for hint in (hint for hint in hints.values() if hasattr(hint, "__metadata__")):
             kind, option = (*typing.get_args(hint.__origin__), hint.__origin__)[0], hint.__metadata__[0]
@@ -130,16 +148,7 @@ def command(
         def called(**values: Any) -> None:
             own = {p.name: values.pop(p.name) for p in extra}
             as_json, quiet = values.pop("as_json", False), values.pop("quiet", False)
-            call = Call(run or function, said_of(values, known), told, "" if quiet else busy, as_json)
-            output = show(call, **own)
-            if output is None:
-                return
-            if as_json:
-                print_json({"schema": f"granite-lab/{output.schema}"} | dict(output.document))
-            else:
-                output.text(console())
-            if output.error is not None:
-                raise output.error
+            show(Call(run or function, said_of(values, known), told, "" if quiet else busy, as_json), **own)
 
         common = [("quiet", Quiet)] * bool(busy) + [("as_json", Json)] * json
         called.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
@@ -157,13 +166,6 @@ def command(
     return decorate
 
 
-def print_json(document: Mapping[str, Any]) -> None:
-    """Print one JSON document on stdout."""
-    text = json_text.dumps(jsonable(document), indent=2, ensure_ascii=False, allow_nan=False)
-    # A file's name may hold bytes that are no character; JSON can, the terminal's encoding cannot.
-    sys.stdout.write(re.sub("[\ud800-\udfff]", lambda c: f"\\u{ord(c[0]):04x}", text) + "\n")
-
-
 class _Shown:
     """A stream on which names cannot turn the reading direction, and every text can be encoded."""
 
@@ -177,20 +179,13 @@ class _Shown:
         return getattr(self._stream, name)
 
 
-def console(*, stderr: bool = False) -> Console:
-    """Return a console: at most 100 columns on a terminal, 80 elsewhere; colours only on a terminal."""
+def console(*, stderr: bool = False, quiet: bool = False) -> Console:
+    """Return a console: 80 columns and no colours where it is no terminal."""
     from rich.console import Console
 
     stream = cast("IO[str]", _Shown(sys.stderr if stderr else sys.stdout))
-    plain = Console(file=stream, highlight=False, soft_wrap=False)
-    if not plain.is_terminal:
-        return Console(file=stream, highlight=False, width=80)
-    return plain
-
-
-def show(text: object, style: str = "") -> None:
-    """Print a line as it is, however long: nothing in it is markup."""
-    console().print(str(text), style=style or None, soft_wrap=True, markup=False)
+    width = None if stream.isatty() else 80
+    return Console(file=stream, highlight=False, width=width, quiet=quiet)
 
 
 def warn(lines: Sequence[str]) -> None:
@@ -207,32 +202,14 @@ def warn_of(origin: Origin) -> dict[str, Any]:
     return {"excluded": excluded} if excluded else {}
 
 
-class Progress:
-    """A line of progress.
-
-    Args:
-        bar: of rich.
-        text: what is being done.
-    """
-
-    def __init__(self, bar: Any, text: str) -> None:
-        self._bar, self._task = bar, bar.add_task(text, total=None)
-
-    def done(self, _: object) -> None:
-        """Tell that one step is done."""
-        self._bar.advance(self._task)
-
-    def progress(self, what: str | int, count: int) -> None:
-        """Tell what is being done and how often it was done, or how many steps are done and of how many."""
-        if isinstance(what, str):
-            self._bar.update(self._task, description=what, completed=count, total=None)
-        else:
-            self._bar.update(self._task, completed=what, total=count)
-
-
 @contextmanager
-def progress(quiet: bool, text: str) -> Iterator[Progress]:
-    """Show progress on stderr where it is a terminal, and nothing elsewhere."""
+def progress(text: str) -> Iterator[dict[str, Callable[..., None]]]:
+    """Show progress on stderr where it is a terminal, and nothing elsewhere or without a text.
+
+    Yields:
+        what functions of the API call: ``done`` after each step, ``progress`` with what is being done and how
+        often it was done, or with how many steps are done and of how many.
+    """
     from rich import progress as rich
 
     shown = console(stderr=True)
@@ -240,9 +217,17 @@ def progress(quiet: bool, text: str) -> Iterator[Progress]:
         rich.TextColumn("{task.description}"), rich.BarColumn(), rich.MofNCompleteColumn(),
         rich.TimeElapsedColumn(),
     )  # fmt: skip
-    hidden = quiet or not shown.is_terminal
+    hidden = not text or not shown.is_terminal
     with rich.Progress(*columns, console=shown, transient=True, disable=hidden) as bar:
-        yield Progress(bar, text)
+        task = bar.add_task(text, total=None)
+
+        def told(what: str | int, count: int) -> None:
+            if isinstance(what, str):
+                bar.update(task, description=what, completed=count, total=None)
+            else:
+                bar.update(task, completed=what, total=count)
+
+        yield {"done": lambda _: bar.advance(task), "progress": told}
 
 
 def write_picture(path: Path, figure: Figure) -> None:

@@ -11,18 +11,16 @@ import typer
 from granite_lab import reporting
 from granite_lab.api import model as api
 from granite_lab.api.records import Records
-from granite_lab.commands.command import Call, Output, command, show, warn, write_picture
+from granite_lab.commands.command import Call, command, warn, write_picture
 from granite_lab.commands.options import Flag, Format
 from granite_lab.commands.options import picture as picture_file
 from granite_lab.effects import get, library
-from granite_lab.errors import InputError, UsageError
+from granite_lab.errors import UsageError
 from granite_lab.files import ending_of, write_table
 from granite_lab.parameters import load_paper, load_variants, names
 from granite_lab.shown import picked
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from granite_lab.effects.contract import Check
     from granite_lab.model.effect import Effect
     from granite_lab.model.run import Run
@@ -34,7 +32,7 @@ def simulate(
     call: Call[Run],
     out: Annotated[Path | None, typer.Option(help="File for the run (CSV or Parquet).")] = None,
     table_format: Format = None,
-) -> Output:
+) -> None:
     """All signals are written into a table; means of the steady part are printed."""
     ending, log = ending_of(out, table_format), call.said.get("log")
     run = call()
@@ -42,14 +40,9 @@ def simulate(
     write_table(path, run.to_frame(), ending)
     document = picked(run, "slip_ratio", "k92_law", "k92_value", "effects")
     document |= {"variant_mps": run.variant.velocity, "steady_s": run.steady, "wall_s": run.wall}
-    document |= {"run": path, "log": log}
-    return Output("simulate/1", document, lambda shown: _show_run(run, path, log, shown))
-
-
-def _show_run(run: Run, path: Path, log: Path | None, shown: Console) -> None:
-    say = reporting.table.say
+    call.json("simulate/1", document | {"run": path, "log": log})
+    call.say(f"Simulated run, {run.variant.velocity:g} m/s", "bold")
     steady = (run.t >= run.steady[0]) & (run.t <= run.steady[1])
-    say(shown, f"Simulated run, {run.variant.velocity:g} m/s", "bold")
     rows = [
         (label, *(factor * run[name.format(axle)][steady].mean() for axle in "fr"), unit)
         for label, name, factor, unit in (
@@ -59,14 +52,14 @@ def _show_run(run: Run, path: Path, log: Path | None, shown: Console) -> None:
             ("motor current", "current_{}_A", 1, "A"),
         )
     ]
-    reporting.table.show_rows("run", rows, shown)
+    call.rows("run", rows)
     law = f"k_92 = {run.k92_value:g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:g} s/m"
-    show(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
+    call.line(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
     for name, values_of in run.effects.items():
-        show(f"with {name}: " + ", ".join(f"{k} = {x:g}" for k, x in values_of.items()))
-    show(f"integrated in {run.wall * 1000:.0f} ms; all signals: {path}")
+        call.line(f"with {name}: " + ", ".join(f"{k} = {x:g}" for k, x in values_of.items()))
+    call.line(f"integrated in {run.wall * 1000:.0f} ms; all signals: {path}")
     if log:
-        show(f"virtual sensor log: {log}")
+        call.line(f"virtual sensor log: {log}")
 
 
 @command(api.wheel)
@@ -78,7 +71,7 @@ def wheel(
         Path | None, picture_file("Draw the sweep over slip, or the stresses at one slip")
     ] = None,
     table_format: Format = None,
-) -> Output:
+) -> None:
     """The table has a row for each slip."""
     endings = [ending_of(path, table_format) for path in (out, arc)]
     run = call()
@@ -91,22 +84,12 @@ def wheel(
     if run.fades:
         warn(["slower than 0.02 m/s: there the model reduces slip and shear towards standstill"])
     warn([f"{name}: does not act on a single wheel" for name in run.left_out])
-    document = {
-        "wheel": run.wheels,
-        "soil": run.soil,
-        "effects": {e.id: e.as_dict() for e in run.effects},
-        "points": run.to_frame().to_dict("records"),
-    }
-    return Output("wheel/1", document, lambda shown: _show_wheel(run, shown))
-
-
-def _show_wheel(run: api.WheelRun, shown: Console) -> None:
-    say = reporting.table.say
-    say(shown, f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}")
+    document = {"wheel": run.wheels, "soil": run.soil, "points": run.to_frame().to_dict("records")}
+    call.json("wheel/1", document | {"effects": {e.id: e.as_dict() for e in run.effects}})
+    call.say(f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}")
     for e in run.effects:
-        say(shown, f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
-    stress = {"stress": lambda p: f"{p.normal_stress.max() / 1000:.1f}"}
-    reporting.table.show_rows("wheel", run.points, shown, stress)
+        call.say(f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
+    call.rows("wheel", run.points, {"stress": lambda p: f"{p.normal_stress.max() / 1000:.1f}"})
 
 
 @command(api.params)
@@ -115,7 +98,7 @@ def params(
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="Folder whose granite-lab.toml applies.")
     ] = Path(),
-) -> Output:
+) -> None:
     """Robot and soil are taken from the options, else from granite-lab.toml in the folder."""
     chosen = api.chosen_in(folder, call.said.get("robot"), call.said.get("soil"))
     rows = list(call(robot=chosen["robot"]["value"], soil=chosen["soil"]["value"]))
@@ -127,12 +110,10 @@ def params(
         "catalogue": {kind: names(kind) for kind in ("robots", "soils", "loggers")},
     }
 
-    def text(shown: Console) -> None:
-        for key, value in chosen.items():
-            show(f"{key}: {value['value']} ({value['origin']})")
-        reporting.terminal.show_parameters(rows, load_variants(), shown)
-
-    return Output("params/1", document, text)
+    call.json("params/1", document)
+    for key, value in chosen.items():
+        call.line(f"{key}: {value['value']} ({value['origin']})")
+    reporting.terminal.show_parameters(rows, load_variants(), call.shown)
 
 
 effects = typer.Typer(
@@ -143,13 +124,12 @@ effects = typer.Typer(
 
 @effects.callback(invoke_without_command=True)
 @command(api.list_effects)
-def listing(call: Call[Records[Effect]], context: typer.Context) -> Output | None:
+def listing(call: Call[Records[Effect]], context: typer.Context) -> None:
     """The subcommand `show` describes one, `check` checks an effect file."""
-    if context.invoked_subcommand is not None:
-        return None
-    known = call()
-    document = {"effects": [_described(e) for e in known]}
-    return Output("effects/1", document, lambda shown: reporting.terminal.show_effects(known, shown))
+    if context.invoked_subcommand is None:
+        known = call()
+        call.json("effects/1", {"effects": [_described(e) for e in known]})
+        reporting.terminal.show_effects(known, call.shown)
 
 
 @effects.command("show")
@@ -164,7 +144,7 @@ def show_effect(
         ),
     ] = None,
     no_picture: Annotated[bool, typer.Option("--no-picture", help="Text only; simulates nothing.")] = False,
-) -> Output:
+) -> None:
     """A picture shows how sensor readings change."""
     if picture and no_picture:
         raise UsageError("--picture and --no-picture exclude each other", "give one of the two")
@@ -172,15 +152,12 @@ def show_effect(
     if not (call.as_json or no_picture):
         picture = picture or Path("reports") / "effects" / f"{effect.id}.png"
     sentence = _draw(effect, picture) if picture else ""
-
-    def text(shown: Console) -> None:
-        reporting.terminal.show_effect(effect, shown)
-        if picture:
-            show(f"picture: {picture}")
-            shown.print(sentence, markup=False)
-
     drawn = {"picture": picture, "picture_shows": sentence} if picture else {}
-    return Output("effect/1", _described(effect) | drawn, text)
+    call.json("effect/1", _described(effect) | drawn)
+    reporting.terminal.show_effect(effect, call.shown)
+    if picture:
+        call.line(f"picture: {picture}")
+        call.say(sentence)
 
 
 def _contracts(effect: str) -> dict[str, tuple[Effect, list[Check]]]:
@@ -199,23 +176,18 @@ def _contracts(effect: str) -> dict[str, tuple[Effect, list[Check]]]:
 
 @effects.command("check")
 @command(_contracts, effect=Flag(metavar="FILE"))
-def check_effect(call: Call[dict[str, tuple[Effect, list[Check]]]]) -> Output:
+def check_effect(call: Call[dict[str, tuple[Effect, list[Check]]]]) -> None:
     """The exit code is 3 if a check fails."""
-    found = call()
     from granite_lab.effects.contract import refuse_failed
 
-    def text(shown: Console) -> None:
-        mark = {"mark": lambda check: {True: "ok", False: "FAILED", None: "-"}[check.passed]}
-        for name, (effect, checks) in found.items():
-            reporting.table.say(shown, f"{name}: {effect.title}", "bold")
-            reporting.table.show_rows("checks", checks, shown, mark | {"found": lambda check: check.detail})
-
-    checks, error = {name: own for name, (_, own) in found.items()}, None
-    try:
-        refuse_failed(checks, call.said["effect"])
-    except InputError as failed:
-        error = failed
-    return Output("effect-check/1", {"effects": checks}, text, error)
+    found = call()
+    checks = {name: own for name, (_, own) in found.items()}
+    call.json("effect-check/1", {"effects": checks})
+    mark = {"mark": lambda check: {True: "ok", False: "FAILED", None: "-"}[check.passed]}
+    for name, (effect, own) in found.items():
+        call.say(f"{name}: {effect.title}", "bold")
+        call.rows("checks", own, mark | {"found": lambda check: check.detail})
+    refuse_failed(checks, call.said["effect"])
 
 
 def _draw(effect: Effect, path: Path) -> str:

@@ -13,15 +13,17 @@ import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
 from granite_lab.api.calls import Parameter
 from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
+from granite_lab.logs.bag import ROLES
 from granite_lab.parameters import load_variants, names
 
+T = TypeVar("T")
 Complete = Callable[[], Iterable[str]]
 
 TRIALS = "Logs (CSV, ROS bag, MCAP), or folders of them."
@@ -44,8 +46,10 @@ class Flag:
     Attributes:
         names: of the option; by default the parameter's name.
         kind: type of its value; by default the parameter's.
-        read: turns that value into the parameter's; a None, an empty list and a default are not handed to it.
+        read: turns that value, or each of a list, into the parameter's; raises a ValueError where it cannot.
         help: in place of the parameter's.
+        hint: how to write what cannot be read.
+        gather: makes one value of what was read of a list; raises as `read` does.
         complete: values that a shell may offer.
         metavar: of an argument; without one the parameter becomes an option.
         default: as it is written, where `read` changes it.
@@ -56,6 +60,8 @@ class Flag:
     kind: Any = None
     read: Callable[[Any], Any] | None = None
     help: str = ""
+    hint: str = ""
+    gather: Callable[[list[Any]], Any] = list
     complete: Complete | None = None
     metavar: str | None = None
     default: Any = None
@@ -85,6 +91,22 @@ class Flag:
         optional = parameter.default is None or self.kind is not None
         return Annotated[kind | None if optional else kind, about]
 
+    def value_of(self, option: str, given: Any) -> Any:
+        """Return the parameter's value for what was given.
+
+        Raises:
+            UsageError: it cannot be understood.
+        """
+        if self.read is None:
+            return given
+        texts = given if isinstance(given, list) else [given]
+        try:
+            found = [self.read(text) for text in texts]
+            return self.gather(found) if isinstance(given, list) else found[0]
+        except ValueError:
+            shown = " ".join(map(str, texts))
+            raise UsageError(f"{option} {shown}: cannot be understood", self.hint) from None
+
     def _offered(self, incomplete: str) -> list[str]:
         return [name for name in (self.complete or tuple)() if name.startswith(incomplete)]
 
@@ -107,98 +129,62 @@ def _catalogue(kind: str) -> Flag:
     return Flag(kind=str, complete=lambda: names(kind))
 
 
-def topics_of(given: Sequence[str]) -> dict[str, str]:
-    """Return what topics of a bag are to be taken for, from texts like ``imu=/imu/data``.
-
-    Raises:
-        UsageError: a text cannot be understood.
-    """
-    from granite_lab.logs.bag import ROLES
-
-    found: dict[str, str] = {}
-    for text in given:
-        role, sign, topic = (part.strip() for part in text.partition("="))
-        if not sign or not topic or role not in ROLES or role in found:
-            hint = f"write {', '.join(f'{r}=/topic' for r in ROLES)}, once each"
-            raise UsageError(f"--topic {text}: cannot be understood", hint)
-        found[role] = topic
+def _once(pairs: Sequence[tuple[str, T]]) -> dict[str, T]:
+    if len(found := dict(pairs)) < len(pairs):
+        raise ValueError
     return found
 
 
-def _numbers(option: str, shape: str) -> Callable[[Sequence[str]], dict[str, float]]:
-    """Return what reads numbers in texts like ``name=1.5``."""
-
-    def read(given: Sequence[str]) -> dict[str, float]:
-        found = {}
-        for text in given:
-            name, _, value = text.partition("=")
-            try:
-                found[name.strip()] = float(value)
-            except ValueError:
-                raise UsageError(f"{option} {text}: cannot be understood", f"write {shape}=number") from None
-        return found
-
-    return read
+def _number(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    return name.strip(), float(value)
 
 
-def _active(given: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Return effects and their parameters, from texts like ``bulldozing.strength=0.5``."""
+def _topic(text: str) -> tuple[str, str]:
+    role, _, topic = (part.strip() for part in text.partition("="))
+    if role not in ROLES or not topic:
+        raise ValueError
+    return role, topic
+
+
+def _active(given: Sequence[tuple[str, float]]) -> dict[str, dict[str, float]]:
+    """Return effects and their parameters, from names like ``bulldozing.strength`` and numbers."""
     found: dict[str, dict[str, float]] = {}
-    for name, value in _numbers("--effect", "id.parameter")(given).items():
+    for name, value in given:
         found.setdefault(name.partition(".")[0], {})[name.partition(".")[2]] = value
     return found
 
 
-def _intervals(given: Sequence[str]) -> list[tuple[float, float]]:
-    found, hint = [], "write start:end in seconds, as 0:1.2"
-    for text in given:
-        start, _, end = text.partition(":")
-        try:
-            interval = float(start), float(end)
-        except ValueError:
-            raise UsageError(f"--rest {text}: not an interval", hint) from None
-        if not interval[0] < interval[1]:
-            raise UsageError(f"--rest {text}: ends before it begins", hint)
-        found.append(interval)
-    return found
+def _interval(text: str) -> tuple[float, float]:
+    start, end = map(float, text.split(":"))
+    if not start < end:
+        raise ValueError
+    return start, end
 
 
 def _measured(text: str) -> Estimate:
     value, _, std = text.replace("+-", "±").partition("±")
-    hint = "write 2.03 or 2.03±0.01 [m]"
-    try:
-        measured = Estimate(float(value), float(std) if std else 0.005)
-    except ValueError:
-        raise UsageError(f"--distance-measured {text}: not a number", hint) from None
+    measured = Estimate(float(value), float(std) if std else 0.005)
     if not (measured.value > 0 and measured.std > 0):
-        raise UsageError(f"--distance-measured {text}: must be positive", hint)
+        raise ValueError
     return measured
 
 
-def _against(text: str) -> bool:
+def _reference(text: str) -> bool:
     if text != "ref":
-        raise UsageError(f"--against {text}: not known", "use --against ref")
+        raise ValueError
     return True
 
 
-def slips_of(text: str) -> list[float]:
-    """Return the slip ratios that a text asks for: one, or start:end:step with both ends.
-
-    Raises:
-        UsageError: the text cannot be understood.
-    """
-    try:
-        parts = [float(part) for part in text.split(":")]
-    except ValueError:
-        parts = []
+def _slips(text: str) -> list[float]:
+    """Return the slip ratios that a text asks for: one, or start:end:step with both ends."""
+    parts = [float(part) for part in text.split(":")]
     if len(parts) == 1:
         return parts
-    if len(parts) != 3 or not parts[0] <= parts[1] or parts[2] <= 0 or parts[1] - parts[0] > 2:
-        raise UsageError(f"--slip {text}: cannot be understood", "write 0.2, or start:end:step, as 0:0.9:0.1")
-    steps = round((parts[1] - parts[0]) / parts[2])
-    if steps > 10_000:
-        raise UsageError(f"--slip {text}: {steps} steps are too many", "at most 10000")
-    return [round(parts[0] + k * parts[2], 12) for k in range(steps + 1)]
+    start, end, step = parts
+    if not (0 <= end - start <= 2 and step > 2e-4):  # at most 10,000 steps
+        raise ValueError
+    return [round(start + k * step, 12) for k in range(round((end - start) / step) + 1)]
 
 
 def picture(text: str, **more: Any) -> Any:
@@ -228,8 +214,9 @@ FLAGS: dict[str, Flag] = {
     "column_map": replace(_catalogue("loggers"), names=("--map",)),
     "variant": Flag(complete=lambda: [f"{v.velocity:g}" for v in load_variants()]),
     "topics": Flag(
-        ("--topic",), list[str], topics_of,
-        "Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated.",
+        ("--topic",), list[str], _topic,
+        help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated.",
+        hint=f"write {', '.join(f'{role}=/topic' for role in ROLES)}, once each", gather=_once,
     ),
     "jobs": Flag(("--jobs", "-j")),
     "latency": Flag(
@@ -237,32 +224,33 @@ FLAGS: dict[str, Flag] = {
         help="Largest delay between two sensors that counts as latency [ms].",
     ),
     "rests": Flag(
-        ("--rest",), list[str], _intervals, "Interval of standstill, as 0:1.2 [s]; may be repeated."
+        ("--rest",), list[str], _interval, help="Interval of standstill, as 0:1.2 [s]; may be repeated.",
+        hint="write start:end in seconds, the start first, as 0:1.2",
     ),
     "distance_measured": Flag(
-        kind=str, read=_measured, help="Total distance by tape [m], as 2.03 or 2.03±0.01."
+        kind=str, read=_measured, help="Total distance by tape [m], as 2.03 or 2.03±0.01.",
+        hint="write 2.03 or 2.03±0.01 [m]",
     ),
     "against_reference": Flag(
-        ("--against",), str, _against,
-        "'ref': judge the estimate by the log's reference, which the filter does not use.",
+        ("--against",), str, _reference, hint="use --against ref",
+        help="'ref': judge the estimate by the log's reference, which the filter does not use.",
     ),
     "slip": Flag(
-        kind=str, read=slips_of, default="0.2",
+        kind=str, read=_slips, default="0.2", hint="write 0.2, or start:end:step, as 0:0.9:0.1",
         help="Slip ratio λ of (1), as 0.2, or a sweep start:end:step, as -0.5:0.9:0.1.",
     ),
     "sinkage": Flag(read=lambda mm: mm / 1000, help="Sinkage [mm] instead of a load."),
-    "angle": Flag(read=math.radians, default=0.0, help="Angle of the wheel [°], for effects with lugs."),
     "soil_values": Flag(
-        ("--soil-value",), list[str], _numbers("--soil-value", "key"),
-        "A value instead of the soil's, as cohesion_Pa=500; may be repeated.",
+        ("--soil-value",), list[str], _number, hint="write key=number", gather=_once,
+        help="A value instead of the soil's, as cohesion_Pa=500; may be repeated.",
     ),
     "active": Flag(
-        ("--effect",), list[str], _active,
-        "Switch an effect on, as bulldozing.strength=0.5; may be repeated.",
+        ("--effect",), list[str], _number, hint="write id.parameter=number", gather=_active,
+        help="Switch an effect on, as bulldozing.strength=0.5; may be repeated.",
     ),
     "sizes": Flag(
-        ("--size",), list[str], _numbers("--size", "name"),
-        "A parameter of the effect: name=value, or id.name=value; may be repeated.",
+        ("--size",), list[str], _number, hint="write name=number", gather=_once,
+        help="A parameter of the effect: name=value, or id.name=value; may be repeated.",
     ),
     "label": Flag(("--name",)),
 }  # fmt: skip
@@ -297,13 +285,12 @@ def said_of(values: Mapping[str, Any], flags: Mapping[str, Flag]) -> dict[str, A
     Raises:
         UsageError: a text cannot be understood, or the window ends before it begins.
     """
-    said: dict[str, Any] = {}
+    said: dict[str, Any] = {"logs": []} if "logs" in values else {}
     for name, value in values.items():
-        read = flags.get(name, Flag()).read
-        if value is not None and value != []:
-            said[name] = read(value) if read else value
-        elif name == "logs":
-            said[name] = []
+        if value is None or value == []:
+            continue
+        flag = flags.get(name, Flag())
+        said[name] = flag.value_of((*flag.names, f"--{name.replace('_', '-')}")[0], value)
     begin, end = said.pop("from_", -math.inf), said.pop("to_", math.inf)
     if not begin < end:
         raise UsageError(f"{FROM} {begin:g} {TO} {end:g}: not a window", f"{FROM} comes before {TO}")

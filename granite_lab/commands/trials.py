@@ -9,13 +9,13 @@ import typer
 
 from granite_lab import reporting, two_studies
 from granite_lab.api import trials as api
-from granite_lab.api.records import Origin, Records, Studied
-from granite_lab.commands.command import Call, Output, command, show, warn, warn_of
+from granite_lab.api.records import Origin, Records
+from granite_lab.commands.command import Call, command, warn, warn_of
 from granite_lab.commands.options import Flag, Table
 from granite_lab.errors import LabError
 from granite_lab.files import write_table, write_text
 from granite_lab.running import Execution
-from granite_lab.running.output import trouble
+from granite_lab.running.output import tell
 from granite_lab.shown import picked
 
 if TYPE_CHECKING:
@@ -24,14 +24,10 @@ if TYPE_CHECKING:
     from granite_lab.comparison.record import Comparison
     from granite_lab.fitting.fit import AThetaFit, K92Fit
     from granite_lab.planning.plan import Plan, Proposal
-    from granite_lab.verify import Verification
+    from granite_lab.study import Written
 
-MOST = 20
-"""Differences that are printed."""
-
-
-def _folder(default: str, text: str) -> Flag:
-    return Flag(help=text, shown=default)
+MOST, PROPOSALS = 20, 8
+"""Differences and proposed trials that are printed at most."""
 
 
 def _origin(origin: Origin) -> dict[str, Any]:
@@ -45,7 +41,7 @@ def fit_k92(
     call: Call[Records[K92Fit]],
     out: Table = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print the notes of the fits.")] = False,
-) -> Output:
+) -> None:
     """Fits without an optimum are marked; --verbose prints notes on all fits."""
     fits = call()
     if out is not None:
@@ -56,32 +52,29 @@ def fit_k92(
         | reporting.json_report.k92_as_json(fit)
         for fit in fits
     ]
-    return Output(
-        "fit-k92/2",
-        {"fits": rows} | _origin(fits.origin),
-        lambda shown: reporting.terminal.show_k92_fits(list(fits), shown, notes=verbose),
-    )
+    call.json("fit-k92/2", {"fits": rows} | _origin(fits.origin))
+    reporting.terminal.show_k92_fits(list(fits), call.shown, notes=verbose)
 
 
 @command(api.fit_a_theta, run=api.a_theta_of, busy="fitting")
-def fit_atheta(call: Call[tuple[AThetaFit, Origin]], out: Table = None) -> Output:
+def fit_atheta(call: Call[tuple[AThetaFit, Origin]], out: Table = None) -> None:
     """A verdict needs three speeds."""
     fit, origin = call()
     if out is not None:
         table = fit.to_frame()
         write_table(out, table.assign(data="virtual") if fit.virtual else table)
 
-    def text(shown: Console) -> None:
-        reporting.terminal.show_a_theta(fit, shown)
-        what = "Rows of Table 3" if origin.source is None else "Virtual trials" if fit.virtual else "Trials"
-        reporting.table.say(shown, f"{what}: {', '.join(point[0] for point in fit.points)}.")
-
     document = (reporting.json_report.a_theta_as_json(fit) or {}) | _origin(origin)
-    return Output("fit-atheta/2", document | {"agrees": reporting.answers.a_theta_of(fit)[1]}, text)
+    call.json("fit-atheta/2", document | {"agrees": reporting.answers.a_theta_of(fit)[1]})
+    reporting.terminal.show_a_theta(fit, call.shown)
+    what = "Rows of Table 3" if origin.source is None else "Virtual trials" if fit.virtual else "Trials"
+    call.say(f"{what}: {', '.join(point[0] for point in fit.points)}.")
 
 
-@command(api.compare, busy="fitting", out=_folder("reports/compare", "Folder for tables and figures."))
-def compare(call: Call[Records[Comparison]]) -> Output:
+@command(
+    api.compare, busy="fitting", out=Flag(help="Folder for tables and figures.", shown="reports/compare")
+)  # fmt: skip
+def compare(call: Call[Records[Comparison]]) -> None:
     """Tables and figures are written, the differences by quantity are printed."""
     out = call.folder("compare")
     found = call(out=out)
@@ -91,12 +84,10 @@ def compare(call: Call[Records[Comparison]]) -> Output:
         for c in found
     ]
 
-    def text(shown: Console) -> None:
-        reporting.terminal.show_misfits(list(found), shown)
-        show(f"figures and tables: {out}")
-
     document = {"trials": rows, "files": found.origin.written}
-    return Output("compare/1", document | _origin(found.origin), text)
+    call.json("compare/1", document | _origin(found.origin))
+    reporting.terminal.show_misfits(list(found), call.shown)
+    call.line(f"figures and tables: {out}")
 
 
 @command(
@@ -104,69 +95,60 @@ def compare(call: Call[Records[Comparison]]) -> Output:
     run=api.studied,
     busy="trials",
     leave=("name",),
-    out=_folder("reports/study", "Folder of the report; its name is the report's name."),
+    out=Flag(help="Folder of the report; its name is the report's name.", shown="reports/study"),
 )
 def study(
-    call: Call[Studied],
+    call: Call[tuple[Written, Origin]],
     check: Annotated[
         Path | None,
         typer.Option("--verify", metavar="REPORT", help="Compute a report again and print the differences."),
     ] = None,
-) -> Output:
+) -> None:
     """The report has a page, a PDF, tables, figures and recordings."""
     if check is not None:
-        return _verified(call, check)
+        _verify(call, check)
+        return
     out = call.folder("study")
-    found = call(out=out)
+    written, origin = call(out=out)
     from granite_lab.discovery.as_json import finding_as_json
 
-    result, written = found.result, found.written
-    assert written is not None
-    warn_of(found.origin)
-    finding = result.finding
-
-    def text(shown: Console) -> None:
-        model = written.model.name if written.model else None
-        reporting.terminal.show_study(result, shown, str(out), model)
-        if written.page is not None:
-            kept = " (unchanged: logs, options and code are those it was written from)"
-            show(f"report: {written.page}{kept if found.unchanged else ''}")
-
+    warn_of(origin)
+    result, finding, model = written.result, written.result.finding, written.model
     document = {
         "report": written.page,
-        "unchanged": found.unchanged,
+        "unchanged": written.unchanged,
         "trials": len(result.trials),
         "failures": result.failures,
         "a_theta": result.a_theta.a_theta if result.a_theta else None,
-        "discovery": finding_as_json(finding, written.model) if finding is not None else None,
+        "discovery": finding_as_json(finding, model) if finding is not None else None,
     }
-    failed = trouble([*(finding.failures if finding is not None else ()), *written.failures])
-    return Output("study/1", document, text, failed)
+    call.json("study/1", document)
+    reporting.terminal.show_study(result, call.shown, str(out), model and model.name)
+    if written.page is not None:
+        kept = " (unchanged: logs, options and code are those it was written from)"
+        call.line(f"report: {written.page}{kept if written.unchanged else ''}")
+    tell(list(dict.fromkeys((*(finding.failures if finding is not None else ()), *written.failures))))
 
 
-def _verified(call: Call[Studied], report: Path) -> Output:
+def _verify(call: Call[tuple[Written, Origin]], report: Path) -> None:
     from granite_lab.verify import verify
 
     execution = Execution(call.said["jobs"], call.said.get("scheduler"))
-    found: Verification = call.of(verify, report, call.said.get("logs", ()), execution=execution)
+    found = call.of(verify, report, call.said.get("logs", ()), execution=execution)
     warn(found.notes)
-    lines, error = found.differences, None
+    lines = found.differences
+    call.json("verify/1", {"same": not lines} | vars(found))
+    for line in lines[:MOST]:
+        call.line(line)
+    if len(lines) > MOST:
+        call.line(f"and {len(lines) - MOST} more differences; --json lists all")
     if lines:
-        error = LabError(
+        raise LabError(
             f"{found.report}: differs in {len(lines)} places when computed again",
             "an input, the version or a library has changed, or the report was edited",
         )
-
-    def text(_: Console) -> None:
-        if not lines:
-            logs = f"{found.trials} log{'s' if found.trials > 1 else ''}"
-            show(f"{found.report}: identical, recomputed from {logs}")
-        for line in lines[:MOST]:
-            show(line)
-        if len(lines) > MOST:
-            show(f"and {len(lines) - MOST} more differences; --json lists all")
-
-    return Output("verify/1", {"same": not lines} | vars(found), text, error)
+    logs = f"{found.trials} log{'s' if found.trials > 1 else ''}"
+    call.line(f"{found.report}: identical, recomputed from {logs}")
 
 
 @command(
@@ -179,58 +161,50 @@ def compare_studies(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write a page, a figure and a table into this folder.")
     ] = None,
-) -> Output:
+) -> None:
     """For example of sand A and B, or before and after a change."""
     found = call()
     page = two_studies.write_compared(found, out) if out is not None else None
 
-    def text(shown: Console) -> None:
-        say = reporting.table.say
-        say(shown, f"A: {found.names[0]}; B: {found.names[1]}")
-        columns = ("quantity", "unit", "B − A, 95 %", "detectable", "verdict")
-        reporting.table.show_table(two_studies.compared_table(found), shown, only=columns)
-        say(shown, "B − A: 95 % interval. Detectable: difference that is found with a probability of 80 %.")
-        for note in found.notes:
-            say(shown, note)
-        if page is not None:
-            show(f"page: {page}")
-
-    return Output("compare-studies/1", two_studies.compared_as_json(found) | {"page": page}, text)
+    call.json("compare-studies/1", two_studies.compared_as_json(found) | {"page": page})
+    call.say(f"A: {found.names[0]}; B: {found.names[1]}")
+    columns = ("quantity", "unit", "B − A, 95 %", "detectable", "verdict")
+    reporting.table.show_table(two_studies.compared_table(found), call.shown, only=columns)
+    call.say("B − A: 95 % interval. Detectable: difference that is found with a probability of 80 %.")
+    for note in found.notes:
+        call.say(note)
+    if page is not None:
+        call.line(f"page: {page}")
 
 
 @command(
     api.discover,
     run=api.discovered,
     busy="discovering",
-    out=_folder("reports/discover", "Folder of the report, finding.json and model.toml."),
+    out=Flag(help="Folder of the report, finding.json and model.toml.", shown="reports/discover"),
 )
-def discover(call: Call[Studied]) -> Output:
+def discover(call: Call[tuple[Written, Origin]]) -> None:
     """Report, finding and corrected model are written."""
     out = call.folder("discover")
-    found = call(out=out)
+    written, origin = call(out=out)
     from granite_lab.discovery.as_json import finding_as_json
 
-    finding, written, excluded = found.result.finding, found.written, warn_of(found.origin)
-    assert written is not None
+    finding, excluded = written.result.finding, warn_of(origin)
     assert finding is not None
-
-    def text(shown: Console) -> None:
-        reporting.terminal.show_study(found.result, shown, str(out), written.model)
-        for what, path in (("report", written.page), ("model with what was found", written.model)):
-            if path is not None:
-                show(f"{what}: {path}")
-
-    document = finding_as_json(finding, written.model) | excluded
-    return Output("discovery/2", document, text, trouble(finding.failures))
+    call.json("discovery/2", finding_as_json(finding, written.model) | excluded)
+    reporting.terminal.show_study(written.result, call.shown, str(out), written.model)
+    for what, path in (("report", written.page), ("model with what was found", written.model)):
+        if path is not None:
+            call.line(f"{what}: {path}")
+    tell(finding.failures)
 
 
 @command(api.plan_next, busy="looking at trials")
-def plan_next(
-    call: Call[Plan], most: Annotated[int, typer.Option(min=1, help="Rows of the table.")] = 8
-) -> Output:
+def plan_next(call: Call[Plan]) -> None:
     """Proposals are ranked, the best first."""
     found = call()
-    return Output("plan/2", _document(found), lambda shown: show_plan(found, most, shown))
+    call.json("plan/2", _document(found))
+    show_plan(found, call.shown)
 
 
 def _document(plan: Plan) -> dict[str, Any]:
@@ -253,7 +227,7 @@ def _document(plan: Plan) -> dict[str, Any]:
 MEASURE = ("expected log Bayes factor", "relative standard deviation")
 
 
-def show_plan(plan: Plan, most: int, shown: Console) -> None:
+def show_plan(plan: Plan, shown: Console) -> None:
     """Print a plan so that it fits 80 columns."""
     say = reporting.table.say
     sharpens = plan.question.kind == "sharpen"
@@ -279,7 +253,7 @@ def show_plan(plan: Plan, most: int, shown: Console) -> None:
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
         say(shown, f"No trial is recommended: {why}.", "bold")
-    rows = (cells(k, p) for k, p in enumerate(plan.proposals[:most], 1))
+    rows = (cells(k, p) for k, p in enumerate(plan.proposals[:PROPOSALS], 1))
     reporting.table.show_rows("plan", rows, shown, change="std" if sharpens else "log Bayes factor")
     if plan.worth:
         best = plan.proposals[0].option

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from platformdirs import user_cache_path
 
 import granite_lab
 from granite_lab.errors import LabError
@@ -55,7 +56,8 @@ class Cache:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder or _default_folder()
+        chosen = folder or os.environ.get(VARIABLE)
+        self.folder = Path(chosen) if chosen else user_cache_path("granite-lab", appauthor=False)
         self.trouble: LabError | None = None
 
     def get(
@@ -108,15 +110,6 @@ class Cache:
 
     def _path(self, key: str) -> Path:
         return self.folder / key[:2] / f"{key[2:]}.bin"
-
-
-def _default_folder() -> Path:
-    """Return the folder that the system means for caches, or what the environment says."""
-    if chosen := os.environ.get(VARIABLE):
-        return Path(chosen)
-    from platformdirs import user_cache_path  # noqa: PLC0415, only for the commands that need it
-
-    return user_cache_path("granite-lab", appauthor=False)
 
 
 @lru_cache

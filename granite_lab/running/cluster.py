@@ -8,29 +8,26 @@ from __future__ import annotations
 
 import os
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from granite_lab.errors import LabError, UsageError
 from granite_lab.running import cache
+from granite_lab.running.each import AHEAD, PATIENCE, finished
 
 X = TypeVar("X")
 Y = TypeVar("Y")
-
-PATIENCE = 10
-"""How long a scheduler may take to answer, and to have workers [s]."""
-
-AHEAD = 2
-"""Items per thread of the cluster that are on their way."""
 
 _alone = threading.Lock()
 
 
 @contextmanager
 def connected(address: str) -> Iterator[Any]:
-    """Connect to a scheduler and cancel what is left there in the end.
+    """Connect to a scheduler, which has `PATIENCE` to answer and to have workers.
 
     Raises:
         UsageError: dask.distributed is not installed, or nothing answers at the address.
@@ -49,7 +46,7 @@ def connected(address: str) -> Iterator[Any]:
         raise UsageError(
             f"scheduler '{address}' cannot be reached: {reason}", "an address is like tcp://10.0.0.5:8786"
         ) from None
-    try:
+    with client:
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError:
@@ -57,8 +54,6 @@ def connected(address: str) -> Iterator[Any]:
                 f"scheduler '{address}' has no workers", f"start some: dask worker {address}"
             ) from None
         yield client
-    finally:
-        client.close(timeout=PATIENCE)
 
 
 def run_on(client: Any, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[tuple[int, Y | LabError]]:
@@ -72,41 +67,34 @@ def run_on(client: Any, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[
     Raises:
         LabError: all workers are gone.
     """
-    from distributed import wait  # noqa: PLC0415
+    there = partial(_on_worker, call, folder=str(Path.cwd()), code=cache.code(search=True))
+    pool = client.get_executor(pure=False)
 
-    code, folder = cache.code(search=True), str(Path.cwd())
-    queue = list(enumerate(items))[::-1]
-    inside: dict[Any, int] = {}
+    def room() -> int:
+        threads: int = sum(client.nthreads().values())
+        return max(1, threads) * (1 + AHEAD)
+
+    def idle() -> None:
+        if not client.nthreads():
+            raise LabError(
+                "the cluster has lost all its workers", "start new ones; finished trials are remembered"
+            )
+
     try:
-        while queue or inside:
-            room = max(1, sum(client.nthreads().values())) * (1 + AHEAD) - len(inside)
-            for index, item in (queue.pop() for _ in range(min(room, len(queue)))):
-                inside[client.submit(_on_worker, call, item, folder, code, pure=False)] = index
-            try:
-                done = wait(list(inside), timeout=PATIENCE, return_when="FIRST_COMPLETED").done
-            except TimeoutError:
-                if not client.nthreads():
-                    raise LabError(
-                        "the cluster has lost all its workers",
-                        "start new ones; finished trials are remembered",
-                    ) from None
-                continue
-            for future in done:
-                index = inside.pop(future)
-                yield index, _result(future, items[index])
+        for index, future in finished(pool, there, deque(enumerate(items)), {}, room, idle):
+            error = future.exception()
+            what = (str(error).splitlines() or [""])[0]
+            yield (
+                index,
+                future.result()
+                if error is None
+                else LabError(
+                    f"{items[index]}: the cluster could not work on it: {type(error).__name__}: {what}",
+                    "see the logs of its workers; is granite-lab installed there?",
+                ),
+            )
     finally:
-        client.cancel(list(inside))
-
-
-def _result(future: Any, item: Any) -> Any:
-    error = future.exception()
-    if error is None:
-        return future.result()
-    what = (str(error).splitlines() or [""])[0]
-    return LabError(
-        f"{item}: the cluster could not work on it: {type(error).__name__}: {what}",
-        "see the logs of its workers; is granite-lab installed there?",
-    )
+        pool.shutdown(wait=False)
 
 
 def _on_worker(call: Callable[[X], Y], item: X, folder: str, code: str) -> Y | LabError:

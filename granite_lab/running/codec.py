@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granite_lab.files import is_folder
+
 if TYPE_CHECKING:
     from granite_lab.model.effect import Effect
 
@@ -97,10 +99,7 @@ class Arena:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        try:
-            self._folder = folder if folder is not None and folder.is_dir() else None
-        except PermissionError:  # of a folder above it
-            self._folder = None
+        self._folder = folder if folder is not None and is_folder(folder) else None
         self._room = memoryview(b"")
 
     def hold(self, data: bytes) -> Buffer:
@@ -119,11 +118,6 @@ class Arena:
         return held
 
 
-def effect_named(name: str) -> Effect:
-    """Stand in a record for an effect, which comes from the library or from a user's file, not from bytes."""
-    raise KeyError(name)
-
-
 def is_effect(value: Any) -> bool:
     """Say whether a value is an effect, without importing the model: no effect is there before that is."""
     module = sys.modules.get("granite_lab.model.effect")
@@ -131,9 +125,11 @@ def is_effect(value: Any) -> bool:
 
 
 class _Writer(pickle.Pickler):
+    def persistent_id(self, obj: Any) -> str | None:
+        """Return the id of an effect, which comes from the library or a user's file, not from bytes."""
+        return obj.id if is_effect(obj) else None
+
     def reducer_override(self, obj: Any) -> Any:
-        if is_effect(obj):
-            return effect_named, (obj.id,)
         if isinstance(obj, np.ndarray) and not obj.flags.forc:
             return np.ascontiguousarray(obj).__reduce_ex__(5)
         if not isinstance(obj, NAMED) and not _is_record(type(obj)):
@@ -146,9 +142,10 @@ class _Reader(pickle.Unpickler):
         super().__init__(io.BytesIO(data), buffers=arrays)
         self._effects = effects
 
+    def persistent_load(self, name: str) -> Effect:
+        return self._effects[name]
+
     def find_class(self, module: str, name: str) -> Any:
-        if (module, name) == (effect_named.__module__, effect_named.__name__):
-            return self._effects.__getitem__
         if name in PLAIN.get(module, ()):
             return super().find_class(module, name)
         found = super().find_class(module, name) if module.startswith("granite_lab.") else None

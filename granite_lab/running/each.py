@@ -6,7 +6,7 @@ import os
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
@@ -28,7 +28,10 @@ X = TypeVar("X")
 Y = TypeVar("Y")
 
 AHEAD = 2
-"""Items per process that wait in its queue; finished results never pile up beyond that."""
+"""Items per worker that wait in its queue; finished results never pile up beyond that."""
+
+PATIENCE = 10
+"""Time after which a pool that finishes nothing is looked at [s]."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,7 @@ def each_trial(
             results[path] = found
             done(path)
     left = [path for path in dict.fromkeys(paths) if path not in results]
-    for index, outcome in _outcomes(partial(_guarded, work, options), left, execution):
+    for index, outcome in run(partial(_guarded, work, options), left, execution):
         path = left[index]
         if isinstance(outcome, LabError):
             results[path] = outcome
@@ -121,18 +124,6 @@ def sifted(
     return results, tuple(Failure(name_of(path), error.message, error.hint) for path, error in errors)
 
 
-def _outcomes(
-    call: Callable[[Path], bytes | LabError], paths: Sequence[Path], execution: Execution
-) -> Iterator[tuple[int, bytes | LabError]]:
-    if execution.scheduler is None or not paths:
-        yield from run_here(call, paths, execution.jobs)
-        return
-    from granite_lab.running.cluster import connected, run_on  # noqa: PLC0415, an extra
-
-    with connected(execution.scheduler) as client:
-        yield from run_on(client, call, paths)
-
-
 def _guarded(work: Callable[[Path, Options], Any], options: Options, path: Path) -> bytes | LabError:
     """Return the encoded pair of files that were read besides the log, and result."""
     forget()
@@ -142,71 +133,93 @@ def _guarded(work: Callable[[Path, Options], Any], options: Options, path: Path)
         except LabError as error:
             return error
         except Exception as error:  # one trial must not take the others with it
-            return _fault(path, error)
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            what = f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}"
+            return LabError(
+                f"{path}: {what}: {' '.join(str(error).split())[:200]}",
+                "this is a fault of granite-lab, not of the log: please report it",
+            )
     depends = tuple((str(p), sha) for p, sha in files.items() if not p.is_relative_to(CATALOGUE))
     return encode((depends, result))
 
 
-def _fault(path: Path, error: Exception) -> LabError:
-    """Say where in the code an error arose that nobody foresaw."""
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    what = " ".join(str(error).split())[:200]
-    return LabError(
-        f"{path}: {type(error).__name__} in {Path(last.filename).name}:{last.lineno}: {what}",
-        "this is a fault of granite-lab, not of the log: please report it",
-    )
-
-
-def run_here(call: Callable[[X], Y], items: Sequence[X], jobs: int) -> Iterator[tuple[int, Y | LabError]]:
+def run(
+    call: Callable[[X], Y], items: Sequence[X], execution: Execution
+) -> Iterator[tuple[int, Y | LabError]]:
     """Yield (index, result) of each item, in the order in which they are finished.
 
-    A process that dies takes its items with it; these are tried once more, each in a process of its
-    own, so that only the one that kills its process fails.
+    A process that dies takes its items with it; these are tried once more, one at a time, so that only
+    the one that kills its process fails.
 
     Args:
-        call: a module-level function, or a partial of one.
+        call: a module-level function of this package, or a partial of one.
         items: its arguments.
-        jobs: number of processes; 0 means one per core, 1 means this process.
+        execution: where the work is done.
+
+    Raises:
+        UsageError: the cluster cannot be used.
+        LabError: all its workers are gone.
     """
-    workers = min(jobs or os.cpu_count() or 1, len(items))
+    if execution.scheduler is not None and items:
+        from granite_lab.running.cluster import connected, run_on  # noqa: PLC0415, an extra
+
+        with connected(execution.scheduler) as client:
+            yield from run_on(client, call, items)
+        return
+    workers = min(execution.jobs or os.cpu_count() or 1, len(items))
     if workers <= 1:
         yield from ((i, call(item)) for i, item in enumerate(items))
         return
-    lost: list[tuple[int, X]] = []
-    queue = deque(enumerate(items))
-    while queue:
-        yield from _crowd(call, queue, workers, lost)
-    for index, item in lost:
-        again: list[tuple[int, X]] = []
-        yield from _crowd(call, deque([(index, item)]), 1, again)
-        if again:
-            yield index, LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY)
-
-
-def _crowd(
-    call: Callable[[X], Y], queue: deque[tuple[int, X]], workers: int, lost: list[tuple[int, X]]
-) -> Iterator[tuple[int, Y]]:
-    """Empty a queue with one pool; where the pool breaks, what was in it goes to `lost`."""
     from loky import ProcessPoolExecutor  # noqa: PLC0415, not needed by one process
 
-    inside: dict[Future[Y], tuple[int, X]] = {}
-    pool = ProcessPoolExecutor(workers, initializer=behave)
-    ended = False
-    try:
-        while queue or inside:
-            with starting():
-                while queue and len(inside) < workers * (1 + AHEAD):
-                    inside[pool.submit(call, queue[0][1])] = queue[0]
-                    queue.popleft()
-            for future in wait(inside, return_when=FIRST_COMPLETED).done:
-                result = future.result()
-                yield inside.pop(future)[0], result
-        ended = True
-    except BrokenProcessPool:
-        for future, (index, item) in inside.items():
-            if future.done() and future.exception() is None:
+    queue, suspects, alone = deque(enumerate(items)), deque[tuple[int, X]](), False
+
+    def room() -> int:
+        return 1 if alone else workers * (1 + AHEAD)
+
+    while queue or suspects:
+        alone, ended = not queue, False
+        inside: dict[Future[Y], tuple[int, X]] = {}
+        pool = ProcessPoolExecutor(1 if alone else workers, initializer=behave)
+        try:
+            for index, future in finished(pool, call, queue or suspects, inside, room):
                 yield index, future.result()
-            else:
-                lost.append((index, item))
-    finally:
-        pool.shutdown(kill_workers=not ended)
+            ended = True
+        except BrokenProcessPool:
+            if not alone:
+                suspects.extend(inside.values())
+            for index, item in inside.values() if alone else ():
+                yield index, LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY)
+        finally:
+            pool.shutdown(kill_workers=not ended)
+
+
+def finished(
+    pool: Executor,
+    call: Callable[[X], Y],
+    queue: deque[tuple[int, X]],
+    inside: dict[Future[Y], tuple[int, X]],
+    room: Callable[[], int],
+    idle: Callable[[], None] = lambda: None,
+) -> Iterator[tuple[int, Future[Y]]]:
+    """Yield (index, future) as a pool finishes the items of a queue.
+
+    Args:
+        pool: does the work.
+        call: applied to each item.
+        queue: (index, item); emptied.
+        inside: items that are in the pool, by future; one leaves when the next is asked for.
+        room: how many items may be in the pool at once.
+        idle: called where nothing was finished for a while; may raise.
+    """
+    while queue or inside:
+        with starting():
+            while queue and len(inside) < room():
+                inside[pool.submit(call, queue[0][1])] = queue[0]
+                queue.popleft()
+        done = wait(inside, PATIENCE, FIRST_COMPLETED).done
+        if not done:
+            idle()
+        for future in done:
+            yield inside[future][0], future
+            del inside[future]

@@ -1,4 +1,4 @@
-"""What a user may say about trials."""
+"""What a user may say about trials, and the trials that are read by it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from granite_lab import estimation, logs
 from granite_lab.estimate import Estimate
+from granite_lab.estimation.motion import Motion
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
-from granite_lab.logs.trial import TrialInfo
+from granite_lab.logs.trial import Trial, TrialInfo
+from granite_lab.parameters import Robot, load_robot
 
 GIVEN: dict[str, tuple[str, type]] = {
     "robot": ("robot", str), "soil": ("soil", str), "map": ("column_map", str),
@@ -90,3 +93,28 @@ class Options:
             tolerance=float(said.get("tolerance", TOLERANCE)),
             latency=float(said.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,
         )
+
+
+def read(path: Path, options: Options) -> tuple[Trial, Robot]:
+    """Read a log; return the trial as it was logged, and its robot.
+
+    Raises:
+        InputError: the log cannot be used.
+    """
+    names = ("imu", "encoders", "currents", "reference", "rows", "robot", "info", "window")
+    said: dict[str, Any] = {name: getattr(options, name) for name in names}
+    trial = logs.read_trial(path, map=options.column_map, topics=dict(options.topics), **said)
+    return trial, load_robot(options.robot or trial.info.robot or "granite")
+
+
+def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
+    """Read a log; return the trial as estimation corrected it, its robot and its motion.
+
+    Raises:
+        InputError: the log cannot be used.
+        EstimateError: the motion cannot be had from it.
+    """
+    logged, robot = read(path, options)
+    said: dict[str, Any] = {"rests": options.rests, "distance_measured": options.distance_measured}
+    trial, motion = estimation.correct(logged, robot, **said)
+    return trial, robot, motion

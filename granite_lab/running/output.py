@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import re
 import shutil
@@ -14,8 +13,6 @@ from typing import TypeVar
 
 from granite_lab.errors import LabError, printable
 from granite_lab.files import readable, write_text
-from granite_lab.running.cache import Cache, fingerprint
-from granite_lab.running.codec import encode
 
 T = TypeVar("T")
 
@@ -37,7 +34,15 @@ def claimed(folder: Path) -> Iterator[None]:
         raise readable(error, folder, "write") from None
     try:
         if lock is not None:
-            _lock(lock, folder)
+            import fcntl  # noqa: PLC0415, absent on Windows
+
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except (BlockingIOError, PermissionError):
+                hint = "wait, or choose another --out"
+                raise LabError(f"{folder}: another run is writing into it", hint) from None
+            except OSError:  # a file system without locks: two runs at once stay possible there
+                pass
         _sweep(folder)
         yield
     finally:
@@ -45,19 +50,6 @@ def claimed(folder: Path) -> Iterator[None]:
             os.close(lock)
         with suppress(OSError):
             folder.rmdir()
-
-
-def _lock(descriptor: int, folder: Path) -> None:
-    import fcntl  # noqa: PLC0415, absent on Windows
-
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-            raise LabError(
-                f"{folder}: another run is writing into it", "wait, or choose another --out"
-            ) from None
-        # a file system without locks: two runs at once stay possible there
 
 
 def _sweep(folder: Path) -> None:
@@ -127,28 +119,3 @@ def tell(lines: Sequence[str]) -> None:
     """
     if error := trouble(lines):
         raise error
-
-
-class Stamp:
-    """Remembers what a run wrote into a folder, so that the next one with the same key need not.
-
-    Args:
-        folder: of the output.
-        key: hash of all that the output depends on.
-        cache: where that is remembered; None remembers nothing.
-    """
-
-    def __init__(self, folder: Path, key: str, cache: Cache | None) -> None:
-        self._folder, self._key, self._cache = folder, key, cache
-
-    def holds(self) -> bool:
-        """Say whether the output is there as it was written, to the byte."""
-        written = self._cache.get(self._key) if self._cache is not None else None
-        return bool(written) and all(fingerprint(self._folder / name) == sha for name, sha in written or ())
-
-    def set(self) -> None:
-        """Remember the files that the folder now holds."""
-        if self._cache is not None:
-            files = sorted(p for p in self._folder.rglob("*") if p.is_file())
-            now = tuple((p.relative_to(self._folder).as_posix(), fingerprint(p)) for p in files)
-            self._cache.put(self._key, encode(((), now)))

@@ -65,7 +65,7 @@ def test_an_option_in_another_unit_has_the_default_of_the_function() -> None:
             if argument in written:
                 default = written[argument].read(written[argument].default)  # type: ignore[misc]
                 assert default in (parameter.default, [parameter.default]), (name, argument)
-    assert set(written) == {"latency", "slip", "angle"}
+    assert set(written) == {"latency", "slip"}
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 import granite_lab as gl
-from granite_lab.commands.options import slips_of
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.model.single_wheel import FORCES
 from granite_lab.parameters import GRAVITY
@@ -44,11 +43,8 @@ def test_a_quarter_of_the_robot_and_the_law_of_the_paper_are_the_default() -> No
     assert one.k92 == pytest.approx(2.718281828 ** (-4.919 * 0.5), rel=1e-3)  # ω r = 0.4 / 0.8
 
 
-def test_wheel_and_soil_can_be_given_by_values() -> None:
-    found = gl.wheel(
-        [0.1, 0.3], load=30, k92=0.5, radius=0.06, width=0.05, soil_values={"cohesion_Pa": 0, "exponent": 1}
-    )
-    assert (found.wheels.radius, found.wheels.width) == (0.06, 0.05)
+def test_the_soil_can_be_given_by_values() -> None:
+    found = gl.wheel([0.1, 0.3], load=30, k92=0.5, soil_values={"cohesion_Pa": 0, "exponent": 1})
     assert (found.soil.cohesion, found.soil.exponent, found.soil.friction_angle) == (0, 1, 30)
     assert [p.slip for p in found.points] == [0.1, 0.3]
 
@@ -60,6 +56,9 @@ def test_wheel_and_soil_can_be_given_by_values() -> None:
         (["--slip", "fast"], UsageError, "cannot be understood"),
         (["--slip", "0:1"], UsageError, "cannot be understood"),
         (["--slip", "1:0:0.1"], UsageError, "cannot be understood"),
+        (["--slip", "nan"], UsageError, "out of range"),
+        (["--slip", "0:nan:0.1"], UsageError, "cannot be understood"),
+        (["--slip", "-1:1:1e-9"], UsageError, "cannot be understood"),
         (["--k92", "1.5"], UsageError, "out of range"),
         (["--k92", "0.5", "--a-theta", "2"], UsageError, "exclude"),
         (["--load", "5", "--sinkage", "5"], UsageError, "exclude"),
@@ -68,18 +67,11 @@ def test_wheel_and_soil_can_be_given_by_values() -> None:
         (["--soil-value", "cohesion_Pa=-1"], InputError, "out of range"),
         (["--soil-value", "cohesion=1"], InputError, "unknown key"),
         (["--effect", "bulldozing.strength=x"], UsageError, "cannot be understood"),
-        (["--radius", "7"], InputError, "radius_m = 7 is out of range"),
         (["--plot", "wheel.jpg"], UsageError, "not a picture"),
     ],
 )
 def test_a_line_that_does_not_fit_is_told(words: list[str], kind: type[LabError], said: str) -> None:
     refused(lab("wheel", *words), kind.exit_code, said)
-
-
-@pytest.mark.parametrize("text", ["nan", "0:nan:0.1", "-1:1:1e-9"])
-def test_a_sweep_without_end_is_refused(text: str) -> None:
-    with pytest.raises(UsageError):
-        [gl.wheel(slip) for slip in slips_of(text)]
 
 
 def test_a_slow_wheel_and_an_idle_effect_are_told() -> None:

@@ -228,7 +228,7 @@ def test_a_condition_that_was_driven_already_is_only_repeated() -> None:
 
 def shown(design: Design, **told: Any) -> str:
     text = io.StringIO()
-    show_plan(plan_next(design, library(), **told), 8, Console(file=text, width=80))
+    show_plan(plan_next(design, library(), **told), Console(file=text, width=80))
     lines = text.getvalue().splitlines()
     assert max(len(line) for line in lines) <= 80
     return " ".join(text.getvalue().split())

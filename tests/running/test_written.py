@@ -23,8 +23,8 @@ from granite_lab.planning.design import load_design
 from granite_lab.results import StudyResult
 from granite_lab.running import Cache, Execution, Options, each_trial
 from granite_lab.running.cache import trial_key
-from granite_lab.running.output import Guard, Stamp, tell
-from granite_lab.running.reading import corrected
+from granite_lab.running.options import corrected
+from granite_lab.running.output import Guard, tell
 from granite_lab.running.search import save_found, search, search_key
 from tests.effects.example import EXAMPLE
 from tests.reporting.made_up import made_up_study
@@ -74,7 +74,7 @@ def test_what_was_commanded_is_recognised_and_remembered(
     how = Execution(1, cache=Cache(tmp_path / "cache"))
     recognised = each_trial(corrected, [silent], Options(), execution=how)[0]
     assert isinstance(recognised, tuple)
-    trial, motion = recognised
+    trial, _, motion = recognised
     assert (trial.info.v_desired, trial.info.a_max, trial.info.distance) == (None, None, None)
     variant = motion.variant
     assert (variant.velocity, variant.acceleration, variant.distance) == (0.7, 2.4, 3.0)
@@ -239,19 +239,3 @@ def test_a_study_keeps_the_rest_of_its_report_when_the_search_cannot_be_shown(
     assert chain.write(study, Options(), tmp_path / "none").page is None
     assert (tmp_path / "none" / "finding.json").exists()
     assert (tmp_path / "none" / "model.toml").exists()
-
-
-def test_an_output_is_known_again_until_a_byte_or_the_key_changes(tmp_path: Path) -> None:
-    folder, cache = tmp_path / "report", Cache(tmp_path / "cache")
-    folder.mkdir()
-    page = folder / "index.html"
-    page.write_text("as written")
-    assert not Stamp(folder, "aa11", cache).holds()
-    Stamp(folder, "aa11", cache).set()
-    assert Stamp(folder, "aa11", cache).holds()
-    assert not Stamp(folder, "bb22", cache).holds()
-    assert not Stamp(folder, "aa11", None).holds()
-    page.write_text("as edited")
-    assert not Stamp(folder, "aa11", cache).holds()
-    page.unlink()
-    assert not Stamp(folder, "aa11", cache).holds()
