@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import json
+import re
 import resource
+import runpy
 import subprocess
 import sys
 from collections.abc import Callable
@@ -196,7 +198,6 @@ def test_ingest_takes_what_the_options_say() -> None:
             UsageError,
             "unknown effect 'drive_reactio'",
         ),
-        (lambda: gl.simulate(0.5, k92=2.0), UsageError, "--k92 2 is out of range"),
         (lambda: gl.view(ROOT / "docs"), InputError, "no recording in it"),
     ],
 )
@@ -254,17 +255,12 @@ def test_a_study_writes_only_where_it_is_told_and_keeps_failures(
         gl.study([broken], discover=False)
 
 
-def test_effects_are_tables() -> None:
+def test_effects_and_answers_are_tables() -> None:
     effects = gl.list_effects().to_frame()
     shown = gl.show_effect("tyre_windup").to_frame()
     assert set(shown["parameter"]) == set(effects.loc[effects["effect"] == "tyre_windup", "parameter"])
-
-
-def test_hide_and_reveal(tmp_path: Path) -> None:
-    frame = gl.hide("drive_reaction", tmp_path / "set", seed=3, repetitions=1).to_frame()
-    assert list(frame["trial"]) == ["hidden_v0.2_r1", "hidden_v0.3_r1", "hidden_v0.5_r1", "hidden_v0.7_r1"]
-    opened = gl.reveal(tmp_path / "set")
-    assert list(opened.to_frame()["effect"].unique()) == ["drive_reaction"]
+    opened = gl.reveal(SAMPLES)
+    assert set(opened.to_frame()["effect"]) == {"tyre_windup", "drive_reaction"}
     assert opened.warnings == ()
 
 
@@ -299,3 +295,42 @@ def test_a_file_that_was_edited_meanwhile_is_read_again(tmp_path: Path) -> None:
         frame = gl.params(own).to_frame()
         assert frame.loc[frame["key"] == "body_mass_kg", "value"].iloc[0] == float(mass)
     assert abs(slips[1] - slips[0]) > 1e-3
+
+
+SCRIPT = str(ROOT / "examples" / "trial_to_report.py")
+BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.DOTALL)
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+
+
+@pytest.mark.usefixtures("elsewhere")
+@pytest.mark.parametrize("block", BLOCKS)
+def test_a_block_of_the_page_runs(block: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("data").symlink_to(ROOT / "data")
+    exec(block, {"__name__": "__main__"})
+    assert capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("elsewhere")
+def test_the_example_script_goes_from_logs_to_a_report(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = [str(SAMPLES / f"virtual_{name}.csv") for name in ("v0.3_r1", "v0.7_r1")]
+    monkeypatch.setattr("sys.argv", [SCRIPT, *logs])
+    runpy.run_path(SCRIPT, run_name="__main__")
+    said = capsys.readouterr()
+    assert Path("reports/example/report/index.html").is_file()
+    assert Path("reports/example/motion.csv").stat().st_size > 100_000
+    assert "a_θ = " in said.out
+    assert "virtual_v0.3_r1: slip ratio" in said.out
+    assert said.err == ""
+
+
+def test_the_example_script_ends_known_trouble_in_two_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", [SCRIPT, "none.csv"])
+    with pytest.raises(SystemExit, match=r"^error: [^\n]+\nhint: [^\n]+$"):
+        runpy.run_path(SCRIPT, run_name="__main__")

@@ -2,27 +2,42 @@
 
 from __future__ import annotations
 
+import io
+import json
 import resource
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from tests.corpus.cli import SAMPLES, Done, lab, succeeded, told
+import granite_lab as gl
+from granite_lab.errors import InputError, LabError, UsageError
+from granite_lab.parameters import GRAVITY
+from tests.corpus.cli import SAMPLES, Done, lab, refused, succeeded, told
 
-SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
-TRIALS = [SAMPLE, SAMPLES / "virtual_v0.7_r1.csv"]
+SLOW, SAMPLE = SAMPLES / "virtual_v0.3_r1.csv", SAMPLES / "virtual_v0.7_r1.csv"
+TRIALS = [SLOW, SAMPLE]
+MAIN = "from granite_lab.cli import main; main()"
 
 
-def process(*args: object, cwd: Path | None = None) -> Done:
+def process(*args: object) -> Done:
     """Run a command in a process of its own, which costs a second for its imports."""
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", "from granite_lab.cli import main; main()", *map(str, args)],
-        capture_output=True, text=True, cwd=cwd, stdin=subprocess.DEVNULL, check=False,
-    )  # fmt: skip
+    command = [sys.executable, "-W", "ignore", "-c", MAIN, *map(str, args)]
+    done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
     return Done(done.returncode, done.stdout, done.stderr)
+
+
+def cost(*command: object) -> float:
+    """Return the processor time of a process [s]."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    words = [sys.executable, "-W", "ignore", "-c", *map(str, command)]
+    subprocess.run(words, capture_output=True, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def test_help_and_version() -> None:
@@ -33,16 +48,7 @@ def test_help_and_version() -> None:
 
 def test_help_costs_about_what_importing_numpy_costs() -> None:
     """0.25 s of processor time where NumPy takes 0.18; 0.4 s would be 2.2 times that."""
-
-    def cost(*command: str) -> float:
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([sys.executable, "-W", "ignore", "-c", *command], capture_output=True, check=True)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-    costs = [
-        (cost("from granite_lab.cli import main; main()", "--help"), cost("import numpy")) for _ in range(5)
-    ]
+    costs = [(cost(MAIN, "--help"), cost("import numpy")) for _ in range(5)]
     assert min(own for own, _ in costs) < 2.2 * min(numpy for _, numpy in costs)
 
 
@@ -76,28 +82,22 @@ def test_a_virtual_log_is_made_again_to_the_byte(tmp_path: Path) -> None:
         (["simulate", "--variant", "0.4"], 2, "unknown variant '0.4'", "0.2, 0.3, 0.5, 0.7"),
         (["simulate"], 2, "the motion is not given", "--variant 0.5"),
         (["simulate", "--variant", "0.5", "--v", "0.5"], 2, "--variant excludes", "one or the other"),
-        (
-            ["simulate", "--v", "-1", "--a", "1", "--distance", "1"],
-            3,
-            "velocity_mps = -1 is out of range",
-            "0.01",
-        ),
+        (["simulate", "--v", "-1", "--a", "1", "--distance", "1"], 3, "velocity_mps = -1 is out of", "0.01"),
         (["simulate", "--variant", "0.5", "--robot", "granit"], 2, "unknown robot 'granit'", "'granite'"),
         (["simulate", "--variant", "0.5", "--soil", "none.toml"], 3, "none.toml: cannot be read", ""),
         (["simulate", "--variant", "0.5", "--k92", "0.1", "--a-theta", "4"], 2, "exclude each other", ""),
         (["ingest", "missing.csv"], 3, "missing.csv", ""),
         (["ingest"], 2, "no trials given", ""),
         (["fit-atheta"], 2, "no trials given", ""),
-        (["ingest", SAMPLE, "--rest", "2:1"], 2, "--rest 2:1: cannot be understood", "0:1.2"),
-        (["fit-atheta", "--published", SAMPLE], 2, "--published takes no trials", ""),
+        (["ingest", SLOW, "--rest", "2:1"], 2, "--rest 2:1: cannot be understood", "0:1.2"),
+        (["fit-atheta", "--published", SLOW], 2, "--published takes no trials", ""),
         (["effects", "show", "drive_reactio"], 2, "drive_reactio", "drive_reaction"),
     ],
 )
 def test_known_trouble_is_one_line_a_hint_and_an_exit_code(
     tmp_path: Path, args: list[object], code: int, error: str, hint: str
 ) -> None:
-    run = process if args == ["simulate"] else lab
-    done = run(*args, cwd=tmp_path)
+    done = lab(*args, cwd=tmp_path)
     assert done.code == code, done.err
     lines = [line for line in done.err.splitlines() if line.startswith(("error: ", "hint: "))]
     assert lines[0].startswith("error: ")
@@ -109,15 +109,8 @@ def test_known_trouble_is_one_line_a_hint_and_an_exit_code(
     assert not list(tmp_path.rglob("*.csv"))
 
 
-def test_params_prints_every_number_with_its_origin() -> None:
-    document = told("params")
-    assert {"group", "key", "value", "unit", "low", "high", "origin"} <= set(document["parameters"][0])
-    shown = lab("params").out
-    assert max(map(len, shown.splitlines())) <= 80
-
-
 def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> None:
-    trial = told("ingest", SAMPLE, cwd=tmp_path)["trials"][0]
+    trial = told("ingest", SLOW, cwd=tmp_path)["trials"][0]
     assert trial["variant"]["velocity"] == 0.3
     motion = pd.read_csv(tmp_path / trial["motion"])
     named = "t_s x_m x_std_m v_mps v_std_mps pitch_rad pitch_std_rad phase"
@@ -125,7 +118,7 @@ def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> Non
               (("v_wheel", "_mps"), ("slip", ""), ("slip", "_std"))]  # fmt: skip
     assert set(named.split()) | set(wheels) <= set(motion.columns)
     assert set(motion["phase"]) == {"rest", "accelerate", "steady", "brake"}
-    log = pd.read_csv(SAMPLE, comment="#")
+    log = pd.read_csv(SLOW, comment="#")
     stamps = log.loc[log["imu_ax_mps2"].notna(), "t_s"].to_numpy()
     assert motion["t_s"].to_numpy() == pytest.approx(stamps, abs=1e-9)
 
@@ -152,3 +145,145 @@ def test_fit_atheta_names_its_trials_and_needs_three_speeds_for_a_verdict(tmp_pa
     assert "Virtual trials: virtual_v0.3_r1, virtual_v0.7_r1." in shown
     assert set(pd.read_csv(out)["data"]) == {"virtual"}
     assert told("fit-atheta", *TRIALS)["agrees"] is None
+
+
+def changed(folder: Path, **columns: float) -> Path:
+    """Return a copy of the sample in which columns are constant."""
+    lines = SAMPLE.read_text(encoding="utf-8").splitlines(keepends=True)
+    head = [line for line in lines if line.startswith("#")]
+    table = pd.read_csv(io.StringIO("".join(lines[len(head) :])))
+    for name, value in columns.items():
+        table[name] = table[name].where(table[name].isna(), value)
+    path = folder / "run.csv"
+    path.write_text("".join(head) + table.to_csv(index=False), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("sample", sorted(SAMPLES.glob("virtual_*_r1.csv")), ids=lambda p: p.stem)
+def test_a_good_run_is_green_on_one_screen(sample: Path) -> None:
+    done = succeeded("check", sample)
+    assert "The run is good." in done.out
+    assert "virtual data" in done.out
+    assert len(done.out.splitlines()) <= 24
+    assert max(map(len, done.out.splitlines())) <= 80
+
+
+def test_a_check_takes_two_seconds_half_of_it_to_load_scipy() -> None:
+    """Of a processor's time: the check itself less than 2 s; a process less than 3 s, with its imports."""
+
+    gl.check(SAMPLE)
+    start = time.process_time()
+    gl.check(SAMPLE)
+    assert time.process_time() - start < 2
+    assert any(cost(MAIN, "check", SAMPLE) < 3 for _ in range(5))
+
+
+@pytest.mark.parametrize(
+    ("columns", "named"),
+    [
+        ({"imu_ax_mps2": 0.01}, ("imu_ax_mps2", "acceleration x")),  # by the reader, or by the check
+        ({"imu_gy_radps": 0.0}, ("imu_gy_radps", "rate y")),
+        ({"enc_fl_rad": 0.3}, ("no motion: fl",)),
+        ({"cur_rr_A": 0.0}, ("constant: rr",)),
+    ],
+)
+def test_a_dead_channel_is_named(tmp_path: Path, columns: dict[str, float], named: tuple[str, ...]) -> None:
+    done = lab("check", changed(tmp_path, **columns), "--json")
+    assert done.code == 3
+    document = json.loads(done.out)
+    assert not document["good"]
+    bad = " ".join(c["found"] for c in document["checks"] if not c["good"])
+    assert any(name in bad for name in named)
+    assert done.err.startswith("error: ")
+    assert "hint: " in done.err
+
+
+def test_a_run_without_a_standstill_at_its_end_is_red(tmp_path: Path) -> None:
+    lines = SAMPLE.read_text(encoding="utf-8").splitlines(keepends=True)
+    start = next(i for i, line in enumerate(lines) if not line.startswith("#")) + 1
+    end = next(i for i, line in enumerate(lines[start:], start) if float(line.split(",")[0]) > 6.0)
+    path = tmp_path / "run.csv"
+    path.write_text("".join(lines[:end]), encoding="utf-8")
+    done = lab("check", path)
+    assert done.code == 4
+    assert "standstills" in done.err
+    assert "BAD" in done.out
+
+
+def test_a_log_that_cannot_be_read_is_red(tmp_path: Path) -> None:
+    path = tmp_path / "notes.csv"
+    path.write_text("hello\nworld\n", encoding="utf-8")
+    done = lab("check", path)
+    assert done.code == 3
+    assert "BAD" in done.out
+    found = gl.check(path)
+    assert not found.good
+    assert isinstance(found.error, gl.InputError)
+    assert list(found.to_frame()["good"]) == [False]
+    with pytest.raises(gl.UsageError, match="12 logs"):
+        gl.check(SAMPLES)
+
+
+def test_a_sweep_becomes_a_table_and_a_picture(tmp_path: Path) -> None:
+    out, plot, arc = tmp_path / "sweep.csv", tmp_path / "sweep.svg", tmp_path / "arc.csv"
+    words = ["--slip", "-0.4:0.8:0.2", "--k92", "0.3", "--load", "60", "--effect", "bulldozing.strength=0.5"]
+    shown = succeeded("wheel", *words, "--out", out, "--plot", plot, "--arc", arc).out
+    assert "with bulldozing: strength = 0.5" in shown
+    table = pd.read_csv(out)
+    assert table["slip"].tolist() == pytest.approx([-0.4, -0.2, 0, 0.2, 0.4, 0.6, 0.8])
+    assert table["load_N"].tolist() == pytest.approx([60] * 7)
+    assert table["drawbar_pull_N"].is_monotonic_increasing
+    assert "sinkage [mm]" in plot.read_text()
+    stresses = pd.read_csv(arc)
+    assert len(stresses) == 7 * 101
+    assert (stresses["normal_stress_Pa"] >= 0).all()
+
+
+def test_json_holds_what_the_function_returns() -> None:
+    printed = told("wheel", "--slip", "0.2", "--sinkage", "12", "--k92", "0.4")
+    found = gl.wheel(0.2, sinkage=0.012, k92=0.4)
+    assert printed["points"] == [pytest.approx(row) for row in found.to_frame().to_dict("records")]
+    assert printed["wheel"]["radius"] == 0.0965
+
+
+def test_a_quarter_of_the_robot_and_the_law_of_the_paper_are_the_default() -> None:
+    one = gl.wheel(0.2, v=0.4).points[0]
+    assert one.load == pytest.approx(43.1 * GRAVITY / 4)
+    assert one.k92 == pytest.approx(np.exp(-4.919 * 0.5), rel=1e-3)  # ω r = 0.4 / 0.8
+
+
+def test_the_soil_can_be_given_by_values() -> None:
+    found = gl.wheel([0.1, 0.3], load=30, k92=0.5, soil_values={"cohesion_Pa": 0, "exponent": 1})
+    assert (found.soil.cohesion, found.soil.exponent, found.soil.friction_angle) == (0, 1, 30)
+    assert [p.slip for p in found.points] == [0.1, 0.3]
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "said"),
+    [
+        (["--slip", "2"], UsageError, "slip 2 is out of range"),
+        (["--slip", "fast"], UsageError, "cannot be understood"),
+        (["--slip", "0:1"], UsageError, "cannot be understood"),
+        (["--slip", "1:0:0.1"], UsageError, "cannot be understood"),
+        (["--slip", "nan"], UsageError, "out of range"),
+        (["--slip", "0:nan:0.1"], UsageError, "cannot be understood"),
+        (["--slip", "-1:1:1e-9"], UsageError, "cannot be understood"),
+        (["--k92", "1.5"], UsageError, "out of range"),
+        (["--k92", "0.5", "--a-theta", "2"], UsageError, "exclude"),
+        (["--load", "5", "--sinkage", "5"], UsageError, "exclude"),
+        (["--load", "-5"], UsageError, "out of range"),
+        (["--robot", "kobuki"], UsageError, "the load is not given"),
+        (["--soil-value", "cohesion_Pa=-1"], InputError, "out of range"),
+        (["--soil-value", "cohesion=1"], InputError, "unknown key"),
+        (["--effect", "bulldozing.strength=x"], UsageError, "cannot be understood"),
+        (["--plot", "wheel.jpg"], UsageError, "not a picture"),
+    ],
+)
+def test_a_line_that_does_not_fit_is_told(words: list[str], kind: type[LabError], said: str) -> None:
+    refused(lab("wheel", *words), kind.exit_code, said)
+
+
+def test_a_slow_wheel_and_an_idle_effect_are_told() -> None:
+    found = gl.wheel(0.2, v=0.01, k92=0.3, active={"drive_reaction": {"share": 1.0}})
+    assert found.fades
+    assert found.left_out == ("drive_reaction",)

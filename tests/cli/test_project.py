@@ -106,6 +106,8 @@ def test_params_shows_where_robot_and_soil_come_from(tmp_path: Path) -> None:
     chosen = told("params", folder)["chosen"]
     assert chosen["robot"] == {"value": "granite", "origin": str(folder / FILE)}
     assert chosen["soil"]["origin"] == "unless a log names another"
-    assert f"robot: granite ({folder / FILE})" in lab("params", folder).out
+    shown = lab("params", folder).out
+    assert f"robot: granite ({folder / FILE})" in shown
+    assert all(len(line) <= 80 or line.startswith("robot: ") for line in shown.splitlines())
     given = told("params", folder, "--robot", "granite")["chosen"]
     assert given["robot"]["origin"] == "--robot"

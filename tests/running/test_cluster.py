@@ -15,7 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from granite_lab.errors import LabError
 from granite_lab.inference.bench import SIGNALS
+from granite_lab.running import cache
+from granite_lab.running.cluster import _on_worker
 from tests.running.processes import begin, results, trials
 from tests.soak import SOAK
 
@@ -32,13 +35,9 @@ class Cluster:
 
 
 def start(folder: Path, module: str, *args: object) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-W", "ignore", "-m", f"distributed.cli.{module}", *map(str, args)],
-        cwd=folder,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    command = [sys.executable, "-W", "ignore", "-m", f"distributed.cli.{module}", *map(str, args)]
+    null = subprocess.DEVNULL
+    return subprocess.Popen(command, cwd=folder, stdin=null, stdout=null, stderr=null)
 
 
 def begin_worker(folder: Path, scheduler: Path) -> subprocess.Popen[bytes]:
@@ -63,16 +62,9 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     folder = tmp_path_factory.mktemp("cluster")
     file = folder / "scheduler.json"
     scheduler = start(
-        folder,
-        "dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        0,
-        "--no-dashboard",
-        "--scheduler-file",
-        file,
-    )
+        folder, "dask_scheduler", "--host", "127.0.0.1", "--port", 0, "--no-dashboard",
+        "--scheduler-file", file,
+    )  # fmt: skip
     workers = [begin_worker(folder, file) for _ in range(2)]
     try:
         yield Cluster(address_in(file), workers)
@@ -161,10 +153,6 @@ def test_a_broken_log_is_left_out_on_a_cluster_too(cluster: Cluster, tmp_path: P
 
 
 def test_a_worker_that_cannot_see_the_folder_says_so(tmp_path: Path) -> None:
-    from granite_lab.errors import LabError
-    from granite_lab.running import cache
-    from granite_lab.running.cluster import _on_worker
-
     before = Path.cwd()
     try:
         lost = _on_worker(len, "x.csv", str(tmp_path / "nowhere"), cache.code(search=True))

@@ -1,12 +1,18 @@
-"""Records become bytes and come back the same; what is no record is refused."""
+"""Records become bytes and come back the same, in memory or in a file; what is no record is refused."""
 
 from __future__ import annotations
 
+import copy
+import dataclasses
+import errno
 import math
+import os
 import pickle
+import tracemalloc
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,9 +24,10 @@ from granite_lab.estimate import Estimate
 from granite_lab.files import write_text
 from granite_lab.logs.trial import ImuStream, Trial, TrialInfo
 from granite_lab.model.effect import activate
+from granite_lab.running import Cache, Execution, Options, each_trial
 from granite_lab.running.cache import content
-from granite_lab.running.codec import ALIGNED, decode, encode, sealed
-from granite_lab.running.options import Options
+from granite_lab.running.codec import ALIGNED, Arena, decode, encode, sealed
+from tests.reporting.made_up import made_up_study
 
 plain = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
@@ -94,3 +101,81 @@ def test_arrays_of_any_shape_and_kind_come_back_as_they_were(shape: tuple[int, .
     back = decode(encode([array, array]))
     assert [(b.dtype, b.shape, b.tobytes()) for b in back] == 2 * [(array.dtype, shape, array.tobytes())]
     assert all(b.flags.aligned and b.flags.writeable for b in back)
+
+
+def long_trial(name: str) -> Trial:
+    """Return a trial of 1.12 MB, each number of which says whose it is."""
+    start, samples = float(len(name)), 20_000
+    t = np.linspace(start, start + 1, samples)
+    imu = ImuStream(t, np.full((samples, 3), start), np.zeros((samples, 3)), False)
+    return Trial(name, TrialInfo(), imu=imu)
+
+
+def make(path: Path, options: Options) -> Trial:
+    """Stand in for the chain."""
+    return long_trial(path.stem)
+
+
+@pytest.mark.parametrize("remembered", [True, False])
+def test_many_results_take_little_memory(tmp_path: Path, remembered: bool) -> None:
+    logs = [tmp_path / f"{'x' * k}.csv" for k in range(1, 41)]
+    for log in logs:
+        log.write_text("")
+    how = Execution(1, cache=Cache(tmp_path / "cache") if remembered else None)
+    each_trial(make, logs[:2], Options(), execution=how)
+    tracemalloc.start()
+    try:
+        found = each_trial(make, logs, Options(), execution=how)
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 1_000_000  # of 45 MB
+    assert [content(trial) for trial in found] == [content(long_trial(log.stem)) for log in logs]
+
+
+def held(record: Any, folder: Path | None = None) -> Any:
+    return decode(Arena(folder).hold(encode(record)))
+
+
+def test_a_record_in_a_file_is_as_before() -> None:
+    result = made_up_study(speeds=(0.5,), repetitions=1).trials[0]
+    kept = held(result)
+    changed = dataclasses.replace(kept.comparison.motion, v=2 * kept.comparison.motion.v)
+    assert changed.v.tobytes() == (2 * result.comparison.motion.v).tobytes()
+    for again in (kept, pickle.loads(pickle.dumps(kept)), copy.deepcopy(kept)):
+        assert content(again) == content(result)
+
+
+@pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="counts open files in /dev/fd")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_the_file_has_no_name_and_is_closed_with_the_last_record(tmp_path: Path) -> None:
+    before = len(list(Path("/dev/fd").iterdir()))
+    kept = held(long_trial("xx"), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    assert len(list(Path("/dev/fd").iterdir())) == before + 1
+    reader = os.fork()
+    if reader == 0:  # pragma: no cover, the child, which reads it, too
+        os._exit(int(float(kept.imu.specific_force[0, 0])))
+    assert os.waitstatus_to_exitcode(os.waitpid(reader, 0)[1]) == 2
+    del kept
+    assert len(list(Path("/dev/fd").iterdir())) == before
+
+
+def test_records_of_one_arena_do_not_touch_each_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("granite_lab.running.codec.CHUNK", 3_000_000)  # two trials
+    arena = Arena(tmp_path)
+    trials = [long_trial("x" * k) for k in range(1, 6)]
+    kept = [decode(arena.hold(encode(trial))) for trial in trials]
+    kept[0].imu.specific_force[:] = 99.0
+    assert [content(k) for k in kept[1:]] == [content(t) for t in trials[1:]]
+
+
+def test_a_full_disk_leaves_the_records_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", full)
+    trial = long_trial("xx")
+    assert content(held(trial)) == content(trial)

@@ -1,18 +1,139 @@
-"""Same in, same out: byte by byte, in whichever order, by how many processes, in whichever language."""
+"""Whole runs: same in, same out, byte by byte, after kills, too; verified, and kept apart from each other."""
 
 from __future__ import annotations
 
 import json
 import os
+import random
 import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+from granite_lab.errors import LabError
+from granite_lab.running.output import claimed
 from tests.corpus.cli import lab, refused
-from tests.running.processes import TWO, Undisturbed, begin, results, trials
+from tests.running.processes import (
+    STUDY,
+    TWO,
+    Undisturbed,
+    begin,
+    everything,
+    gone,
+    members,
+    results,
+    trials,
+    undisturbed,
+    unfinished,
+)
+from tests.soak import SOAK
 
 pytestmark = pytest.mark.slow
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+
+
+@pytest.fixture(scope="module")
+def studied(tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
+    """A study of two samples, made once."""
+    return undisturbed(tmp_path_factory.mktemp("undisturbed") / "study", *STUDY, logs=TWO)
+
+
+@dataclass(frozen=True)
+class Job:
+    """A command that is killed again and again."""
+
+    args: tuple[str, ...]
+    logs: tuple[str, ...]
+    kills: int
+
+
+JOBS = {
+    "study": Job(STUDY, TWO, 30 if SOAK else 1),
+    "discover": Job(("discover", "logs", "--out", "report", "--jobs", "2"), TWO[1:], 30 if SOAK else 1),
+}
+
+
+def entries(cache: Path) -> dict[str, int]:
+    """Return what is remembered, and in which file: one that was made again is another."""
+    return {path.name: path.stat().st_ino for path in cache.glob("*/*.bin")}
+
+
+def doing(folder: Path, trials: int, *, searches: bool) -> str:
+    """Say what a run was doing when it was killed, by what it left."""
+    done = len(entries(folder / "cache"))
+    if done < trials:
+        return "analysing trials"
+    return "searching" if searches and done == trials else "writing"
+
+
+@on_linux
+@pytest.mark.parametrize("name", JOBS)
+def test_killed_at_random_points_it_resumes_and_ends_with_the_same_bytes(
+    name: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    job = JOBS[name]
+    if name == "study":
+        analysed, (folder, wall) = len(job.logs), request.getfixturevalue("studied")
+    else:
+        analysed, (folder, wall) = 0, undisturbed(tmp_path / "undisturbed", *job.args, logs=job.logs)
+    expected, remembered = everything(folder / "report"), set(entries(folder / "cache"))
+
+    rng = random.Random(6)
+    killed: Counter[str] = Counter()
+    round_ = 0
+    while killed.total() < job.kills:
+        folder = tmp_path / str(round_)
+        trials(folder, *job.logs)
+        known: dict[str, int] = {}
+        while True:
+            run, begun = begin(folder, *job.args, cache=folder / "cache"), time.monotonic()
+            try:
+                wait = rng.uniform(0.05, 0.95) * wall if killed.total() < job.kills else None
+                _, errors = run.communicate(timeout=wait)
+            except subprocess.TimeoutExpired:
+                run.kill()
+                assert gone(run.pid), "processes stay behind"
+                run.communicate()
+                killed[doing(folder, analysed, searches="--no-discover" not in job.args)] += 1
+                assert known.items() <= entries(folder / "cache").items(), "what was finished is done again"
+                known = entries(folder / "cache")
+                continue
+            if not known:
+                wall = time.monotonic() - begun  # less than of the first run, which compiled
+            break
+        assert run.returncode == 0, errors
+        assert everything(folder / "report") == expected
+        assert known.items() <= entries(folder / "cache").items(), "what was finished is done again"
+        assert set(entries(folder / "cache")) == remembered
+        assert unfinished(folder / "report") == []
+        assert [p.name for p in folder.iterdir() if p.name.startswith(".")] == []
+        round_ += 1
+    print(f"{name}: killed {killed.total()} times: " + ", ".join(f"{n} {w}" for w, n in killed.items()))
+    assert not SOAK or killed["searching"] >= 5
+
+
+@on_linux
+def test_ctrl_c_ends_it_at_once_with_130_one_line_and_no_process_left(tmp_path: Path) -> None:
+    trials(tmp_path, *TWO)
+    run = begin(tmp_path, *STUDY, cache=tmp_path / "cache")
+    while len(members(run.pid)) < 3:  # the command and its two workers
+        assert run.poll() is None, run.communicate()
+        time.sleep(0.02)
+    time.sleep(random.Random(1).uniform(0, 2))
+    os.killpg(run.pid, signal.SIGINT)  # as a terminal does: to all of them
+    output, errors = run.communicate(timeout=30)
+    assert run.returncode == 130
+    assert (output, errors) == ("", "interrupted\n")
+    assert gone(run.pid)
+    assert not (tmp_path / "report").exists()
+    assert unfinished(tmp_path) == []
+
 
 NAMES = ("virtual_v0.7_r1", "virtual_v0.7_r2")
 """Of one speed, so that a search is short."""
@@ -21,17 +142,11 @@ NAMES = ("virtual_v0.7_r1", "virtual_v0.7_r2")
 def study(
     folder: Path, *args: object, code: int = 0, cache: Path | None = None, **environment: str
 ) -> tuple[str, str]:
-    before = {name: os.environ.get(name) for name in environment}
-    os.environ.update(environment)
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in environment.items():
+            patch.setenv(name, value)
         run = begin(folder, "study", *args, cache=cache)
         output, errors = run.communicate()
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
     assert run.returncode == code, errors
     return output, errors
 
@@ -114,9 +229,6 @@ def test_verify_refuses_what_is_no_report(
 
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:
-    from granite_lab.errors import LabError
-    from granite_lab.running.output import claimed
-
     with (
         claimed(tmp_path / "report"),
         pytest.raises(LabError, match="another run"),
@@ -127,8 +239,6 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:
 
 
 def test_what_a_killed_run_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
-    from granite_lab.running.output import claimed
-
     litter = [tmp_path / ".report.ab12_xyz" / "new", tmp_path / "report" / "recordings"]
     kept = [tmp_path / ".report.backup1" / "mine", tmp_path / ".other.ab12_xyz" / "new"]
     for path in litter + kept:
