@@ -30,17 +30,13 @@ class Done:
     out: str
     err: str
 
-    @property
-    def error(self) -> str:
-        """The line that begins with ``error: ``, without that."""
-        lines = [line.removeprefix("error: ") for line in self.err.splitlines() if line.startswith("error: ")]
+    def said(self, head: str) -> str:
+        """Return the last line of stderr that begins with a word, without that."""
+        lines = [line.removeprefix(head) for line in self.err.splitlines() if line.startswith(head)]
         return lines[-1] if lines else ""
 
-    @property
-    def hint(self) -> str:
-        """The line that begins with ``hint: ``, without that."""
-        lines = [line.removeprefix("hint: ") for line in self.err.splitlines() if line.startswith("hint: ")]
-        return lines[-1] if lines else ""
+    error = property(lambda self: self.said("error: "))
+    hint = property(lambda self: self.said("hint: "))
 
 
 def lab(*args: object, cwd: Path | None = None) -> Done:
@@ -66,9 +62,18 @@ def succeeded(*args: object, cwd: Path | None = None) -> Done:
     return done
 
 
+def strict(text: str) -> Any:
+    """Read JSON that holds neither NaN nor infinity, which Python would read."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    return json.loads(text, parse_constant=refuse)
+
+
 def told(*args: object, cwd: Path | None = None) -> dict[str, Any]:
     """Run a command that ends well and return its one document, which says of which command it is."""
-    found: dict[str, Any] = json.loads(succeeded(*args, "--json", cwd=cwd).out)
+    found: dict[str, Any] = strict(succeeded(*args, "--json", cwd=cwd).out)
     assert str(args[0]).startswith(found["schema"].split("/")[1]), found["schema"]
     return found
 

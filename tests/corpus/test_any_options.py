@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 import typer
@@ -13,7 +10,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from granite_lab.cli import app
-from tests.corpus.cli import CODES, GRANITE, LOG, SAND, Done, lab, succeeded
+from tests.corpus.cli import CODES, GRANITE, LOG, SAND, Done, lab, strict, succeeded
 from tests.soak import SOAK
 
 # Each example is a whole command, so shrinking one takes too long.
@@ -79,21 +76,7 @@ def hold(done: Done, args: list[str]) -> None:
     if done.code in (1, 3, 4):
         assert done.error, (args, done)
     if done.code == 0 and "--json" in args:
-        document = json.loads(done.out)
-        assert document.get("schema") or "--help" in args
-        finite(document, args)
-
-
-def finite(value: Any, args: list[str]) -> None:
-    """JSON holds no NaN and no infinity (Python would read them)."""
-    if isinstance(value, dict):
-        for item in value.values():
-            finite(item, args)
-    elif isinstance(value, list):
-        for item in value:
-            finite(item, args)
-    elif isinstance(value, float):
-        assert math.isfinite(value), args
+        assert strict(done.out).get("schema") or "--help" in args
 
 
 def examples(count: int, *, soak: int) -> settings:
@@ -129,7 +112,7 @@ def test_any_motion_is_simulated_or_refused(
     done = lab(*args)
     hold(done, args)
     if done.code == 0:
-        document = json.loads(done.out)
+        document = strict(done.out)
         assert -2 < document["slip_ratio"] < 1.01
         assert document["run"]
 

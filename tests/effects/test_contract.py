@@ -256,10 +256,7 @@ class CurrentOffset(Effect):
     """Not an effect but what every search allows for: a front current that reads too high."""
 
     id = "current_offset"
-    title = "offset"
-    equation = "i' = i + offset"
-    source = "test"
-    signature = "test"
+    title = equation = source = signature = "test"
     parameters = (EffectParameter("offset", "A", "offset", -1.0, 1.0, 0.0, -0.1, 0.1),)
 
     def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:  # noqa: ARG002

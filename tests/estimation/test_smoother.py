@@ -38,11 +38,9 @@ def captured() -> Nodes:
         kept.append(nodes)
         return original(nodes)
 
-    smoother.run = spy
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(smoother, "run", spy)
         estimate(truth().trial, load_robot("granite", "industrial"))
-    finally:
-        smoother.run = original
     nodes = kept[-1]
     first = int(np.argmax(nodes.moving)) - 5
     part = slice(first, first + 45)

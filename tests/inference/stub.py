@@ -46,50 +46,21 @@ def _parameter(name: str, width: float = 1.0, **kind: bool) -> EffectParameter:
     return EffectParameter(name, "N", name, -20.0, 20.0, 0.0, -width, width, **kind)
 
 
-class Push(Effect):
-    """A made-up effect; the stub knows its trace by its id."""
+class MadeUp(Effect):
+    """An effect without hooks; the stub knows its trace by its id."""
 
-    id = "push"
-    parameters = (_parameter("size"),)
-
-
-class Pull(Push):
-    id = "pull"
+    def __init__(self, id_: str, *parameters: EffectParameter) -> None:
+        self.id, self.parameters = id_, parameters or (_parameter("size"),)
 
 
-class Shake(Push):
-    """Different in each trial."""
-
-    id = "shake"
-    parameters = (_parameter("size", per_trial=True),)
-
-
-class Shove(Push):
-    """The same as a push: no trial can tell them apart."""
-
-    id = "shove"
-
-
-class Motor(Push):
-    """Currents larger by a share in every trial, as gains of the sensors might make them."""
-
-    id = "motor"
-
-
-class Hidden(Push):
-    """No candidate; a term of the empirical law has the same trace."""
-
-    id = "hidden"
-
-
-class Law(Effect):
-    """Stands for the empirical law."""
-
-    id = "empirical"
-    parameters = (_parameter("force_motion"), _parameter("moment_time"))
-
-
-EFFECTS: dict[str, Effect] = {e.id: e for e in (Push(), Pull(), Shake(), Shove(), Motor(), Hidden(), Law())}
+EFFECTS: dict[str, Effect] = {e.id: e for e in (
+    MadeUp("push"), MadeUp("pull"),
+    MadeUp("shake", _parameter("size", per_trial=True)),
+    MadeUp("shove"),  # the same as a push: no trial can tell them apart
+    MadeUp("motor"),  # currents larger by a share in every trial, as gains of the sensors might make them
+    MadeUp("hidden"),  # no candidate; a term of the empirical law has the same trace
+    MadeUp("empirical", _parameter("force_motion"), _parameter("moment_time")),
+)}  # fmt: skip
 TRACES = {"push": 100, "pull": 110, "shake": 120, "shove": 100, "hidden": 140, "empirical": 140}
 """Number of the trace of an effect's first parameter."""
 

@@ -149,32 +149,8 @@ def altered(robot: Robot, **parts: dict[str, float]) -> Robot:
     )
 
 
-@dataclass(frozen=True)
-class Energies:
-    """Where the work of the motors went over a run [J].
-
-    Attributes:
-        shaft: work of the motor shafts, both directions counted.
-        mechanical: gain of kinetic and potential energy.
-        gear: lost in the gears.
-        ground: what the ground took, by sinkage, shear and damping.
-        scale: of all of them, for tolerances.
-    """
-
-    shaft: float
-    mechanical: float
-    gear: float
-    ground: float
-    scale: float
-
-    @property
-    def missing(self) -> float:
-        """What the balance leaves, as a share of the scale."""
-        return (self.shaft - self.mechanical - self.gear - self.ground) / self.scale
-
-
-def energies(run: Run) -> Energies:
-    r"""Integrate the powers of a run of the model without effects.
+def energies(run: Run) -> tuple[float, float]:
+    r"""Return what the balance of a run without effects leaves, and what the ground took, as shares of all.
 
     With the ground's forces F on a wheel's centre and moment M_ω on the wheel, the powers are
 
@@ -205,7 +181,6 @@ def energies(run: Run) -> Energies:
         ground = ground - 2 * (
             run[f"force_x_{axle}_N"] * ax + run[f"force_z_{axle}_N"] * az + run[f"moment_{axle}_Nm"] * ω
         )
-    work = float(np.trapezoid(shaft, t))
-    lost = float(np.trapezoid(ground, t))
+    work, lost = float(np.trapezoid(shaft, t)), float(np.trapezoid(ground, t))
     scale = float(np.trapezoid(np.abs(shaft), t) + np.trapezoid(np.abs(ground), t) + np.ptp(energy))
-    return Energies(work, float(energy[-1] - energy[0]), (1 - d.gear_efficiency) * work, lost, scale)
+    return float(d.gear_efficiency * work - (energy[-1] - energy[0]) - lost) / scale, lost / scale

@@ -40,10 +40,7 @@ class Hum(Effect):
     """A current that nothing else resembles: a sine while the robot drives."""
 
     id = "hum"
-    title = "hum"
-    equation = "i' = i + size sin(2π f t)"
-    source = "test"
-    signature = "test"
+    title = equation = source = signature = "test"
     frequency = 4.0
     parameters = (EffectParameter("size", "A", "amplitude", -1e3, 1e3, 0.0, -1e3, 1e3),)
 

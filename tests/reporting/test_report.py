@@ -23,6 +23,7 @@ from granite_lab.reporting import write, write_comparison, write_report
 from granite_lab.reporting.json_report import to_json
 from granite_lab.reporting.report import study_report
 from granite_lab.results import Failure, Source, StudyResult, command_of
+from tests.corpus.cli import strict
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
@@ -168,11 +169,7 @@ def test_a_real_experiment_is_not_virtual_and_gives_the_same_bytes(writer: Write
 
 
 def test_json_follows_its_schema(folder: Path, study: StudyResult) -> None:
-    def refuse(constant: str) -> float:
-        raise AssertionError(constant)
-
-    text = (folder / "report.json").read_text(encoding="utf-8")
-    report = json.loads(text, parse_constant=refuse)
+    report = strict((folder / "report.json").read_text(encoding="utf-8"))
     assert report["schema"] == "granite-lab/report/2"
     assert [row["speed_mps"] for row in report["answers"]["speeds"]] == [0.3, 0.7]
     slips = [t.comparison.motion.slip_ratio.value for t in study.trials[:2]]

@@ -12,25 +12,12 @@ from benchmarks import rk4
 from granite_lab.hidden.contact import contact, slip_ratio
 from granite_lab.hidden.model import PITCH, Truth
 from granite_lab.hidden.sensors import rotation, vibration
-from granite_lab.hidden.simulator import DT, Body
+from granite_lab.hidden.simulator import DT
 from granite_lab.parameters import GRAVITY, Variant, load_grade, load_robot, load_soil, variant_of
 from tests.truth import faults, generate
 from tests.truth.arc import forces
-from tests.truth.body import random_body
 from tests.truth.simulator import Result, build, simulate
 from tests.truth.trials import quiet
-
-
-def draw_body() -> Body:
-    return random_body(
-        np.random.default_rng(1), velocity=0.5, acceleration=1.2, duration=8.0, still=(1.0, 1.0), slip=None,
-        wobble=1.0, radius=0.0965, mass=43.1,
-    )  # fmt: skip
-
-
-def rolled_by(v_wheel: np.ndarray) -> np.ndarray:
-    """Wheel angle by the trapezoidal rule."""
-    return (np.cumsum(v_wheel) - 0.5 * (v_wheel + v_wheel[0])) * DT / 0.0965
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -62,7 +49,7 @@ def test_robot_is_exactly_at_rest_before_and_after() -> None:
 
 
 def test_vibration_carries_the_sensor_nowhere() -> None:
-    body, robot = draw_body(), load_robot()
+    body, robot = generate(1, velocity=0.5, still=(1.0, 1.0)).body, load_robot()
     acceleration, rate = vibration(np.random.default_rng(0), body, robot)
     moving = (body.t > 3) & (body.t < 8)
     along = acceleration[moving, 0]
@@ -99,7 +86,8 @@ def test_sensors_do_not_change_the_motion() -> None:
 def test_encoder_stamps_lie_behind_by_the_clock_offset(offset: float) -> None:
     truth = generate(5, clock_offset=offset)
     wheels = truth.trial.wheels
-    rolled = rolled_by(truth.v_wheel[:, 0])
+    v = truth.v_wheel[:, 0]
+    rolled = (np.cumsum(v) - 0.5 * (v + v[0])) * DT / 0.0965  # by the trapezoidal rule
     expected = np.interp(wheels.t + offset, truth.t, rolled)
     assert np.abs(wheels.angle[:, 0] - expected).max() < 4e-3
     assert (np.diff(wheels.t) > 0).all()
