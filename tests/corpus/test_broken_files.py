@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -55,14 +56,12 @@ MAPS: Cases = {
 }  # fmt: skip
 
 
-def robot(old: str, new: str) -> str:
-    assert old in GRANITE
-    return GRANITE.replace(old, new, 1)
+def changed(text: str, old: str, new: str) -> str:
+    assert old in text
+    return text.replace(old, new, 1)
 
 
-def soil(old: str, new: str) -> str:
-    assert old in SAND
-    return SAND.replace(old, new, 1)
+robot, soil = partial(changed, GRANITE), partial(changed, SAND)
 
 
 ROBOTS: Cases = {

@@ -268,60 +268,59 @@ def test_beside_a_whole_model_errors_of_formulas_are_no_effects(
 CHANNELS = ("pitch_rate", "wheel", "current_f")
 
 
-def dense(problem: Problem, found: Fit) -> list[tuple[Array, Array, Array, Array]]:
-    """Return per trial its own columns, the shared ones, residual and covariance of what is tolerated."""
-    rows = []
+Row = tuple[Array, Array, Array]
+
+
+def dense(problem: Problem, found: Fit) -> tuple[list[Row], Array]:
+    """Return per trial columns of the shared numbers, residual and covariance; and the shared std.
+
+    The covariance is that of noise, of what is tolerated, and of the trial's own numbers.
+    """
+    std, _ = problem.prior(found.point, found.scales)
+    rows, first = [], np.cumsum([0, *(x.size for x in found.point.trials)])
     for i, t in enumerate(problem.trials):
         command = next(c for c, own in enumerate(problem.commands) if i in own)
-        J = problem.columns(i, found.point, found.slopes)
+        n, J = found.point.trials[i].size, problem.columns(i, found.point, found.slopes)
         C = np.diag(np.concatenate([1 / w.inverse for w in problem.whiteners[i]]) ** 2)
         for c, basis in problem._plain[command].items():
             at = problem.rows[i][c]
             for kind, share in ((MOTION, TOLERANCE), (REST, REST_SHARE)):
                 B = basis.columns[:, basis.kind == kind]
                 C[at, at] += share**2 * B @ B.T
-        n = found.point.trials[i].size
+        C += (J[:, :n] * std[first[i] : first[i + 1]] ** 2) @ J[:, :n].T
         assert len(t.channels) == len(CHANNELS)
-        rows.append((J[:, :n], J[:, n:], found.residuals[i].ravel(), C))
-    return rows
+        rows.append((J[:, n:], found.residuals[i].ravel(), C))
+    return rows, std[first[-1] :]
 
 
-def refitted(problem: Problem, found: Fit, trials: list[int]) -> Array:
+def refitted(rows: list[Row], std: Array, trials: list[int]) -> Array:
     """Return the shared numbers that a fit to some trials alone gives."""
-    rows, first = dense(problem, found), [x.size for x in found.point.trials]
-    std, _ = problem.prior(found.point, found.scales)
-    shared = std[sum(first) :]
-    N, b = np.diag(shared**-2.0), np.zeros(shared.size)
-    for i in trials:
-        own, J, y, C = rows[i]
-        width = std[sum(first[:i]) : sum(first[: i + 1])]
-        S = C + (own * width**2) @ own.T  # its own numbers integrated out
-        N += J.T @ np.linalg.solve(S, J)
-        b += J.T @ np.linalg.solve(S, y)
+    N, b = np.diag(std**-2.0), np.zeros(std.size)
+    for J, y, C in (rows[i] for i in trials):
+        N += J.T @ np.linalg.solve(C, J)
+        b += J.T @ np.linalg.solve(C, y)
     return np.asarray(np.linalg.solve(N, b))
 
 
-def misfit(problem: Problem, found: Fit, trial: int, shared: Array) -> float:
-    own, J, y, C = dense(problem, found)[trial]
-    first = [x.size for x in found.point.trials]
-    std, _ = problem.prior(found.point, found.scales)
-    width = std[sum(first[:trial]) : sum(first[: trial + 1])]
+def misfit(row: Row, shared: Array) -> float:
+    J, y, C = row
     left = y - J @ shared
-    return float(left @ np.linalg.solve(C + (own * width**2) @ own.T, left))
+    return float(left @ np.linalg.solve(C, left))
 
 
 def test_each_trial_is_predicted_as_by_a_refit_without_it() -> None:
     problem = problem_of((0, 0, 1, 1, 2), CHANNELS)
     found = linear(problem, np.random.default_rng(1), 0.1)
     predicted = predict(problem, found, TOLERANCE)
-    everyone = refitted(problem, found, [0, 1, 2, 3, 4])
+    rows, std = dense(problem, found)
+    everyone = refitted(rows, std, [0, 1, 2, 3, 4])
     for i in range(5):
-        others = refitted(problem, found, [j for j in range(5) if j != i])
+        others = refitted(rows, std, [j for j in range(5) if j != i])
         command = next(own for own in problem.commands if i in own)
-        elsewhere = refitted(problem, found, [j for j in range(5) if j not in command])
-        assert predicted.own[i] == pytest.approx(misfit(problem, found, i, everyone), rel=1e-4)
-        assert predicted.left_out[i] == pytest.approx(misfit(problem, found, i, others), rel=1e-4)
-        assert predicted.speed_left_out[i] == pytest.approx(misfit(problem, found, i, elsewhere), rel=1e-4)
+        elsewhere = refitted(rows, std, [j for j in range(5) if j not in command])
+        assert predicted.own[i] == pytest.approx(misfit(rows[i], everyone), rel=1e-4)
+        assert predicted.left_out[i] == pytest.approx(misfit(rows[i], others), rel=1e-4)
+        assert predicted.speed_left_out[i] == pytest.approx(misfit(rows[i], elsewhere), rel=1e-4)
     assert (predicted.left_out > predicted.own).all()
     # of a command with one trial both are the same
     assert predicted.left_out[4] == pytest.approx(predicted.speed_left_out[4], rel=1e-9)

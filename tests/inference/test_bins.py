@@ -26,12 +26,13 @@ from granite_lab.model.effect import activate
 from granite_lab.model.instants import Accuracy
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
-from granite_lab.parameters import GRAVITY, Robot, Variant, load_paper, load_robot, load_soil, load_variants
+from granite_lab.parameters import GRAVITY, Variant, load_paper, load_robot, load_soil, load_variants
 from tests.fitting.made_up import made_up_trial
 from tests.truth import faults
 
 VARIANT = load_variants()[3]
 START = 2.013
+ROBOT = load_robot()
 GRID = -1.0 + 0.0025 * np.arange(3400)
 
 
@@ -73,49 +74,44 @@ def response() -> Array:
     return np.stack([signal(name, GRID) for name in SIGNALS])
 
 
-@pytest.fixture(scope="module")
-def robot() -> Robot:
-    return load_robot()
-
-
 def left_over(o: Observation, channel: str, of: Array) -> Array:
     """Measured minus predicted; angles up to the constant from which they are counted, a nuisance."""
     left = o.values[channel] - o.binned(GRID, of, 0.0)[channel]
     return left - np.nanmean(left) if o.streams[channel].is_angle else left
 
 
-def test_a_perfect_model_leaves_nothing_in_the_bins(robot: Robot) -> None:
-    o = observe(trial(np.random.default_rng(1)), robot, VARIANT, START)
+def test_a_perfect_model_leaves_nothing_in_the_bins() -> None:
+    o = observe(trial(np.random.default_rng(1)), ROBOT, VARIANT, START)
     for channel in o.streams:
         left = left_over(o, channel, response())
         assert np.nanmax(np.abs(left)) < 1e-4, channel  # interpolation of the grid of 2.5 ms
 
 
-def test_bins_do_not_depend_on_where_the_samples_fall(robot: Robot) -> None:
+def test_bins_do_not_depend_on_where_the_samples_fall() -> None:
     trials = [trial(np.random.default_rng(seed), jitter=1e-3) for seed in (1, 2)]
     wrong = response() * 1.01  # an imperfect model must leave the same residual whatever the stamps
-    for channel in observe(trials[0], robot, VARIANT, START).streams:
+    for channel in observe(trials[0], ROBOT, VARIANT, START).streams:
         left = []
         for one in trials:
-            o = observe(one, robot, VARIANT, START)
+            o = observe(one, ROBOT, VARIANT, START)
             left.append(left_over(o, channel, wrong))
         scale = np.nanmax(np.abs(left[0]))
         assert np.nanmax(np.abs(left[0] - left[1])) < 0.05 * scale, channel
 
 
-def test_a_late_start_shifts_the_simulation(robot: Robot) -> None:
-    o = observe(trial(np.random.default_rng(1)), robot, VARIANT, START - 0.012)
+def test_a_late_start_shifts_the_simulation() -> None:
+    o = observe(trial(np.random.default_rng(1)), ROBOT, VARIANT, START - 0.012)
     shifted = o.values["wheel"] - o.binned(GRID, response(), 0.012)["wheel"]
     # the angle counts from the first estimate of the start, where the wheel still stood
     assert np.nanmax(np.abs(shifted)) < 1e-4
     assert np.nanmax(np.abs(o.values["wheel"] - o.binned(GRID, response(), 0.0)["wheel"])) > 0.05
 
 
-def test_a_gap_is_left_out_and_no_more(robot: Robot) -> None:
+def test_a_gap_is_left_out_and_no_more() -> None:
     whole = trial(np.random.default_rng(1))
     keep = (whole.imu.t < 4.0) | (whole.imu.t > 4.3)
     imu = ImuStream(whole.imu.t[keep], whole.imu.specific_force[keep], whole.imu.angular_rate[keep])
-    o = observe(dataclasses.replace(whole, imu=imu), robot, VARIANT, START)
+    o = observe(dataclasses.replace(whole, imu=imu), ROBOT, VARIANT, START)
     lost = ~np.isfinite(o.values["accel_x"])
     middle = (o.edges[1:] + o.edges[:-1]) / 2
     assert lost[(middle > 4.02) & (middle < 4.28)].all()
@@ -123,30 +119,30 @@ def test_a_gap_is_left_out_and_no_more(robot: Robot) -> None:
     assert np.isfinite(o.values["wheel"]).all()
 
 
-def test_channels_that_were_not_logged_are_absent(robot: Robot) -> None:
+def test_channels_that_were_not_logged_are_absent() -> None:
     whole = trial(np.random.default_rng(1))
-    o = observe(dataclasses.replace(whole, currents=None), robot, VARIANT, START)
+    o = observe(dataclasses.replace(whole, currents=None), ROBOT, VARIANT, START)
     assert set(o.streams) == {"accel_x", "accel_z", "pitch_rate", "wheel", "wheel_split"}
     angle = whole.wheels.angle.copy()
     angle[:, 2:] = np.nan  # no encoders on the rear axle
-    o = observe(dataclasses.replace(whole, wheels=WheelStream(whole.wheels.t, angle)), robot, VARIANT, START)
+    o = observe(dataclasses.replace(whole, wheels=WheelStream(whole.wheels.t, angle)), ROBOT, VARIANT, START)
     assert "wheel_split" not in o.streams
     assert np.nanmax(np.abs(left_over(o, "wheel", response()))) < 1e-4
 
 
-def test_slow_sensors_widen_the_bins(robot: Robot) -> None:
+def test_slow_sensors_widen_the_bins() -> None:
     whole = trial(np.random.default_rng(1))
     slow = WheelStream(whole.wheels.t[::5], whole.wheels.angle[::5])
-    assert bin_width(whole, robot) == pytest.approx(0.02)
-    assert bin_width(dataclasses.replace(whole, wheels=slow), robot) == pytest.approx(0.06)
+    assert bin_width(whole, ROBOT) == pytest.approx(0.02)
+    assert bin_width(dataclasses.replace(whole, wheels=slow), ROBOT) == pytest.approx(0.06)
 
 
-def test_the_start_is_found_from_the_wheels(robot: Robot) -> None:
+def test_the_start_is_found_from_the_wheels() -> None:
     one = trial(np.random.default_rng(1))
-    assert start_of(one, None, VARIANT, robot.wheels.radius) == pytest.approx(START, abs=0.06)
+    assert start_of(one, None, VARIANT, ROBOT.wheels.radius) == pytest.approx(START, abs=0.06)
 
 
-def test_a_log_that_says_nothing_of_the_command_is_refused(robot: Robot) -> None:
+def test_a_log_that_says_nothing_of_the_command_is_refused() -> None:
     one = dataclasses.replace(trial(np.random.default_rng(1)), info=TrialInfo())
     with pytest.raises(InputError, match="of the command are not known"):
         variant_of_trial(one, None)
@@ -175,7 +171,7 @@ def test_lines_between_instants_of_a_run_show_its_corners_on_time(variant: Varia
     or early is drawn by lines twice; trials tell a clock's offset to 0.025 ms.
     """
     limit = 1e-5 if offset else 5e-6  # [s]
-    p = model_parameters(load_robot(), load_soil(), variant, a_theta=load_paper().a_theta)
+    p = model_parameters(ROBOT, load_soil(), variant, a_theta=load_paper().a_theta)
     clock = (activate(get("clock_offset"), {"offset": offset}),)
     exact, run = integrate(p, clock, Accuracy(1e-7, 1e-9, 1e-4)), integrate(p, clock, ACCURACY)
     for name in ("imu_ax_mps2", "cur_f_A", "enc_f_rad"):

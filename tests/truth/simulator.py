@@ -19,6 +19,13 @@ SPACING = 0.005
 """Of the samples of a run [s]."""
 
 
+def interpolated(at: Array | float, t: Array, signal: Array) -> Array:
+    """Return a signal (N,) or (N, K) at instants, linear between samples."""
+    columns = np.reshape(signal, (t.size, -1)).T
+    found = np.stack([np.interp(at, t, column) for column in columns], axis=-1)
+    return np.asarray(found[..., 0] if np.ndim(signal) == 1 else found)
+
+
 class Result(SimpleNamespace):
     """Signals of one run at `t` (N,), SI units; (N, 2) where front and rear differ.
 
@@ -36,10 +43,7 @@ class Result(SimpleNamespace):
 
     def at(self, t: float, name: str) -> Array:
         """Return a signal at an instant, linear between samples."""
-        signal = np.asarray(getattr(self, name))
-        if signal.ndim == 1:
-            return np.asarray(np.interp(t, self.t, signal))
-        return np.array([np.interp(t, self.t, column) for column in signal.T])
+        return interpolated(t, self.t, getattr(self, name))
 
     def slip_ratio(self, start: float, stop: float) -> float:
         """Return λ_R (2) between two instants; the desired distance is the mean of what the wheels rolled."""

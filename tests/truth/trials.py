@@ -15,7 +15,7 @@ from granite_lab.hidden.simulator import Body
 from granite_lab.logs.trial import Series, Trial, TrialInfo
 from granite_lab.parameters import ImuGrade, Robot, load_robot
 from tests.truth.body import random_body
-from tests.truth.simulator import Result, body_from_run
+from tests.truth.simulator import Result, body_from_run, interpolated
 
 SCALE_ERROR = {"industrial": 0.0005, "consumer": 0.002}
 """Std of the scale error of each IMU axis; a residual after the maker's calibration."""
@@ -66,10 +66,7 @@ class TruthTrial:
 
     def at(self, t: Array | float, name: str) -> Array:
         """Return `x`, `v`, `pitch` or `v_wheel` at instants of the IMU's clock."""
-        signal = np.asarray(getattr(self, name))
-        if signal.ndim == 1:
-            return np.asarray(np.interp(t, self.t, signal))
-        return np.stack([np.interp(t, self.t, column) for column in signal.T], axis=-1)
+        return interpolated(t, self.t, getattr(self, name))
 
     def errors(self, motion: Motion) -> tuple[Array, Array]:
         """Return error and std of an estimate's v while the robot moves."""
