@@ -20,7 +20,6 @@ from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import REST_SHARE
 from granite_lab.inference.discrepancy import MOTION, REST
 from granite_lab.inference.fit import Fit, fit
-from granite_lab.inference.gap import tolerated
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
@@ -324,13 +323,6 @@ def test_each_trial_is_predicted_as_by_a_refit_without_it() -> None:
     assert (predicted.left_out > predicted.own).all()
     # of a command with one trial both are the same
     assert predicted.left_out[4] == pytest.approx(predicted.speed_left_out[4], rel=1e-9)
-
-
-def test_numbers_of_the_priors_scales_are_those_of_the_fit() -> None:
-    """What is tolerated says nothing of how much trials differ."""
-    problem = problem_of((0, 1), CHANNELS)
-    found = linear(problem, np.random.default_rng(1), 0.0)
-    assert tolerated(found.scales, TOLERANCE).priors == found.scales.priors
 
 
 def test_what_is_expected_of_trials_is_what_an_exact_model_leaves() -> None:

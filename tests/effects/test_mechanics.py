@@ -129,6 +129,15 @@ def test_friction_in_the_gears_costs_current_and_not_speed(by: Any) -> None:
     assert steady(r, "v") == pytest.approx(steady(plain, "v"), abs=1e-4)
 
 
+def test_a_wrong_torque_constant_scales_the_currents_alone(by: Any) -> None:
+    plain, r = seen(by), seen(by, "torque_constant_error", error=-0.1)
+    i = steady(r, "current")
+    share = 1.0 if by is by_library else 0.8 + 0.4 * i / (i + 4.0)
+    assert i * (1 - 0.1 * share) == pytest.approx(steady(plain, "current"), rel=1e-3)
+    assert steady(r, "v") == pytest.approx(steady(plain, "v"), abs=1e-5)
+    assert steady(r, "torque") == pytest.approx(steady(plain, "torque"), rel=1e-3)
+
+
 def change_by_speed(by: Any, effect: str, **values: float) -> list[np.ndarray]:
     """Change of the sinkage at 0.2 and at 0.7 m/s; there is none at rest."""
     found = []

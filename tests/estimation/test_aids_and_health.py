@@ -15,7 +15,6 @@ from granite_lab.estimation.health import correlation, ljung_box
 from granite_lab.estimation.smoother import usual
 from granite_lab.logs.trial import Series, Trial
 from granite_lab.parameters import load_robot
-from tests.truth import faults
 from tests.truth.trials import TruthTrial, generate
 
 
@@ -61,19 +60,6 @@ def test_measured_distance_that_contradicts_the_sensors_is_told() -> None:
     assert motion.health.nis["distance"] > 50
     assert not motion.health.good
     assert "the measured distance" in motion.health.verdict
-
-
-def test_standstill_named_by_hand_anchors_what_the_sensors_would_not() -> None:
-    """Without encoders and with a table that shakes, nobody sees the standstill; the user may name it."""
-    short = faults.cut(truth().trial, start=1.85)
-    alone = run(short)
-    named = run(short, rests=[(1.85, 1.99)])
-    assert alone.health.rests[0][0] > 5.0
-    assert named.health.rests[0] == pytest.approx((1.85, 1.99), abs=0.03)
-    assert named.v_std[0] < 1e-3 < alone.v_std[0]
-    assert named.v_std.mean() < alone.v_std.mean()
-    error, std = truth().errors(named)
-    assert np.mean(np.abs(error) < 2 * std) > 0.9
 
 
 def test_judge_measures_against_the_reference_and_the_wheels() -> None:

@@ -180,14 +180,6 @@ def test_filter_and_smoother_are_filterpys() -> None:
     assert np.sqrt(found.P[:, V, V]) == pytest.approx(std, rel=1e-3, abs=1e-7)
 
 
-def test_innovations_of_the_right_model_are_white_and_of_unit_size() -> None:
-    rng = np.random.default_rng(2)
-    came = smoother.forward(wanderer(np.concatenate([[0.0], rng.uniform(0.02, 0.5, 1999)]), 2))[2]
-    z = came.value / np.sqrt(came.variance)
-    assert np.mean(z**2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 2000))
-    assert abs(np.mean(z[1:] * z[:-1])) < 4 / np.sqrt(2000)
-
-
 def test_covariance_between_instants_is_that_of_a_sampled_posterior() -> None:
     nodes = wanderer(STEPS, 3)
     found = smoother.run(nodes)

@@ -112,14 +112,6 @@ def test_sand_that_sticks_costs_speed_and_current_in_the_steady_part() -> None:
     assert (mean(r, "current") > mean(plain(), "current") + 0.01).all()
 
 
-def test_a_wrong_torque_constant_scales_the_currents_alone() -> None:
-    _, r = typical("torque_constant_error", error=-0.1)
-    i = mean(r, "current")
-    passed_on = 1 - 0.1 * (0.8 + 0.4 * i / (i + 4.0))
-    assert i * passed_on == pytest.approx(mean(plain(), "current"), rel=1e-3)
-    assert mean(r, "v") == pytest.approx(mean(plain(), "v"), abs=1e-5)
-
-
 def test_a_sagging_supply_lets_the_wheels_fall_behind() -> None:
     truth, r = typical("supply_sag", resistance=0.2)
     late = np.flatnonzero(steady(r))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import replace
 from functools import lru_cache
@@ -27,7 +26,6 @@ from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Variant, load_robot, load_soil
 from tests.corpus.cli import lab as command
-from tests.corpus.cli import told
 from tests.truth.simulator import body_from_run, simulate
 
 SHORT = (Variant(velocity=0.3, acceleration=1.2, distance=0.4),)
@@ -241,16 +239,6 @@ def test_a_set_is_not_overwritten_unasked(folder: Path) -> None:
     before = (folder / "sealed.bin").read_bytes()
     assert command("hide", "--effect", "none", "--out", folder, "--quiet").code == 2
     assert (folder / "sealed.bin").read_bytes() == before
-
-
-def test_reveal_judges_a_finding(folder: Path, tmp_path: Path) -> None:
-    (name,) = (effect["id"] for effect in open_answer(folder)["effects"])
-    finding = tmp_path / "finding.json"
-    judged = {"schema": "granite-lab/discovery/2", "verdict": "named", "effects": [{"id": name}]}
-    finding.write_text(json.dumps(judged))
-    document = told("reveal", folder, "--finding", finding)
-    assert document["answer"]["seed"] == 21
-    assert document["score"]["outcome"] == "right"
 
 
 @lru_cache

@@ -118,6 +118,14 @@ def test_scales_of_what_differs_from_trial_to_trial_are_learnt() -> None:
     assert scales.priors["a_theta"] > 1.3 * slacks[0].std
 
 
+def bounded(source: Problem, bound: float) -> Problem:
+    """Return the same four trials where the sand has no solution beyond a bound."""
+    problem = problem_of(FOUR, respond=Respond(bound))
+    for t, s in zip(problem.trials, source.trials, strict=True):
+        t.measured[:] = s.measured
+    return problem
+
+
 def test_a_simulation_without_a_solution_shortens_the_step() -> None:
     """The sand lies just within the bound; the first step goes beyond it."""
     rng = np.random.default_rng(8)
@@ -127,10 +135,7 @@ def test_a_simulation_without_a_solution_shortens_the_step() -> None:
     shared[3] = 0.3
     truth = measure(problem, replace(truth, shared=shared), rng)
     free = fit(problem, problem.neutral())
-    bounded = Respond(bound=0.315)
-    other = problem_of(FOUR, respond=bounded)
-    for t, s in zip(other.trials, problem.trials, strict=True):
-        t.measured[:] = s.measured
+    other = bounded(problem, 0.315)
     found = fit(other, other.neutral())
     assert np.abs(found.point.vector - truth.vector)[-len(SHARED) + 3] < 0.05
     assert found.evidence == pytest.approx(free.evidence, abs=2.0)
@@ -144,9 +149,7 @@ def test_a_fit_ends_within_the_region_that_has_solutions(bound: float) -> None:
     shared = source.neutral().shared.copy()
     shared[:3] = 0.5, -0.5, 0.5
     measure(source, replace(source.neutral(), shared=shared), rng)
-    problem = problem_of(FOUR, respond=Respond(bound))
-    for t, s in zip(problem.trials, source.trials, strict=True):
-        t.measured[:] = s.measured
+    problem = bounded(source, bound)
     found = fit(problem, problem.neutral())
     assert np.isfinite(found.evidence)
     for x in found.point.trials:

@@ -51,15 +51,6 @@ def test_a_robot_at_rest_neither_creeps_nor_drifts(options: dict[str, float]) ->
     assert abs(run["v_mps"][-1]) < 2e-4  # coasting out, (26) cannot brake
 
 
-def test_at_rest_the_ground_carries_the_weight_and_the_accelerometer_reads_gravity() -> None:
-    run = run_of(variant_of(0.3))
-    weight = ROBOT.chassis.total_mass * GRAVITY
-    assert 2 * (run["force_z_f_N"][0] + run["force_z_r_N"][0]) == pytest.approx(weight, rel=1e-8)
-    pitch = run["pitch_rad"][0]
-    assert run["imu_ax_mps2"][0] == pytest.approx(-GRAVITY * np.sin(pitch), abs=1e-6)
-    assert run["imu_az_mps2"][0] == pytest.approx(GRAVITY * np.cos(pitch), rel=1e-6)
-
-
 def test_slip_grows_as_the_rear_contact_angle_shrinks() -> None:
     slips = [run_of(variant_of(0.3), k92=k).slip_ratio for k in (1.0, 0.6, 0.3, 0.1, 0.0)]
     assert all(a < b for a, b in pairwise(slips))

@@ -277,27 +277,19 @@ def test_it_opens_paused_on_its_timeline_with_a_layout(path: Path) -> None:
     assert views > 15
 
 
-def test_a_channel_that_was_not_measured_is_left_out(trial: TrialResult, tmp_path: Path) -> None:
-    c = trial.comparison
-    unknown = np.full_like(c.t, np.nan)
-    measured = c.measured | {"torque_f": unknown, "torque_r": unknown}
-    bare = dataclasses.replace(trial.trial, currents=None)
-    back = ReadBack(record_trial(bare, dataclasses.replace(c, measured=measured), tmp_path / "a.rrd"))
-    torque = {e for e in back.entities() if e.startswith(("/torque", "/current", "/residual_torque"))}
-    assert torque == {"/torque/from_model"}
-
-
 def test_a_trial_without_imu_and_with_one_encoder_can_be_recorded(trial: TrialResult, tmp_path: Path) -> None:
     c = trial.comparison
     v_wheel = c.motion.v_wheel.copy()
     v_wheel[:, 1:] = np.nan
     motion = dataclasses.replace(c.motion, v_wheel=v_wheel, pitch=np.full_like(c.t, np.nan))
     bare = dataclasses.replace(trial.trial, imu=None, currents=None, command=None)
-    measured = c.measured | {"pitch": np.full_like(c.t, np.nan)}
+    measured = c.measured | dict.fromkeys(("pitch", "torque_f", "torque_r"), np.full_like(c.t, np.nan))
     path = record_trial(bare, dataclasses.replace(c, motion=motion, measured=measured), tmp_path / "a.rrd")
     back = ReadBack(path)
     np.testing.assert_array_equal(back.scalars("/velocity/wheels"), v_wheel[::2, 0])
     assert "/pitch/measured" not in back.entities()
+    torque = {e for e in back.entities() if e.startswith(("/torque", "/current", "/residual_torque"))}
+    assert torque == {"/torque/from_model"}
     assert np.isfinite(back.values("/scene/measured", "Transform3D:quaternion")).all()
     assert "1 file verified" in verify(path)
 

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 from markdown_it import MarkdownIt
 
-from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
 from granite_lab.reporting import write, write_comparison, write_report
 from granite_lab.reporting.json_report import to_json
@@ -106,13 +105,6 @@ def test_a_screen_reader_finds_its_way(folder: Path) -> None:
     assert all(figures)
     text = (folder / "index.html").read_text(encoding="utf-8")
     assert all('scope="' in cell for cell in re.findall(r"<th[ >][^>]*>", text))
-
-
-def test_the_first_page_answers_before_the_evidence(folder: Path) -> None:
-    text = (folder / "index.html").read_text(encoding="utf-8")
-    first = re.sub(r"<[^>]+>", "", text[text.index("<h1") : text.index("<section")]).replace("\u00a0", " ")
-    for needed in ("0.3 m/s", "0.7 m/s", "95 %", "4.919", "Not tested", "Virtual data.", "noise", "missing"):
-        assert needed in first
 
 
 @pytest.mark.parametrize("which", ["folder", "discovery_folder"])
@@ -270,13 +262,6 @@ def test_a_second_report_replaces_the_first_alone(tmp_path: Path, monkeypatch: p
     assert (folder / "recordings" / "a.rrd").read_text() == "old"
     assert not (folder / "figures" / "stale.svg").exists()
     assert [p.name for p in tmp_path.iterdir()] == ["report"]
-
-
-def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(LabError, match="file") as caught:
-        write_small_study(tmp_path / "file" / "report", True)
-    assert caught.value.hint
 
 
 def test_a_comparison_is_figures_and_tables(tmp_path: Path, study: StudyResult) -> None:

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter, Verdict
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
@@ -109,18 +108,6 @@ def test_a_finding_is_a_part_of_a_studys_report(folder: Path, twelve_folder: Pat
     document = json.loads((twelve_folder / "report.json").read_text(encoding="utf-8"))
     assert document["discovery"]["effects"][0]["id"] == "multi_pass"
     assert document["discovery"]["model"] == "model.toml"
-
-
-def test_the_report_has_all_its_files_and_the_json_of_the_command(discovery_folder: Path) -> None:
-    for name in ("index.html", "report.md", "finding.json"):
-        assert (discovery_folder / name).stat().st_size > 1000
-    document = json.loads((discovery_folder / "finding.json").read_text(encoding="utf-8"))
-    expected = finding_as_json(made_up_finding(twins=("slip_sinkage",)), discovery_folder / "model.toml")
-    assert document == json.loads(json.dumps(expected, allow_nan=False))
-    assert document["schema"] == "granite-lab/discovery/2"
-    ids = {path.stem for path in (discovery_folder / "figures").glob("*.svg")}
-    assert {path.stem for path in (discovery_folder / "figures").glob("*.png")} == ids
-    assert {"found_gap", "found_candidates", "found_intervals"} <= ids
 
 
 def test_histories_are_means_over_the_repetitions_with_gaps_left_out(findings: dict[str, Finding]) -> None:
