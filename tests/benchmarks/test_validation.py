@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -55,13 +56,14 @@ def test_every_published_row_is_read() -> None:
     assert all(r.slip > -0.1 for r in SERIES["k10_grouser"].driven)
 
 
+def error_of_pull(of: Callable[[Series, Row], float]) -> float:
+    """Return the median relative error of a model's drawbar pull over Ding's points."""
+    points = [(s, row) for s in (SERIES["ding_smooth"], SERIES["ding_lugs"]) for row in s.rows]
+    return float(np.median([abs(of(s, row) - row.pull) / abs(row.pull) for s, row in points]))
+
+
 def test_the_rival_has_the_27_percent_that_it_is_known_for() -> None:
-    errors = [
-        abs(bekker_wong(s, row)[0] - row.pull) / abs(row.pull)
-        for s in (SERIES["ding_smooth"], SERIES["ding_lugs"])
-        for row in s.rows
-    ]
-    assert np.median(errors) == pytest.approx(0.27, abs=0.005)
+    assert error_of_pull(lambda s, row: bekker_wong(s, row)[0]) == pytest.approx(0.27, abs=0.005)
 
 
 @pytest.mark.parametrize("k92", [0.15, 0.6])
@@ -105,10 +107,6 @@ def test_the_page_and_its_table_say_what_the_code_computes() -> None:
     points = pd.read_csv(PAGE.parent / "tables" / "validation-points.csv")
     rows = [row for s in SERIES.values() for row in s.rows]
     assert points["pull_N"].to_numpy() == pytest.approx([row.pull for row in rows], rel=1e-3)
-    errors = [
-        abs(numbers(model(s, row, Setup(constant(0.0))))[0] - row.pull) / abs(row.pull)
-        for s in (SERIES["ding_smooth"], SERIES["ding_lugs"])
-        for row in s.rows
-    ]
-    assert f"drawbar pull is {100 * np.median(errors):.0f} % with k_92 = 0" in text
+    error = error_of_pull(lambda s, row: numbers(model(s, row, Setup(constant(0.0))))[0])
+    assert f"drawbar pull is {100 * error:.0f} % with k_92 = 0" in text
     assert TEXT.read_text(encoding="utf-8").split("{{")[0] in text

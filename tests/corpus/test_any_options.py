@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -117,14 +118,9 @@ def test_any_motion_is_simulated_or_refused(
         assert document["run"]
 
 
-def sections(text: str) -> list[tuple[str, str]]:
+def numbers(text: str) -> list[tuple[str, str]]:
     """List (line, key) of the numbers of a TOML file."""
-    found = []
-    for line in text.splitlines():
-        key, sign, value = line.partition("=")
-        if sign and value.strip() and value.strip()[0].isdigit():
-            found.append((line, key.strip()))
-    return found
+    return re.findall(r"^((\w+) *= *\d.*)$", text, re.MULTILINE)
 
 
 VALUES = st.one_of(
@@ -142,7 +138,7 @@ def test_any_parameter_file_is_used_or_refused(changes: list[tuple[bool, int, st
     """Numbers of robot and soil replaced by anything; with what is accepted a run is made or refused."""
     texts = {True: GRANITE, False: SAND}
     for which, number, value in changes:
-        lines = sections(texts[which])
+        lines = numbers(texts[which])
         line, key = lines[number % len(lines)]
         texts[which] = texts[which].replace(line, f"{key} = {value}", 1)
     robot, soil = tmp_path / "robot.toml", tmp_path / "soil.toml"

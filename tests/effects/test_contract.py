@@ -153,25 +153,14 @@ def test_circles_are_pairs_of_parameters(tmp_path: Path, text: str) -> None:
         load_effects(file)
 
 
-MODEL = ModelFile(
-    "granite",
-    "dry_sand",
-    "exponential",
-    Estimate(4.87, 0.04),
-    (
-        FittedEffect(
-            get("tyre_windup"),
-            {
-                "compliance": Estimate(2.1e-3, 1e-4),
-                "retardation": Estimate(0.012, 0.003),
-                "tread_share": Estimate(0.18, 0.05),
-            },
-            ("clock_offset",),
-        ),
-        FittedEffect(get("drive_reaction"), {"share": Estimate(0.97)}),
-    ),
-    {"version": "0.1.0", "trials": ['a "quoted".csv', "ß.csv"], "seed": 7, "inputs": {"a.csv": "12ab"}},
-)
+WOUND = {
+    "compliance": Estimate(2.1e-3, 1e-4), "retardation": Estimate(0.012, 0.003),
+    "tread_share": Estimate(0.18, 0.05),
+}  # fmt: skip
+REACTION = FittedEffect(get("drive_reaction"), {"share": Estimate(0.97)})
+FITTED = (FittedEffect(get("tyre_windup"), WOUND, ("clock_offset",)), REACTION)
+TOLD = {"version": "0.1.0", "trials": ['a "quoted".csv', "ß.csv"], "seed": 7, "inputs": {"a.csv": "12ab"}}
+MODEL = ModelFile("granite", "dry_sand", "exponential", Estimate(4.87, 0.04), FITTED, TOLD)
 
 
 def test_a_model_comes_back_as_it_was_written(tmp_path: Path) -> None:
@@ -203,22 +192,11 @@ def test_every_value_is_read_back_from_the_toml_written(value: object) -> None:
 def test_an_effect_of_one_s_own_needs_its_file(tmp_path: Path) -> None:
     code, path = tmp_path / "my_effect.py", tmp_path / "model.toml"
     code.write_text(EXAMPLE)
-    effect = load_effects(code)["head_wind"]
-    save_model(
-        ModelFile(
-            "granite",
-            "dry_sand",
-            "constant",
-            Estimate(0.2),
-            (FittedEffect(effect, {"force": Estimate(3.0)}),),
-        ),
-        path,
-    )
+    fitted = (FittedEffect(load_effects(code)["head_wind"], {"force": Estimate(3.0)}),)
+    save_model(ModelFile("granite", "dry_sand", "constant", Estimate(0.2), fitted), path)
     assert load_model(path, code).effects[0].as_dict() == {"force": 3.0}
     assert load_model(path, code).k92 == 0.2
-    with pytest.raises(
-        InputError, match=r"model\.toml: \[\[effect\]\] 1: unknown effect 'head_wind'"
-    ) as caught:
+    with pytest.raises(InputError, match=r"\[\[effect\]\] 1: unknown effect 'head_wind'") as caught:
         load_model(path)
     assert "--effects" in caught.value.hint
 

@@ -238,10 +238,7 @@ def test_good_trial_has_the_k92_of_the_simulator() -> None:
 
 @pytest.mark.parametrize(
     ("fault", "mounting"),
-    [
-        (lambda t: faults.turned(t, faults.SIDEWAYS), {"forward": "find"}),
-        (lambda t: restarted(t, 0.8), {}),
-    ],
+    [(lambda t: faults.turned(t, faults.SIDEWAYS), {"forward": "find"}), (lambda t: restarted(t, 0.8), {})],
     ids=["IMU axes found", "restart at rest"],
 )
 def test_a_corrected_trial_has_the_k92_of_the_good_one(
