@@ -63,27 +63,24 @@ def batch(nodes: Nodes) -> tuple[np.ndarray, np.ndarray]:
     scale = np.maximum(np.sqrt(nodes.P0.diagonal()), 1e-6)
     rows: list[np.ndarray] = []
     right: list[np.ndarray] = []
+
+    def add(node: int, block: np.ndarray, value: np.ndarray | float) -> None:
+        """Add equations of a node and perhaps its next."""
+        rows.append(np.zeros((block.shape[0], n * SIZE)))
+        rows[-1][:, node * SIZE : node * SIZE + block.shape[1]] = block
+        right.append(np.broadcast_to(value, block.shape[0]))
+
     root = np.linalg.cholesky(nodes.P0)
-    block = np.zeros((SIZE, n * SIZE))
-    block[:, :SIZE] = np.linalg.solve(root, np.eye(SIZE))
-    rows.append(block)
-    right.append(np.linalg.solve(root, nodes.x0[:, 0]))
+    add(0, np.linalg.solve(root, np.eye(SIZE)), np.linalg.solve(root, nodes.x0[:, 0]))
     for k in range(n):
         if k:
             # an eigenvalue root takes covariances that are almost singular
             size = np.sqrt(nodes.Q[k].diagonal())
             values, vectors = np.linalg.eigh(nodes.Q[k] / np.outer(size, size))
             white = (vectors / np.sqrt(values)).T / size
-            block = np.zeros((SIZE, n * SIZE))
-            block[:, (k - 1) * SIZE : k * SIZE] = -white @ nodes.F[k]
-            block[:, k * SIZE : (k + 1) * SIZE] = white
-            rows.append(block)
-            right.append(np.zeros(SIZE))
+            add(k - 1, np.hstack([-white @ nodes.F[k], white]), 0.0)
         for update in nodes.updates[k]:
-            block = np.zeros((1, n * SIZE))
-            block[:, k * SIZE : (k + 1) * SIZE] = update.H / np.sqrt(update.R)
-            rows.append(block)
-            right.append(np.array([update.z / np.sqrt(update.R)]))
+            add(k, update.H / np.sqrt(update.R), update.z / np.sqrt(update.R))
     A = np.vstack(rows) * np.tile(scale, n)
     q, r = np.linalg.qr(A)
     solution = np.linalg.solve(r, q.T @ np.concatenate(right))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -12,7 +10,7 @@ from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.noise import at_rest, errors, learn
 from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import UNITS
-from granite_lab.inference.point import SHARED, Point
+from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from tests.inference.stub import predicted, problem_of
@@ -124,19 +122,6 @@ def response(problem: Problem) -> Array:
     return found[0]
 
 
-def moved(point: Point, place: int, by: float) -> Point:
-    """Return the point with one number of its vector changed."""
-    first = [0, *np.cumsum([x.size for x in point.trials]).tolist()]
-    if place >= first[-1]:
-        shared = point.shared.copy()
-        shared[place - first[-1]] += by
-        return replace(point, shared=shared)
-    i = next(i for i in range(len(point.trials)) if place < first[i + 1])
-    trials = [x.copy() for x in point.trials]
-    trials[i][place - first[i]] += by
-    return replace(point, trials=tuple(trials))
-
-
 def test_all_columns_are_those_of_differences(problem: Problem) -> None:
     """At the files' values, where the trial's response is that of its command."""
     point = problem.neutral()
@@ -149,7 +134,8 @@ def test_all_columns_are_those_of_differences(problem: Problem) -> None:
         assert columns.shape[1] == len(places)
         for name, place, column in zip(names, places, columns.T, strict=True):
             h = 5e-4
-            up, down = (predicted(problem, moved(point, place, s * h))[i].ravel() for s in (1, -1))
+            step = h * (np.arange(point.vector.size) == place)
+            up, down = (predicted(problem, problem.moved(point, s * step))[i].ravel() for s in (1, -1))
             wanted = (up - down) / (2 * h)
             assert np.abs(column - wanted).max() < 0.03 * np.abs(wanted).max() + 1e-9, name
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
@@ -69,20 +70,17 @@ def driven_once(variant: Variant = SLOW, level: float = LEVEL, **told: Any) -> D
 
 @pytest.fixture
 def stages() -> Iterator[Any]:
-    benches = []
+    with ExitStack() as stack:
 
-    def stage(design: Design, *more: Variant, formula: float = 1e-9) -> Stage:
-        variants = (*(d.variant for d in design.driven), *more)
-        effects = library() | STAGING | {"hum": Hum(), "swell": Swell()}
-        conditions = tuple(Conditions() for _ in variants)
-        benches.append(Bench(StagedWorld(ROBOT, SOIL, variants, effects, conditions=conditions)))
-        found = Stage(design, benches[-1], [design.driven[0]] * len(more))
-        found.scales = replace(found.scales, formula=formula)
-        return found
+        def stage(design: Design, *more: Variant, formula: float = 1e-9) -> Stage:
+            variants = (*(d.variant for d in design.driven), *more)
+            effects = library() | STAGING | {"hum": Hum(), "swell": Swell()}
+            world = StagedWorld(ROBOT, SOIL, variants, effects, conditions=(Conditions(),) * len(variants))
+            found = Stage(design, stack.enter_context(Bench(world)), [design.driven[0]] * len(more))
+            found.scales = replace(found.scales, formula=formula)
+            return found
 
-    yield stage
-    for bench in benches:
-        bench.__exit__(None, None, None)
+        yield stage
 
 
 def std_of(information: np.ndarray) -> float:

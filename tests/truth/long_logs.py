@@ -120,16 +120,9 @@ def drive(
 
 def cycles(number: int, length: float = 30.0) -> list[tuple[float, float]]:
     """Course of repeated drives at 0.5 m/s with a standstill after each."""
-    course = [(0.0, 0.0)]
-    for i in range(number):
-        begin = i * length
-        course += [
-            (begin + 3.0, 0.0),
-            (begin + 4.0, 0.5),
-            (begin + length - 3.0, 0.5),
-            (begin + length - 2.0, 0),
-        ]
-    return [*course, (number * length + 1.0, 0.0)]
+    own = ((3.0, 0.0), (4.0, 0.5), (length - 3.0, 0.5), (length - 2.0, 0.0))
+    driven = [(i * length + t, v) for i in range(number) for t, v in own]
+    return [(0.0, 0.0), *driven, (number * length + 1.0, 0.0)]
 
 
 def repeated(duration: float) -> Drive:
