@@ -17,12 +17,10 @@ from granite_lab.estimation.rest import Interval, inside
 from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.trial import Correction, CurrentStream, ImuStream, Series, Trial, WheelStream
+from granite_lab.logs.wheels import opposed
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
 
 NAN = float("nan")
-
-OPPOSED = -0.5
-"""A current that correlates with the other motors' by less than this has the opposite sign."""
 
 AMISS = 0.05
 """A wheel that was silent and comes back off the others' rotation by this share is put level with them."""
@@ -228,11 +226,7 @@ def _turn_currents(
     with np.errstate(invalid="ignore"):
         power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)
     sign = np.ones(4)
-    for i in live:
-        others = [j for j in live if j != i]
-        if power[i] < 0 and len(others) > 1 and np.median(power[others]) > 0:
-            like = np.corrcoef(values[:, i], values[:, others].mean(axis=1))[0, 1]
-            sign[i] = -1.0 if like < OPPOSED else 1.0
+    sign[opposed(values, power, live.tolist())] = -1.0
     if np.all(power[live] < 0):
         gained = np.gradient(speed, t)
         gained -= np.mean(gained)

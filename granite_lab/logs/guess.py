@@ -81,13 +81,10 @@ def words(name: str) -> tuple[list[str], str]:
         parts = name.split("_")
         for count in (2, 1):
             tail = "_".join(parts[-count:])
-            if len(parts) > count and find_unit(tail) and tail not in ("a", "g", "m", "s"):
+            # A single `a` is an acceleration.
+            if len(parts) > count and find_unit(tail) and tail != "a":
                 unit, name = tail, "_".join(parts[:-count])
                 break
-        else:
-            # A single letter is a unit only where something else already says what is measured.
-            if len(parts) > 1 and parts[-1] in ("g", "s", "m", "A"):
-                unit, name = parts[-1], "_".join(parts[:-1])
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", name)
     return [w for w in re.split(r"[^A-Za-z0-9]+", spaced.lower()) if w], unit
 

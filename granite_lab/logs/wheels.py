@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,10 @@ TOO_FAST = 30.0
 
 FREE = (1.3, 0.05, 0.3)
 """A wheel that turns this many times as fast as the others, which agree to this share, for so long [s]."""
+
+
+OPPOSED = -0.5
+"""A current that correlates with the other motors' by less than this has the opposite sign."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +54,11 @@ def rests(trial: Trial, robot: Robot) -> list[tuple[float, float]]:
     From the wheels where there are any (they turn whenever the robot drives), else from an
     accelerometer that is far calmer than usual.
     """
-    if trial.wheels is not None:
-        t, speed = mean_speed(trial.wheels, robot)
-        if len(t) > 5:
-            limit = 0.02 * max(float(np.quantile(np.abs(speed), 0.95)), 0.05)
-            return _intervals(t, np.abs(_smooth(speed, t)) < limit)
-    if trial.imu is not None:
-        return _calm(trial.imu)
-    return []
+    t, speed = mean_speed(trial.wheels, robot)
+    if len(t) > 5:
+        limit = 0.02 * max(float(np.quantile(np.abs(speed), 0.95)), 0.05)
+        return _intervals(t, np.abs(_smooth(speed, t)) < limit)
+    return _calm(trial.imu) if trial.imu is not None else []
 
 
 def _calm(imu: ImuStream) -> list[tuple[float, float]]:
@@ -76,8 +78,7 @@ def _calm(imu: ImuStream) -> list[tuple[float, float]]:
 def _smooth(values: Array, t: Array) -> Array:
     """Average over about a fifth of a second, against quantisation."""
     n = max(1, int(0.2 / float(np.median(np.diff(t)))))
-    padded = np.concatenate((np.full(n // 2, values[0]), values, np.full(n - 1 - n // 2, values[-1])))
-    return np.convolve(padded, np.full(n, 1 / n), mode="valid")
+    return np.convolve(np.pad(values, (n // 2, n - 1 - n // 2), "edge"), np.full(n, 1 / n), mode="valid")
 
 
 def _intervals(t: Array, flags: Mask) -> list[tuple[float, float]]:
@@ -87,12 +88,8 @@ def _intervals(t: Array, flags: Mask) -> list[tuple[float, float]]:
 
 def look(trial: Trial, robot: Robot) -> MotionGuess | None:
     """Guess plateau, ramp and variant from the wheels; None without wheels or motion."""
-    if trial.wheels is None:
-        return None
     t, raw = mean_speed(trial.wheels, robot)
-    if len(t) < 10:
-        return None
-    speed = np.abs(_smooth(raw, t))
+    speed = np.abs(_smooth(raw, t)) if len(t) >= 10 else np.zeros(1)
     top = float(np.quantile(speed, 0.95))
     if top < 0.01:
         return None
@@ -111,17 +108,13 @@ def look(trial: Trial, robot: Robot) -> MotionGuess | None:
     return MotionGuess(plateau, ramp, distance, best if off < 2 else None, confidence if off < 2 else 0.0)
 
 
-def mean_speed(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:
-    """Return stamps (M,) [s] and the wheels' mean circumferential speed (M,) [m/s]."""
-    # A wheel may have rows of its own; in between its angle is a straight line.
-    seen = [np.isfinite(angle) for angle in wheels.angle.T]
-    angles = [
-        np.interp(wheels.t, wheels.t[rows], angle[rows])
-        for angle, rows in zip(wheels.angle.T, seen, strict=True)
-        if np.count_nonzero(rows) > 1
-    ]
-    if not angles:
+def mean_speed(wheels: WheelStream | None, robot: Robot) -> tuple[Array, Array]:
+    """Return stamps (M,) [s] and the wheels' mean circumferential speed (M,) [m/s]; none without wheels."""
+    logged = [] if wheels is None else [a for a in wheels.angle.T if np.count_nonzero(np.isfinite(a)) > 1]
+    if wheels is None or not logged:
         return np.zeros(0), np.zeros(0)
+    # A wheel may have rows of its own; in between its angle is a straight line.
+    angles = [np.interp(wheels.t, wheels.t[np.isfinite(a)], a[np.isfinite(a)]) for a in logged]
     speed = np.diff(np.mean(angles, axis=0)) / np.diff(wheels.t) * robot.wheels.radius
     return (wheels.t[1:] + wheels.t[:-1]) / 2, np.asarray(speed)
 
@@ -266,7 +259,7 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
             'they are in mA; converted (say unit = "mA" in a column map)'
         )
         currents = CurrentStream(currents.t, currents.current / 1000)
-    t, speed = mean_speed(wheels, log.robot) if wheels is not None else (np.zeros(0), np.zeros(0))
+    t, speed = mean_speed(wheels, log.robot)
     if len(t) < 20:
         return currents
     speed = np.interp(currents.t, t, speed)
@@ -277,14 +270,28 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
     ]
     if len(live) < 3 or not np.ptp(values[:, live], axis=0).all():
         return currents
-    power = {i: float(np.nanmean(values[going, i] * np.sign(speed[going]))) for i in live}
+    values = np.nan_to_num(values)
+    power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)
+    for i in opposed(values, power, live):
+        log.doubts.append(
+            f"{log.column(CURRENTS[i])}: the current flows against the other motors': its sign is wrong; "
+            "say scale = -1 in a column map"
+        )
+    return currents
+
+
+def opposed(values: Array, power: Array, live: Sequence[int]) -> list[int]:
+    """Return the motors whose current runs against the others' although these deliver power.
+
+    Args:
+        values: (N, 4) currents [A].
+        power: (4,) their mean, counted positive where it drives the wheels.
+        live: the motors whose current is logged.
+    """
+    found = []
     for i in live:
         others = [j for j in live if j != i]
-        like = np.nan_to_num(values[:, others]).mean(axis=1)
-        against = power[i] < 0 < min(power[j] for j in others)
-        if against and np.corrcoef(np.nan_to_num(values[:, i]), like)[0, 1] < -0.5:
-            log.doubts.append(
-                f"{log.column(CURRENTS[i])}: the current flows against the other motors': its sign is wrong; "
-                "say scale = -1 in a column map"
-            )
-    return currents
+        if power[i] < 0 and len(others) > 1 and np.median(power[others]) > 0:
+            like = np.corrcoef(values[:, i], values[:, others].mean(axis=1))[0, 1]
+            found += [i] if like < OPPOSED else []
+    return found
