@@ -20,8 +20,7 @@ from granite_lab.logs.guess import ColumnReport, by_name, guess
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
 from granite_lab.logs.named import is_bag, name_of, parts_of
 from granite_lab.logs.reader import assemble
-from granite_lab.logs.source import read_source, recognise
-from granite_lab.logs.table import load, open_table
+from granite_lab.logs.source import load, open_table, read_source, recognise
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.logs.wheels import MotionGuess, look, rests
 from granite_lab.parameters import load_robot
