@@ -25,7 +25,7 @@ from granite_lab.estimation.referenced import UNKNOWN, refer, steady_slip
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.smoother import solve, with_error
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
-from granite_lab.logs.imu_checks import despike
+from granite_lab.logs.imu_checks import despike, mounted
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
 from granite_lab.parameters import Robot, Variant, load_variants
 
@@ -100,7 +100,7 @@ def correct(
     grade = robot.imu_grade
     assert grade is not None
     stream, spikes = despike(_complete(trial.imu))
-    imu = mounting.to_body(stream, mounting.given(robot))
+    imu = mounting.to_body(stream, mounted(robot))
     wheels, rolling, signs = _roll(trial, imu, robot)
     faults = find_faults(imu, stream, grade, spikes)
     refuse_moved(imu, rests)

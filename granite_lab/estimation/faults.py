@@ -9,7 +9,8 @@ import numpy as np
 
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
-from granite_lab.estimation.wheels import bridged, runs
+from granite_lab.estimation.wheels import bridged
+from granite_lab.logs.counters import runs
 from granite_lab.logs.imu_checks import rail
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, ImuGrade
@@ -59,7 +60,7 @@ def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.nda
     t = imu.t
     bad = ~np.isfinite(imu.forward)
     gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > 3.0 * imu.period)]
-    for a, b in zip(*runs(bad), strict=True):
+    for a, b in runs(bad):
         if b - a > 2:
             gaps.append((float(t[max(a - 1, 0)]), float(t[min(b, t.size - 1)])))
     clipped, turning = np.zeros((2, t.size), dtype=bool)
@@ -78,7 +79,7 @@ def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.nda
                     reach = np.abs(axis - float(np.nanmedian(axis)))
                     beyond = np.where(at_limit, np.maximum(beyond, np.maximum(reach, UNSEEN)), beyond)
     # clipped vibration touches the rail again and again: one plateau
-    spans = list(zip(*runs(bridged(np.arange(t.size), clipped, 6.5)), strict=True))
+    spans = runs(bridged(np.arange(t.size), clipped, 6.5))
     return Faults(
         doubt=bad | clipped | spikes,
         rate_doubt=turning | spikes,

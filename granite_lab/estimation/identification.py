@@ -32,7 +32,7 @@ from granite_lab.estimation.noise import Noise, vibration
 from granite_lab.estimation.rest import Interval, inside
 from granite_lab.estimation.smoother import forward, merged, nominal_of, usual
 from granite_lab.estimation.spectrum import blackman_harris, spectral_density
-from granite_lab.estimation.wheels import runs
+from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
 
 MOTION, RESTLESS = 1.5, 3.0
@@ -209,7 +209,7 @@ def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
         on &= problem.jumps == 0.0
     on &= np.diff(nominal.t, prepend=nominal.t[0] - dt) < 3.0 * dt
     frequencies, densities = [np.empty(0)], [np.empty(0)]
-    for a, b in zip(*runs(on), strict=True):
+    for a, b in runs(on):
         if (b - a) * dt < SHORTEST or 0.5 / dt < 2.0 * HIGH:
             continue
         acceleration = np.diff(nominal.v[a:b]) / dt

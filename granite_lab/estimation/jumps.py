@@ -25,7 +25,8 @@ from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST, Interval
 from granite_lab.estimation.smoother import Solution, solve
-from granite_lab.estimation.wheels import MOVING, Rolling, runs
+from granite_lab.estimation.wheels import MOVING, Rolling
+from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
 
@@ -120,7 +121,7 @@ def stuck(changes: Changes, rests: Sequence[Interval]) -> list[Interval]:
     stands = (np.abs(body) < 2.0 * changes.unsure[:, None]).all(axis=1) & (changes.unsure < far)
     stands &= changes.slower > MOVING
     found = []
-    for a, b in zip(*runs(stands), strict=True):
+    for a, b in runs(stands):
         # it may come to rest late in the first bin and set off early in the last
         begin, end = float(changes.begin[a]) + BIN, float(changes.end[b - 1]) - BIN
         after = [start for start, _ in rests if abs(start - changes.end[b - 1]) < BIN]
@@ -173,7 +174,7 @@ def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
     stamps, rolled = rolling.t[known] + offset, rolling.mean[known]
     none, pair = np.empty(0), np.empty((0, 2))
     parts = [Changes(none, none, pair, pair, none, none)]
-    for a, b in zip(*runs(nodes.moving), strict=True):
+    for a, b in runs(nodes.moving):
         begin, end = nodes.t[max(a - 1, 0)], nodes.t[b - 1]
         edges = np.linspace(begin, end, max(round((end - begin) / BIN), 1) + 1)
         width = edges[1] - edges[0]

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array, ImuStream
-from granite_lab.parameters import GRAVITY, Robot
+from granite_lab.parameters import GRAVITY
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,15 +52,6 @@ class BodyImu:
     def has_pitch_rate(self) -> bool:
         """Whether a pitch gyro was logged."""
         return bool(np.isfinite(self.pitch_rate).any())
-
-
-def given(robot: Robot) -> Rotation:
-    """Return the rotation of the robot's file: the sensor's axes are R's, turned by roll, pitch, yaw.
-
-    Intrinsic z-y-x, so that ``rotation.apply(sensor vector)`` is the vector in robot axes.
-    """
-    roll, pitch, yaw = robot.imu.rotation
-    return Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True)
 
 
 def to_body(imu: ImuStream, rotation: Rotation, *, levelled: bool = False) -> BodyImu:

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
-from granite_lab.estimation.wheels import runs
+from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -183,7 +183,7 @@ def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, flo
     rate = np.nan_to_num(imu.roll_rate)
     turned = cumulate(imu.t, rate - float(np.mean(rate[rest])), rest)
     places, seen = [], []
-    for a, b in zip(*runs(rest), strict=True):
+    for a, b in runs(rest):
         if known[a:b].any():
             level = np.clip(np.mean(imu.left[a:b][known[a:b]]) / GRAVITY, -1.0, 1.0)
             places.append((imu.t[a], imu.t[b - 1]))

@@ -17,7 +17,8 @@ from granite_lab.estimation.motion import Health, Motion, PhaseName
 from granite_lab.estimation.nodes import QUICK, Problem
 from granite_lab.estimation.rest import Interval, find_rests, inside
 from granite_lab.estimation.smoother import Smoothed, Solution
-from granite_lab.estimation.wheels import MOVING, Rolling, bridged, runs
+from granite_lab.estimation.wheels import MOVING, Rolling, bridged
+from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant
 
@@ -246,7 +247,7 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
     name = np.zeros(t.size, dtype=int)
     longest: tuple[int, int] = (0, 0)
     onset, acceleration = Estimate(NAN), NAN
-    for a, b in zip(*runs(~rest), strict=True):
+    for a, b in runs(~rest):
         part = pace[a:b]
         if part.max() < MOVING:
             name[a:b] = UP if b == t.size else DOWN
@@ -254,7 +255,7 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
         plateau = float(np.median(part[part > 0.6 * part.max()]))
         flat = np.abs(part - plateau) < BAND * plateau
         whole = bridged(np.arange(b - a), flat, round(0.2 / period) + 1.5)
-        pieces = list(zip(*runs(whole), strict=True))
+        pieces = runs(whole)
         first, last = max(pieces, key=lambda p: p[1] - p[0], default=(0, 0))
         slow = uniform_filter1d(np.gradient(part, t[a:b]), max(round(0.1 / period), 1))
         label = np.where(slow >= 0, UP, DOWN)

@@ -9,7 +9,8 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.wheels import Rolling, bridged, runs
+from granite_lab.estimation.wheels import Rolling, bridged
+from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import ImuGrade
 
@@ -125,10 +126,10 @@ def without_swings(imu: BodyImu, still: np.ndarray, grade: ImuGrade) -> np.ndarr
     """
     calm = maximum_filter1d(imu_quiet(imu, grade, still, SWING), max(round(SWING / imu.period), 1))
     left = still.copy()
-    for a, b in zip(*runs(still), strict=True):
-        begin, end = runs(calm[a:b])
-        if begin.size and (end - begin).max() * imu.period >= SHORTEST:
-            left[a : a + begin[np.argmax(end - begin)]] = False
+    for a, b in runs(still):
+        begin, end = max(runs(calm[a:b]), key=lambda run: run[1] - run[0], default=(0, 0))
+        if (end - begin) * imu.period >= SHORTEST:
+            left[a : a + begin] = False
     return left
 
 
@@ -172,7 +173,7 @@ def find_rests(
         still |= (t >= begin) & (t <= end)
     found = []
     gap = 3.0 * float(np.median(np.diff(t)))
-    for a, b in zip(*runs(bridged(t, still, 0.06)), strict=True):
+    for a, b in runs(bridged(t, still, 0.06)):
         given = any(begin <= t[a] <= end or begin <= t[b - 1] <= end for begin, end in by_hand)
         if t[b - 1] - t[a] >= (0.3 * gap if given else SHORTEST):
             found.append((float(t[a]), float(t[b - 1])))

@@ -12,6 +12,7 @@ from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.mounting import BodyImu
+from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import WHEELS, Robot
 
@@ -77,16 +78,10 @@ class Rolling:
         return replace(self, **{name: getattr(self, name)[keep] for name in rows})
 
 
-def runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return first indices and one-past-last indices of the stretches where mask holds."""
-    edge = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
-    return np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
-
-
 def bridged(t: np.ndarray, mask: np.ndarray, longest: float) -> np.ndarray:
     """(N,) mask without the interruptions whose neighbours are less than `longest` apart [unit of t]."""
     closed = mask.copy()
-    for a, b in zip(*runs(~mask), strict=True):
+    for a, b in runs(~mask):
         if a > 0 and b < mask.size and t[b] - t[a - 1] < longest:
             closed[a:b] = True
     return closed
@@ -126,7 +121,7 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
         use = np.isfinite(increment[:, i])
         use[1:-1] &= use[:-2] | use[2:]
         use[0] = np.isfinite(distance[0, i]) and use[1:2].any()
-        for a, b in zip(*runs(use), strict=True):
+        for a, b in runs(use):
             if b - a >= 3:
                 own = np.concatenate([[0.0], np.cumsum(increment[a + 1 : b, i])])
                 velocity[a:b, i], velocity_std[a:b, i] = slope(t[a:b], own, sigma(1, speed[a:b]))
@@ -194,7 +189,7 @@ def mask_dead(t: Array, distance: Array) -> tuple[Array, list[str]]:
             continue
         rolling = np.abs(np.nan_to_num(_median(np.delete(step, i, axis=1)))) > MOVING * dt
         dead = 0.0
-        for a, b in zip(*runs((np.nan_to_num(step[:, i]) == 0.0) & rolling), strict=True):
+        for a, b in runs((np.nan_to_num(step[:, i]) == 0.0) & rolling):
             silent = t[b - 1] - t[max(a - 1, 0)]
             if silent >= STUCK_AFTER:
                 step[a : b + 1, i] = np.nan  # the sample after it may hold the missed counts at once

@@ -30,10 +30,9 @@ FASTEST_WHEEL = 300.0
 
 
 def runs(flags: Mask) -> list[tuple[int, int]]:
-    """Return first and last sample of each stretch of flags."""
-    edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
-    ends = np.flatnonzero(edges == -1) - 1
-    return [(int(a), int(b)) for a, b in zip(np.flatnonzero(edges == 1), ends, strict=True)]
+    """Return the first sample of each stretch of flags, and the one behind its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def integral(t: Array, x: Array) -> Array:

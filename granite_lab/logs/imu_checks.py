@@ -107,6 +107,15 @@ def despike(stream: ImuStream) -> tuple[ImuStream, Mask]:
     return dataclasses.replace(stream, specific_force=both[:, :3], angular_rate=both[:, 3:]), hit
 
 
+def mounted(robot: Robot) -> Rotation:
+    """Return the rotation of the robot's file: the sensor's axes are R's, turned by roll, pitch, yaw.
+
+    Intrinsic z-y-x, so that ``rotation.apply(sensor vector)`` is the vector in robot axes.
+    """
+    roll, pitch, yaw = robot.imu.rotation
+    return Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True)
+
+
 def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
     """Refuse axes that are dead, exchanged or turned; the wheels move in this log.
 
@@ -118,8 +127,7 @@ def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
     Raises:
         InputError: a column that would carry a wrong result, with what it looks like and what to write.
     """
-    roll, pitch, yaw = log.robot.imu.rotation
-    mounting = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()
+    mounting = mounted(log.robot).as_matrix()
     _refuse_dead(imu, mounting, log)
     known = not np.isnan(imu.specific_force).any()
     if known and not imu.gravity_removed and log.robot.imu.forward != "find":
@@ -269,7 +277,7 @@ def rail(axis: Array) -> Mask:
     usual = known.size / (moved.size + 1.0)
     for extreme in (float(known.max()), float(known.min())):
         at_limit = axis == extreme
-        longest = max(last + 1 - first for first, last in runs(at_limit))
+        longest = max(end - begin for begin, end in runs(at_limit))
         if abs(extreme - centre) > max(3.0 * step, 1.5 * scatter) and longest >= 3.0 * max(usual, 1.0):
             mark |= at_limit
     return mark
@@ -281,10 +289,10 @@ def _refuse_dead(imu: ImuStream, mounting: Array, log: Log) -> None:
     both, needed = _sensors(imu), ((0, 2), (1,))
     for (what, channels, values), (_, _, other), rows in zip(both, both[::-1], needed, strict=True):
         same = runs((np.diff(values, axis=0) == 0).all(axis=1))
-        first, last = max(same, key=lambda run: run[1] - run[0], default=(0, -1))
-        begin, end = float(imu.t[first]), float(imu.t[last + 1])
+        first, last = max(same, key=lambda run: run[1] - run[0], default=(0, 0))
+        begin, end = float(imu.t[first]), float(imu.t[last])
         changes = f"expected readings of the {what} that change"
-        if end - begin > HANGS and 50 < last + 1 - first < 0.9 * len(imu.t):
+        if end - begin > HANGS and 50 < last - first < 0.9 * len(imu.t):
             told = f": every sample from t = {begin:.3f} s to {end:.3f} s is the same, {changes}: it hangs"
             raise log.refuse(channels, told, "cut the log there (--from, --to)")
         constant = np.array([np.isfinite(v).all() and np.ptp(v) == 0 for v in values.T])

@@ -216,7 +216,7 @@ def _complete(source: Source, samples: Samples, kind: str, doubts: list[str]) ->
 
 def _longest(flags: Mask, t: Array) -> tuple[int, int]:
     """Return the first and last sample of the stretch of flags that lasts longest."""
-    return max(runs(flags), key=lambda run: t[run[1]] - t[run[0]])
+    return max(((begin, end - 1) for begin, end in runs(flags)), key=lambda run: t[run[1]] - t[run[0]])
 
 
 def _wheels(source: Source, samples: Samples, robot: Robot, doubts: list[str]) -> WheelStream:

@@ -83,7 +83,7 @@ def _smooth(values: Array, t: Array) -> Array:
 
 def _intervals(t: Array, flags: Mask) -> list[tuple[float, float]]:
     """Return the stretches of flags that last long enough."""
-    return [(float(t[a]), float(t[b])) for a, b in runs(flags) if t[b] - t[a] >= SHORTEST_REST]
+    return [(float(t[a]), float(t[b - 1])) for a, b in runs(flags) if t[b - 1] - t[a] >= SHORTEST_REST]
 
 
 def look(trial: Trial, robot: Robot) -> MotionGuess | None:
@@ -235,9 +235,9 @@ def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
     free &= middle > 0.1 * float(np.quantile(middle, 0.95))
     for i, channel in enumerate(ENCODERS):
         mine = free & (fastest == i)
-        long = [(a, b) for a, b in runs(mine) if (b + 1 - a) * dt >= FREE[2]]
+        long = [(a, b) for a, b in runs(mine) if (b - a) * dt >= FREE[2]]
         for a, b in long:
-            angle[a : b + 1 + n, i] = np.nan
+            angle[a : b + n, i] = np.nan
         if long:
             ratio = float(np.median(top[mine] / middle[mine]))
             log.doubts.append(

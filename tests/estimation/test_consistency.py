@@ -17,12 +17,13 @@ import pytest
 
 from benchmarks.estimation_cell import Cell, Score, score
 from granite_lab.estimation import Motion, estimate
-from granite_lab.estimation.mounting import BodyImu, given, to_body
+from granite_lab.estimation.mounting import BodyImu, to_body
 from granite_lab.estimation.nodes import MOST, choose
 from granite_lab.estimation.noise import stamp_noise
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.files import write_table
 from granite_lab.logs import read_trial, write_canonical
+from granite_lab.logs.imu_checks import mounted
 from granite_lab.logs.trial import ImuStream
 from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, faults, generate
@@ -121,7 +122,7 @@ def shaken(rng: np.random.Generator, scatter: float) -> tuple[BodyImu, float]:
     force[:, 0] = 2.0 * np.sin(2 * np.pi * 20.0 * t)
     stamps = t + scatter * rng.standard_normal(t.size)
     stamps[[0, -1]] = t[[0, -1]]
-    imu = to_body(ImuStream(stamps, force, np.zeros((t.size, 3))), given(ROBOT))
+    imu = to_body(ImuStream(stamps, force, np.zeros((t.size, 3))), mounted(ROBOT))
     return imu, float(np.trapezoid(force[:, 0], stamps))
 
 
