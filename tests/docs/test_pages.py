@@ -1,4 +1,4 @@
-"""Every line that README and pages show to run is run as printed; what pages name exists."""
+"""Lines that README and pages show are run as printed; what they name exists; the example report."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,9 @@ import pytest
 
 from granite_lab import Estimate
 from granite_lab.errors import InputError
+from granite_lab.files import sha256
+from granite_lab.hidden.scoring import MEANING, score
+from granite_lab.hidden.sealed import open_answer
 from granite_lab.logs import read_trial
 from granite_lab.parameters import load_robot
 from tests.corpus.cli import Done, lab
@@ -48,10 +52,10 @@ ELSEWHERE = {
     "granite-lab discover data/samples": "the search of the tutorial",
     "granite-lab discover my-kit/trials --out my-kit/finding": "the search of the tutorial",
     "granite-lab plan-next reports/discover": "as in the tutorial",
-    "granite-lab study --verify reports/sand-a": "a study again: tests/running/test_same_results.py",
-    "granite-lab study --verify reports/my-sand": "a study again: tests/running/test_same_results.py",
-    "granite-lab study moved/logs --verify reports/my-sand": "tests/running/test_same_results.py",
-    "GRANITE_SOAK=1 python -m pytest -rP tests/running/test_interruption.py tests/running/test_cluster.py": (
+    "granite-lab study --verify reports/sand-a": "a study again: tests/running/test_whole_runs.py",
+    "granite-lab study --verify reports/my-sand": "a study again: tests/running/test_whole_runs.py",
+    "granite-lab study moved/logs --verify reports/my-sand": "tests/running/test_whole_runs.py",
+    "GRANITE_SOAK=1 python -m pytest -rP tests/running/test_whole_runs.py tests/running/test_cluster.py": (
         "takes hours"
     ),
 }
@@ -366,3 +370,49 @@ def test_make_targets_that_are_named_exist() -> None:
     assert len(named) > 5
     for target in named:
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+
+
+SHOWN_REPORT = ROOT / "reports" / "example"
+
+
+@pytest.fixture(scope="module")
+def report() -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((SHOWN_REPORT / "report.json").read_text(encoding="utf-8"))
+    return document
+
+
+def test_it_is_small_and_has_no_recordings() -> None:
+    files = [path for path in SHOWN_REPORT.rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < 6e6
+    assert not [path for path in files if path.suffix == ".rrd"]
+
+
+def test_its_markdown_shows_every_figure_and_no_other_lies_there() -> None:
+    text = (SHOWN_REPORT / "report.md").read_text(encoding="utf-8").replace("\\", "")
+    shown = set(re.findall(r"\]\(figures/([^)]+)\)", text))
+    assert shown == {path.name for path in (SHOWN_REPORT / "figures").iterdir()}
+
+
+def test_it_is_of_the_samples_that_are_there(report: dict[str, Any]) -> None:
+    text = json.dumps(report["provenance"])
+    for log in sorted(SAMPLES.glob("*.csv")):
+        assert sha256(log) in text, f"{log.name} has changed: run reports/make_example.py"
+
+
+def test_its_first_screen_says_slip_a_theta_and_what_is_missing(report: dict[str, Any]) -> None:
+    page = (SHOWN_REPORT / "report.md").read_text(encoding="utf-8").split("\n## ")[0]
+    said = " ".join(page.replace("\\", "").split())  # no-break spaces, too
+    for s in report["answers"]["speeds"]:
+        low, high = (f"{x:.{2 if s['slip']['std'] < 0.355 else 1}f}" for x in s["slip"]["ci95"])
+        assert re.search(rf"\| {s['speed_mps']:g} \| [\d.]+ \| {low} to {high} \|", said)
+    assert re.search(r"4\.919 s/m\?\*\* (Yes|No)\. a_θ = [\d.]+ ± [\d.]+ s/m", said)
+    if report["discovery"]["verdict"] == "named":
+        assert re.search(r"How much of the gap does it close\?\*\* (Over )?\d+ %", said)
+
+
+def test_the_readme_beside_it_tells_how_the_finding_was_judged(report: dict[str, Any]) -> None:
+    judged = score(open_answer(SAMPLES), report["discovery"])
+    said = " ".join(text_of("reports/README.md").split())
+    assert MEANING[judged.outcome] in said
+    for effect in (*judged.hidden, *judged.named):
+        assert f"`{effect}`" in said

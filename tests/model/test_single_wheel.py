@@ -14,7 +14,7 @@ from granite_lab.model import Accuracy, simulate
 from granite_lab.model.effect import activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, rolling
 from granite_lab.parameters import Soil, Wheels, load_robot, load_soil, variant_of
-from tests.truth.arc import forces
+from tests.truth.simulator import forces
 
 ROBOT, SAND = load_robot(), load_soil()
 RIM = ROBOT.wheels

@@ -15,8 +15,7 @@ from granite_lab.hidden.sensors import rotation, vibration
 from granite_lab.hidden.simulator import DT
 from granite_lab.parameters import GRAVITY, Variant, load_grade, load_robot, load_soil, variant_of
 from tests.truth import faults, generate
-from tests.truth.arc import forces
-from tests.truth.simulator import Result, build, simulate
+from tests.truth.simulator import Result, build, forces, simulate
 from tests.truth.trials import quiet
 
 
