@@ -33,14 +33,8 @@ SHORT = (Variant(velocity=0.3, acceleration=1.2, distance=0.4),)
 
 @lru_cache
 def one(effect: str, seed: int = 11, **given: Any) -> tuple[Trial, dict[str, Any]]:
-    sizes = given.pop("sizes", ())
-    trials, answer = make_set(
-        Wish(effect, seed, sizes=dict(sizes), **given),
-        load_robot(),
-        load_soil(),
-        repetitions=1,
-        variants=SHORT,
-    )
+    wish = Wish(effect, seed, sizes=dict(given.pop("sizes", ())), **given)
+    trials, answer = make_set(wish, load_robot(), load_soil(), repetitions=1, variants=SHORT)
     return trials[0], answer
 
 
@@ -324,25 +318,18 @@ def test_stamps_at_the_end_of_the_interval_are_late_by_half_of_it_and_the_latenc
 
 
 def test_the_trials_of_a_seed_share_the_laboratory_whatever_is_hidden() -> None:
-    made = [
-        make_set(Wish(effect, 5, lab="wild"), load_robot(), load_soil(), repetitions=1, variants=SHORT)
-        for effect in ("none", "torque_constant_error")
-    ]
-    (one, other) = (answer for _, answer in made)
-    assert one["lab"] == other["lab"]
-    (a, b) = (answer["trials"]["hidden_v0.3_r1"] for answer in (one, other))
+    (first, plain), (second, other) = (one(e, 5, lab="wild") for e in ("none", "torque_constant_error"))
+    assert plain["lab"] == other["lab"]
+    (a, b) = (answer["trials"]["hidden_v0.3_r1"] for answer in (plain, other))
     assert (a["raking"], a["radii"]) == (b["raking"], b["radii"])
-    assert np.std(a["radii"]) < 4 * one["lab"]["wheels"]["radius"]
-    first, second = (trials[0].wheels for trials, _ in made)
-    assert first.t.size == second.t.size  # it stands still as long
+    assert np.std(a["radii"]) < 4 * plain["lab"]["wheels"]["radius"]
+    assert first.wheels.t.size == second.wheels.t.size  # it stands still as long
 
 
 def test_wheels_roll_by_their_radii_or_are_counted_by_them() -> None:
     for rolls in (True, False):
         seed = next(seed for seed, lab in enumerate(labs()) if lab.rolls == rolls and lab.radius > 0.002)
-        (trial,), answer = make_set(
-            Wish("none", seed, lab="wild"), load_robot(), load_soil(), repetitions=1, variants=SHORT
-        )
+        trial, answer = one("none", seed, lab="wild")
         radii = np.array(answer["trials"]["hidden_v0.3_r1"]["radii"])
         angle = trial.wheels.angle[-1]
         apart = np.ptp(angle) / angle.mean()
@@ -394,9 +381,8 @@ def test_the_sealed_answer_holds_what_was_drawn(wild_folder: Path) -> None:
 
 def test_the_offset_of_the_clocks_is_told_as_the_stamps_show_it() -> None:
     """An IMU that is late itself adds to encoders that are early."""
-    lab, sizes = labs()[3], {"clock_offset.offset": -0.03}
-    wish = Wish("clock_offset", 3, lab="wild", sizes=sizes)
-    _, answer = make_set(wish, load_robot(), load_soil(), variants=SHORT, repetitions=1)
+    lab = labs()[3]
+    _, answer = one("clock_offset", 3, lab="wild", sizes=(("clock_offset.offset", -0.03),))
     late = lab.late + 0.5 / lab.robot.imu_grade.rate
     told = answer["effects"][0]["parameters"]["offset"]["value"]
     assert told == pytest.approx(-0.03 - late)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from granite_lab.effects import library
 from granite_lab.model import Run
-from granite_lab.model.effect import Active, activate
+from granite_lab.model.effect import Active, EffectParameter, activate
 from granite_lab.parameters import GRAVITY, Robot, Soil, Variant, load_robot, load_soil
 
 T = TypeVar("T")
@@ -38,19 +39,13 @@ def draw(seed: int, number: int) -> Draw:
     rng = np.random.default_rng([seed, number])
     kind = ("anywhere", "near", "another size", "near, with effects")[number % 4]
     if kind == "anywhere":
-        robot = dataclasses.replace(
-            ROBOT, wheels=anywhere(ROBOT.wheels, rng), chassis=anywhere(ROBOT.chassis, rng),
-            drive=anywhere(ROBOT.drive, rng),
-        )  # fmt: skip
+        robot = in_parts(ROBOT, lambda part: anywhere(part, rng))
         soil, variant = anywhere(SOIL, rng), _motion(rng, (0.01, 5.0), (0.01, 50.0))
     else:
         size = math.exp(rng.uniform(math.log(0.25), math.log(4))) if kind == "another size" else 1.0
         robot, soil = scaled(ROBOT, SOIL, size)
         factor = 1.3 if kind == "another size" else 2.0
-        robot = dataclasses.replace(
-            robot, wheels=near(robot.wheels, rng, factor), chassis=near(robot.chassis, rng, factor),
-            drive=near(robot.drive, rng, factor),
-        )  # fmt: skip
+        robot = in_parts(robot, lambda part: near(part, rng, factor))
         soil = near(soil, rng, factor)
         variant = _motion(rng, (0.05 * size**0.5, 2 * size**0.5), (0.1, 10.0))
     law = rng.integers(3)
@@ -61,17 +56,19 @@ def draw(seed: int, number: int) -> Draw:
         known = library()
         chosen = rng.choice(sorted(known), size=int(rng.integers(1, 3)), replace=False)
         wide = bool(rng.integers(2))
-        effects = tuple(
-            activate(
-                known[name],
-                {
-                    p.name: float(rng.uniform(*((p.low, p.high) if wide else (p.prior_low, p.prior_high))))
-                    for p in known[name].parameters
-                },
-            )
-            for name in chosen
-        )
+
+        def size(p: EffectParameter) -> float:
+            return float(rng.uniform(*((p.low, p.high) if wide else (p.prior_low, p.prior_high))))
+
+        effects = tuple(activate(known[n], {p.name: size(p) for p in known[n].parameters}) for n in chosen)
     return Draw(kind, robot, soil, variant, k92, a_theta, effects)
+
+
+def in_parts(robot: Robot, change: Callable[[Any], Any]) -> Robot:
+    """Return a robot with its wheels, chassis and drive changed, in this order."""
+    return dataclasses.replace(
+        robot, **{p: change(getattr(robot, p)) for p in ("wheels", "chassis", "drive")}
+    )
 
 
 def _motion(rng: np.random.Generator, v: tuple[float, float], a: tuple[float, float]) -> Variant:
