@@ -14,17 +14,18 @@ SETTLING = 5e-3
 
 
 class RadialTyreCompliance(Effect):
-    """A tyre in series with the soil: its underside is flattened by δ = κ W, the rest stays round.
+    """A tyre in series with the soil, as a row of radial springs: its underside gives by δ = κ W.
 
-    The flat part has the depth of the sinkage. It neither resists the motion nor lifts
-    by shear. The tyre rolls as a wheel of radius r − δ/3.
+    Each place of the contact gives by its own pressure. Where that is proportional to depth, the outline is
+    a circle of larger radius, the substitute circle of soft-soil tyre models. The tyre rolls as a wheel of
+    radius r − δ/3.
     """
 
     id = "radial_tyre_compliance"
     title = "tyre that deflects under its load"
-    equation = "δ = W / k_r, rolling radius r − δ/3, underside level where (7) would exceed z0"
+    equation = "z(ϑ) = z_rigid(ϑ) − δ (z_rigid(ϑ)/z_rigid(0))^n, δ = W / k_r, rolling radius r − δ/3"
     source = (
-        "Karafiath and Nowatzki, Soil Mechanics for Off-Road Vehicle Engineering, 1978; Gillespie, "
+        "Springs after Winkler; Schmid, Journal of Terramechanics 32, 1995, 3-26; Gillespie, "
         "Fundamentals of Vehicle Dynamics, 1992; the paper's k_r of 40 kN/m is 2.5e-5 m/N"
     )
     signature = (

@@ -143,6 +143,21 @@ def arc_stresses(
     return stresses
 
 
+def outline(state: WheelState, angles: ContactAngles, soil: Soil, ϑ: Any) -> tuple[Any, Any]:
+    """Return the depth of the wheel's outline [m], (7), and the sine of its slope, at angles ϑ [rad].
+
+    A tyre that is pressed in is a row of radial springs: each place gives by its own pressure, (8), so that
+    the deflection falls from the underside to the ends of the contact.
+    """
+    r = state.arc_radius
+    depth, slope = state.sinkage + state.deflection - r * (1 - ca.cos(ϑ)), ca.sin(ϑ)
+    if isinstance(state.deflection, float) and state.deflection == 0:
+        return depth, slope
+    δ, n, whole = ca.fmax(state.deflection, 0), soil.exponent, 1 - ca.cos(angles.front)
+    share = ca.fmax((ca.cos(ϑ) - ca.cos(angles.front)) / whole, 1e-9)
+    return depth - δ * share**n, slope * (1 - δ * n * share ** (n - 1) / (r * whole))
+
+
 def wheel_forces(
     state: WheelState,
     angles: ContactAngles,
@@ -171,16 +186,7 @@ def wheel_forces(
         σ, τ = strength(ϑ, z)
         return ca.horzcat(σ * cos_ϑ + τ * slope, -σ * slope, τ * cos_ϑ, τ)  # (12)-(15)
 
-    def on_circle(ϑ: Any) -> Any:
-        return stresses(ϑ, state.sinkage + state.deflection - r * (1 - ca.cos(ϑ)), ca.sin(ϑ))  # (7)
-
-    total = _over(on_circle, -ϑ2, ϑ1, b * r)
-    if not (isinstance(state.deflection, float) and state.deflection == 0):
-        # 1e-14 m keep the derivative of the arccosine finite where nothing is pressed in
-        δ = ca.fmax(state.deflection, 0)
-        edge = ca.acos(1 - (δ + 1e-14) / r) - ca.acos(1 - 1e-14 / r)
-        rear, front = ca.fmax(-edge, -ϑ2), ca.fmin(edge, ϑ1)
-        total += _over(lambda ϑ: stresses(ϑ, state.sinkage, 0 * ϑ) - on_circle(ϑ), rear, front, b * r)
+    total = _over(lambda ϑ: stresses(ϑ, *outline(state, angles, soil, ϑ)), -ϑ2, ϑ1, b * r)
     W, R, F, S = (total[k] for k in range(4))
     M = -state.radius * S  # (15)
     touching = ca.if_else(state.sinkage > 0, 1, 0)

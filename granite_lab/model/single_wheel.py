@@ -20,7 +20,7 @@ import scipy
 
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.model.command import V_FLOOR, contact_angle_ratio
-from granite_lab.model.contact import WheelState
+from granite_lab.model.contact import WheelState, outline
 from granite_lab.model.effect import Active, Axle, Effect
 from granite_lab.model.graph import OnGround, hooks_of, on_ground, own_parameters
 from granite_lab.model.symbols import ModelParameters, symbolic, symbols_of, vector_of
@@ -337,7 +337,7 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
         angles.front, angles.rear,
     )  # fmt: skip
     ϑ = -angles.rear + (angles.front + angles.rear) * ca.DM(np.linspace(0, 1, NODES))
-    depth = one.state.sinkage + one.state.deflection - one.state.arc_radius * (1 - ca.cos(ϑ))
+    depth, _ = outline(one.state, angles, one.soil, ϑ)
     σ, τ = one.stresses(ϑ, depth)
     axles = tuple(
         Axle(0.0, g.state, g.angles, g.forces, ca.SX(0.0), -g.forces.moment, g.forces.moment)
