@@ -29,8 +29,8 @@ class RadialTyreCompliance(Effect):
         "Fundamentals of Vehicle Dynamics, 1992; the paper's k_r of 40 kN/m is 2.5e-5 m/N"
     )
     signature = (
-        "The axles sit lower, the wheels sink less and the currents fall, also at standstill. Slip rises "
-        "slightly at 0.2 m/s and falls at 0.7 m/s."
+        "The axles sit lower and the wheels sink less, also at standstill. Slip and currents fall at all "
+        "speeds."
     )
     parameters = (
         EffectParameter("compliance", "m/N", "deflection of one tyre per load, 1/k_r",
