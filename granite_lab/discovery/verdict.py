@@ -31,6 +31,7 @@ class Named:
         probability: that it or one of its twins is in the model.
         closes: share of the gap on trials left out.
         channel: of which it makes the largest share of what the set changes, and that share.
+        changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
     """
 
     id: str
@@ -38,6 +39,11 @@ class Named:
     probability: float
     closes: Estimate
     channel: tuple[str, float] = ("", float("nan"))
+    changes: Mapping[str, float] = field(default_factory=dict)
+
+    def stands_out(self, scatter: Mapping[str, float], tolerance: float) -> bool:
+        """Tell whether it changes some channel by more than repetitions differ there, or the tolerance."""
+        return any(moved > scatter.get(c, tolerance) for c, moved in self.changes.items())
 
     def matters(self, remainder: float, formula: float) -> bool:
         """Tell whether it closes enough to be named.
@@ -90,12 +96,18 @@ class Judgement:
 def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     """Decide by what repetitions share, see `_judged`, and by how they differ.
 
-    It is ``unknown`` where they differ by more than `LEAST_SHARE` and the model explains all that they share.
+    It is ``unknown`` where they differ by more than `LEAST_SHARE`, and the model explains all that they share
+    or a named effect changes no channel by more than they differ: what acts there acts on the mean, too.
     """
     found = _judged(problem, search, tolerance)
-    differ = {c: share for c, share in scatter(problem, search.best.fit).items() if share > LEAST_SHARE}
+    every = scatter(problem, search.best.fit)
+    found = replace(found, scatter={c: share for c, share in every.items() if share > LEAST_SHARE})
+    if not found.scatter or all(n.stands_out(every, tolerance) for n in found.named):
+        return replace(found, verdict="unknown") if found.scatter and found.verdict == "none" else found
+    alone, small = search.model(()), (*found.small, *found.named)
+    assert alone is not None
     return replace(
-        found, scatter=differ, verdict="unknown" if found.verdict == "none" and differ else found.verdict
+        found, verdict="unknown", model=alone, named=(), small=small, after=found.before, remainder=1.0
     )
 
 
@@ -199,7 +211,7 @@ def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance:
     def left_by(model: Model) -> Array:
         return _left(predict(problem, under(problem, model.fit, best.fit.scales), tolerance))
 
-    channel = _channel(problem, search, without, best, tolerance)
+    changes = moved(problem, without.fit, best.fit)
     closes = closed(left_by(without), _left(whole.after), whole.gap)
     probability = search.probability(holding(id_))
     rivals: list[tuple[float, str, Model]] = []
@@ -216,15 +228,16 @@ def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance:
         if likely:
             twins.append(rival)
             probability += share
-    return Named(id_, tuple(twins), min(probability, 1.0), closes, channel)
+    channel = _channel(problem, search, changes, tolerance)
+    return Named(id_, tuple(twins), min(probability, 1.0), closes, channel, changes)
 
 
 def _channel(
-    problem: Problem, search: Search, without: Model, best: Model, tolerance: float
+    problem: Problem, search: Search, own: Mapping[str, float], tolerance: float
 ) -> tuple[str, float]:
     """Return the channel of which an effect makes the largest share of what the whole set changes."""
     alone = search.model(())
     assert alone is not None
-    whole, own = moved(problem, alone.fit, best.fit), moved(problem, without.fit, best.fit)
+    whole = moved(problem, alone.fit, search.best.fit)
     made = {c: own[c] / max(whole[c], own[c]) for c in own if own[c] > tolerance}
     return max(made.items(), key=lambda item: item[1], default=("", float("nan")))

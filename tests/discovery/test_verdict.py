@@ -123,6 +123,22 @@ def test_what_changes_from_trial_to_trial_by_much_is_unknown_though_repetitions_
     assert "changes from trial to trial" in text
 
 
+@pytest.mark.parametrize(("factor", "verdict"), [(1.1, "unknown"), (0.9, "named")])
+def test_an_effect_is_named_only_where_it_changes_more_than_repetitions_differ(
+    monkeypatch: pytest.MonkeyPatch, factor: float, verdict: str
+) -> None:
+    """What changes from trial to trial acts on the mean over repetitions, too."""
+    answer = ask(push=0.5)
+    (push,) = answer.judgement.named
+    scattered = {c: factor * moved for c, moved in push.changes.items()}
+    monkeypatch.setattr("granite_lab.discovery.verdict.scatter", lambda *_: scattered)
+    found = judge(answer.problem, answer.search, TOLERANCE)
+    assert (found.verdict, {n.id for n in found.named}) == (
+        verdict,
+        {"push"} if verdict == "named" else set(),
+    )
+
+
 def test_numbers_of_single_trials_must_be_needed_at_more_than_one_speed() -> None:
     """A resonance coincides with an order of the wheels at one speed."""
     problem = problem_of(SIX)
