@@ -140,7 +140,7 @@ class WarmMotor(Influence):
     id = "warm_motor"
     title = "resistance of the motors' leads that rises with the heat put in"
     account = "R_d (1 + rise ∫ i² dt), no cooling within a trial"
-    declared = (Size("rise", "1/(A^2 s)", "relative rise of R_d", 3e-3, 8e-3, 0, 0.1),)
+    declared = (Size("rise", "1/(A^2 s)", "relative rise of R_d", 0.05, 0.15, 0, 0.5),)
 
     def setup(self) -> None:
         """Claim the heat."""
