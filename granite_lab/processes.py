@@ -9,11 +9,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from granite_lab.errors import LabError
 
@@ -77,6 +77,27 @@ def forked(workers: int, enter: Callable[[X], None], given: X) -> ProcessPoolExe
         return None
     context = multiprocessing.get_context("fork")
     return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(enter, given))
+
+
+def crowd(workers: int) -> Executor:
+    """Return a pool for work that may take long, ended by `disperse`.
+
+    Its processes are forked where that is safe: they need not import again what this one has imported.
+    """
+    if "fork" in multiprocessing.get_all_start_methods() and sys.platform != "darwin":
+        context = multiprocessing.get_context("fork")
+        return ProcessPoolExecutor(workers, mp_context=context, initializer=behave)
+    import loky  # noqa: PLC0415, elsewhere a pool of the standard library needs a guarded main module
+
+    return cast(Executor, loky.ProcessPoolExecutor(workers, initializer=behave))
+
+
+def disperse(pool: Executor, *, kill: bool) -> None:
+    """End a pool; `kill` does not wait for what its processes are doing."""
+    for process in list(getattr(pool, "_processes", None) or {}) if kill else ():
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
+    pool.shutdown(cancel_futures=True)
 
 
 def _begin(enter: Callable[[X], None], given: X) -> None:

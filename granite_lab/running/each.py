@@ -17,7 +17,7 @@ from granite_lab.errors import LabError
 from granite_lab.logs.named import name_of
 from granite_lab.parameters.catalogue import CATALOGUE, forget
 from granite_lab.parameters.quantity import noting_files
-from granite_lab.processes import SHORT_OF_MEMORY, behave, one_thread, starting
+from granite_lab.processes import SHORT_OF_MEMORY, crowd, disperse, one_thread, starting
 from granite_lab.results import Failure
 from granite_lab.running.cache import Cache, trial_key
 from granite_lab.running.codec import Arena, decode, encode
@@ -170,8 +170,6 @@ def run(
     if workers <= 1:
         yield from ((i, call(item)) for i, item in enumerate(items))
         return
-    from loky import ProcessPoolExecutor  # noqa: PLC0415, not needed by one process
-
     queue, suspects, alone = deque(enumerate(items)), deque[tuple[int, X]](), False
 
     def room() -> int:
@@ -180,7 +178,7 @@ def run(
     while queue or suspects:
         alone, ended = not queue, False
         inside: dict[Future[Y], tuple[int, X]] = {}
-        pool = ProcessPoolExecutor(1 if alone else workers, initializer=behave)
+        pool = crowd(1 if alone else workers)
         try:
             for index, future in finished(pool, call, queue or suspects, inside, room):
                 yield index, future.result()
@@ -191,7 +189,7 @@ def run(
             for index, item in inside.values() if alone else ():
                 yield index, LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY)
         finally:
-            pool.shutdown(kill_workers=not ended)
+            disperse(pool, kill=not ended)
 
 
 def finished(
