@@ -15,26 +15,30 @@ from granite_lab import __version__
 from granite_lab.errors import LabError
 
 COMMANDS = {
-    "check": ("logs", "Check whether a log is usable."),
-    "inspect": ("logs", "Show what is recognised in a log."),
-    "ingest": ("logs", "Estimate velocity and slip with their uncertainty."),
+    "check": ("trials", "Check whether a log is usable."),
+    "inspect": ("trials", "Show what is recognised in a log."),
+    "ingest": ("trials", "Estimate velocity and slip with their uncertainty."),
     "simulate": ("model", "Simulate one run."),
     "wheel": ("model", "Compute one wheel on the soil."),
     "fit-k92": ("trials", "Fit k_92 of each trial."),
     "fit-atheta": ("trials", "Estimate a_θ of k_92 = exp(-a_θ v)."),
     "compare": ("trials", "Compare measured and simulated motion."),
     "study": ("trials", "Analyse trials and write a report."),
-    "view": ("logs", "Open a recording in the viewer."),
+    "view": ("trials", "Open a recording in the viewer."),
     "compare-studies": ("trials", "Compare two studies."),
     "discover": ("trials", "Find the effect that the model lacks."),
     "plan-next": ("trials", "Propose the most useful next trial."),
     "params": ("model", "Print the parameters in force."),
-    "hide": ("hidden", "Write virtual trials with a hidden effect."),
-    "reveal": ("hidden", "Open a sealed answer and judge a discovery."),
-    "kit": ("hidden", "Write a template for a blind test."),
+    "hide": ("model", "Write virtual trials with a hidden effect."),
+    "reveal": ("model", "Open a sealed answer and judge a discovery."),
+    "kit": ("model", "Write a template for a blind test."),
     "effects": ("model", "List, describe and check effects."),
 }
 """Module and one line of help of each command, so that help need not import them."""
+
+
+METAVARS = {"Path": "PATH", "float": "NUMBER", "int": "NUMBER", "str": "TEXT", "list[str]": "TEXT"}
+"""Types of values as help says them."""
 
 
 class _Commands(Mapping[str, Any]):
@@ -52,6 +56,8 @@ class _Commands(Mapping[str, Any]):
             for parameter in one.params:
                 if parameter.param_type_name == "argument":  # its type in Python tells a reader nothing
                     vars(parameter)["display_type_rich"] = lambda ctx: None  # noqa: ARG005
+                elif not parameter.is_flag:
+                    parameter.metavar = parameter.metavar or METAVARS.get(parameter.bare_type())
         return found
 
     def __iter__(self) -> Iterator[str]:

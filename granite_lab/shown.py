@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
 
@@ -31,6 +32,18 @@ class Shown:
         # By name: a record is known to all stages, and what draws it is one of the last.
         figure: Figure = import_module("granite_lab.api.plots").plot(self)
         return figure
+
+
+def frame(rows: Sequence[Mapping[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:
+    """Return rows as a table.
+
+    Args:
+        rows: values by column.
+        columns: of the table, in their order; those of the rows by default.
+    """
+    import pandas as pd  # noqa: PLC0415, heavy
+
+    return pd.DataFrame(rows, columns=columns)
 
 
 def picked(record: object, *names: str) -> dict[str, Any]:

@@ -127,7 +127,7 @@ def source_of(
         inputs=tuple(dict.fromkeys(inputs)),
         parameters=tuple((f"{p.group}.{p.key}", f"{p.value:g}", p.unit, p.origin) for p in rows),
         options=given,
-        code=code(search=True),
+        code=code(),
     )
 
 

@@ -68,8 +68,7 @@ def verify(
     files = [file for file in files if name_of(file) not in left_out]
     said = [(o["name"], o["value"]) for o in origin["options"]]
     options = Options.from_given(said)
-    changed = reporting.json_report.changed_files(path.parent)
-    differences = [*changed, *_inputs(origin, [*files, *options.files()])]
+    differences = list(reporting.json_report.changed_files(path.parent))
     result = study(
         files, old["name"], options, execution=Execution(execution.jobs, execution.scheduler),
         discover=("discover", "no") not in said, done=done, progress=progress,
@@ -78,10 +77,16 @@ def verify(
     with tempfile.TemporaryDirectory(prefix="granite-lab-verify-") as temporary:
         folder = Path(temporary) / "report"
         tell(write(result, options, folder).failures)
-        differences += _differences(_results(old), _results(load_report(folder / "report.json")))
-        differences += _tables(path.parent / "tables", folder / "tables")
+        was, now = _values(old, path.parent), _values(load_report(folder / "report.json"), folder)
+    for place in sorted(was.keys() | now.keys()):
+        if place not in was or place not in now:
+            differences.append(
+                f"{place}: {'only in the report' if place in was else 'missing in the report'}"
+            )
+        elif was[place] != now[place]:
+            differences.append(f"{place}: {was[place]:.60} in the report, {now[place]:.60} now")
     notes = []
-    if origin["version"] != __version__ or origin["code_sha256"] != code(search=True):
+    if origin["version"] != __version__ or origin["code_sha256"] != code():
         notes.append(
             f"the report was made by granite-lab {origin['version']}, whose sources or libraries were not "
             f"those of this {__version__}"
@@ -104,19 +109,15 @@ def _recorded(document: dict[str, Any], left_out: Collection[str], report: Path)
             )
 
 
-def _inputs(origin: dict[str, Any], files: Sequence[Path]) -> Iterator[str]:
-    known = {Path(i["file"]).name: i["sha256"] for i in origin["inputs"]}
-    for path in files:
-        if path.name not in known:
-            yield f"{path}: is no input of the report"
-        elif fingerprint(path) != known[path.name]:
-            yield f"{path}: its content is not what the report was made from"
-
-
-def _results(document: dict[str, Any]) -> dict[str, str]:
-    """Return the values of a report by their place, without how the command was written."""
-    origin = {k: v for k, v in document["provenance"].items() if k in ("options", "parameters")}
-    return dict(_leaves(document | {"provenance": origin}))
+def _values(document: dict[str, Any], folder: Path) -> dict[str, str]:
+    """Return the values of a report by their place, with the hashes of inputs and tables."""
+    origin = document["provenance"]
+    own = {
+        "provenance": {key: origin[key] for key in ("options", "parameters")},
+        "inputs": {Path(i["file"]).name: i["sha256"] for i in origin["inputs"]},
+        "files": {table["csv"]: fingerprint(folder / table["csv"]) for table in document["tables"]},
+    }
+    return dict(_leaves(document | own))
 
 
 def _leaves(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
@@ -130,21 +131,3 @@ def _leaves(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
             yield from _leaves(inside, f"{place}.{names[i] if names.count(names[i]) == 1 else i}")
     else:
         yield place.removeprefix("."), json.dumps(value, ensure_ascii=False)
-
-
-def _differences(old: dict[str, str], new: dict[str, str]) -> Iterator[str]:
-    """Yield a line for each value that differs."""
-    for place in sorted(old.keys() | new.keys()):
-        if place not in old or place not in new:
-            yield f"{place}: {'only in the report' if place in old else 'missing in the report'}"
-        elif old[place] != new[place]:
-            yield f"{place}: {old[place]:.60} in the report, {new[place]:.60} now"
-
-
-def _tables(old: Path, new: Path) -> Iterator[str]:
-    for path in sorted(new.glob("*.csv")):
-        known = old / path.name
-        if not known.is_file():
-            yield f"tables/{path.name}: missing in the report"
-        elif known.read_bytes() != path.read_bytes():
-            yield f"tables/{path.name}: differs"

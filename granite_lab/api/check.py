@@ -20,6 +20,7 @@ from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.processes import one_thread
 from granite_lab.running.options import read
+from granite_lab.shown import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,9 +77,7 @@ class Checked:
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row a check."""
-        import pandas as pd  # noqa: PLC0415
-
-        return pd.DataFrame([asdict(check) for check in self.checks])
+        return frame([asdict(check) for check in self.checks])
 
 
 @checked
@@ -105,20 +104,19 @@ def check(log: str | Path, **said: Unpack[About]) -> Checked:
     except InputError as error:
         return Checked(path, False, (Check("log", False, error.message, error.hint),), error)
     checks = [_log(trial, path), *_sensors(trial)]
-    failed = InputError if not all(c.good for c in checks) else EstimateError
+    failed: type[LabError] = InputError if not all(c.good for c in checks) else EstimateError
     try:
         with one_thread():
             checks += _motion(estimation.correct(trial, robot)[1], trial)
-    except (InputError, EstimateError) as error:
-        if isinstance(error, InputError):
-            failed = InputError
-        what = "log" if isinstance(error, InputError) else "estimate"
-        checks.append(Check(what, False, error.message, error.hint))
+    except EstimateError as error:
+        checks.append(Check("estimate", False, error.message, error.hint))
+    except InputError as error:
+        failed = InputError
+        checks.append(Check("log", False, error.message, error.hint))
     bad = [c for c in checks if not c.good]
-    if not bad:
-        return Checked(path, trial.info.virtual, tuple(checks))
     told = f"{path}: failed: {', '.join(dict.fromkeys(c.name for c in bad))}"
-    return Checked(path, trial.info.virtual, tuple(checks), failed(told, bad[0].advice))
+    end = failed(told, bad[0].advice) if bad else None
+    return Checked(path, trial.info.virtual, tuple(checks), end)
 
 
 def _log(trial: Trial, path: Path) -> Check:
@@ -137,45 +135,35 @@ def _log(trial: Trial, path: Path) -> Check:
 def _sensors(trial: Trial) -> Iterator[Check]:
     """Say of each sensor whether its channels hold numbers that change."""
     imu, wheels, currents = trial.imu, trial.wheels, trial.currents
-    if imu is None:
-        yield Check("IMU", False, "not in the log", "check plug, driver and topic of the IMU")
-    else:
-        dead = [
-            f"{kind} {axis}"
-            for kind, values in (("acceleration", imu.specific_force), ("rate", imu.angular_rate))
-            for axis, value in zip("xyz", values.T, strict=True)
-            if np.isfinite(value).any() and not _changes(value)
-        ]
+    if imu is not None:
+        names = [f"{kind} {axis}" for kind in ("acceleration", "rate") for axis in "xyz"]
+        values = np.hstack([imu.specific_force, imu.angular_rate]).T
+        dead = [n for n, x in zip(names, values, strict=True) if np.isfinite(x).any() and not _travel(x)]
         size = float(np.nanmedian(np.linalg.norm(imu.specific_force, axis=1)))
         heavy = imu.gravity_removed or not math.isfinite(size) or GRAVITY[0] < size < GRAVITY[1]
         found = f"constant: {', '.join(dead)}" if dead else f"{_rate(imu.t)}, all channels change"
-        if not heavy:
-            found += f"; magnitude at rest {size:.2f} m/s², not 9.81"
+        found += "" if heavy else f"; magnitude at rest {size:.2f} m/s², not 9.81"
         yield Check("IMU", not dead and heavy, found, "check plug, range and unit of the IMU")
-    if wheels is None:
-        yield Check("encoders", False, "not in the log", "check plugs and driver of the encoders")
     else:
-        travel = [float(np.ptp(a[np.isfinite(a)])) if np.isfinite(a).any() else 0.0 for a in wheels.angle.T]
-        still = [n for n, x in zip(WHEELS, travel, strict=True) if not x > SHARE * max(travel)]
-        yield Check(
-            "encoders",
-            not still,
-            f"no motion: {', '.join(still)}" if still else f"{_rate(wheels.t)}, all four wheels turn",
-            "check plugs of the encoders, and whether the robot drove",
-        )
+        yield Check("IMU", False, "not in the log", "check plug, driver and topic of the IMU")
+    if wheels is not None:
+        travel = {n: _travel(angle) for n, angle in zip(WHEELS, wheels.angle.T, strict=True)}
+        still = [n for n, x in travel.items() if not x > SHARE * max(travel.values())]
+        found = f"no motion: {', '.join(still)}" if still else f"{_rate(wheels.t)}, all four wheels turn"
+        advice = "check plugs of the encoders, and whether the robot drove"
+        yield Check("encoders", not still, found, advice)
+    else:
+        yield Check("encoders", False, "not in the log", "check plugs and driver of the encoders")
     if currents is not None:
-        flat = [n for n, c in zip(WHEELS, currents.current.T, strict=True) if not _changes(c)]
-        yield Check(
-            "currents",
-            not flat,
-            f"constant: {', '.join(flat)}" if flat else f"{_rate(currents.t)}, all four motors draw",
-            "check the current sensors",
-        )
+        flat = [n for n, c in zip(WHEELS, currents.current.T, strict=True) if not _travel(c)]
+        found = f"constant: {', '.join(flat)}" if flat else f"{_rate(currents.t)}, all four motors draw"
+        yield Check("currents", not flat, found, "check the current sensors")
 
 
-def _changes(value: Array) -> bool:
+def _travel(value: Array) -> float:
+    """Return how far the known values of a channel reach, 0 where fewer than two are known."""
     known = value[np.isfinite(value)]
-    return known.size > 1 and float(np.ptp(known)) > 0
+    return float(np.ptp(known)) if known.size else 0.0
 
 
 def _rate(t: Array) -> str:
@@ -193,32 +181,29 @@ def _motion(motion: Motion, trial: Trial) -> Iterator[Check]:
         f"{first:.1f} s before the run, {last:.1f} s after it, {REST:g} s are needed",
         "let the robot stand still for 2 s before and after the run",
     )
-    steady = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
-    speeds = motion.v_wheel[steady]
-    known = np.isfinite(speeds)
-    speed = float(speeds[known].mean()) if known.any() else math.nan
+    speeds = motion.v_wheel[(motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])]
+    speeds = speeds[np.isfinite(speeds)]
+    speed = float(speeds.mean()) if speeds.size else math.nan
     wanted = trial.info.v_desired or (
         motion.variant.velocity if motion.variant_source != "measured" else None
     )
+    said = f", desired {wanted:g} m/s" if wanted else "; the log does not say which is desired"
     yield Check(
         "speed",
         math.isfinite(speed) and (wanted is None or abs(speed - wanted) <= SPEED * wanted),
-        "no part at constant speed"
-        if not math.isfinite(speed)
-        else f"wheels {speed:.3f} m/s"
-        + (f", desired {wanted:g} m/s" if wanted else "; the log does not say which is desired")
-        + f", for {motion.steady[1] - motion.steady[0]:.1f} s",
+        f"wheels {speed:.3f} m/s{said}, for {motion.steady[1] - motion.steady[0]:.1f} s"
+        if math.isfinite(speed)
+        else "no part at constant speed",
         "check the command, the battery and the current limit",
     )
     slip = motion.slip_ratio
     low, high = slip.interval()
+    usual = f"usual: {100 * SLIP[0]:.0f} to {100 * SLIP[1]:.0f} %"
+    known = f"λ_R {100 * slip.value:.1f} ± {100 * slip.std:.1f} %, {usual}"
     yield Check(
         "slip",
         bool(low <= SLIP[1] and high >= SLIP[0]),
-        f"λ_R {100 * slip.value:.1f} ± {100 * slip.std:.1f} %, "
-        f"usual: {100 * SLIP[0]:.0f} to {100 * SLIP[1]:.0f} %"
-        if math.isfinite(slip.value)
-        else "not known",
+        known if math.isfinite(slip.value) else "not known",
         "check wheel radius, unit of the encoders and mounting of the IMU",
     )
     health = motion.health

@@ -21,6 +21,7 @@ from granite_lab.hidden.sealed import NAME, open_answer, seal
 from granite_lab.hidden.wish import Wish
 from granite_lab.logs import write_canonical, write_truth
 from granite_lab.parameters import CATALOGUE, load_robot, load_soil
+from granite_lab.shown import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,10 +44,8 @@ class HiddenSet:
 
     def to_frame(self) -> pd.DataFrame:
         """Return the logs with their hashes, one row a trial; nothing of the answer is in it."""
-        import pandas as pd  # noqa: PLC0415
-
         rows = [{"trial": p.stem, "path": str(p), "sha256": sha256(p)} for p in self.trials]
-        return pd.DataFrame(rows, columns=["trial", "path", "sha256"])
+        return frame(rows, columns=["trial", "path", "sha256"])
 
 
 @dataclass(frozen=True)
@@ -67,14 +66,12 @@ class Revealed:
 
     def to_frame(self) -> pd.DataFrame:
         """Return what was hidden, one row a parameter."""
-        import pandas as pd  # noqa: PLC0415
-
         rows = [
             {"effect": e["id"], "parameter": name, "value": p["value"], "unit": p["unit"]}
             for e in self.answer["effects"]
             for name, p in e["parameters"].items()
         ]
-        return pd.DataFrame(rows, columns=["effect", "parameter", "value", "unit"])
+        return frame(rows, columns=["effect", "parameter", "value", "unit"])
 
 
 @checked
@@ -201,14 +198,12 @@ class Kit:
 
     def to_frame(self) -> pd.DataFrame:
         """Return what an answer may name, one row a parameter."""
-        import pandas as pd  # noqa: PLC0415
-
         rows = [
             {"effect": name, "title": e["title"], "parameter": key} | p
             for name, e in _allowed().items()
             for key, p in e["parameters"].items()
         ]
-        return pd.DataFrame(rows)
+        return frame(rows)
 
 
 def _allowed() -> dict[str, Any]:

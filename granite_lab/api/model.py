@@ -36,6 +36,7 @@ from granite_lab.parameters import (
 )
 from granite_lab.parameters.catalogue import Provenance, forget, in_force
 from granite_lab.parameters.quantity import build, key_of
+from granite_lab.shown import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -187,9 +188,7 @@ class WheelRun:
 
     def to_frame(self) -> pd.DataFrame:
         """Return forces, torque, sinkage and angles, one row a slip."""
-        import pandas as pd  # noqa: PLC0415
-
-        return pd.DataFrame(
+        return frame(
             [
                 {
                     "slip": p.slip, "v_mps": p.rolling.velocity, "omega_radps": p.rolling.rate, "k92": p.k92,

@@ -16,7 +16,6 @@ from granite_lab.effects.model_file import load_model
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
-from granite_lab.logs.layouts import given_maps
 from granite_lab.logs.named import is_log, name_of, trial_files
 from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
 from granite_lab.parameters.quantity import build, read_toml
@@ -86,7 +85,6 @@ class Chain(Fit, Search, total=False):
             "same logs by the same code, is kept"
         ),
     ]
-    name: Annotated[str, Arg("name of the report, unless `out` gives it", "study")]
     discover: Annotated[bool, Arg("search for an effect that the model lacks", True)]
     recordings: Annotated[bool, Arg("also write a Rerun recording of each trial into `out`", True)]
 
@@ -216,7 +214,10 @@ def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **m
     # All files that are named are read once, so that a wrong one is told before any work.
     load_robot(names["robot"] or "granite")
     load_soil(names["soil"] or "dry_sand")
-    given_maps(names["map"] or ())
+    if names["map"]:
+        from granite_lab.logs.layouts import given_maps  # noqa: PLC0415, heavy
+
+        given_maps(names["map"])
     paths: dict[str, Any] = {
         key: Path(said[key]) for key in ("model", "effects") if said.get(key) is not None
     }

@@ -136,7 +136,7 @@ def studied(logs: Logs, **said: Unpack[Chain]) -> tuple[Written, Origin]:
     options, execution, cache = choice.options, choice.execution, choice.execution.cache
     with claimed(folder) if folder else nullcontext():
         result = run(
-            choice.files, folder.name if folder else said["name"], options, execution=execution,
+            choice.files, folder.name if folder else "study", options, execution=execution,
             discover=said["discover"], strict=said["strict"], done=said["done"], progress=progress,
         )  # fmt: skip
         result = replace(result, failures=(*result.failures, *choice.excluded))

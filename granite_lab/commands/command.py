@@ -7,7 +7,6 @@ import inspect
 import json as json_text
 import re
 import sys
-import typing
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +16,7 @@ import typer
 
 from granite_lab import reporting
 from granite_lab.api.calls import hints_of, parameters_of
-from granite_lab.commands.options import FLAGS, METAVARS, Flag, names_of, options_of, said_for, said_of
+from granite_lab.commands.options import FLAGS, Flag, names_of, options_of, said_for, said_of
 from granite_lab.errors import printable
 from granite_lab.files import write_bytes
 from granite_lab.shown import jsonable
@@ -115,7 +114,6 @@ def command(
     *,
     run: Callable[..., Any] | None = None,
     busy: str = "",
-    leave: Collection[str] = (),
     json: bool = True,
     **flags: Flag,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -127,19 +125,15 @@ def command(
         function: whose parameters and docstring the command has.
         run: that is called in its place; it takes the same.
         busy: what is being done, for the display of progress.
-        leave: parameters that are no options.
         json: whether the output may be JSON.
         **flags: parameters that this command takes in its own way.
     """
     known = FLAGS | flags
-    parameters = [p for p in parameters_of(function) if p.name not in leave]
+    parameters = parameters_of(function)
     told = [p.name for p in parameters if p.name in ("done", "progress")]
 
     def decorate(show: Callable[..., None]) -> Callable[..., None]:
         hints, keyword = hints_of(show), inspect.Parameter.KEYWORD_ONLY
-        for hint in (hint for hint in hints.values() if hasattr(hint, "__metadata__")):
-            kind, option = (*typing.get_args(hint.__origin__), hint.__origin__)[0], hint.__metadata__[0]
-            option.metavar = option.metavar or METAVARS.get(kind)
         extra = [
             p.replace(kind=keyword, annotation=hints[p.name])
             for p in list(inspect.signature(show).parameters.values())[1:]

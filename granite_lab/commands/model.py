@@ -1,22 +1,26 @@
-"""`granite-lab simulate`, `wheel`, `params` and `effects`: the model and its numbers."""
+"""Commands on the model: its runs, numbers and effects, and virtual trials in which an effect is hidden."""
 
 from __future__ import annotations
 
 import os
+import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from granite_lab import reporting
+from granite_lab.api import hidden
 from granite_lab.api import model as api
 from granite_lab.api.records import Records
 from granite_lab.commands.command import Call, command, warn, write_picture
 from granite_lab.commands.options import Flag, Format
 from granite_lab.commands.options import picture as picture_file
-from granite_lab.effects import get, library
+from granite_lab.effects import get
 from granite_lab.errors import UsageError
 from granite_lab.files import ending_of, write_table
+from granite_lab.hidden.scoring import MEANING, Score
 from granite_lab.parameters import load_paper, load_variants, names
 from granite_lab.shown import picked
 
@@ -133,7 +137,7 @@ def listing(call: Call[Records[Effect]], context: typer.Context) -> None:
 
 
 @effects.command("show")
-@command(api.show_effect, effect_id=Flag(metavar="ID", complete=library))
+@command(api.show_effect)
 def show_effect(
     call: Call[Effect],
     picture: Annotated[
@@ -210,3 +214,75 @@ def _draw(effect: Effect, path: Path) -> str:
 def _described(effect: Effect) -> dict[str, Any]:
     """Return an effect as it stands in JSON."""
     return picked(effect, "id", "title", "equation", "source", "signature", "parameters")
+
+
+@command(hidden.hide, busy="trials", effect=Flag(("--effect",)))
+def hide(call: Call[hidden.HiddenSet]) -> None:
+    """The trials and the sealed answer are written into the folder --out."""
+    made, out = call(), call.said["out"]
+    call.json("hide/1", vars(made))
+    folder, finding = shlex.quote(str(out)), shlex.quote(str(out / "finding.json"))
+    call.line(f"{len(made.trials)} virtual trials in {out}, the answer sealed in {made.sealed}")
+    call.line(f"find it: granite-lab discover {folder} --json > {finding}")
+    call.line(f"then:    granite-lab reveal {folder} --finding {finding}")
+
+
+@command(hidden.reveal)
+def reveal(call: Call[hidden.Revealed]) -> None:
+    """Without a discovery, only the answer is printed."""
+    opened = call()
+    warn(opened.warnings)
+    call.json("reveal/1", {"answer": opened.answer, "score": opened.score})
+    _show_answer(opened.answer, call)
+    if opened.score:
+        _show_score(opened.score, call)
+
+
+def _show_answer(answer: Mapping[str, Any], call: Call[Any]) -> None:
+    trials = "virtual trials" if answer.get("virtual", True) else "trials"
+    if answer["effects"]:
+        call.say(f"Hidden in these {trials}", "bold")
+        rows = []
+        for effect in answer["effects"]:
+            named = effect["id"] + ("" if effect["library"] else " (not in the library)")
+            values = [(name, p["value"], p["unit"]) for name, p in effect["parameters"].items()]
+            rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
+        call.rows("hidden", rows, {"0": lambda row: row[0]})
+        for effect in answer["effects"]:
+            told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
+            call.say(f"{effect['id']}: {told}.")
+    else:
+        call.say(f"Nothing is hidden in these {trials}.")
+    if "made_by" in answer:
+        call.say(f"made by {answer['made_by']}")
+        return
+    if answer["sand_off"]:
+        off = ", ".join(f"{name} {100 * (x - 1):+.1f} %" for name, x in answer["sand_off"].items())
+        call.say(f"sand off its file: {off}")
+    lab = answer.get("lab", {})
+    for part, drawn in lab.items() if lab.get("name") == "wild" else ():
+        each = drawn.items() if isinstance(drawn, Mapping) else [("", drawn)]
+        told = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in each)
+        call.line(f"{part}: {told.strip()}")
+    call.say(f"seed {answer['seed']}, strength {answer['strength']:g}, noise {answer['noise']:g}")
+
+
+def _show_score(judged: Score, call: Call[Any]) -> None:
+    mark = "right" if judged.right else "wrong"
+    named = ", ".join(judged.named) or judged.verdict
+    call.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
+    if judged.parameters:
+        call.rows("scored", judged.parameters, {"parameter": lambda p: f"{p.name} [{p.unit}]"})
+    for part, share in judged.gap_closed.items():
+        if share is not None:
+            call.say(f"gap closed, {part.replace('_', ' ')} trials: {100 * share:.1f} %")
+
+
+@command(hidden.kit, out=Flag(metavar="OUT", help="New folder of the kit."))
+def kit(call: Call[hidden.Kit]) -> None:
+    """`granite-lab reveal` judges `discover` by the kit that comes back."""
+    made = call()
+    call.json("kit/1", vars(made))
+    for path in made.files:
+        call.line(path)
+    call.line(f"read {made.folder / 'README.md'}; python {made.folder / 'check.py'} checks and seals it")

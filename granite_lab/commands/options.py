@@ -10,8 +10,8 @@ import inspect
 import math
 import re
 import typing
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -20,18 +20,10 @@ import typer
 from granite_lab.api.calls import Parameter
 from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
-from granite_lab.logs.bag import ROLES
-from granite_lab.parameters import load_variants, names
 
 T = TypeVar("T")
-Complete = Callable[[], Iterable[str]]
 
 TRIALS = "Logs (CSV, ROS bag, MCAP), or folders of them."
-
-METAVARS: dict[Any, str] = {
-    Path: "PATH", float: "NUMBER", int: "NUMBER", str: "TEXT", list[str]: "TEXT", list[Path]: "PATH",
-}  # fmt: skip
-"""Types of values as help says them."""
 
 Table = Annotated[Path | None, typer.Option("--out", help="Also write the table to this file (CSV).")]
 Format = Annotated[
@@ -50,7 +42,6 @@ class Flag:
         help: in place of the parameter's.
         hint: how to write what cannot be read.
         gather: makes one value of what was read of a list; raises as `read` does.
-        complete: values that a shell may offer.
         metavar: of an argument; without one the parameter becomes an option.
         default: as it is written, where `read` changes it.
         shown: the default, in words.
@@ -62,7 +53,6 @@ class Flag:
     help: str = ""
     hint: str = ""
     gather: Callable[[list[Any]], Any] = list
-    complete: Complete | None = None
     metavar: str | None = None
     default: Any = None
     shown: str | None = None
@@ -77,17 +67,12 @@ class Flag:
         text = said_for(text, names)
         if parameter.arg.low > 0 or parameter.arg.high < math.inf:
             text = f"{text.rstrip('.')} ({parameter.arg.limits})."
-        complete = self.complete and self._offered
         if self.metavar is not None:
-            about: Any = typer.Argument(
-                metavar=self.metavar, help=text, autocompletion=complete, show_default=False
-            )
+            about: Any = typer.Argument(metavar=self.metavar, help=text, show_default=False)
         else:
             name, shown = names[parameter.name], self.shown or True
             own = self.names or ((f"{name}/--no-{name[2:]}" if parameter.default is True else name),)
-            about = typer.Option(
-                *own, help=text, autocompletion=complete, show_default=shown, metavar=METAVARS.get(kind)
-            )
+            about = typer.Option(*own, help=text, show_default=shown)
         optional = parameter.default is None or self.kind is not None
         return Annotated[kind | None if optional else kind, about]
 
@@ -107,9 +92,6 @@ class Flag:
             shown = " ".join(map(str, texts))
             raise UsageError(f"{option} {shown}: cannot be understood", self.hint) from None
 
-    def _offered(self, incomplete: str) -> list[str]:
-        return [name for name in (self.complete or tuple)() if name.startswith(incomplete)]
-
 
 def names_of(parameters: Sequence[Parameter], flags: Mapping[str, Flag]) -> dict[str, str]:
     """Return what parameters are called on the command line, by their names."""
@@ -125,10 +107,6 @@ def said_for(text: str, names: Mapping[str, str]) -> str:
     return re.sub(r"(?<!`)`(\w+)`(?!`)", lambda m: names.get(m[1], m[1]), text).replace("`", "")
 
 
-def _catalogue(kind: str) -> Flag:
-    return Flag(kind=str, complete=lambda: names(kind))
-
-
 def _once(pairs: Sequence[tuple[str, T]]) -> dict[str, T]:
     if len(found := dict(pairs)) < len(pairs):
         raise ValueError
@@ -141,6 +119,8 @@ def _number(text: str) -> tuple[str, float]:
 
 
 def _topic(text: str) -> tuple[str, str]:
+    from granite_lab.logs.bag import ROLES
+
     role, _, topic = (part.strip() for part in text.partition("="))
     if role not in ROLES or not topic:
         raise ValueError
@@ -205,18 +185,15 @@ def picture(text: str, **more: Any) -> Any:
 
 FLAGS: dict[str, Flag] = {
     "logs": Flag(kind=list[Path], metavar="TRIALS…", help=TRIALS),
-    "log": Flag(("--log",)),
     "folder": Flag(metavar="DIR"),
-    "what": Flag(metavar="WHAT"),
     "effect_id": Flag(metavar="ID"),
-    "robot": _catalogue("robots"),
-    "soil": _catalogue("soils"),
-    "column_map": replace(_catalogue("loggers"), names=("--map",)),
-    "variant": Flag(complete=lambda: [f"{v.velocity:g}" for v in load_variants()]),
+    "robot": Flag(kind=str),
+    "soil": Flag(kind=str),
+    "column_map": Flag(("--map",), str),
     "topics": Flag(
         ("--topic",), list[str], _topic,
         help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated.",
-        hint=f"write {', '.join(f'{role}=/topic' for role in ROLES)}, once each", gather=_once,
+        hint="write imu=/topic, joints=…, odom=… or reference=…, once each", gather=_once,
     ),
     "jobs": Flag(("--jobs", "-j")),
     "latency": Flag(
@@ -268,8 +245,8 @@ def options_of(parameters: Sequence[Parameter], flags: Mapping[str, Flag]) -> li
         if p.name == "window":
             for name, what in ((FROM, "Start"), (TO, "End")):
                 text = f"{what} of the part to use [s, the log's time]."
-                option = typer.Option(name, help=text, metavar=METAVARS[float])
-                found.append((name[2:] + "_", Annotated[float | None, option], None))
+                option = Annotated[float | None, typer.Option(name, help=text)]
+                found.append((name[2:] + "_", option, None))
         elif typing.get_origin(p.kinds[0]) is not Callable:
             default = flag.default if flag.default is not None else None if flag.kind else p.default
             if p.default is inspect.Parameter.empty and flag.kind is None:

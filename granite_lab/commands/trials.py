@@ -1,4 +1,4 @@
-"""`granite-lab fit-k92`, `fit-atheta`, `compare`, `study`, `discover`, `plan-next`: model and trials."""
+"""Commands on logs and trials: what a log holds, the motion in it, and the model held against it."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from granite_lab import reporting, two_studies
+from granite_lab.api import check as checks
+from granite_lab.api import logs
 from granite_lab.api import trials as api
 from granite_lab.api.records import Origin, Records
-from granite_lab.commands.command import Call, command, warn, warn_of
-from granite_lab.commands.options import Flag, Table
+from granite_lab.commands.command import Call, command, warn, warn_of, write_picture
+from granite_lab.commands.options import Flag, Format, Table, picture
 from granite_lab.errors import LabError
-from granite_lab.files import write_table, write_text
+from granite_lab.files import ending_of, write_table, write_text
 from granite_lab.running import Execution
 from granite_lab.running.output import tell
 from granite_lab.shown import picked
@@ -23,11 +25,88 @@ if TYPE_CHECKING:
 
     from granite_lab.comparison.record import Comparison
     from granite_lab.fitting.fit import AThetaFit, K92Fit
+    from granite_lab.logs import Inspection
     from granite_lab.planning.plan import Plan, Proposal
     from granite_lab.study import Written
 
 MOST, PROPOSALS = 20, 8
 """Differences and proposed trials that are printed at most."""
+
+
+@command(checks.check, log=Flag(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP)."))
+def check(call: Call[checks.Checked]) -> None:
+    """The exit code is 3 if the log cannot be used and 4 if it is poor."""
+    found, words = call(), reporting.table.words
+    document = {"log": found.log, "virtual": found.virtual, "good": found.good, "checks": found.checks}
+    call.json("check/1", document)
+    cells = {
+        "mark": lambda c: words("good", "good") if c.good else words("BAD", "bad"),
+        "found": lambda c: c.found if c.good else f"{c.found}. {reporting.names.capital(c.advice)}.",
+    }
+    call.rows("checks", found.checks, cells)
+    if found.virtual:
+        call.say("virtual data: written by a simulator.", "yellow")
+    if found.error is not None:
+        raise found.error
+    call.say("The run is good.", "bold green")
+
+
+@command(logs.inspect)
+def inspect(
+    call: Call[Inspection],
+    write_map: Annotated[
+        Path | None, typer.Option(help="Write the column map here, to edit and to pass with --map.")
+    ] = None,
+    plot: Annotated[Path | None, picture("Draw the recognised channels over time")] = None,
+) -> None:
+    """Columns that are not used are listed, too."""
+    found = call()
+    if write_map:
+        write_text(write_map, found.to_map_toml())
+    if plot:
+        write_picture(plot, reporting.pictures.inspection_figure(found))
+    call.json("inspect/1", found.as_json())
+    reporting.terminal.show_inspection(found, call.shown)
+    for what, path in (("column map", write_map), ("plot", plot)):
+        if path:
+            call.line(f"{what}: {path}")
+
+
+@command(logs.ingest, busy="ingesting")
+def ingest(
+    call: Call[Records[logs.Ingested]],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the motion tables.", show_default="reports/ingest")
+    ] = None,
+    table_format: Format = None,
+) -> None:
+    """The motion of each log is written as a table, a row for each IMU sample."""
+    ending, folder = ending_of(None, table_format), out or call.folder("ingest")
+    found = call()
+    rows = [(item.motion, folder / f"{item.name}{ending}", item.judgement) for item in found]
+    for motion, path, _ in rows:
+        write_table(path, motion.to_frame(), ending)
+    documents = [
+        {"name": m.trial, "virtual": m.virtual, "warnings": m.warnings, "motion": path}
+        | reporting.json_report.motion_as_json(m)
+        | ({"judgement": judged} if judged is not None else {})
+        for m, path, judged in rows
+    ]
+    call.json("ingest/2", {"trials": documents} | warn_of(found.origin))
+    reporting.terminal.show_motions(rows, call.shown)
+
+
+@command(
+    logs.view,
+    json=False,
+    what=Flag(metavar="WHAT", help="A recording (.rrd), a report folder, or a log (CSV, ROS bag, MCAP)."),
+    screenshot=Flag(help="Save a picture of the viewer (.png) instead; needs no display."),
+)
+def view(call: Call[None]) -> None:
+    """A log is analysed first."""
+    call(tell=lambda address: call.line(f"{address}\nCtrl+C ends it."))
+    if "screenshot" in call.said:
+        call.line(call.said["screenshot"])
 
 
 def _origin(origin: Origin) -> dict[str, Any]:
@@ -94,7 +173,6 @@ def compare(call: Call[Records[Comparison]]) -> None:
     api.study,
     run=api.studied,
     busy="trials",
-    leave=("name",),
     out=Flag(help="Folder of the report; its name is the report's name.", shown="reports/study"),
 )
 def study(
@@ -147,8 +225,8 @@ def _verify(call: Call[tuple[Written, Origin]], report: Path) -> None:
             f"{found.report}: differs in {len(lines)} places when computed again",
             "an input, the version or a library has changed, or the report was edited",
         )
-    logs = f"{found.trials} log{'s' if found.trials > 1 else ''}"
-    call.line(f"{found.report}: identical, recomputed from {logs}")
+    several = "s" if found.trials > 1 else ""
+    call.line(f"{found.report}: identical, recomputed from {found.trials} log{several}")
 
 
 @command(

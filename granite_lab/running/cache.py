@@ -44,9 +44,6 @@ DRAWING = ("jinja2", "matplotlib", "rerun-sdk")
 SHOWS = ("api", "cli.py", "commands", "hidden", "reporting", "two_studies.py")
 """Parts of the package that no cached result depends on: they only call and show."""
 
-SEARCHES = ("discovery",)
-"""Parts that only the search for a missing effect depends on."""
-
 
 class Cache:
     """A folder of results; each is a file that stands whole or not at all.
@@ -113,19 +110,13 @@ class Cache:
 
 
 @lru_cache
-def code(*, search: bool = False, shows: bool = False) -> str:
-    """Return the hash of the sources and the library versions behind a result.
-
-    Args:
-        search: the result is that of the search for a missing effect.
-        shows: the result is a written report.
-    """
-    left_out = () if shows else SHOWS if search else SHOWS + SEARCHES
+def code(*, shows: bool = False) -> str:
+    """Return the hash of the sources and the library versions behind a result, or behind a written report."""
     digest = hashlib.sha256()
     for path in sorted(PACKAGE.rglob("*")):
         place = path.relative_to(PACKAGE)
-        source = path.suffix in (".py", ".toml") or (shows and place.parts[0] == "reporting")
-        if source and path.is_file() and path.suffix != ".pyc" and place.parts[0] not in left_out:
+        source = path.suffix in (".py", ".toml") or (place.parts[0] == "reporting" and path.suffix != ".pyc")
+        if source and path.is_file() and (shows or place.parts[0] not in SHOWS):
             digest.update(f"{place.as_posix()} {sha256(path)}\n".encode())
     for library in LIBRARIES + DRAWING * shows:
         digest.update(f"{library} {importlib.metadata.version(library)}\n".encode())

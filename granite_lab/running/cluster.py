@@ -67,7 +67,7 @@ def run_on(client: Any, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[
     Raises:
         LabError: all workers are gone.
     """
-    there = partial(_on_worker, call, folder=str(Path.cwd()), code=cache.code(search=True))
+    there = partial(_on_worker, call, folder=str(Path.cwd()), code=cache.code())
     pool = client.get_executor(pure=False)
 
     def room() -> int:
@@ -102,7 +102,7 @@ def _on_worker(call: Callable[[X], Y], item: X, folder: str, code: str) -> Y | L
 
     A process has only one current folder: the threads of a worker take turns.
     """
-    if cache.code(search=True) != code:
+    if cache.code() != code:
         return LabError(
             f"{item}: a worker runs another version of granite-lab, or other libraries",
             "install the same ones on all workers and start them again",

@@ -106,16 +106,11 @@ class Guard:
         return None
 
 
-def trouble(lines: Sequence[str]) -> LabError | None:
-    """Return what a run ends with when parts of it failed, now that everything else is written."""
-    return LabError("; ".join(lines), "everything else was written") if lines else None
-
-
 def tell(lines: Sequence[str]) -> None:
-    """Tell what failed.
+    """Tell which parts of a run failed, now that everything else is written.
 
     Raises:
         LabError: there is a line.
     """
-    if error := trouble(lines):
-        raise error
+    if lines:
+        raise LabError("; ".join(lines), "everything else was written")

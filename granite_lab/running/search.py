@@ -115,7 +115,7 @@ def search_key(inputs: Sequence[Any], options: Options) -> str:
     """
     own = fingerprint(options.effects) if options.effects else None
     hashes = [content(record) for record in inputs]
-    return digest_of(code(search=True), hashes, own, options.tolerance, options.latency)
+    return digest_of(code(), hashes, own, options.tolerance, options.latency)
 
 
 def save_found(

@@ -155,12 +155,12 @@ def test_a_broken_log_is_left_out_on_a_cluster_too(cluster: Cluster, tmp_path: P
 def test_a_worker_that_cannot_see_the_folder_says_so(tmp_path: Path) -> None:
     before = Path.cwd()
     try:
-        lost = _on_worker(len, "x.csv", str(tmp_path / "nowhere"), cache.code(search=True))
+        lost = _on_worker(len, "x.csv", str(tmp_path / "nowhere"), cache.code())
         assert isinstance(lost, LabError)
         assert "cannot see the folder" in lost.message
         other = _on_worker(len, "x.csv", str(tmp_path), "other code")
         assert isinstance(other, LabError)
         assert "another version" in other.message
-        assert _on_worker(len, "x.csv", str(tmp_path), cache.code(search=True)) == 5
+        assert _on_worker(len, "x.csv", str(tmp_path), cache.code()) == 5
     finally:
         os.chdir(before)

@@ -203,8 +203,8 @@ def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path, s
     assert found["same"] is False
     told = "\n".join(found["differences"])
     assert "a_theta.value: " in told
-    assert f"tables/{table.name}: differs" in told
-    assert f"moved/{TWO[0]}.csv: its content is not what the report was made from" in told
+    assert f"files.tables/{table.name}: " in told
+    assert f"inputs.{TWO[0]}.csv: " in told
     assert "differs in" in errors
 
 
