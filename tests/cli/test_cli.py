@@ -52,19 +52,6 @@ def test_help_costs_about_what_importing_numpy_costs() -> None:
     assert min(own for own, _ in costs) < 2.2 * min(numpy for _, numpy in costs)
 
 
-def test_simulate_writes_a_run_and_one_json_document(tmp_path: Path) -> None:
-    document = told("simulate", "--variant", "0.5", "--k92", "0.111", cwd=tmp_path)
-    assert document["slip_ratio"] == pytest.approx(0.1625, abs=0.001)
-    run = pd.read_csv(tmp_path / document["run"])
-    named = (
-        "t_s x_m v_mps pitch_rad pitch_rate_radps omega_f_radps omega_r_radps torque_f_Nm torque_r_Nm "
-        "current_f_A current_r_A slip_f slip_r sinkage_f_m sinkage_r_m k92 imu_ax_mps2 enc_f_rad"
-    )
-    assert set(named.split()) <= set(run.columns)
-    assert run["t_s"].iloc[0] == -1
-    assert not run.isna().any().any()
-
-
 def test_a_virtual_log_is_made_again_to_the_byte(tmp_path: Path) -> None:
     for name, run in (("a", lab), ("b", process)):
         done = run(
@@ -107,20 +94,6 @@ def test_known_trouble_is_one_line_a_hint_and_an_exit_code(
     assert "Traceback" not in done.err
     assert done.out == ""
     assert not list(tmp_path.rglob("*.csv"))
-
-
-def test_ingest_gives_the_motion_at_the_stamps_of_the_imu(tmp_path: Path) -> None:
-    trial = told("ingest", SLOW, cwd=tmp_path)["trials"][0]
-    assert trial["variant"]["velocity"] == 0.3
-    motion = pd.read_csv(tmp_path / trial["motion"])
-    named = "t_s x_m x_std_m v_mps v_std_mps pitch_rad pitch_std_rad phase"
-    wheels = [f"{n}_{w}{s}" for w in ("fl", "fr", "rl", "rr") for n, s in
-              (("v_wheel", "_mps"), ("slip", ""), ("slip", "_std"))]  # fmt: skip
-    assert set(named.split()) | set(wheels) <= set(motion.columns)
-    assert set(motion["phase"]) == {"rest", "accelerate", "steady", "brake"}
-    log = pd.read_csv(SLOW, comment="#")
-    stamps = log.loc[log["imu_ax_mps2"].notna(), "t_s"].to_numpy()
-    assert motion["t_s"].to_numpy() == pytest.approx(stamps, abs=1e-9)
 
 
 def test_notes_are_counted_and_listed_on_request(tmp_path: Path) -> None:

@@ -9,39 +9,40 @@ from pathlib import Path
 import pytest
 
 from granite_lab.effects.model_file import load_model
-from tests.corpus.cli import SAMPLES, lab, succeeded, told
+from tests.corpus.cli import SAMPLES, Done, lab, succeeded, told
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two good trials of different speed and a broken one, analysed once."""
+def ended(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
+    """Two good trials of different speed and a broken one, analysed once: their folder, and what was said."""
     root = tmp_path_factory.mktemp("study")
     (root / "trials").mkdir()
     for name in ("virtual_v0.5_r2", "virtual_v0.7_r1"):
         shutil.copy(SAMPLES / f"{name}.csv", root / "trials")
     text = (SAMPLES / "virtual_v0.5_r1.csv").read_text(encoding="utf-8")
     (root / "trials" / "broken.csv").write_text(text.replace("imu_gy_radps", "tilt"), encoding="utf-8")
-    done = lab("study", "trials", "--out", "reports/mine", "--json", cwd=root)
-    (root / "stdout").write_text(done.out, encoding="utf-8")
-    (root / "stderr").write_text(done.err, encoding="utf-8")
-    (root / "code").write_text(str(done.code), encoding="utf-8")
-    return root
+    return root, lab("study", "trials", "--out", "reports/mine", "--json", cwd=root)
 
 
-def test_a_failing_trial_is_told_and_left_out(folder: Path) -> None:
-    assert (folder / "code").read_text() == "0"
-    document = json.loads((folder / "stdout").read_text(encoding="utf-8"))
+@pytest.fixture
+def folder(ended: tuple[Path, Done]) -> Path:
+    return ended[0]
+
+
+def test_a_failing_trial_is_told_and_left_out(ended: tuple[Path, Done]) -> None:
+    done = ended[1]
+    assert done.code == 0
+    document = json.loads(done.out)
     assert document["schema"] == "granite-lab/study/1"
     assert document["trials"] == 2
     assert [failure["trial"] for failure in document["failures"]] == ["broken"]
     assert "imu_gy" in document["failures"][0]["message"]
-    warned = (folder / "stderr").read_text(encoding="utf-8")
-    assert "warning: broken: left out" in warned
-    assert "Traceback" not in warned
+    assert "warning: broken: left out" in done.err
+    assert "Traceback" not in done.err
 
 
-def test_it_ends_with_the_search_for_a_missing_effect(folder: Path) -> None:
-    found = json.loads((folder / "stdout").read_text(encoding="utf-8"))["discovery"]
+def test_it_ends_with_the_search_for_a_missing_effect(ended: tuple[Path, Done]) -> None:
+    folder, found = ended[0], json.loads(ended[1].out)["discovery"]
     assert found["schema"] == "granite-lab/discovery/2"
     report = json.loads((folder / "reports" / "mine" / "report.json").read_bytes())
     for key in ("verdict", "sentence", "effects", "gap"):
@@ -78,12 +79,12 @@ def test_report_and_recordings_are_complete(folder: Path) -> None:
     assert "virtual_v0.5_r2" in unknown.err
 
 
-def test_an_unchanged_report_is_kept_and_an_edited_one_is_written_again(folder: Path) -> None:
+def test_an_unchanged_report_is_kept_and_an_edited_one_is_written_again(ended: tuple[Path, Done]) -> None:
+    folder, first = ended[0], json.loads(ended[1].out)
     report = folder / "reports" / "mine"
     page, before = report / "index.html", stamps(report)
     text = page.read_bytes()
     done = lab("study", "trials", "--out", "reports/mine", "--json", cwd=folder)
-    first = json.loads((folder / "stdout").read_text(encoding="utf-8"))
     assert json.loads(done.out) == first | {"unchanged": True}
     assert stamps(report) == before
     page.write_text("edited", encoding="utf-8")

@@ -53,15 +53,6 @@ def test_nothing_is_done_twice_but_a_changed_log(logs: list[Path], how: Executio
     assert worked == []
 
 
-def test_an_interrupted_run_keeps_what_was_finished(logs: list[Path], how: Execution) -> None:
-    logs[2].write_text("interrupt", encoding="utf-8")
-    with pytest.raises(KeyboardInterrupt):
-        run(logs, how)
-    logs[2].write_text("xxx", encoding="utf-8")
-    run(logs, how)
-    assert worked == ["2.csv", "3.csv"]
-
-
 def robot_file(path: Path, mass: float) -> None:
     text = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")
     old = f"body_mass_kg = {load_robot().chassis.body_mass:g}"

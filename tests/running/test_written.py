@@ -21,7 +21,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Trial
 from granite_lab.planning.design import load_design
 from granite_lab.results import StudyResult
-from granite_lab.running import Cache, Execution, Options, each_trial
+from granite_lab.running import Options
 from granite_lab.running.cache import trial_key
 from granite_lab.running.options import corrected
 from granite_lab.running.output import Guard, tell
@@ -65,26 +65,16 @@ def alone(study: StudyResult) -> StudyResult:
     return replace(study, trials=(), a_theta=None)
 
 
-def test_what_was_commanded_is_recognised_and_remembered(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_what_was_commanded_is_recognised_and_a_plan_can_start_from_it(
+    tmp_path: Path, study: StudyResult, found: Finding
 ) -> None:
     lines = LOG.read_text(encoding="utf-8").splitlines(keepends=True)
-    silent = tmp_path / "silent.csv"
-    silent.write_text("".join(line for line in lines if not line.startswith(SAID)), encoding="utf-8")
-    how = Execution(1, cache=Cache(tmp_path / "cache"))
-    recognised = each_trial(corrected, [silent], Options(), execution=how)[0]
-    assert isinstance(recognised, tuple)
-    trial, _, motion = recognised
+    (tmp_path / "silent.csv").write_text("".join(line for line in lines if not line.startswith(SAID)))
+    trial, _, motion = corrected(tmp_path / "silent.csv", Options())
     assert (trial.info.v_desired, trial.info.a_max, trial.info.distance) == (None, None, None)
     variant = motion.variant
     assert (variant.velocity, variant.acceleration, variant.distance) == (0.7, 2.4, 3.0)
-    monkeypatch.setattr("granite_lab.estimation.correct", broken)
-    assert isinstance(each_trial(corrected, [silent], Options(), execution=how)[0], tuple)
 
-
-def test_a_plan_can_start_from_trials_whose_command_was_recognised(
-    tmp_path: Path, study: StudyResult, found: Finding
-) -> None:
     trials, motions = zip(*parts(study), strict=True)
     silent = [replace(t, info=replace(t.info, v_desired=None)) for t in trials]
     assert {r.trial for r in found.residuals} <= {t.name for t in silent}

@@ -21,8 +21,6 @@ def measure(path: Path, options: Options) -> Estimate:
     if text == "die":
         time.sleep(0.2)  # so that others are under way in the same pool
         os._exit(9)
-    if text == "interrupt":
-        raise KeyboardInterrupt
     if text == "wrong":
         raise InputError(f"{path}: is wrong", "mend it")
     if text == "fault":
