@@ -56,13 +56,11 @@ class Revealed:
         answer: as it was sealed.
         score: the judgement; None where no discovery was given.
         warnings: trials that are missing or have changed since they were written.
-        finding: where the discovery stands.
     """
 
     answer: Mapping[str, Any]
     score: Score | None
     warnings: tuple[str, ...]
-    finding: Path | None = None
 
     def to_frame(self) -> pd.DataFrame:
         """Return what was hidden, one row a parameter."""
@@ -88,7 +86,6 @@ def hide(
     lab: str = "bench",
     robot: calls.RobotFile = None,
     soil: calls.SoilFile = None,
-    overwrite: bool = False,
     label: str = "hidden",
     truth: calls.File = None,
     jobs: calls.Jobs = 1,
@@ -108,7 +105,6 @@ def hide(
         repetitions: trials of each variant; by default 3 (``bench``) or 2 to 4 (``wild``).
         lab: ``bench``: sensors, robot and sand as in the files; ``wild``: drawn by the seed, with files of
             robot and sand beside the trials.
-        overwrite: replace a set that is there.
         label: first word of the trials' names.
         truth: folder for the true motion of each trial (CSV).
         done: called with the name of each finished trial.
@@ -121,9 +117,8 @@ def hide(
     folder = Path(out)
     from granite_lab.hidden.making import make_set  # noqa: PLC0415, heavy
 
-    old = [*folder.glob(f"{label}_v*_r*.csv"), *folder.glob(NAME)]
-    if old and not overwrite:
-        raise UsageError(f"{folder}: holds a hidden set already", "choose another folder, or add --overwrite")
+    if [*folder.glob(f"{label}_v*_r*.csv"), *folder.glob(NAME)]:
+        raise UsageError(f"{folder}: holds a hidden set already", "choose another folder")
     true: dict[str, pd.DataFrame] = {}
     wish = Wish(effect, seed, strength, noise, sand_off, lab, dict(sizes or {}))
     the_robot, the_soil = load_robot(robot or "granite"), load_soil(soil or "dry_sand")
@@ -132,8 +127,6 @@ def hide(
         repetitions=repetitions, label=label, jobs=jobs or os.cpu_count() or 1, done=done,
         keep=true.__setitem__,
     )  # fmt: skip
-    for path in old:
-        path.unlink()
     for name, text in lab_of(lab, seed, the_robot, the_soil).files().items():
         write_text(folder / name, text)
     files = []
@@ -167,7 +160,7 @@ def reveal(folder: str | Path, finding: calls.File = None, *, jobs: calls.Jobs =
     if said is None and (place / TRIALS).is_dir():
         said = _searched_kit(place, jobs)
     judged = score(answer, read_finding(said)) if said else None
-    return Revealed(answer, judged, tuple(_changed(place, answer)), said)
+    return Revealed(answer, judged, tuple(_changed(place, answer)))
 
 
 def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
