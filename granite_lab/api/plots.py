@@ -18,6 +18,7 @@ from granite_lab.reporting import canvas
 from granite_lab.reporting.plot_motion import SLIP_STD_SHOWN, comparison_figure
 from granite_lab.reporting.plot_results import fits_figure
 from granite_lab.reporting.plot_search import gap_figure
+from granite_lab.results import mean_of_known
 
 
 def plot(record: Any) -> Figure:
@@ -35,10 +36,8 @@ def plot(record: Any) -> Figure:
             return plot(record[0])
         raise TypeError("plot(): of fits all are drawn, of other records one, as in records[0].plot()")
     match record:
-        case Ingested():
-            return motion_plot(record.motion)
-        case Motion():
-            return motion_plot(record)
+        case Ingested(motion=motion) | (Motion() as motion):
+            return motion_plot(motion)
         case K92Fit():
             return fits_figure([(record.variant.velocity, record.k92)], record.virtual).draw()
         case AThetaFit():
@@ -52,24 +51,19 @@ def plot(record: Any) -> Figure:
 
 def motion_plot(motion: Motion) -> Figure:
     """Draw velocity, slip ratio and pitch over time with bands of ±2σ."""
-    wheels = np.isfinite(motion.v_wheel).any(axis=1)
-    t, wheel = motion.t[wheels], np.nanmean(motion.v_wheel[wheels], axis=1)
+    t, wheel, degree = motion.t, mean_of_known(motion.v_wheel, 1), 180 / math.pi
+    known = np.isfinite(wheel)
     with canvas.styled():
-        figure, axes = canvas.panels([1.25, 1.05, 0.85])
-        canvas.band(axes[0], motion.t, motion.v, motion.v_std, "body")
-        axes[0].plot(t, wheel, color=canvas.MEASURED_LIGHT, label="wheels, mean")
-        for k, (name, color) in enumerate((("front", canvas.MEASURED), ("rear", canvas.MEASURED_LIGHT))):
-            columns = [2 * k, 2 * k + 1]  # fl and fr, then rl and rr
-            known = np.isfinite(motion.slip[:, columns]).any(axis=1)
-            known &= (motion.slip_std[:, columns] < SLIP_STD_SHOWN).all(axis=1)
-            slip = np.full(motion.t.shape, math.nan)
-            slip[known] = np.nanmean(motion.slip[known][:, columns], axis=1)
-            axes[1].plot(motion.t, 100 * slip, color=color, label=f"{name} wheels")
-        degree = 180 / math.pi
-        canvas.band(axes[2], motion.t, degree * motion.pitch, degree * motion.pitch_std, "nose down")
-        for axis, label in zip(axes, ("velocity [m/s]", "slip ratio [%]", "pitch [°]"), strict=True):
-            axis.set_ylabel(label)
+        labels = ["velocity [m/s]", "slip ratio [%]", "pitch [°]"]
+        figure, axes = canvas.panels([1.25, 1.05, 0.85], y=labels, x="time of the log [s]")
+        canvas.band(axes[0], t, motion.v, motion.v_std, "body")
+        axes[0].plot(t[known], wheel[known], color=canvas.MEASURED_LIGHT, label="wheels, mean")
+        for name, color, k in (("front", canvas.MEASURED, [0, 1]), ("rear", canvas.MEASURED_LIGHT, [2, 3])):
+            sure = (motion.slip_std[:, k] < SLIP_STD_SHOWN).all(axis=1)
+            slip = np.where(sure, mean_of_known(motion.slip[:, k], 1), math.nan)
+            axes[1].plot(t, 100 * slip, color=color, label=f"{name} wheels")
+        canvas.band(axes[2], t, degree * motion.pitch, degree * motion.pitch_std, "nose down")
+        for axis in axes:
             canvas.legend(axis)
-        axes[-1].set_xlabel("time of the log [s]")
         canvas.mark_virtual(figure, motion.virtual)
     return figure

@@ -249,8 +249,6 @@ def options_of(parameters: Sequence[Parameter], flags: Mapping[str, Flag]) -> li
                 found.append((name[2:] + "_", option, None))
         elif typing.get_origin(p.kinds[0]) is not Callable:
             default = flag.default if flag.default is not None else None if flag.kind else p.default
-            if p.default is inspect.Parameter.empty and flag.kind is None:
-                default = p.default
             found.append((p.name, flag.annotated(p, called), default))
     keyword = inspect.Parameter.KEYWORD_ONLY
     return [inspect.Parameter(name, keyword, annotation=kind, default=d) for name, kind, d in found]

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from granite_lab import reporting, two_studies
-from granite_lab.api import check as checks
 from granite_lab.api import logs
 from granite_lab.api import trials as api
 from granite_lab.api.records import Origin, Records
@@ -33,8 +32,8 @@ MOST, PROPOSALS = 20, 8
 """Differences and proposed trials that are printed at most."""
 
 
-@command(checks.check, log=Flag(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP)."))
-def check(call: Call[checks.Checked]) -> None:
+@command(logs.check, log=Flag(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP)."))
+def check(call: Call[logs.Checked]) -> None:
     """The exit code is 3 if the log cannot be used and 4 if it is poor."""
     found, words = call(), reporting.table.words
     document = {"log": found.log, "virtual": found.virtual, "good": found.good, "checks": found.checks}
