@@ -85,13 +85,11 @@ def each_trial(
         results and errors, in the order of `paths`.
     """
     cache, name = execution.cache, work.__qualname__
-    results: dict[Path, T | LabError] = {}
-    keys: dict[Path, str] = {}
     arena = Arena(cache.folder if cache is not None else None)
-    for path in dict.fromkeys(paths) if cache is not None else ():
-        keys[path] = trial_key(name, path, options)
-        found = cache.get(keys[path], arena=arena) if cache is not None else None
-        if found is not None:
+    keys = {path: trial_key(name, path, options) for path in paths} if cache is not None else {}
+    results: dict[Path, T | LabError] = {}
+    for path, key in keys.items():
+        if cache is not None and (found := cache.get(key, arena=arena)) is not None:
             results[path] = found
             done(path)
     left = [path for path in dict.fromkeys(paths) if path not in results]

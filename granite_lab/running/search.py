@@ -60,27 +60,21 @@ def search(
             f"tolerance {options.tolerance:g} or latency {1e3 * options.latency:g} ms cannot be used",
             "the tolerance is a share between 0 and 1, the latency 0 or more",
         )
-    robot, soil = names_of(trials, options)
+    robot_name, soil_name = names_of(trials, options)
+    robot, soil = load_robot(robot_name), load_soil(soil_name)
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     trials, motions = [trials[i] for i in order], [motions[i] for i in order]
     effects, cache = _effects(options.effects), execution.cache
-    key = search_key((*trials, *motions, load_robot(robot), load_soil(soil)), options)
+    key = search_key((*trials, *motions, robot, soil), options)
     found = cache.get(key, effects) if cache is not None else None
     if isinstance(found, Finding):
         return found
     with _respond(execution, options.effects) as respond:
         finding = discover(
-            trials,
-            load_robot(robot),
-            load_soil(soil),
-            effects=library(options.effects),
-            motions=motions,
-            jobs=execution.jobs or os.cpu_count() or 1,
-            respond=respond,
-            progress=progress,
-            tolerance=options.tolerance,
-            latency=options.latency,
-        )
+            trials, robot, soil, effects=library(options.effects), motions=motions,
+            jobs=execution.jobs or os.cpu_count() or 1, respond=respond, progress=progress,
+            tolerance=options.tolerance, latency=options.latency,
+        )  # fmt: skip
     data = encode(((), finding))
     if cache is not None and not finding.failures:
         cache.put(key, data)
