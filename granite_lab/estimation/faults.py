@@ -41,12 +41,6 @@ class Faults:
     spikes: np.ndarray
     restarts: tuple[Restart, ...] = ()
 
-    def part(self, keep: np.ndarray) -> Faults:
-        """Return the faults of some of the samples."""
-        return replace(
-            self, doubt=self.doubt[keep], rate_doubt=self.rate_doubt[keep], spikes=self.spikes[keep]
-        )
-
 
 def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.ndarray) -> Faults:
     """Find gaps longer than three median periods and plateaus at the sensor's limits.

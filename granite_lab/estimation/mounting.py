@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -42,11 +42,6 @@ class BodyImu:
     def period(self) -> float:
         """Median time between two samples [s]."""
         return float(np.median(np.diff(self.t)))
-
-    def part(self, keep: np.ndarray) -> BodyImu:
-        """Return some of the samples."""
-        rows = ("t", "forward", "left", "up", "roll_rate", "pitch_rate", "yaw_rate")
-        return replace(self, **{name: getattr(self, name)[keep] for name in rows})
 
     @cached_property
     def has_pitch_rate(self) -> bool:

@@ -18,7 +18,7 @@ from granite_lab.estimation.nominal import Nominal, Sideways
 from granite_lab.estimation.rest import COAST, Interval
 from granite_lab.estimation.spectrum import slope
 from granite_lab.estimation.wheels import MOVING, Rolling
-from granite_lab.logs.trial import Array
+from granite_lab.logs.trial import Array, part
 from granite_lab.parameters import GRAVITY, Robot
 
 REST_STEP = 0.05
@@ -97,11 +97,11 @@ class Problem:
         rolling, keep = self.rolling, (self.imu.t >= begin) & (self.imu.t <= end)
         if rolling is not None:
             stamps = rolling.t + offset
-            rolling = rolling.part((stamps >= begin - 0.5) & (stamps <= end + 0.5))
+            rolling = part(rolling, (stamps >= begin - 0.5) & (stamps <= end + 0.5))
         rests = tuple((max(a, begin), min(b, end)) for a, b in self.rests if b > begin and a < end)
         return replace(
-            self, imu=self.imu.part(keep), rolling=rolling, rests=rests, faults=self.faults.part(keep),
-            aside=None if self.aside is None else self.aside.part(keep), coasts=False,
+            self, imu=part(self.imu, keep), rolling=rolling, rests=rests, faults=part(self.faults, keep),
+            aside=None if self.aside is None else part(self.aside, keep), coasts=False,
             jumps=None if self.jumps is None else self.jumps[keep],
         )  # fmt: skip
 

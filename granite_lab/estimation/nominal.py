@@ -53,10 +53,6 @@ class Sideways:
     velocity: Array
     std: Array
 
-    def part(self, keep: np.ndarray) -> Sideways:
-        """Return the samples where keep holds."""
-        return Sideways(self.velocity[keep], self.std[keep])
-
     def noise(self, yaw_rate: Array) -> Array:
         """(N,) white noise that its error makes of the forward acceleration [m/s^2 sqrt(s)]."""
         return np.asarray(np.abs(yaw_rate) * self.std * np.sqrt(2.0 * MEMORY))

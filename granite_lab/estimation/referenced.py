@@ -30,7 +30,7 @@ from granite_lab.estimation.nominal import Sideways
 from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import log_likelihood, nominal_of
 from granite_lab.estimation.spectrum import hann, spectral_density
-from granite_lab.logs.trial import Array
+from granite_lab.logs.trial import Array, part
 
 VX, VY, BX, BY, SLIP = range(5)
 
@@ -149,7 +149,7 @@ def windows(problem: Problem, offset: float) -> list[Problem]:
     moving = t[~inside(t, problem.rests)]
     assert rolling is not None
     every = max(round(APART / float(np.median(np.diff(rolling.t)))), 1)
-    problem = replace(problem, rolling=rolling.part(slice(None, None, every)))
+    problem = replace(problem, rolling=part(rolling, slice(None, None, every)))
     if moving.size <= TAKEN:
         return [problem]
     size = TAKEN // 3

@@ -72,11 +72,6 @@ class Rolling:
     step: float
     warnings: tuple[str, ...] = ()
 
-    def part(self, keep: np.ndarray | slice) -> Rolling:
-        """Return some of the samples."""
-        rows = ("t", "distance", "mean", "mean_std", "velocity", "velocity_std", "speed", "speed_std")
-        return replace(self, **{name: getattr(self, name)[keep] for name in rows})
-
 
 def bridged(t: np.ndarray, mask: np.ndarray, longest: float) -> np.ndarray:
     """(N,) mask without the interruptions whose neighbours are less than `longest` apart [unit of t]."""

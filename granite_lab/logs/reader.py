@@ -18,7 +18,7 @@ from granite_lab.logs.named import name_of, parts_of, sidecar
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
 from granite_lab.logs.streams import interval, read_streams
-from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo
+from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, part
 from granite_lab.logs.wheels import (
     check_currents,
     check_wheels,
@@ -82,7 +82,7 @@ def read_trial(
         UsageError: unknown robot or column map.
     """
     first, maps = Path(path), given_maps(map)
-    given = [("", part) for part in parts_of(first)] or [("", first)]
+    given = [("", file) for file in parts_of(first)] or [("", first)]
     roles = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
     given += [
         (role, Path(other)) for role, other in roles.items() if other is not None and Path(other) != first
@@ -303,8 +303,7 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
 
 def _within(stream: Any, begin: float, end: float) -> Any:
     """Return the samples of a stream between two instants; None where hardly any is left."""
-    keep = np.zeros(0) if stream is None else (stream.t >= begin) & (stream.t <= end)
+    keep = np.zeros(0, dtype=bool) if stream is None else (stream.t >= begin) & (stream.t <= end)
     if np.count_nonzero(keep) < 2:
         return None
-    arrays = {name: values for name, values in vars(stream).items() if isinstance(values, np.ndarray)}
-    return dataclasses.replace(stream, **{name: values[keep] for name, values in arrays.items()})
+    return part(stream, keep)

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+
+R = TypeVar("R")
+
+
+def part(record: R, keep: npt.NDArray[np.bool_] | slice) -> R:
+    """Return a record of samples with some of them only: every array in it is cut, the rest stays."""
+    held: Any = record
+    arrays = {f.name: values for f in fields(held) if isinstance(values := getattr(held, f.name), np.ndarray)}
+    cut: R = replace(held, **{name: values[keep] for name, values in arrays.items()})
+    return cut
 
 
 @dataclass(frozen=True, eq=False)
