@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,9 @@ _INSTEAD = {"imu": "", "joints": "odom", "odom": "joints"}
 
 LEFT_OUT = "none"
 """Given for a role in place of a topic, it leaves the role out."""
+
+Field = tuple[str, str, Callable[[Any], float]]
+"""A field of messages: its name, the name of its covariance ("": none), and how to get its number."""
 
 _SECOND = 1_000_000_000
 
@@ -79,8 +83,10 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
         ) from None
     columns = {"t": _stamps(path, rows, doubts)}
     cells: dict[str, dict[int, float]] = {}
-    fields = {topic: list(ROS[role]["fields"]) for role, topic in chosen.items()}
+    names, fields = {topic: ROS[role]["fields"] for role, topic in chosen.items()}, dict[str, list[Field]]()
     for row, (topic, _, message) in enumerate(rows):
+        if topic not in fields:
+            fields[topic] = list(_find(message, names[topic]))
         for name, value in _numbers(message, fields[topic]):
             cells.setdefault(f"{topic}.{name}", {})[row] = value
     for name, held in cells.items():
@@ -154,7 +160,19 @@ def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str])
     return np.array([(stamp - origin * _SECOND) / 1e9 for stamp in stamps])
 
 
-def _numbers(message: Any, fields: Sequence[str]) -> Iterator[tuple[str, float]]:
+def _find(message: Any, names: Iterable[str]) -> Iterator[Field]:
+    """Yield those fields that a message has: name, its covariance's, and how to get it."""
+    for name in names:
+        held, path = message, list[str]()
+        for step in name.split("."):
+            if step != "pose" or hasattr(held, step):
+                held, path = getattr(held, step, None), [*path, step]
+        if held is not None:
+            spread = f"{path[0]}_covariance"
+            yield name, spread if hasattr(message, spread) else "", attrgetter(".".join(path))
+
+
+def _numbers(message: Any, fields: Iterable[Field]) -> Iterator[tuple[str, float]]:
     """Yield the numbers of a message by the name of their field; what is not there is passed over.
 
     Of an IMU, a covariance that begins with -1 says so; of a place on the globe, the status; of joints, NaN.
@@ -165,13 +183,9 @@ def _numbers(message: Any, fields: Sequence[str]) -> Iterator[tuple[str, float]]
             yield from ((f"{name}.{joint}", value) for joint, value in values if not math.isnan(value))
     if hasattr(message, "latitude") and message.status.status < 0:
         return
-    for field in fields:
-        held, missing = message, getattr(message, f"{field.split('.')[0]}_covariance", (0,))[0] == -1
-        for name in field.split("."):
-            if name != "pose" or hasattr(held, name):
-                held = getattr(held, name, None)
-        if held is not None and not missing:
-            yield field, held
+    for name, spread, get in fields:
+        if not spread or getattr(message, spread)[0] != -1:
+            yield name, get(message)
 
 
 def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str]]:

@@ -272,14 +272,14 @@ def rail(axis: Array) -> Mask:
     moved = change[change > 0]
     if known.size < 8 or moved.size == 0:
         return mark
-    centre, step = float(np.median(known)), float(moved.min())
-    scatter = 1.4826 * float(np.median(np.abs(known - centre)))
     usual = known.size / (moved.size + 1.0)
     for extreme in (float(known.max()), float(known.min())):
         at_limit = axis == extreme
-        longest = max(end - begin for begin, end in runs(at_limit))
-        if abs(extreme - centre) > max(3.0 * step, 1.5 * scatter) and longest >= 3.0 * max(usual, 1.0):
-            mark |= at_limit
+        if max(end - begin for begin, end in runs(at_limit)) >= 3.0 * max(usual, 1.0):
+            centre = float(np.median(known))
+            scatter = 1.4826 * float(np.median(np.abs(known - centre)))
+            if abs(extreme - centre) > max(3.0 * float(moved.min()), 1.5 * scatter):
+                mark |= at_limit
     return mark
 
 
