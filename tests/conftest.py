@@ -1,7 +1,5 @@
 """What all tests share: no test sees what the user's own runs remember, nor leaves anything there."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Where the real logs of other robots lie, and the marks of tests that read them."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

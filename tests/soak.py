@@ -1,7 +1,5 @@
 """What runs whole only in `make soak`."""
 
-from __future__ import annotations
-
 import os
 
 SOAK = bool(os.environ.get("GRANITE_SOAK"))

@@ -1,7 +1,5 @@
 """The code keeps its shape: stages know only earlier ones, modules stay readable."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

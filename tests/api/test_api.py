@@ -1,7 +1,5 @@
 """Every command is a function: the same numbers, as records and tables."""
 
-from __future__ import annotations
-
 import importlib.util
 import inspect
 import json

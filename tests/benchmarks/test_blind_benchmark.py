@@ -1,7 +1,5 @@
 """The blind benchmark: a frozen schedule, sizes that mean something, and a page that counts rightly."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from functools import partial

@@ -1,7 +1,5 @@
 """The benchmark of the estimation says what it measured, with intervals."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

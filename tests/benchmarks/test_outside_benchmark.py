@@ -1,7 +1,5 @@
 """Answers of another program are understood and judged; variants change the logger, not the motion."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Estimates on real logs of other robots against their references; virtual robots that slip."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 

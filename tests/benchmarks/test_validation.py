@@ -1,7 +1,5 @@
 """Measured wheels are read as published, known laws are recovered, and the page says what is computed."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The command line as a user meets it: output, errors, exit codes, of whole processes where that matters."""
 
-from __future__ import annotations
-
 import io
 import json
 import resource

@@ -1,7 +1,5 @@
 """`granite-lab.toml` beside the logs says what holds for all of them; the command line wins."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

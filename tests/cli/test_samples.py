@@ -1,7 +1,5 @@
 """The sample trials against the truth that their generator kept aside."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

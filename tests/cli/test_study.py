@@ -1,7 +1,5 @@
 """The main job as a user meets it: trials in, a report and recordings out, failures told and left out."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One trial beside its simulation."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The command line in this process: `main()` with its output and exit code."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

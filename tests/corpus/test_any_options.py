@@ -1,7 +1,5 @@
 """Whatever options and numbers a command gets: a result of numbers, or one line and an exit code."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -2,8 +2,6 @@
 
 # ruff: noqa: E501  # tables, one broken file a line
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

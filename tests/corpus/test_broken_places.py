@@ -1,7 +1,5 @@
 """Places that cannot be read or written, and names and cells from logs that are no plain text."""
 
-from __future__ import annotations
-
 import errno
 import io
 import json

@@ -1,7 +1,5 @@
 """From logs of another program to a finding, whatever is wrong with the logs or goes wrong on the way."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Verdicts on trials whose answer is known by construction; trials left out as by a fit without them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from types import SimpleNamespace

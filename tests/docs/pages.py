@@ -1,7 +1,5 @@
 """The documentation as data: its code blocks, the files they ask to save, the lines they show to run."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Lines that README and pages show are run as printed; what they name exists; the example report."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

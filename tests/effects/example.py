@@ -1,7 +1,5 @@
 """An effect file as a user would write it."""
 
-from __future__ import annotations
-
 EXAMPLE = '''\
 """A wind that blows against the robot."""
 

@@ -1,7 +1,5 @@
 """Runs with and without an effect, for the tests of this folder."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from granite_lab.effects import get

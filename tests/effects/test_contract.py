@@ -1,7 +1,5 @@
 """Every effect keeps the contract; its picture, its file and its model file say what it does."""
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

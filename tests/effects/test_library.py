@@ -1,7 +1,5 @@
 """Effects of the library act in the direction, and by the amount, that mechanics demands."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any, cast
 

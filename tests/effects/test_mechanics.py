@@ -1,7 +1,5 @@
 """What mechanics demands of an effect, by the library's formula and by the hidden one: other code each."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

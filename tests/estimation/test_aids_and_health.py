@@ -1,7 +1,5 @@
 """Optional aids, and what the filter says of its own health."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Offsets of the clocks are found; twisting tyres are none, wheels may spin while the body stands."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -5,8 +5,6 @@ so a trial counts as one observation; the bounds are those of so many observatio
 Last six minutes of log, a tenth of the longest that is promised; `benchmarks/long_log.py` measures an hour.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

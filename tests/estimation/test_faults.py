@@ -1,7 +1,5 @@
 """Faults injected into good trials: corrected, they are the good trial; else within the std, or refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

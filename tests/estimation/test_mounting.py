@@ -1,7 +1,5 @@
 """Wherever the IMU sits, the estimate is that of the robot; roll, and turns told from wrong signs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

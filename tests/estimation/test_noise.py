@@ -1,7 +1,5 @@
 """Noise, vibration and scatter of the slip are heard in the trial itself, and taken for nothing else."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Filter and smoother against a batch solution, and against what must not matter."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 

@@ -4,8 +4,6 @@ The estimate's velocity carries an error that is correlated over seconds, as a s
 of the robot's virtual sensors. Sand and k_92 may differ per trial.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

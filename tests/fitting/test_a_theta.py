@@ -1,7 +1,5 @@
 """a_θ over trials, the rival laws, intervals by the likelihood, and the budget of the std."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """k_92, a_θ and the start of the command of a trial: by steady slip, by whole histories, and under faults."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

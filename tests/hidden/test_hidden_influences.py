@@ -3,8 +3,6 @@
 What mechanics demands of the library's effects, too, stands in `tests/effects/test_mechanics.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache

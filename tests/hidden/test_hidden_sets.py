@@ -1,7 +1,5 @@
 """Sets and laboratories of virtual trials: readable, repeatable, telling nothing of what is hidden."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from functools import lru_cache

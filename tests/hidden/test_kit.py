@@ -1,7 +1,5 @@
 """A kit for strangers is checked and sealed; every outcome of a judgement, from a table of answers."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

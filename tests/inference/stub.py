@@ -4,8 +4,6 @@ The signals are smooth and of the size that the robot's are; each number of the 
 trace of its own, so that everything the inference says can be computed by dense matrices beside it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

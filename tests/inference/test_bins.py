@@ -1,7 +1,5 @@
 """What was measured: bins that simulations go through too, one clock of a logger, noise, and the sensors."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import replace

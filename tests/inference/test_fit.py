@@ -1,7 +1,5 @@
 """The fit finds what was put in, and learns how much trials differ and how far the model is off."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

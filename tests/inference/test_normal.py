@@ -1,7 +1,5 @@
 """Whatever the normal equations and the gap say, the dense covariance of all measurements says too."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

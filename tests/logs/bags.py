@@ -1,7 +1,5 @@
 """Bags written by rosbags' own writers, from the samples of a trial."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path

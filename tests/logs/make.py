@@ -1,7 +1,5 @@
 """Small virtual logs as text, with nothing but arithmetic behind them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Recordings by ROS 1 and 2 and MCAP files give the trial that the CSV of the same samples gives."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

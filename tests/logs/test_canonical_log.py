@@ -1,7 +1,5 @@
 """The canonical log: what is written is read back to the last bit; units come from the suffix."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stamps and counters: units, order, wraps, dates, gaps; resets are told apart from motion."""
 
-from __future__ import annotations
-
 import datetime
 import re
 from collections.abc import Callable

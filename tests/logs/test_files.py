@@ -1,7 +1,5 @@
 """Files are written whole or not at all, tables as pandas writes them, to the letter."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from pathlib import Path

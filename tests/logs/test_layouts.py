@@ -1,7 +1,5 @@
 """Logs of other programs are recognised by their columns, or guessed; maps of either read them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Logs that are no plain text file: compressed, MATLAB, a folder with a file a sensor."""
 
-from __future__ import annotations
-
 import gzip
 import zipfile
 from pathlib import Path

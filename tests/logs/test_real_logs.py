@@ -4,8 +4,6 @@ Expected figures are worked out here from the raw files with the csv module, or 
 sets' own notes.
 """
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

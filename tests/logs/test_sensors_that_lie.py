@@ -1,7 +1,5 @@
 """Wrong units and sensors that lie: each fault is put into a good trial and found there, by its column."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from functools import lru_cache

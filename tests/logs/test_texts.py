@@ -2,8 +2,6 @@
 
 # ruff: noqa: E501  # tables, one log a line
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

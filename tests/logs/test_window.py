@@ -1,7 +1,5 @@
 """Parts of a log: a window that was asked for, what is left beside a gap."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Random robots, soils and motions within the bounds of the parameters, and the energy of their runs."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Anywhere in the allowed parameters a run is finite and loses no energy, or is refused with a reason."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The simulator agrees with the independent implementation in tests.truth, conserves and knows its limits."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import lru_cache
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """One wheel by the contact model: closed forms, another quadrature, the robot's own wheels, and limits."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

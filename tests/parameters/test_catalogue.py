@@ -1,7 +1,5 @@
 """The catalogue holds the paper's numbers, and wrong files are refused in one clear line."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Expected standard deviations, Bayes factors and conditions agree with theory, full fits and a robot."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What is planned for a search: from its record over the file and the question to the table."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 from pathlib import Path

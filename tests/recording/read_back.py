@@ -1,7 +1,5 @@
 """Reading a recording back with rerun's own reader."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Recordings hold what they were made from and what a search found, read back with rerun's own reader."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

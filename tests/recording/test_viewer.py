@@ -1,7 +1,5 @@
 """Opening the viewer, and a look through it where a graphics driver is present."""
 
-from __future__ import annotations
-
 import io
 import subprocess
 import sys

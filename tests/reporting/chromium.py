@@ -1,7 +1,5 @@
 """A headless Chromium, driven through its DevTools pipe; no library needed."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import json

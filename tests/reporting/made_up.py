@@ -1,7 +1,5 @@
 """Study results of virtual trials whose estimate is made up: what a report and a recording need."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import zlib

@@ -1,7 +1,5 @@
 """Findings written down by hand: no search, no simulation. All of it is virtual unless said otherwise."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from granite_lab.discovery import finding as records

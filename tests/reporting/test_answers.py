@@ -1,7 +1,5 @@
 """The page stays short; each number is decided once, and said alike wherever it stands, within 80 columns."""
 
-from __future__ import annotations
-
 import dataclasses
 import html
 import io

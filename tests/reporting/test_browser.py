@@ -1,7 +1,5 @@
 """The report as a browser shows it; skipped where there is no Chromium."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

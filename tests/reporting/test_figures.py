@@ -1,7 +1,5 @@
 """Figures and pictures of logs: text whole and uncovered, units on every axis, the same bytes each time."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import re

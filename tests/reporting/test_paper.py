@@ -1,7 +1,5 @@
 """For the paper: four pages as PDF, budgets that add up to the stated std, LaTeX, and RO-Crate metadata."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import hashlib

@@ -1,7 +1,5 @@
 """The files of a report: well formed, safe, complete, marked where virtual, and the same bytes each time."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io

@@ -1,7 +1,5 @@
 """The case for a discovery: what it says, what its pictures and tables show, and what it never leaves out."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """Differences of two studies: intervals that hold the truth as often as they say, and plain verdicts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Whole runs as processes of their own, which a test can end in any way."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The same results from a Dask cluster: a real scheduler and two workers over loopback, one of which dies."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Records become bytes and come back the same, in memory or in a file; what is no record is refused."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import errno

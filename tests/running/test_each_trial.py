@@ -1,7 +1,5 @@
 """Work on each of many trials: what was done is remembered, and what fails leaves the others alone."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import sys

@@ -1,7 +1,5 @@
 """Whole runs: same in, same out, byte by byte, after kills, too; verified, and kept apart from each other."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

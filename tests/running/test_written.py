@@ -1,7 +1,5 @@
 """What is written after a search: the same by `study` and `discover`; a defect in one part loses no other."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

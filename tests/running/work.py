@@ -1,7 +1,5 @@
 """Work for processes of a pool, which import it by its name."""
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Trials as canonical CSV text, in other units or with counters that wrap."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 from pathlib import Path

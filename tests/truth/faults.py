@@ -1,7 +1,5 @@
 """Faults of sensors and loggers, injected into a good trial with IMU, encoders and perhaps currents."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any, Literal

@@ -3,8 +3,6 @@
 Everything is by formula on a fine grid; nothing of `granite_lab.estimation` or of the simulators is used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Runs of the truth's model with all their signals, and forces on one wheel as the paper prints them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

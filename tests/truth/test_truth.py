@@ -1,7 +1,5 @@
 """The truth generator and the reference implementation: kinematics that close, figures that are published."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

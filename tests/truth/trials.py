@@ -5,8 +5,6 @@ around the published slip ratios, with the slow oscillations of velocity and the
 its experiments but not in its model.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass

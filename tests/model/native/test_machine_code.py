@@ -1,7 +1,5 @@
 """Machine code gives the numbers of the graph and integrates them; else the graph is interpreted."""
 
-from __future__ import annotations
-
 import ctypes
 import dataclasses
 import multiprocessing
