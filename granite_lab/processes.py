@@ -82,9 +82,11 @@ def forked(workers: int, enter: Callable[[X], None], given: X) -> ProcessPoolExe
 def crowd(workers: int) -> Executor:
     """Return a pool for work that may take long, ended by `disperse`.
 
-    Its processes are forked where that is safe: they need not import again what this one has imported.
+    Its processes are forked where that is safe, on Linux and from a process of one thread: they need not
+    import again what this one has imported.
     """
-    if "fork" in multiprocessing.get_all_start_methods() and sys.platform != "darwin":
+    forks = "fork" in multiprocessing.get_all_start_methods() and sys.platform != "darwin"
+    if forks and threading.active_count() == 1:
         context = multiprocessing.get_context("fork")
         return ProcessPoolExecutor(workers, mp_context=context, initializer=behave)
     import loky  # noqa: PLC0415, elsewhere a pool of the standard library needs a guarded main module
