@@ -17,14 +17,13 @@ from granite_lab.discovery.search import Search, search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
-from granite_lab.inference import noise
 from granite_lab.inference.bench import Bench, Respond, World
 from granite_lab.inference.clocks import one_clock
 from granite_lab.inference.conditions import under_conditions
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.setup import baseline, trial_models
+from granite_lab.inference.setup import baseline, nominal, trial_models
 from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Robot, Soil
@@ -163,7 +162,7 @@ def _outliers(problem: Problem, base: Fit) -> dict[int, str]:
     if len(problem.trials) < 3:
         return {}
     found: dict[int, str] = {}
-    rows = zip(noise.nominal(problem), base.residuals, strict=True)
+    rows = zip(nominal(problem), base.residuals, strict=True)
     residuals = [np.concatenate([w(r) for w, r in zip(own, table, strict=True)]) for own, table in rows]
     numbers = [x / [s.std for s in t.slacks] for t, x in zip(problem.trials, base.point.trials, strict=True)]
     for what, values in (

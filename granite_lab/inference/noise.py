@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import cholesky, solve_toeplitz, toeplitz
@@ -18,12 +17,7 @@ from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import nnls
 
-from granite_lab.inference.constants import REST_SHARE
 from granite_lab.logs.trial import Array
-from granite_lab.model.command import desired_velocity
-
-if TYPE_CHECKING:
-    from granite_lab.inference.problem import Problem
 
 ORDER = 16
 """Order of the autoregression that smooths a spectrum; frame and lugs vibrate in narrow peaks."""
@@ -214,76 +208,3 @@ FLOOR = {
 }  # fmt: skip
 """Std below which no agreement is believed, however quiet the sensor: a wheel angle of 1e-4 rad is
 10 µm on the circumference. It enters as white noise beside what the sensor shows."""
-
-STILL = 1e-3
-"""Share of the full speed below which a wheel counts as standing."""
-
-
-def nominal(problem: Problem) -> list[list[Whitener]]:
-    """Return the weights of `NOMINAL`."""
-    return [
-        [white(NOMINAL[c], np.isfinite(t.observation.values[c])) for c in t.channels] for t in problem.trials
-    ]
-
-
-def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]:
-    """Return the weights by the noise that residuals show, one command and channel at a time."""
-    whiteners = [list(w) for w in problem.whiteners]
-    speeds = [_speed(problem, residuals, own) for own in problem.commands]
-    rest: dict[tuple[str, int], list[Array]] = {}
-    for own, speed in zip(problem.commands, speeds, strict=True):
-        for c, having in _channels(problem, own):
-            rows = errors([residuals[i][problem.trials[i].channels.index(c)] for i in having])
-            rest.setdefault(_sensor(problem, having[0], c), []).extend(rows[:, speed == 0])
-    width = problem.trials[0].observation.width
-    spectra = {sensor: at_rest(rows, FLOOR[sensor[0]], width) for sensor, rows in rest.items()}
-    for command, (own, speed) in enumerate(zip(problem.commands, speeds, strict=True)):
-        for c, having in _channels(problem, own):
-            place = {i: problem.trials[i].channels.index(c) for i in having}
-            own_rows = [residuals[i][place[i]] for i in having]
-            shown = _predicted(problem, residuals, c, having)
-            strength = speed
-            if c.startswith("current"):  # its errors grow with the torque
-                level = float(np.median(np.abs(shown[speed >= FAST])))
-                strength = np.clip(np.abs(shown) / level, 0, 4) * (speed > 0) if level > 0 else speed
-            sensor = spectra[_sensor(problem, having[0], c)]
-            blows = (REST_SHARE * problem.resting(command, c)) ** 2
-            found = learn(own_rows, strength, np.gradient(shown), FLOOR[c], width, sensor, blows)
-            for i, w in zip(having, found, strict=True):
-                whiteners[i][place[i]] = w
-    return whiteners
-
-
-def _channels(problem: Problem, own: Sequence[int]) -> list[tuple[str, list[int]]]:
-    """Return the channels of a command, each with the trials that have it."""
-    names = dict.fromkeys(c for i in own for c in problem.trials[i].channels)
-    return [(c, [i for i in own if c in problem.trials[i].channels]) for c in names]
-
-
-def _sensor(problem: Problem, trial: int, channel: str) -> tuple[str, int]:
-    """Tell sensors apart by what they show and how many samples they give a bin."""
-    o = problem.trials[trial].observation
-    return channel, round(o.width / float(np.median(np.diff(o.streams[channel].t))))
-
-
-def _predicted(problem: Problem, residuals: Sequence[Array], channel: str, having: Sequence[int]) -> Array:
-    """Return (n,) what the model shows of a channel, mean over trials; zero where nothing was measured."""
-    total = np.zeros(problem.trials[having[0]].observation.bins)
-    for i in having:
-        k = problem.trials[i].channels.index(channel)
-        total += np.nan_to_num(problem.trials[i].measured[k] - residuals[i][k])
-    return total / len(having)
-
-
-def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> Array:
-    """Return (n,) how fast the wheels turn over their largest rate; the command where none were logged."""
-    wheels = [i for i in own if "wheel" in problem.trials[i].channels]
-    if wheels:
-        rate = np.fmax(np.diff(_predicted(problem, residuals, "wheel", wheels), prepend=0.0), 0.0)
-        rate = np.minimum(rate, 1.2 * np.median(rate[rate > 0.5 * np.quantile(rate, 0.9)]))
-    else:
-        o = problem.trials[own[0]].observation
-        rate = np.array([float(desired_velocity(float(t), o.variant)) for t in o.t])
-    rate = rate / rate.max()
-    rate[rate < STILL] = 0.0
-    return np.asarray(rate)

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference import noise
 from granite_lab.inference.bench import ACCURACY, Bench, World
+from granite_lab.inference.noise import NOMINAL
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.observation import CHANNELS, Observation
 from granite_lab.inference.point import Further, stacked
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.setup import nominal
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil, Variant
@@ -72,7 +73,7 @@ def imprint(
         EstimateError: a simulation does not converge.
         InputError: the robot cannot be simulated.
     """
-    white = tuple(Noise(channel=c, rest=noise.NOMINAL[c]) for c in CHANNELS)
+    white = tuple(Noise(channel=c, rest=NOMINAL[c]) for c in CHANNELS)
     driven = [Driven(variant=v, noise=white) for v in variants]
     with Bench(FineWorld(robot, soil, tuple(variants), {active.id: active.effect}), jobs) as bench:
         trials = [trial_model(k, d.variant, d, robot) for k, d in enumerate(driven)]
@@ -84,7 +85,7 @@ def imprint(
     if slopes is None or runs is None:
         hint = "the effect is too strong for this robot on this soil"
         raise EstimateError(f"{active.id}: a simulation does not converge", hint)
-    problem.weigh(noise.nominal(problem), point, slopes)
+    problem.weigh(nominal(problem), point, slopes)
     pairs = zip(runs, slopes.response, strict=True)
     change = tuple(stacked([run - response], response) for run, response in pairs)
     nothing = [np.zeros_like(t.measured) for t in trials]
@@ -101,8 +102,8 @@ def imprint(
     seen = tuple(
         Seen(
             t.observation,
-            {c: noise.NOMINAL[c] * rows[k, c][:, -1] for c in t.channels},
-            {c: noise.NOMINAL[c] * left[k, c] for c in t.channels},
+            {c: NOMINAL[c] * rows[k, c][:, -1] for c in t.channels},
+            {c: NOMINAL[c] * left[k, c] for c in t.channels},
         )
         for k, t in enumerate(trials)
     )

@@ -13,11 +13,11 @@ from scipy.integrate import cumulative_trapezoid
 
 from granite_lab.inference.bench import ACCURACY, SAND, SIGNALS, Bench, Task, World
 from granite_lab.inference.binning import Stream
-from granite_lab.inference.noise import nominal
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import UNITS, Observation
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.setup import nominal
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import corners, duration
 from granite_lab.model.effect import Effect, EffectParameter
