@@ -139,10 +139,9 @@ def page(lines: Lines, planned: int) -> str:
         *words,
         "",
         *_conditions(kept),
-        "Each seed of a frozen list is a laboratory of its own (`granite-lab hide --lab wild`). In one of",
-        "its sets nothing is hidden; the search of this set gives the detectable sizes. In the others",
-        "effects of about 2 or 5 times that size are hidden, by other formulas than the library's.",
-        "`make blind` continues the list and writes this page. Words: [judgement](hidden.md#judgement).",
+        "Each seed is a laboratory (`granite-lab hide --lab wild`). Its set without an effect",
+        "gives the detectable sizes. The others hide effects of about 2 or 5 times that size, by other",
+        "formulas. `make blind` continues the frozen list. Words: [judgement](hidden.md#judgement).",
         "",
         *_wrong(kept),
         *_sizes(kept),
@@ -154,7 +153,7 @@ def _wrong(lines: Lines) -> list[str]:
     cases: dict[tuple[str, str], Counter[str]] = {}
     for line in lines:
         if not line["right"]:
-            said = named(line) or line.get("verdict", "")
+            said = named(line).replace(" + ", "+") or line.get("verdict", "")
             truth = line["effect"] if line["kind"] != "null" else ""
             case = f"{truth} → {said}" if truth and wrong_name(line) else truth or said
             cases.setdefault((group(line), line["outcome"]), Counter())[case] += 1
