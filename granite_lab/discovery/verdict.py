@@ -99,19 +99,14 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     It is ``unknown`` where they differ by more than `LEAST_SHARE`, and the model explains all that they share
     or a named effect changes no channel by more than they differ: what acts there acts on the mean, too.
     """
-    found = _judged(problem, search, tolerance)
     every = scatter(problem, search.best.fit)
-    found = replace(found, scatter={c: share for c, share in every.items() if share > LEAST_SHARE})
-    if not found.scatter or all(n.stands_out(every, tolerance) for n in found.named):
-        return replace(found, verdict="unknown") if found.scatter and found.verdict == "none" else found
-    alone, small = search.model(()), (*found.small, *found.named)
-    assert alone is not None
-    return replace(
-        found, verdict="unknown", model=alone, named=(), small=small, after=found.before, remainder=1.0
-    )
+    differ = {c: share for c, share in every.items() if share > LEAST_SHARE}
+    found = _judged(problem, search, tolerance, every if differ else {})
+    verdict: Verdict = "unknown" if found.verdict == "none" and differ else found.verdict
+    return replace(found, scatter=differ, verdict=verdict)
 
 
-def _judged(problem: Problem, search: Search, tolerance: float) -> Judgement:
+def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[str, float]) -> Judgement:
     """Decide by what repetitions share.
 
     * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
@@ -121,7 +116,11 @@ def _judged(problem: Problem, search: Search, tolerance: float) -> Judgement:
       or with at most two others that cannot be told from them, they must have a posterior probability of
       `CREDIBLE`; together they must leave less than `LEFT` of the gap, as an rms, or nothing that errors of
       their formulas within `FORMULA_ERROR` and the tolerance do not explain.
-    * ``unknown`` otherwise.
+    * ``unknown`` otherwise, and where repetitions differ and one of those effects does not stand out.
+
+    Args:
+        problem, search, tolerance: as in `judge`.
+        differ: channel to how far repetitions differ; empty where that is little.
     """
     alone = search.model(())
     assert alone is not None
@@ -147,12 +146,16 @@ def _judged(problem: Problem, search: Search, tolerance: float) -> Judgement:
     sure = [n for n in library if n.probability >= CREDIBLE and len(n.twins) < LARGEST_SET]
     by_law = sum(n.closes.value for n in law)
     enough = remainder + by_law < LEFT**2 or (not law and good(problem, best.fit, tolerance))
-    if sure and len(sure) == len(library) and enough:
+    known = bool(sure) and len(sure) == len(library) and enough
+    nothing = Judgement("unknown", 1.0, alone, (), (*beside, *parts), before, before, gap, 1.0)
+    if differ and not all(n.stands_out(differ, tolerance) for n in (sure if known else law)):
+        return nothing
+    if known:
         probability = float(min(n.probability for n in sure))
         return Judgement("named", probability, best, tuple(sure), small, before, after, gap, remainder)
-    doubt = 1 - float(min((n.probability for n in library), default=0.0)) if not enough else 0.0
     if not law:
-        return Judgement("unknown", doubt or 1.0, alone, (), (*beside, *parts), before, before, gap, 1.0)
+        doubt = 1 - float(min((n.probability for n in library), default=0.0)) if not enough else 0.0
+        return replace(nothing, probability=doubt or 1.0)
     small = (*beside, *(n for n in parts if n not in law))
     return Judgement("unknown", 1.0, best, tuple(law), small, before, after, gap, remainder)
 
