@@ -14,11 +14,12 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-import scipy
+from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import SIGNALS
 from granite_lab.inference.binning import Binning, Stream, at_edges_or_between
+from granite_lab.logs.imu_checks import mounted
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, phase_of
 from granite_lab.parameters import GRAVITY, Robot, Variant
@@ -144,8 +145,7 @@ def _from_zero(stream: Stream, start: float) -> Stream:
 def _streams(trial: Trial, robot: Robot) -> dict[str, Stream]:
     found: dict[str, Stream] = {}
     if trial.imu is not None:
-        rotation = (0.0, 0.0, 0.0) if trial.imu.robot_axes else robot.imu.rotation
-        mounting = scipy.spatial.transform.Rotation.from_euler("XYZ", rotation, degrees=True)
+        mounting = Rotation.identity() if trial.imu.robot_axes else mounted(robot)
         force = mounting.apply(np.nan_to_num(trial.imu.specific_force))
         rate = mounting.apply(np.nan_to_num(trial.imu.angular_rate))
         if trial.imu.gravity_removed:
