@@ -141,7 +141,8 @@ def page(lines: Lines, planned: int) -> str:
         *_conditions(kept),
         "Each seed is a laboratory (`granite-lab hide --lab wild`). Its set without an effect",
         "gives the detectable sizes. The others hide effects of about 2 or 5 times that size, by other",
-        "formulas. `make blind` continues the frozen list. Words: [judgement](hidden.md#judgement).",
+        "formulas than the library's. `make blind` continues the frozen list",
+        "([judgement](hidden.md#judgement)).",
         "",
         *_wrong(kept),
         *_sizes(kept),
@@ -153,7 +154,7 @@ def _wrong(lines: Lines) -> list[str]:
     cases: dict[tuple[str, str], Counter[str]] = {}
     for line in lines:
         if not line["right"]:
-            said = named(line).replace(" + ", "+") or line.get("verdict", "")
+            said = named(line) or line.get("verdict", "")
             truth = line["effect"] if line["kind"] != "null" else ""
             case = f"{truth} → {said}" if truth and wrong_name(line) else truth or said
             cases.setdefault((group(line), line["outcome"]), Counter())[case] += 1

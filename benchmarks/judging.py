@@ -82,7 +82,7 @@ def wrong_name(line: Mapping[str, Any]) -> bool:
 def named(line: Mapping[str, Any]) -> str:
     """Return the names that were given, twins behind a slash."""
     sets = ("/".join([e["id"], *e["indistinguishable_from"]]) for e in line.get("effects", []))
-    return " + ".join(sets)
+    return "+".join(sets)
 
 
 def short(value: float | None) -> float | None:

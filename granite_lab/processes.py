@@ -73,10 +73,15 @@ def forked(workers: int, enter: Callable[[X], None], given: X) -> ProcessPoolExe
     Returns:
         None where this process may as well work alone, or the system cannot fork safely.
     """
-    if workers < 2 or sys.platform != "linux":
+    return None if workers < 2 else _forks(workers, _begin, enter, given)
+
+
+def _forks(workers: int, begin: Callable[..., None], *given: Any) -> ProcessPoolExecutor | None:
+    """Return a pool of forked processes; None where the system cannot fork safely."""
+    if sys.platform != "linux":
         return None
     context = multiprocessing.get_context("fork")
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(enter, given))
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=begin, initargs=given)
 
 
 def crowd(workers: int) -> Executor:
@@ -85,10 +90,9 @@ def crowd(workers: int) -> Executor:
     Its processes are forked where that is safe, on Linux and from a process of one thread: they need not
     import again what this one has imported.
     """
-    forks = "fork" in multiprocessing.get_all_start_methods() and sys.platform != "darwin"
-    if forks and threading.active_count() == 1:
-        context = multiprocessing.get_context("fork")
-        return ProcessPoolExecutor(workers, mp_context=context, initializer=behave)
+    pool = _forks(workers, behave) if threading.active_count() == 1 else None
+    if pool is not None:
+        return pool
     import loky  # noqa: PLC0415, elsewhere a pool of the standard library needs a guarded main module
 
     return cast(Executor, loky.ProcessPoolExecutor(workers, initializer=behave))

@@ -190,12 +190,12 @@ def search(
             break
         path.append((next(e for e in best.effects if e not in current.effects), tried))
         current = best
-    others: list[tuple[Point, list[Score]]] = []
+    exchanged: list[Point] = []
     for id_, tried in path[:-1]:  # those of the last stood beside the same effects
+        without = problem.without_effect(current.fit.point, id_)
         rivals = [score for score in tried if score.candidate not in current.effects]
-        others.append((problem.without_effect(current.fit.point, id_), rivals))
-    exchanged = [_with(problem, point, score) for point, tried in others for score in tried]
-    fitted([(point, current.fit) for point in (*(without for without, _ in others), *exchanged)])
+        exchanged += [without, *(_with(problem, without, score) for score in rivals)]
+    fitted([(point, current.fit) for point in exchanged])
     models = sorted(found.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), looks, frozenset(small))
 

@@ -51,15 +51,9 @@ def means(t: Array, start: Array, end: Array) -> Any:
 
     Args:
         t: (N,) stamps, rising.
-        start, end: (n,) between what each mean is taken; where they are equal, the value there. The same
-            array twice asks for values alone.
+        start, end: (n,) between what each mean is taken; where they are equal, the value there.
     """
     first = np.clip(np.searchsorted(t, start, side="right") - 1, 0, t.size - 2)
-    if start is end:
-        later = (start - t[first]) / (t[first + 1] - t[first])
-        columns, values = np.stack([first, first + 1], axis=-1), np.stack([1 - later, later], axis=-1)
-        rows = 2 * np.arange(start.size + 1)
-        return csr_array((values.ravel(), columns.ravel(), rows), shape=(start.size, t.size))
     last = np.clip(np.searchsorted(t, end, side="left") - 1, first, t.size - 2)
     count = last - first + 1  # lines that a mean goes over
     ends = np.cumsum(count)
@@ -75,11 +69,24 @@ def means(t: Array, start: Array, end: Array) -> Any:
     return csr_array((values.ravel(), columns.ravel(), rows), shape=(start.size, t.size))
 
 
+def values(t: Array, at: Array) -> Any:
+    """Return the (n, N) matrix that takes N samples to the values of the straight lines between them.
+
+    Args:
+        t: (N,) stamps, rising.
+        at: (n,) where.
+    """
+    k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
+    later = (at - t[k]) / (t[k + 1] - t[k])
+    columns, shares = np.stack([k, k + 1], axis=-1), np.stack([1 - later, later], axis=-1)
+    rows = 2 * np.arange(at.size + 1)
+    return csr_array((shares.ravel(), columns.ravel(), rows), shape=(at.size, t.size))
+
+
 def at_edges_or_between(stream: Stream, edges: Array) -> Any:
     """Return the (n, N) matrix from samples to n bins: means, or angles at the later edge."""
     if stream.is_angle:
-        place = np.clip(edges[1:], stream.t[0], stream.t[-1])
-        return means(stream.t, place, place)
+        return values(stream.t, np.clip(edges[1:], stream.t[0], stream.t[-1]))
     return means(stream.t, edges[:-1], edges[1:])
 
 
@@ -96,13 +103,12 @@ class _Group:
 
     def to_stamps(self, t: Array, shift: float) -> Any:
         """Return the matrix from a simulation's grid to what the sensor shows at its stamps."""
-        at = self.stamps - shift
-        half = self.window / 2
+        at, half = self.stamps - shift, self.window / 2
+        if not half:
+            return values(t, np.clip(at, t[0], t[-1]))
         # accelerations jump: what the sensor shows of a corner depends on where its window lies
         inside = (at - half >= t[0]) & (at + half <= t[-1])
         at = np.clip(at, t[0], t[-1])
-        if not half:
-            return means(t, at, at)
         return means(t, np.where(inside, at - half, at), np.where(inside, at + half, at))
 
 

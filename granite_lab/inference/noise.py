@@ -113,7 +113,7 @@ def learn(
     rest: Array | None = None,
     more: Array | None = None,
 ) -> list[Whitener]:
-    """Identify the noise of one channel from the trials of one command.
+    """Identify the noise of one channel from the trials of one command; those with the same bins share it.
 
     Without repetitions the slow part of the spectrum is taken to be as loud as the band above, and there is
     no jitter: what the model lacks is largest where the signal is steep, too.
@@ -140,12 +140,12 @@ def learn(
     if more is not None:
         Σ[np.diag_indices(n)] += more
     known = np.isfinite(table)
-    factors: dict[bytes, Array] = {}
+    found: dict[bytes, Whitener] = {}
     for mask in known:
-        if mask.tobytes() not in factors:
+        if mask.tobytes() not in found:
             L = cholesky(Σ[np.ix_(mask, mask)], lower=True)
-            factors[mask.tobytes()] = np.tril(dtrtri(L, lower=1)[0])
-    return [Whitener(factors[mask.tobytes()], mask) for mask in known]
+            found[mask.tobytes()] = Whitener(np.tril(dtrtri(L, lower=1)[0]), mask)
+    return [found[mask.tobytes()] for mask in known]
 
 
 _GRID = 1024

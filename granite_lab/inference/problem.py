@@ -40,9 +40,9 @@ class Problem:
         self.variants = sorted({t.variant for t in trials})
         self.commands = tuple(tuple(i for i, t in enumerate(trials) if t.variant == v) for v in self.variants)
         self.whiteners: list[list[Whitener]] = []
-        self._alike: list[tuple[Whitener, list[tuple[int, int]]]] = []  # with the rows that share it
+        self._alike: dict[Whitener, list[tuple[int, int]]] = {}  # trials and channels that share it
         self._plain: list[dict[str, Basis]] = []
-        self._white_plain: dict[tuple[int, str, int], tuple[Array, Array]] = {}
+        self._white_plain: dict[tuple[int, str, Whitener], tuple[Array, Array]] = {}
         self._sizes: list[dict[str, tuple[float, Array, Array]]] = []
         self.rows = tuple(
             {c: slice(k * t.observation.bins, (k + 1) * t.observation.bins) for k, c in enumerate(t.channels)}
@@ -247,7 +247,7 @@ class Problem:
     def white(self, residuals: Sequence[Array]) -> tuple[Array, ...]:
         """Return per trial the (C n,) whitened residuals."""
         white = [np.empty(r.size) for r in residuals]
-        for whitener, rows in self._alike:
+        for whitener, rows in self._alike.items():
             found = whitener(np.column_stack([residuals[i][k] for i, k in rows]))
             for (i, k), row in zip(rows, found.T, strict=True):
                 white[i][k * row.size : (k + 1) * row.size] = row
@@ -272,11 +272,10 @@ class Problem:
     def weigh(self, whiteners: list[list[Whitener]], point: Point, slopes: Slopes) -> None:
         """Set the noise, and the size of each channel's discrepancy from the responses at a point."""
         self.whiteners = whiteners
-        alike: dict[int, list[tuple[int, int]]] = {}
+        self._alike = {}
         for i, mine in enumerate(whiteners):
-            for k, w in enumerate(mine):
-                alike.setdefault(id(w.inverse), []).append((i, k))
-        self._alike = [(whiteners[rows[0][0]][rows[0][1]], rows) for rows in alike.values()]
+            for k, whitener in enumerate(mine):
+                self._alike.setdefault(whitener, []).append((i, k))
         self._plain, self._white_plain, self._sizes = [], {}, []
         for command, own in enumerate(self.commands):
             t, x = self.trials[own[0]], point.trials[own[0]]
@@ -384,12 +383,12 @@ class Problem:
         gram, basis = np.zeros((at.size, at.size)), np.zeros((kind.size, kind.size))
         across = np.zeros((kind.size, at.size))
         rows = []
-        known: dict[int, tuple[Array, Array]] = {}  # by whitener, which repetitions share
+        known: dict[Whitener, tuple[Array, Array]] = {}  # repetitions share it
         for i in (i for i in own if name in self.trials[i].channels):
             whitener, bins = self.whiteners[i][self.trials[i].channels.index(name)], self.rows[i][name]
-            if id(whitener.inverse) not in known:
-                known[id(whitener.inverse)] = self._white_basis(command, name, whitener, formula)
-            B, BB = known[id(whitener.inverse)]
+            if whitener not in known:
+                known[whitener] = self._white_basis(command, name, whitener, formula)
+            B, BB = known[whitener]
             place = np.searchsorted(at, whitened[i][0])
             A, w = whitened[i][1][bins], white[i][bins]
             full = np.column_stack([A, w])
@@ -404,7 +403,7 @@ class Problem:
         self, command: int, name: str, whitener: Whitener, formula: Sequence[Basis]
     ) -> tuple[Array, Array]:
         """Return the (n, m) whitened discrepancy of a channel, and its (m, m) inner products."""
-        key = command, name, id(whitener.inverse)
+        key = command, name, whitener
         if key not in self._white_plain:
             plain = whitener(self._plain[command][name].columns)
             self._white_plain[key] = plain, plain.T @ plain
