@@ -6,19 +6,24 @@ from typing import Any
 
 import casadi as ca
 
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.command import V_FLOOR
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.symbols import ModelParameters
 
 ROUND = 1e-3
 """Speed below which |v| is rounded off [m/s]."""
 
 
 class ContactAngleActualSpeed(Effect):
-    """The contact arc depends on the actual speed, not on the commanded one."""
+    """The contact arc depends on the speed at which the wheel made its rut, not on the commanded one."""
 
     id = "contact_angle_actual_speed"
     title = "rear contact angle set by the actual speed"
-    equation = "(5) with v = v_d + weight · (|v_R| − v_d)"
-    source = "the paper uses the desired velocity in place of the actual one"
+    equation = "(5) with v = v_d + weight · (u − v_d), du/dt = (|v_R| − u) |v_R| / length"
+    source = (
+        "the paper uses the desired velocity in place of the actual one; a rut takes its shape over a "
+        "contact patch, the relaxation length of tyres: Pacejka, Tire and Vehicle Dynamics, 2012, ch. 7"
+    )
     signature = (
         "The start is faster at high speed, as with contact_angle_lag. At constant speed slip and current "
         "are slightly lower; a larger a_θ cancels this."
@@ -26,9 +31,18 @@ class ContactAngleActualSpeed(Effect):
     parameters = (
         EffectParameter("weight", "", "0: desired velocity, 1: actual velocity",
                         -0.5, 1.5, 0.0, 0.3, 1.0),
+        EffectParameter("length", "m", "travel over which the actual velocity is averaged",
+                        0.002, 0.2, 0.03, 0.01, 0.1, shape=True),
     )  # fmt: skip
+    states = ("speed",)
 
     def desired_velocity(self, v_desired: Any, v: Any, own: Own) -> Any:
         """Move from the desired to the actual velocity."""
-        speed = ca.sqrt(v**2 + ROUND**2) - ROUND
-        return v_desired + own.p["weight"] * (speed - v_desired)
+        return v_desired + own.p["weight"] * (own.x["speed"] - v_desired)
+
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+        """Let the average follow with the travel; below V_FLOOR as with that speed."""
+        v = axles[0].state.velocity
+        actual = ca.sqrt(v**2 + ROUND**2) - ROUND
+        travelling = ca.sqrt(v**2 + V_FLOOR**2)
+        return {"speed": (actual - own.x["speed"]) * travelling / own.p["length"]}
