@@ -79,6 +79,16 @@ def changed(folder: Path, sample: Path, change: Callable[[pd.DataFrame], pd.Data
     return written(folder, "".join(head) + (table if other is None else other).to_csv(index=False))
 
 
+def converted(table: pd.DataFrame, prefix: str, factor: float, suffix: str | None = None) -> pd.DataFrame:
+    """Multiply the columns that begin with `prefix`; the unit in their name becomes `suffix`, if given.
+
+    Without `suffix` the name lies about the unit, as after a mistake in the logger's settings.
+    """
+    names = [name for name in table if name.startswith(prefix)]
+    table[names] *= factor
+    return table.rename(columns={n: f"{n.rpartition('_')[0]}_{suffix}" for n in names if suffix})
+
+
 def mapped(folder: Path, path: Path, **options: Any) -> Trial:
     """Read a log by the map that its inspection writes, which goes into a folder."""
     chart = written(folder, inspect_logs([path]).to_map_toml(), "map.toml")

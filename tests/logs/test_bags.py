@@ -35,16 +35,13 @@ def test_a_bag_gives_the_trial_of_the_csv(kind: str, trial: Trial, tmp_path: Pat
     assert len(got.inputs[0].sha256) == 64
 
 
-def test_stamps_since_1970_keep_their_nanoseconds(trial: Trial, tmp_path: Path) -> None:
-    bag = Bag("ros2", epoch=EPOCH)
-    make.same(read_trial(bag.write(tmp_path, "late", bag.trial(trial))), trial)
-
-
-def test_messages_without_stamps_are_taken_when_they_arrived(trial: Trial, tmp_path: Path) -> None:
-    bag = Bag("ros1", stamped=False)
-    got = read_trial(bag.write(tmp_path, "bare", bag.trial(trial)))
+@pytest.mark.parametrize("bag", [Bag("ros2", epoch=EPOCH), Bag("ros1", stamped=False)])
+def test_stamps_since_1970_keep_nanoseconds_and_where_there_are_none_arrival_counts(
+    bag: Bag, trial: Trial, tmp_path: Path
+) -> None:
+    got = read_trial(bag.write(tmp_path, "late", bag.trial(trial)))
     make.same(got, trial)
-    assert any("have no stamps" in line for line in got.warnings)
+    assert any("have no stamps" in line for line in got.warnings) is not bag.stamped
 
 
 def test_a_file_beside_the_bag_says_what_it_is(trial: Trial, tmp_path: Path) -> None:

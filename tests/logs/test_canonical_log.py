@@ -140,24 +140,16 @@ def test_sparse_rows_give_each_sensor_its_own_stamps(tmp_path: Path) -> None:
     assert trial.wheels.t[1] == 0.023
 
 
-def test_metadata_of_comments_sidecar_and_caller_in_this_order(tmp_path: Path) -> None:
+def test_metadata_of_comments_sidecar_and_caller_in_this_order_and_a_misspelt_key_is_told(
+    tmp_path: Path,
+) -> None:
     make.written(tmp_path, 'v_desired_mps = 0.3\nsoil = "dry_sand"\nweather = "wet"\n', "trial.toml")
     head = (
         '# robot = "granite"\n# a remark, not TOML = really\n# v_desired_mps = 0.2\n# distance_m = 2.0\n'
-        "# operator = Jan\n#\n"
+        "# operator = Jan\n# a_max_mps = 2.0\n#\n"
     )
     trial = make.read(tmp_path, head + make.text(), info=TrialInfo(soil="loam.toml"))
     assert (trial.info.v_desired, trial.info.distance, trial.info.soil) == (0.3, 2.0, "loam.toml")
-    assert trial.info.extra == {"operator": "Jan", "weather": "wet"}
+    assert trial.info.extra == {"operator": "Jan", "weather": "wet", "a_max_mps": "2.0"}
+    assert any("did you mean 'a_max_mps2'" in line for line in trial.warnings)
     assert [file.path.name for file in trial.inputs] == ["trial.csv", "trial.toml"]
-
-
-def test_a_misspelt_metadata_key_is_pointed_out(tmp_path: Path) -> None:
-    trial = make.read(tmp_path, '# robot = "granite"\n# v_desired_mp = 0.3\n' + make.text())
-    assert any("did you mean 'v_desired_mps'" in line for line in trial.warnings)
-
-
-def test_the_angle_counts_where_the_rate_is_logged_too(tmp_path: Path) -> None:
-    header, *rows = make.lines()
-    trial = make.read(tmp_path, "\n".join([header + ",enc_fl_radps", *(row + ",7.5" for row in rows)]))
-    assert trial.wheels.rate is None

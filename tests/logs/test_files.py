@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from granite_lab.csv_rows import BLOCK, DIGITS, csv_blocks
+from granite_lab.csv_rows import BLOCK, DIGITS
 from granite_lab.errors import InputError, LabError
 from granite_lab.files import sha256, write_bytes, write_table, write_text, writing
 
@@ -31,12 +31,6 @@ def test_the_old_content_stays_until_the_new_is_complete(
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_text_is_utf8_with_plain_line_ends_in_folders_that_are_made(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "folder" / "a.txt"
-    write_text(path, "λ_R = 8 %\n")
-    assert path.read_bytes() == "λ_R = 8 %\n".encode()
-
-
 def test_the_mode_follows_the_umask(tmp_path: Path) -> None:
     old = os.umask(0o027)
     try:
@@ -47,12 +41,13 @@ def test_the_mode_follows_the_umask(tmp_path: Path) -> None:
 
 
 def test_a_link_keeps_pointing_where_it_did(tmp_path: Path) -> None:
-    target, link = tmp_path / "target", tmp_path / "link"
-    target.write_text("old")
+    """Text is UTF-8 with plain line ends, in folders that are made."""
+    target, link = tmp_path / "new" / "target", tmp_path / "link"
+    write_text(target, "old")
     link.symlink_to(target)
-    write_text(link, "new")
+    write_text(link, "λ_R = 8 %\n")
     assert link.is_symlink()
-    assert target.read_text() == "new"
+    assert target.read_bytes() == "λ_R = 8 %\n".encode()
 
 
 def test_a_long_name_is_no_trouble_but_a_too_long_one_is_said(tmp_path: Path) -> None:
@@ -93,19 +88,14 @@ def every_kind() -> pd.DataFrame:
 @pytest.mark.parametrize(
     "part",
     [
-        every_kind().iloc[:0], every_kind().iloc[:1], every_kind()[["phase"]].iloc[:3],
+        every_kind(), every_kind().iloc[:0], every_kind().iloc[:1], every_kind()[["phase"]].iloc[:3],
         every_kind()[["empty"]].iloc[:4], every_kind()[["b, c"]].iloc[:9],
         every_kind()[["a", "empty"]].iloc[:3], every_kind()[["a", "w"]].set_axis(["x", "x"], axis=1).iloc[:3],
         pd.DataFrame({"a": [1.0, 2.0], "text": ["one\ntwo", "three"]}), pd.DataFrame(),
     ],
-    ids=["none", "one", "text", "empty", "gaps", "pair", "same name", "line break", "nothing"],
+    ids=["all", "none", "one", "text", "empty", "gaps", "pair", "same name", "line break", "nothing"],
 )  # fmt: skip
-def test_small_and_odd_tables(part: pd.DataFrame) -> None:
-    assert "".join(csv_blocks(part)) == part.to_csv(index=False, float_format=DIGITS, lineterminator="\n")
-
-
-def test_the_file_holds_it(tmp_path: Path) -> None:
-    table = every_kind()
-    write_table(tmp_path / "t.csv", table)
-    expected = table.to_csv(index=False, float_format=DIGITS, lineterminator="\n")
+def test_a_table_is_written_as_pandas_does(part: pd.DataFrame, tmp_path: Path) -> None:
+    write_table(tmp_path / "t.csv", part)
+    expected = part.to_csv(index=False, float_format=DIGITS, lineterminator="\n")
     assert (tmp_path / "t.csv").read_bytes() == expected.encode()

@@ -1,6 +1,7 @@
 """Logs of other programs are recognised by their columns, or guessed; maps of either read them."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,9 @@ from granite_lab.logs.guess import by_name
 from granite_lab.logs.inspection import FileReport
 from granite_lab.logs.layouts import all_layouts, load_layout
 from granite_lab.logs.trial import Trial
+from granite_lab.parameters import variant_of
+from tests.corpus.cli import SAMPLES
 from tests.logs import make
-from tests.truth import csv_text, trials
 
 N = 200
 T = np.arange(N) / 100  # [s]
@@ -239,23 +241,15 @@ def test_two_maps_that_fit_equally_are_not_chosen_between(tmp_path: Path) -> Non
         read(tmp_path, "log.csv", content, map=[one, two])
 
 
-def test_a_map_that_fits_no_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"column 'tick' is missing .*expected by layout 'mine'"):
-        read(tmp_path, "imu.csv", IMUS["plain"][1], map=own(tmp_path))
-
-
-def test_an_unknown_map_suggests_a_known_one() -> None:
-    with pytest.raises(UsageError) as caught:
-        load_layout("kobukki")
-    assert "did you mean 'kobuki'" in caught.value.hint
-
-
 def test_every_map_of_the_catalogue_is_valid_and_named_like_its_file() -> None:
     assert len(all_layouts()) >= 20
     for layout in all_layouts():
         assert load_layout(layout.name) == layout
         assert layout.title
         assert layout.source
+    with pytest.raises(UsageError) as caught:
+        load_layout("kobukki")
+    assert "did you mean 'kobuki'" in caught.value.hint
 
 
 def inspected(folder: Path, content: str) -> FileReport:
@@ -330,23 +324,19 @@ def test_a_logged_attitude_is_recognised_and_said_to_be_of_no_use(name: str, tmp
     assert f'# name = "{name}"' in report.to_map_toml()
 
 
-def test_a_known_log_is_described_whole(tmp_path: Path) -> None:
-    report = inspected(tmp_path, csv_text.to_csv(trials.generate(1, velocity=0.5).trial))
+@pytest.mark.parametrize("velocity", [0.2, 0.3, 0.5, 0.7])
+def test_a_known_log_is_described_whole_with_its_variant(velocity: float) -> None:
+    report = inspect_logs([SAMPLES / f"virtual_v{velocity}_r1.csv"]).files[0]
     assert report.layout == "canonical"
     imu, wheels = (next(s for s in report.streams if s.what == what) for what in ("imu", "encoders"))
     assert imu.rate == pytest.approx(200, rel=0.02)
     assert wheels.rate == pytest.approx(100, rel=0.02)
     assert imu.gaps == 0
     assert len(report.rests) == 2
-    assert report.motion.velocity == pytest.approx(0.5, rel=0.05)
-    assert report.motion.acceleration == pytest.approx(1.2, rel=0.3)
+    assert report.motion.velocity == pytest.approx(velocity, rel=0.05)
+    assert report.motion.acceleration == pytest.approx(variant_of(velocity).acceleration, rel=0.3)
+    assert report.motion.variant == variant_of(velocity)
     assert json.dumps(report.as_json())
-
-
-@pytest.mark.parametrize("velocity", [0.2, 0.3, 0.5, 0.7])
-def test_the_variant_is_recognised(velocity: float, tmp_path: Path) -> None:
-    text = csv_text.to_csv(trials.generate(7, velocity=velocity, grade="consumer").trial)
-    assert inspected(tmp_path, text).motion.variant.velocity == velocity
 
 
 def test_a_speed_of_no_variant_is_none(tmp_path: Path) -> None:
@@ -357,9 +347,12 @@ def test_a_speed_of_no_variant_is_none(tmp_path: Path) -> None:
 
 
 def test_gaps_wraps_and_doubts_are_told(tmp_path: Path) -> None:
-    lines = make.lines()
-    text = "\n".join(lines[:300] + lines[312:]) + "\n"
-    report = inspected(tmp_path, csv_text.wrapped_counts(text, 106_000, 16, start=65_000))
+    def counted(row: list[str]) -> list[str]:
+        return [*row[:7], *(str((65_000 + round(float(c) * 106_000 / (2 * np.pi))) % 2**16) for c in row[7:])]
+
+    text = re.sub(r"_rad\b", "_counts", make.only(*make.COLUMNS, change=counted))
+    lines = ["# enc_counts_per_rev = 106000", *text.splitlines()]
+    report = inspected(tmp_path, "\n".join(lines[:301] + lines[313:]))
     assert report.streams[0].gaps == 1
     assert report.streams[0].longest_gap == pytest.approx(0.13)
     assert any("wrapped" in doubt for doubt in report.doubts)

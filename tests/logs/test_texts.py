@@ -16,9 +16,7 @@ from granite_lab.logs import inspect_logs, read_trial
 from tests.logs import make
 from tests.soak import SOAK
 
-LINES = make.lines()
-
-
+LINES, COLUMNS = make.lines(), make.COLUMNS
 PLAIN = "\n".join(LINES)
 HEADER, *ROWS = LINES
 
@@ -71,13 +69,13 @@ def test_the_same_trial_comes_out(way: str, tmp_path: Path) -> None:
 
 
 def test_a_row_that_was_cut_off_at_the_end_is_left_out_and_said(tmp_path: Path) -> None:
-    trial = make.read(tmp_path, "\n".join(LINES)[:-40], "cut.csv")
+    trial = make.read(tmp_path, PLAIN[:-40], "cut.csv")
     assert len(trial.imu.t) == len(LINES) - 2
     assert any(f"cut.csv:{len(LINES)}: the last row is cut off" in line for line in trial.warnings)
 
 
 def test_windows_1252_is_read_and_said(tmp_path: Path) -> None:
-    trial = make.read(tmp_path, ("# Bediener = Müller\n" + "\n".join(LINES)).encode("cp1252"))
+    trial = make.read(tmp_path, ("# Bediener = Müller\n" + PLAIN).encode("cp1252"))
     assert trial.info.extra == {"Bediener": "Müller"}
     assert any("Windows-1252" in line for line in trial.warnings)
 
@@ -86,9 +84,6 @@ def test_a_million_blank_lines(tmp_path: Path) -> None:
     blank = "\n" * 1_000_000
     trial = make.read(tmp_path, blank + "\n".join(LINES[:300]) + blank + "\n".join(LINES[300:]))
     assert len(trial.imu.t) == len(LINES) - 1
-
-
-COLUMNS = make.COLUMNS
 
 
 def cell(line: int, column: str, text: str) -> str:
@@ -117,7 +112,7 @@ def insert(line: int, text: str) -> str:
     return "\n".join([*LINES[: line - 1], text, *LINES[line - 1 :]]) + "\n"
 
 
-TEXT = "\n".join(LINES) + "\n"
+TEXT = PLAIN + "\n"
 HALF = len(TEXT) // 2
 
 # name: (content, what the message says behind the path, what the hint says)

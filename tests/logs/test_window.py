@@ -10,7 +10,6 @@ import pytest
 import granite_lab as gl
 from granite_lab.errors import InputError
 from granite_lab.logs import read_trial
-from granite_lab.running import Options
 from tests.corpus import cli
 from tests.logs import make
 
@@ -88,12 +87,6 @@ def test_every_command_refuses_a_window_without_samples_and_one_that_ends_first(
     done = cli.lab(command, SAMPLE, "--from", 100, *out)
     assert done.code == 3
     assert "no sample after 100 s, the log runs from" in done.err + done.out
-
-
-def test_the_window_is_told_to_who_computes_a_result_again() -> None:
-    for window in ((1772366400.123456, np.inf), (-np.inf, 3.0), (1.0, 2.0)):
-        options = Options(window=window)
-        assert Options.from_given([(key, str(value)) for key, value in options.given()]) == options
 
 
 def with_gap(folder: Path, prefix: str, begin: float, end: float) -> Path:

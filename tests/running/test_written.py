@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -98,7 +99,8 @@ def test_another_tolerance_or_latency_is_another_search_but_not_another_estimate
     for other in others:
         assert search_key([b"x"], other) != search_key([b"x"], plain)
         assert trial_key("w", LOG, other) == trial_key("w", LOG, plain)
-        assert Options.from_given(other.given()) == other
+    for other in (*others, Options(window=(1772366400.123456, math.inf)), Options(window=(-math.inf, 3.0))):
+        assert Options.from_given([(key, str(value)) for key, value in other.given()]) == other
     assert plain.given() == ()
 
 

@@ -33,7 +33,7 @@ class Result(SimpleNamespace):
     Attributes:
         truth: what was integrated.
         state: (N, 12) or wider, in the order of `granite_lab.hidden.model`.
-        x: position of R along O; v, w: components of its velocity along R's x and z.
+        x: position of R along O; v: its velocity along R's x.
         pitch, pitch_rate, pitch_acceleration: of the body; acceleration: (N, 2) of R along R's x and z.
         slip, sinkage, W, R, F, M, normal: as in `granite_lab.hidden.contact.Contact`; k92: in force.
         v_o, omega, angle, rolled: motion of the wheels, rolled the integral of v_o; v_wheel: (N, 2, 2)
@@ -54,11 +54,7 @@ class Result(SimpleNamespace):
 
 def integrate(truth: Truth, t: Array, *, rtol: float = 1e-7, atol: float = 1e-9) -> Result:
     """Integrate from rest at the first instant and return the signals at `t` (N,), increasing."""
-    return signals(truth, t, solve(truth, t, rtol=rtol, atol=atol))
-
-
-def signals(truth: Truth, t: Array, state: Array) -> Result:
-    """Return all signals of the states (N, 12) at `t` (N,)."""
+    state = solve(truth, t, rtol=rtol, atol=atol)
     samples = list(zip(t, state, strict=True))
     wheels = [truth.contact(ti, yi) for ti, yi in samples]
     rates = np.array([truth.rates(ti, yi, wheel) for (ti, yi), wheel in zip(samples, wheels, strict=True)])
@@ -80,7 +76,6 @@ def signals(truth: Truth, t: Array, state: Array) -> Result:
         state=state,
         x=state[:, X] + c * rx + s * rz,
         v=np.array([truth.velocity(yi) for yi in state]),
-        w=s * state[:, VX] + c * state[:, VZ] - q * rx,
         pitch=state[:, PITCH],
         pitch_rate=q,
         pitch_acceleration=dq,
