@@ -107,15 +107,12 @@ def test_wilson_interval_is_scipys(hits: int, trials: int) -> None:
     assert wilson(hits / trials, trials) == pytest.approx((expected.low, expected.high), abs=1e-4)
 
 
-def test_only_an_interval_beside_the_aim_excludes_it() -> None:
+def test_only_an_interval_beside_the_aim_excludes_it_and_one_stays_within_what_is_possible() -> None:
+    assert around(0.99, 0.02, 0.0, 1.0) == pytest.approx((0.9508, 1.0))
     assert excludes((0.80, 0.91), (0.92, 0.98))
     assert excludes((0.985, 1.0), (0.92, 0.98))
     assert not excludes((0.88, 0.93), (0.92, 0.98))
     assert not excludes((0.90, 1.0), (0.92, 0.98))
-
-
-def test_interval_of_a_mean_stays_within_what_is_possible() -> None:
-    assert around(0.99, 0.02, 0.0, 1.0) == pytest.approx((0.9508, 1.0))
 
 
 def test_shares_of_one_source_are_called_different_as_often_as_chance_says() -> None:

@@ -72,12 +72,9 @@ def test_the_shares_come_with_their_intervals() -> None:
     assert [wrong_name(one) for one in lines] == [False, False, True]
 
 
-SOURCE = Path(__file__).parents[1] / "data" / "outside"
-
-
 @pytest.fixture(scope="module")
 def source() -> Path:
-    return min(SOURCE.glob("*/trial_0.5_*.csv"))
+    return min(OUTSIDE.glob("*/trial_0.5_*.csv"))
 
 
 @pytest.mark.parametrize("name", VARIANTS)

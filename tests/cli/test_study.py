@@ -9,6 +9,8 @@ import pytest
 from granite_lab.effects.model_file import load_model
 from tests.corpus.cli import SAMPLES, Done, lab, succeeded, told
 
+LOGS = ("trials/virtual_v0.5_r2.csv", "trials/virtual_v0.7_r1.csv")
+
 
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
@@ -51,10 +53,41 @@ def test_it_ends_with_the_search_for_a_missing_effect(ended: tuple[Path, Done]) 
     assert [e.id for e in load_model(folder / "reports" / "mine" / "model.toml").effects] == named
 
 
+def test_discover_writes_page_model_and_numbers_and_prints_what_it_writes(folder: Path) -> None:
+    found = folder / "found"
+    found.mkdir()
+    (found / "mine.txt").write_text("kept")
+    done = succeeded("discover", *LOGS, "--out", "found", "--jobs", 1, "--json", cwd=folder)
+    document = json.loads(done.out)
+    for name in ("index.html", "report.md", "finding.json", "model.toml", "figures/found_gap.svg"):
+        assert (found / name).stat().st_size > 100, name
+    assert (found / "mine.txt").read_text() == "kept"
+    assert not [path for path in found.rglob("*") if path.name.startswith(".")]
+    assert "virtual_v0.7_r1" in (found / "index.html").read_text(encoding="utf-8")
+    assert document == json.loads((found / "finding.json").read_text(encoding="utf-8"))
+    for effect in document["effects"]:
+        assert set(effect) >= {"id", "parameters", "indistinguishable_from", "probability", "closes"}
+        assert all(set(p) >= {"value", "std", "unit"} for p in effect["parameters"].values())
+    for place in document["where"]:
+        assert set(place) == {
+            "channel", "phase", "variant_mps", "t_start_s", "t_end_s", "frequency_hz", "share", "score",
+        }  # fmt: skip
+    assert [set(document["gap"][part]) for part in ("train", "held_out")] == [{"before", "after"}] * 2
+    assert document["provisional"]  # two speeds
+    assert document["model"] == "found/model.toml"
+
+
+def test_compare_writes_figures_and_tables_of_a_trial(folder: Path) -> None:
+    document = told("compare", LOGS[1], "--out", "compared", cwd=folder)
+    channels = {m["channel"] for m in document["trials"][0]["misfits"]}
+    assert {"velocity", "slip_f", "torque_r", "pitch"} <= channels
+    assert all((folder / name).exists() for name in document["files"])
+    assert {Path(name).suffix for name in document["files"]} == {".svg", ".png", ".pdf", ".csv", ".tex"}
+
+
 def test_it_says_why_no_search_was_run(folder: Path) -> None:
     model = "reports/mine/model.toml"
-    log = "trials/virtual_v0.7_r1.csv"
-    done = succeeded("study", log, "--model", model, "--out", "with", "--no-recordings", cwd=folder)
+    done = succeeded("study", LOGS[1], "--model", model, "--out", "with", "--no-recordings", cwd=folder)
     said = " ".join(done.out.split())
     assert "Not searched. No search starts from a model with effects." in said
     assert not (folder / "with" / "model.toml").exists()
@@ -94,14 +127,6 @@ def test_an_unchanged_report_is_kept_and_an_edited_one_is_written_again(ended: t
 
 def stamps(folder: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
-
-
-def test_compare_writes_the_panels_of_a_trial(folder: Path) -> None:
-    document = told("compare", "trials/virtual_v0.7_r1.csv", "--out", "compared", cwd=folder)
-    channels = {m["channel"] for m in document["trials"][0]["misfits"]}
-    assert {"velocity", "slip_f", "torque_r", "pitch"} <= channels
-    assert document["files"]
-    assert all((folder / name).exists() for name in document["files"])
 
 
 def test_fits_leave_out_a_trial_that_fails_unless_told_otherwise(folder: Path) -> None:

@@ -5,7 +5,7 @@ import io
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,7 @@ PLACES: dict[str, tuple[Callable[[Path], object], str]] = {
     "loop": (lambda path: path.symlink_to(path), "its symbolic links form a loop"),
     "pipe": (os.mkfifo, "is not a regular file"),
     "device": (lambda path: path.symlink_to("/dev/zero"), "is not a regular file"),
+    "forbidden": (lambda path: path.touch(mode=0), "permission denied"),
 }
 
 # what is asked, with the bad path in place of None; the file's name
@@ -65,33 +66,21 @@ def test_what_cannot_be_read_is_one_line(
     make, said = PLACES[place]
     args, name = READERS[reader]
     path = tmp_path / name
+    words = [path if a is None else a for a in args]
+    if place == "forbidden":
+        lab(*words)  # imports what it needs: root's Python may be unreadable, too
     make(path)
+    code = 3
     if place == "folder" and reader in ("ingest", "ingest a bag", "fit-k92", "compare"):
-        refused(lab(*[path if a is None else a for a in args]), 2, "the folder holds no log", "name the logs")
-        return
-    if place == "folder" and reader == "a recording":
+        code, said = 2, "the folder holds no log"
+    elif place == "folder" and reader == "a recording":
         said = "no recording in it"
-    monkeypatch.chdir(tmp_path)
-    done = lab(*[path if a is None else a for a in args])
-    refused(done, 3, said)
+    monkeypatch.chdir("/" if place == "forbidden" else tmp_path)
+    with somebody_else() if place == "forbidden" else nullcontext():
+        done = lab(*words)
+    refused(done, code, said, "permissions" if place == "forbidden" else "")
     assert str(path) in done.error
     assert not (tmp_path / "reports").exists()
-
-
-@pytest.mark.parametrize("reader", READERS)
-def test_what_may_not_be_read_is_one_line(
-    reader: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    args, name = READERS[reader]
-    path = tmp_path / name
-    words = [path if a is None else a for a in args]
-    lab(*words)  # imports what it needs: root's Python may be unreadable, too
-    path.write_text(LOG)
-    path.chmod(0)
-    monkeypatch.chdir("/")
-    with somebody_else():
-        done = lab(*words)
-    refused(done, 3, "permission denied", "permissions")
 
 
 WRITERS: dict[str, tuple[object, ...]] = {
@@ -112,29 +101,20 @@ def command(writer: str, out: Path, run: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("writer", WRITERS)
-def test_a_file_in_the_way_is_one_line(writer: str, tmp_path: Path) -> None:
-    out = tmp_path / "out"
+def test_a_file_in_the_way_and_a_folder_without_permission_are_one_line(writer: str, tmp_path: Path) -> None:
+    out, closed = tmp_path / "out", tmp_path / "closed"
     out.write_text("mine")
-    done = lab(*command(writer, out, tmp_path / "run.csv"))
-    assert done.code == 1, done
-    assert "cannot be written" in done.error
-    assert done.hint
-    assert "Traceback" not in done.err
+    refused(lab(*command(writer, out, tmp_path / "run.csv")), 1, "cannot be written")
     assert out.read_text() == "mine"
-
-
-@pytest.mark.parametrize("writer", ["a run", "a motion", "a map"])
-def test_a_folder_without_permission_is_one_line(writer: str, tmp_path: Path) -> None:
     for above in [tmp_path, *tmp_path.parents[:2]]:
         above.chmod(0o755)
-    out = tmp_path / "out"
-    out.mkdir(mode=0o555)
+    closed.mkdir(mode=0o555)
     with somebody_else():
-        done = lab(*command(writer, out, Path("/nowhere/run.csv")))
+        done = lab(*command(writer, closed, Path("/nowhere/run.csv")))
     assert done.code == 1, done
     assert "permission denied" in done.error
     assert "Traceback" not in done.err
-    assert not list(out.iterdir())
+    assert not list(closed.iterdir())
 
 
 class Full(io.BytesIO):
@@ -167,9 +147,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(
     Full.room = 100 if writer == "a map" else 4000
     out = tmp_path / "out"
     done = lab(*command(writer, out, out / "run.csv"))
-    assert done.code == 1, done
-    assert "no space left on the device" in done.error
-    assert "free some space" in done.hint
+    refused(done, 1, "no space left on the device", "free some space")
     assert not [p for p in out.rglob("*") if p.is_file() and p.stat().st_size]
 
 
@@ -235,30 +213,23 @@ def test_a_name_is_text_on_the_terminal_in_a_message_and_in_json(kind: str, tmp_
 
 
 @pytest.mark.parametrize("kind", sorted({*NAMES} - {"not a character"}))
-def test_a_column_of_any_name_goes_through_a_map(kind: str, tmp_path: Path) -> None:
-    """Into the map that inspect writes, and out of it again."""
+def test_a_name_within_a_log_is_text_through_a_map_in_metadata_and_in_a_message(
+    kind: str, tmp_path: Path
+) -> None:
     header, _, rows = LOG.partition("\n")
     name = '"' + NAMES[kind].replace('"', '""').replace("\n", " ") + '"'
     log, own = tmp_path / "log.csv", tmp_path / "map.toml"
     log.write_text(header.replace("enc_rr_rad", name) + "\n" + rows, encoding="utf-8")
-    report = inspect_logs([log])
-    own.write_text(report.to_map_toml(), encoding="utf-8")
+    own.write_text(inspect_logs([log]).to_map_toml(), encoding="utf-8")
     assert lab("inspect", log, "--map", own).code == 0
-    done = lab("inspect", log)
-    assert tame(done.out)
-    assert tame(done.err)
-
-
-@pytest.mark.parametrize("kind", sorted({*NAMES} - {"not a character"}))
-def test_metadata_are_text(kind: str, tmp_path: Path) -> None:
-    log = tmp_path / "log.csv"
+    listed = lab("inspect", log)
     log.write_text(f"# operator = {json.dumps(NAMES[kind])}\n" + LOG, encoding="utf-8")
     assert read_trial(log).info.extra["operator"] == NAMES[kind]
     log.write_text(f"# robot = {json.dumps(NAMES[kind])}\n" + LOG, encoding="utf-8")
     done = lab("ingest", log)
     assert done.code in (2, 3)
     assert len(done.err.splitlines()) == 2
-    assert tame(done.err)
+    assert tame(listed.out + listed.err + done.err)
 
 
 def test_a_line_for_the_terminal_is_one_line() -> None:

@@ -25,7 +25,7 @@ from granite_lab.parameters import GRAVITY, load_robot, load_soil, load_variants
 from granite_lab.parameters.quantity import toml
 from granite_lab.planning.imprint import Imprint, imprint
 from granite_lab.reporting.pictures import ROWS, effect_drawing
-from tests.corpus.cli import ROOT, lab, refused, succeeded
+from tests.corpus.cli import ROOT, lab, succeeded
 from tests.effects.example import EXAMPLE
 from tests.effects.runs import ROBOT, SOIL, run, variant_of
 from tests.reporting.test_figures import no_text_is_cut_or_covered
@@ -271,8 +271,3 @@ def test_the_command_writes_the_picture_it_names(tmp_path: Path, monkeypatch: py
     assert "rear current" in Path("mass.svg").read_text()
     assert "reports/effects/payload_mass.png" in lab(*show).out
     assert Path("reports/effects/payload_mass.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize("options", [["--picture", "a.gif"], ["--picture", "a.png", "--no-picture"]])
-def test_a_picture_that_cannot_be_made_is_refused(options: list[str]) -> None:
-    refused(lab("effects", "show", "payload_mass", *options), 2, "--picture")

@@ -37,7 +37,9 @@ def test_reruns_verifier_accepts_one_timeline_over_the_log(
     assert (t.min(), t.max()) == pytest.approx((logged.min(), logged.max()), abs=1e-9)
 
 
-def test_lines_are_the_estimates_and_the_runs_sample_by_sample(trial: TrialResult, back: ReadBack) -> None:
+def test_lines_and_bands_are_the_estimates_and_the_runs_sample_by_sample(
+    trial: TrialResult, back: ReadBack
+) -> None:
     motion, run, c = trial.comparison.motion, trial.comparison.run, trial.comparison
     pairs = {k: np.column_stack([c.simulated[f"{k}_f"], c.simulated[f"{k}_r"]]) for k in ("torque", "slip")}
     torque = pairs["torque"] - np.column_stack([c.measured["torque_f"], c.measured["torque_r"]])
@@ -59,6 +61,9 @@ def test_lines_are_the_estimates_and_the_runs_sample_by_sample(trial: TrialResul
         rows = np.searchsorted(clock, t - 1e-6)
         np.testing.assert_allclose(clock[rows], t, atol=NANOSECOND)
         np.testing.assert_allclose(back.scalars(f"/{entity}"), expected[rows], rtol=1e-12, atol=1e-15)
+    for entity, std in (("/velocity/measured", motion.v_std), ("/pitch/measured", DEGREE * motion.pitch_std)):
+        variance = back.values(entity, "Measurements:variances")[:, 0].astype(float)
+        np.testing.assert_allclose(np.sqrt(variance), std[::2])
 
 
 def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: TrialResult, back: ReadBack) -> None:
@@ -70,13 +75,6 @@ def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: TrialResult, back: Re
             continue
         ends = slice(5, -5)  # where a mean over half of the width has no samples
         assert np.isfinite(back.scalars(entity)[ends]).all(), entity
-
-
-def test_bands_are_one_standard_deviation_wide(trial: TrialResult, back: ReadBack) -> None:
-    motion = trial.comparison.motion
-    for entity, std in (("/velocity/measured", motion.v_std), ("/pitch/measured", DEGREE * motion.pitch_std)):
-        variance = back.values(entity, "Measurements:variances")[:, 0].astype(float)
-        np.testing.assert_allclose(np.sqrt(variance), std[::2])
 
 
 def test_measured_lines_are_drawn_over_simulated_ones(back: ReadBack) -> None:
@@ -116,7 +114,9 @@ def test_every_line_names_its_unit(back: ReadBack) -> None:
     assert units["/pitch_rate/measured"] == ["°/s"]
 
 
-def test_the_measured_robot_is_where_the_estimate_says(trial: TrialResult, back: ReadBack) -> None:
+def test_the_measured_robot_is_where_the_estimate_says_its_wheels_turned_as_the_encoders(
+    trial: TrialResult, back: ReadBack
+) -> None:
     c = trial.comparison
     t = back.t("/scene/measured")
     x, y, z = back.values("/scene/measured", "Transform3D:translation")[:, 0].T
@@ -129,13 +129,9 @@ def test_the_measured_robot_is_where_the_estimate_says(trial: TrialResult, back:
     np.testing.assert_allclose(2 * np.arctan2(qy, qw), np.interp(t, c.t, c.motion.pitch), atol=1e-6)
     assert not qx.any()
     assert not qz.any()
-
-
-def test_wheels_turn_as_far_as_their_encoders_say(trial: TrialResult, back: ReadBack) -> None:
-    motion = trial.comparison.motion
     _, qy, _, qw = back.values("/scene/measured/rl/tyre", "Transform3D:quaternion")[:, 0].T
     angle = np.unwrap(2 * np.arctan2(qy, qw))
-    travelled = np.trapezoid(motion.v_wheel[:, WHEELS.index("rl")], motion.t)
+    travelled = np.trapezoid(c.motion.v_wheel[:, WHEELS.index("rl")], c.t)
     assert angle[-1] - angle[0] == pytest.approx(travelled / 0.0965, abs=5e-3)
 
 
@@ -309,9 +305,11 @@ def test_hostile_names_stay_names(tmp_path: Path) -> None:
         np.testing.assert_array_equal(back.scalars(f"{root}{line}"), trials[0].comparison.motion.v[::2])
 
 
-def test_a_study_lays_its_trials_over_each_other_on_one_clock(tmp_path: Path) -> None:
+def test_a_study_lays_its_trials_with_what_was_found_over_each_other_on_one_clock(
+    tmp_path: Path, finding: Finding
+) -> None:
     study = made_up_study(speeds=(0.2, 0.7), repetitions=2)
-    path = record_study(study, tmp_path / "study.rrd")
+    path = record_study(study, tmp_path / "study.rrd", finding=finding)
     assert "1 file verified" in verify(path)
     back, colours = ReadBack(path), set()
     for k, result in enumerate(study.trials):
@@ -322,6 +320,8 @@ def test_a_study_lays_its_trials_over_each_other_on_one_clock(tmp_path: Path) ->
         steady = (back.t(slip) > 1) & (back.t(slip) < 3)
         assert back.scalars(slip)[steady].mean() == pytest.approx(100 * motion.slip_ratio.value, abs=1)
         assert back.fixed(slip, "Measurements:names") == [result.trial.name]
+        for entity in ("found_current_r/from_model", "simulation_differs/pitch_rate"):
+            assert f"/{result.trial.name}/{entity}" in back.entities()
         colours.add((k // 2, back.fixed(slip, "Measurements:colors")[0]))
     assert len(colours) == 4  # each trial has a colour of its own beside the others of its speed
 
@@ -364,6 +364,8 @@ def test_disagreements_are_bars_on_the_trials_own_clock(trial: TrialResult, sear
     )
     colours = searched.fixed(lane, "StateConfiguration:colors")
     assert colours[0] != colours[1]
+    # at another speed the currents differ, too
+    assert not [e for e in searched.entities() if "motor" in e and "simulation_differs" in e]
 
 
 def test_bars_do_not_overlap_and_stay_in_the_log(
@@ -383,10 +385,6 @@ def test_bars_do_not_overlap_and_stay_in_the_log(
     assert dict(zip(values, visible, strict=True)) == {"none": False, "20 %": True, "40 %": True}
 
 
-def test_a_disagreement_at_another_speed_is_not_this_trials(searched: ReadBack) -> None:
-    assert not [e for e in searched.entities() if "motor" in e and "simulation_differs" in e]
-
-
 def test_simulations_before_and_after_stand_beside_what_was_measured(
     trial: TrialResult, finding: Finding, searched: ReadBack
 ) -> None:
@@ -399,16 +397,13 @@ def test_simulations_before_and_after_stand_beside_what_was_measured(
     np.testing.assert_allclose(searched.t("/found_pitch_rate/from_model"), r.t + LATE, atol=NANOSECOND)
     names = searched.fixed("/found_pitch_rate/from_model", "Measurements:names")
     assert names == ["without the effect", "with the effect"]
+    assert np.isnan(searched.scalars("/found_accel_x/measured")[42])  # a gap in the log
+    assert np.isfinite(searched.scalars("/found_accel_x/from_model")[42]).all()
     r = own["wheel"]
     np.testing.assert_allclose(
         searched.scalars("/found_wheel/from_model"),
         DEGREE * np.column_stack([r.measured - r.before, r.measured - r.after]),
     )
-
-
-def test_a_gap_in_the_log_is_a_gap_in_the_line(searched: ReadBack) -> None:
-    assert np.isnan(searched.scalars("/found_accel_x/measured")[42])
-    assert np.isfinite(searched.scalars("/found_accel_x/from_model")[42]).all()
 
 
 def test_log_lines_name_what_is_missing_and_where(searched: ReadBack) -> None:
@@ -440,15 +435,6 @@ def test_a_trial_that_was_not_searched_has_no_bars_and_says_why(trial: TrialResu
     assert not [e for e in back.entities() if "found_" in e or "simulation_differs" in e]
     lines = back.texts("/events", "TextLog:text")
     assert [line for line in lines if "left out of the search: no model fits it" in line]
-
-
-def test_a_study_shows_it_in_every_trial(tmp_path: Path, finding: Finding) -> None:
-    study = made_up_study(speeds=(0.3, 0.7), repetitions=1)
-    back = ReadBack(record_study(study, tmp_path / "study.rrd", finding=finding))
-    for result in study.trials:
-        root = f"/{result.trial.name}"
-        assert f"{root}/found_current_r/from_model" in back.entities()
-        assert f"{root}/simulation_differs/pitch_rate" in back.entities()
 
 
 def test_it_still_takes_less_than_a_second_and_two_megabytes(finding: Finding, tmp_path: Path) -> None:

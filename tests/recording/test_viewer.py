@@ -58,32 +58,28 @@ def test_no_display_is_said_with_a_way_out(recorded: Path, monkeypatch: pytest.M
     assert "--web" in caught.value.hint
 
 
-def _pretend(monkeypatch: pytest.MonkeyPatch, code: str) -> list[subprocess.Popen[bytes]]:
+def test_a_viewer_that_dies_at_once_is_reported_and_one_that_stays_left_alone(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     started: list[subprocess.Popen[bytes]] = []
 
-    def start(*_: object, **__: object) -> subprocess.Popen[bytes]:
-        started.append(subprocess.Popen([sys.executable, "-c", code]))
-        return started[0]
+    def pretend(code: str) -> None:
+        def start(*_: object, **__: object) -> subprocess.Popen[bytes]:
+            started.append(subprocess.Popen([sys.executable, "-c", code]))
+            return started[-1]
+
+        monkeypatch.setattr(viewer, "_start", start)
 
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr(viewer, "_start", start)
-    return started
-
-
-def test_a_viewer_that_dies_at_once_is_reported(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    _pretend(monkeypatch, "raise SystemExit(102)")
+    pretend("raise SystemExit(102)")
     with pytest.raises(LabError, match="code 102"):
         open_viewer(recorded)
-
-
-def test_a_viewer_that_stays_is_left_alone(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(viewer, "PATIENCE", 0.3)
-    started = _pretend(monkeypatch, "import time; time.sleep(30)")
+    pretend("import time; time.sleep(30)")
     open_viewer(recorded)
-    (process,) = started
-    assert process.poll() is None
-    process.kill()
-    process.wait()
+    assert started[1].poll() is None
+    started[1].kill()
+    started[1].wait()
 
 
 @pytest.mark.parametrize(

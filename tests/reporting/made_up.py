@@ -11,11 +11,12 @@ import numpy as np
 from granite_lab.comparison.compare import compare
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Health
-from granite_lab.fitting.fit import AThetaFit, K92Fit, Law
+from granite_lab.fitting import fit_a_theta
+from granite_lab.fitting.fit import K92Fit
 from granite_lab.logs.trial import InputFile
 from granite_lab.model.run import Run
 from granite_lab.model.simulator import simulate
-from granite_lab.parameters import Variant, load_paper, load_robot, load_soil, variant_of
+from granite_lab.parameters import Variant, load_robot, load_soil, variant_of
 from granite_lab.results import Failure, Source, StudyResult, TrialResult
 from tests.fitting import made_up as virtual_trials
 from tests.truth.faults import shifted_time
@@ -27,7 +28,7 @@ ORIGIN = 102.0
 
 @cache
 def made_up_run(variant: Variant) -> Run:
-    return simulate(variant, load_robot(), load_soil(), k92=math.exp(-4.919 * variant.velocity))
+    return simulate(variant, load_robot(), load_soil(), k92=math.exp(-4.93 * variant.velocity))
 
 
 def made_up_trial(
@@ -79,22 +80,6 @@ def made_up_health(t: np.ndarray, stop: float, seed: int) -> Health:
     )  # fmt: skip
 
 
-def made_up_a_theta(results: tuple[TrialResult, ...]) -> AThetaFit:
-    fits = [r.comparison.fit for r in results]
-    points = tuple((f.trial, f.variant.velocity, f.k92, f.slip_measured) for f in fits)
-    free = {f"k92_{v:g}": Estimate(math.exp(-4.919 * v), 0.01) for v in SPEEDS}
-    line = {"b_0": Estimate(0.411, 0.006), "b_1": Estimate(-0.0174, 0.0004)}
-    exponential = {"a_theta": Estimate(4.93, 0.05)}
-    laws = (
-        Law("exponential", "k_92 = exp(-a_θ v)", exponential, {"a_theta": "s/m"}, 1, 0.011, -88.1, 0.97),
-        Law("linear_slip", "k_92 = b_0 + b_1 λ_R", line, {"b_0": "", "b_1": "1/%"}, 2, 0.013, -80.2, 0.02),
-        Law("free", "k_92 constant per speed", free, dict.fromkeys(free, ""), 4, 0.010, -77.6, 0.01),
-    )
-    return AThetaFit(
-        Estimate(4.93, 0.052), (4.816, 5.044), 4.921, 4.94, 0.03, load_paper().a_theta, True, points, laws
-    )
-
-
 def made_up_study(
     virtual: bool = True, speeds: tuple[float, ...] = SPEEDS, repetitions: int = 3
 ) -> StudyResult:
@@ -112,7 +97,8 @@ def made_up_study(
             ("soil.friction_angle", "30", "deg", "catalogue/soils/dry_sand.toml"),
         ),
     )
-    return StudyResult("made-up", results, (), made_up_a_theta(results) if len(results) > 1 else None, source)
+    a_theta = fit_a_theta([r.comparison.fit for r in results]) if len(results) > 1 else None
+    return StudyResult("made-up", results, (), a_theta, source)
 
 
 def rename(result: StudyResult, name: str) -> StudyResult:

@@ -215,18 +215,3 @@ def test_the_command_writes_the_picture_and_marks_virtual_data(tmp_path: Path) -
     drawn = (tmp_path / "log.svg").read_text()
     assert "virtual_v0.3_r1 (virtual)" in drawn
     assert "motor current" in drawn
-
-
-def test_what_cannot_be_drawn_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
-    text = tmp_path / "text.csv"
-    text.write_text("a,b\nx,y\n")
-    for given, code in (
-        ((SAMPLE, "--plot", tmp_path / "a.jpg"), 2),
-        ((SAMPLE, SAMPLE, "--plot", tmp_path / "a.png"), 2),
-        ((text, "--plot", tmp_path / "a.png"), 3),
-    ):
-        done = cli.lab("inspect", *given)
-        assert done.code == code
-        assert done.err.startswith("error: ")
-        assert "\nhint: " in done.err
-    assert list(tmp_path.iterdir()) == [text]

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from granite_lab.cli import app
 from granite_lab.errors import InputError
 from granite_lab.two_studies import ALIKE, DIFFERS, SEEN, Row, Value, compare_studies
+from tests.corpus.cli import succeeded, told
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -89,11 +88,9 @@ def test_what_is_no_report_is_refused(folder: Path, tmp_path: Path, text: str) -
 def test_the_command_writes_page_table_and_figure_and_prints_rows_or_json(
     folder: Path, changed: Callable[..., Path], tmp_path: Path
 ) -> None:
-    studies = ["compare-studies", str(folder), str(changed())]
-    shown = CliRunner().invoke(app, [*studies, "--out", str(tmp_path / "out")])
-    assert "no difference seen" in shown.output
+    studies = ("compare-studies", folder, changed())
+    assert "no difference seen" in succeeded(*studies, "--out", tmp_path / "out").out
     assert "no difference seen" in (tmp_path / "out" / "compared.md").read_text(encoding="utf-8")
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*.*")}
     assert {"compared.md", "tables/differences.csv", "figures/differences.svg"} <= written
-    plain = CliRunner().invoke(app, [*studies, "--json"])
-    assert [r["verdict"] for r in json.loads(plain.stdout)["rows"]] == [ALIKE] * 5
+    assert [r["verdict"] for r in told(*studies)["rows"]] == [ALIKE] * 5
