@@ -5,7 +5,6 @@ import inspect
 import json
 import re
 import runpy
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -79,16 +78,6 @@ def test_a_wrong_argument_is_named_with_what_was_expected(call: Callable[[], obj
     with pytest.raises(TypeError) as error:
         call()
     assert said in str(error.value)
-
-
-def test_study_stays_a_function_beside_the_module_of_its_name() -> None:
-    import granite_lab.study
-    from granite_lab.study import Written
-
-    assert inspect.isfunction(gl.study)
-    assert inspect.isfunction(granite_lab.study)
-    assert Written.__module__ in sys.modules
-    assert inspect.ismodule(sys.modules["granite_lab.study"])
 
 
 @pytest.fixture(scope="module")

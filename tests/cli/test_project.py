@@ -9,15 +9,14 @@ import pytest
 import granite_lab as gl
 from granite_lab.api.project import FILE, choose
 from tests.corpus.cli import GRANITE, SAMPLES, lab, succeeded, told
+from tests.running.processes import trials
 
 A, B = "virtual_v0.3_r1", "virtual_v0.7_r1"
 
 
 def folder_with(tmp_path: Path, text: str) -> Path:
-    folder = tmp_path / "field"
-    folder.mkdir()
-    for name in (A, B):
-        shutil.copy(SAMPLES / f"{name}.csv", folder)
+    folder = tmp_path / "logs"
+    trials(tmp_path, A, B)
     (folder / FILE).write_text(text, encoding="utf-8")
     return folder
 

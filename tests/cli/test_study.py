@@ -1,27 +1,24 @@
 """The main job as a user meets it: trials in, a report and recordings out, failures told and left out."""
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
 
 from granite_lab.effects.model_file import load_model
-from tests.corpus.cli import SAMPLES, Done, lab, succeeded, told
+from tests.corpus.cli import Done, lab, succeeded, told
+from tests.running.processes import trials
 
-LOGS = ("trials/virtual_v0.5_r2.csv", "trials/virtual_v0.7_r1.csv")
+LOGS = ("logs/virtual_v0.5_r2.csv", "logs/virtual_v0.7_r1.csv")
 
 
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
     """Two good trials of different speed and a broken one, analysed once: their folder, and what was said."""
     root = tmp_path_factory.mktemp("study")
-    (root / "trials").mkdir()
-    for name in ("virtual_v0.5_r2", "virtual_v0.7_r1"):
-        shutil.copy(SAMPLES / f"{name}.csv", root / "trials")
-    text = (SAMPLES / "virtual_v0.5_r1.csv").read_text(encoding="utf-8")
-    (root / "trials" / "broken.csv").write_text(text.replace("imu_gy_radps", "tilt"), encoding="utf-8")
-    return root, lab("study", "trials", "--out", "reports/mine", "--json", cwd=root)
+    text = (root / trials(root, "virtual_v0.5_r2", "virtual_v0.7_r1")[0]).read_text(encoding="utf-8")
+    (root / "logs" / "broken.csv").write_text(text.replace("imu_gy_radps", "tilt"), encoding="utf-8")
+    return root, lab("study", "logs", "--out", "reports/mine", "--json", cwd=root)
 
 
 @pytest.fixture
@@ -115,14 +112,14 @@ def test_an_unchanged_report_is_kept_and_an_edited_one_is_written_again(ended: t
     report = folder / "reports" / "mine"
     page, before = report / "index.html", stamps(report)
     text = page.read_bytes()
-    done = lab("study", "trials", "--out", "reports/mine", "--json", cwd=folder)
+    done = lab("study", "logs", "--out", "reports/mine", "--json", cwd=folder)
     assert json.loads(done.out) == first | {"unchanged": True}
     assert stamps(report) == before
     page.write_text("edited", encoding="utf-8")
-    done = lab("study", "trials", "--out", "reports/mine", cwd=folder)
+    done = lab("study", "logs", "--out", "reports/mine", cwd=folder)
     assert "(unchanged" not in done.out
     assert page.read_bytes() == text
-    assert "(unchanged" in lab("study", "trials", "--out", "reports/mine", cwd=folder).out
+    assert "(unchanged" in lab("study", "logs", "--out", "reports/mine", cwd=folder).out
 
 
 def stamps(folder: Path) -> dict[Path, int]:
@@ -130,12 +127,12 @@ def stamps(folder: Path) -> dict[Path, int]:
 
 
 def test_fits_leave_out_a_trial_that_fails_unless_told_otherwise(folder: Path) -> None:
-    done = succeeded("fit-k92", "trials", "--json", cwd=folder)
+    done = succeeded("fit-k92", "logs", "--json", cwd=folder)
     document = json.loads(done.out)
     assert [fit["trial"] for fit in document["fits"]] == ["virtual_v0.5_r2", "virtual_v0.7_r1"]
-    assert "trials/broken.csv" in {i["file"] for i in document["provenance"]["inputs"]}
+    assert "logs/broken.csv" in {i["file"] for i in document["provenance"]["inputs"]}
     assert "warning: broken: left out" in done.err
-    strict = lab("study", "trials", "--out", "strict", "--strict", "--no-discover", cwd=folder)
+    strict = lab("study", "logs", "--out", "strict", "--strict", "--no-discover", cwd=folder)
     assert strict.code == 3
-    assert strict.err.startswith("error: trials/broken.csv")
+    assert strict.err.startswith("error: logs/broken.csv")
     assert not (folder / "strict").exists()

@@ -144,6 +144,10 @@ EFFECTS: Cases = {
     "an expected range out of bounds": (EXAMPLE.replace("1.0, 10.0)", "1.0, 60.0)"), "prior range 1 to 60", "expected from"),
     "an unknown hook": (EXAMPLE.replace("def body_load", "def body_lod"), "'body_lod' is not a hook", "did you mean 'body_load'?"),
     "an id of the library": (EXAMPLE.replace('"head_wind"', '"ground_slope"'), "belongs to an effect of the library", "another id"),
+    **{
+        f"circles = {text}": (EXAMPLE.replace("    source =", f"    circles = {text}\n    source ="), "not a pair of parameters", "")
+        for text in ('(("force", "other"),)', '("force", "force")', "3", "((1, 2),)", '(("force", []),)', '(("force",),)')
+    },
     "an id with markup": (EXAMPLE.replace('"head_wind"', '"<script>"'), "the id is not usable", "small letters"),
 }  # fmt: skip
 

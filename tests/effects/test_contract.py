@@ -140,17 +140,6 @@ def test_an_effect_file_is_loaded_and_acts(tmp_path: Path) -> None:
     assert windy.effects == {"head_wind": {"force": 5.0}}
 
 
-@pytest.mark.parametrize(
-    "text",
-    ['(("force", "other"),)', '("force", "force")', "3", "((1, 2),)", '(("force", []),)', '(("force",),)'],
-)
-def test_circles_are_pairs_of_parameters(tmp_path: Path, text: str) -> None:
-    file = tmp_path / "my_effect.py"
-    file.write_text(EXAMPLE.replace("    source =", f"    circles = {text}\n    source ="))
-    with pytest.raises(InputError, match="not a pair of parameters"):
-        load_effects(file)
-
-
 WOUND = {
     "compliance": Estimate(2.1e-3, 1e-4), "retardation": Estimate(0.012, 0.003),
     "tread_share": Estimate(0.18, 0.05),

@@ -81,32 +81,6 @@ def test_logged_rates_are_written_as_rates_and_integrated_again(tmp_path: Path) 
     assert back.step == 0.01
 
 
-@pytest.mark.parametrize(
-    ("stem", "new", "factor"),
-    [  # all axes and wheels change together: units are judged by their sum
-        ("imu_a", "g", 1 / 9.80665),
-        ("imu_a", "mg", 1000 / 9.80665),
-        ("imu_g", "dps", 180 / np.pi),
-        ("imu_g", "degps", 180 / np.pi),
-        ("enc_", "deg", 180 / np.pi),
-        ("enc_", "rev", 1 / (2 * np.pi)),
-        ("t_", "ms", 1e3),
-        ("t_", "us", 1e6),
-        ("t_", "ns", 1e9),
-    ],
-)
-def test_the_suffix_gives_the_unit(stem: str, new: str, factor: float, tmp_path: Path) -> None:
-    hit = [name.startswith(stem) for name in make.COLUMNS]
-    names = [f"{n.rpartition('_')[0]}_{new}" if h else n for h, n in zip(hit, make.COLUMNS, strict=True)]
-    changed = make.only(
-        *make.COLUMNS,
-        change=lambda row: [repr(float(c) * factor) if h else c for h, c in zip(hit, row, strict=True)],
-    ).replace(make.HEADER, ",".join(names))
-    a, b = make.read(tmp_path, make.text()), make.read(tmp_path, changed)
-    make.same(b, a, rtol=1e-12, atol=1e-12)
-    assert b.warnings == a.warnings
-
-
 def test_currents_in_milliamperes_and_rates_in_turns_a_minute(tmp_path: Path) -> None:
     rows = [f"{0.02 * k},{1000 + k},{60},{60},{60},{30 + k}" for k in range(50)]
     head = '# robot = "granite"\nt_s,cur_fl_mA,enc_fl_rpm,enc_fr_rpm,enc_rl_rpm,enc_rr_rpm\n'

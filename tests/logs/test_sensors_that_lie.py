@@ -20,7 +20,7 @@ GOOD = pd.read_csv(SAMPLE, comment="#")
 FORCE, RATE, ANGLES = make.IMU[:3], make.IMU[3:], make.WHEELS
 CURRENTS = [f"cur_{wheel}_A" for wheel in ("fl", "fr", "rl", "rr")]
 DEG, G = 180 / np.pi, 9.80665
-Change = Callable[[pd.DataFrame], None]
+Change = Callable[[pd.DataFrame], pd.DataFrame | None]
 
 
 def changed(folder: Path, change: Change) -> Trial:
@@ -69,6 +69,20 @@ WRONG = {
     "mA as A": ("cur", 1e3, None, "in mA"),
     "rev as rad": ("enc", 1 / (2 * np.pi), None, "declared in rad, .* they are in rev"),
 }
+
+
+RIGHT = [  # all axes and wheels change together: units are judged by their sum
+    ("imu_a", 1 / G, "g"), ("imu_a", 1000 / G, "mg"), ("imu_g", DEG, "dps"), ("imu_g", DEG, "degps"),
+    ("enc_", DEG, "deg"), ("enc_", 1 / (2 * np.pi), "rev"), ("t_", 1e3, "ms"), ("t_", 1e6, "us"),
+    ("t_", 1e9, "ns"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("how", RIGHT, ids=str)
+def test_the_suffix_gives_the_unit(how: tuple[str, float, str], tmp_path: Path) -> None:
+    other = changed(tmp_path, lambda table: make.converted(table, *how))
+    make.same(read_trial(SAMPLE), other, rtol=1e-9, atol=1e-9)
+    assert other.warnings == ()
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.3, 0.5, 0.7])

@@ -12,12 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import welch
 
-from granite_lab.effects import get
 from granite_lab.errors import InputError
-from granite_lab.model import Accuracy, Run, command, simulate, simulator
-from granite_lab.model.effect import activate
-from granite_lab.model.simulator import integrate
-from granite_lab.model.symbols import model_parameters
+from granite_lab.model import Accuracy, Run, command, simulate
 from granite_lab.model.virtual import Scatter, rake, virtual_trial
 from granite_lab.parameters import (
     GRAVITY,
@@ -58,27 +54,6 @@ def test_a_robot_without_chassis_cannot_be_simulated() -> None:
     bare = dataclasses.replace(ROBOT, chassis=None)
     with pytest.raises(InputError, match=r"no \[chassis\] table"):
         simulate(variant_of(0.3), bare, SOIL)
-
-
-def test_a_motion_is_integrated_once_for_sensors_with_faults(monkeypatch: pytest.MonkeyPatch) -> None:
-    p = model_parameters(ROBOT, SOIL, load_variants()[3], a_theta=load_paper().a_theta)
-    looked = 0
-
-    def evaluated(*args: object) -> object:
-        nonlocal looked
-        looked += 1
-        return rest(*args)
-
-    rest = simulator._rest_state
-    monkeypatch.setattr(simulator, "_rest_state", evaluated)
-    simulator._remembered.cache_clear()  # another test may have looked at this motion
-    for _ in range(2):
-        integrate(p)
-    assert looked == 2
-    tilted = [integrate(p, [activate(get("imu_tilt"), {"tilt": tilt})]) for tilt in (1.0, 2.0)]
-    assert looked == 3
-    assert (tilted[0]["v_mps"] == tilted[1]["v_mps"]).all()
-    assert (tilted[0]["imu_ax_mps2"] != tilted[1]["imu_ax_mps2"]).any()
 
 
 Array = npt.NDArray[np.float64]

@@ -113,9 +113,11 @@ np.savez("out.npz", **{f"{w}{i}": np.zeros(0) if x is None else x
         assert found["here6"].shape[0] == len(SIGNALS)
 
 
-def test_the_same_report_although_a_worker_dies(cluster: Cluster, tmp_path: Path) -> None:
-    logs = trials(tmp_path, *NAMES)
-    here = begin(tmp_path, "study", *logs, "--out", "here/r", "--no-recordings", "--no-cache", SEARCH)
+def test_the_same_report_although_a_worker_dies_and_a_log_is_broken(cluster: Cluster, tmp_path: Path) -> None:
+    good = (tmp_path / trials(tmp_path, *NAMES)[0]).read_text(encoding="utf-8")
+    broken = tmp_path / "logs" / "broken.csv"
+    broken.write_text(good.replace("imu_gy_radps", "tilt"), encoding="utf-8")
+    here = begin(tmp_path, "study", "logs", "--out", "here/r", "--no-recordings", "--no-cache", SEARCH)
     _, errors = here.communicate()
     assert here.returncode == 0, errors
 
@@ -132,20 +134,8 @@ def test_the_same_report_although_a_worker_dies(cluster: Cluster, tmp_path: Path
     _, errors = run.communicate(timeout=600)
     assert run.returncode == 0, errors
     assert len(list(cache.glob("*/*.bin"))) >= len(NAMES)
+    assert "broken: left out" in errors
     assert results(tmp_path / "there" / "r") == results(tmp_path / "here" / "r")
-
-
-def test_a_broken_log_is_left_out_on_a_cluster_too(cluster: Cluster, tmp_path: Path) -> None:
-    good, bad = trials(tmp_path, *NAMES[:2])
-    path = tmp_path / bad
-    path.write_text(path.read_text(encoding="utf-8").replace("imu_gy_radps", "tilt"), encoding="utf-8")
-    run = begin(
-        tmp_path, "fit-k92", good, bad, "--scheduler", cluster.address, cache=tmp_path / "cache"
-    )  # fmt: skip
-    output, errors = run.communicate()
-    assert run.returncode == 0, errors
-    assert "imu_gy" in errors
-    assert "virtual_v0.2_r1" in output
 
 
 def test_a_worker_that_cannot_see_the_folder_says_so(tmp_path: Path) -> None:

@@ -163,22 +163,9 @@ def test_the_report_of_a_study_knows_the_user_s_own_effects(
     assert known == ["head_wind", "tyre_windup"]
 
 
-def test_what_fails_is_one_line_that_names_the_traceback(tmp_path: Path) -> None:
-    guard = Guard(tmp_path)
-    assert guard.run("first", lambda: 3) == 3
-    assert guard.run("second", broken) is None
-    assert guard.run("third", lambda: 4) == 4
-    assert guard.lines == [
-        f"second: ValueError: mean of an empty slice; the traceback is in {tmp_path / 'failure-second.txt'}"
-    ]
-    assert "in broken" in (tmp_path / "failure-second.txt").read_text(encoding="utf-8")
-    with pytest.raises(LabError, match="second: ValueError"):
-        tell(guard.lines)
-    Guard(tmp_path).run("second", lambda: 5)
-    assert not (tmp_path / "failure-second.txt").exists()  # it was mended
-
-
-def test_known_trouble_needs_no_traceback_and_an_interruption_is_none_of_it(tmp_path: Path) -> None:
+def test_what_fails_is_one_line_with_a_traceback_unless_known_or_an_interruption(
+    tmp_path: Path,
+) -> None:
     def full() -> None:
         raise LabError("x: cannot be written", "free some space")
 
@@ -191,6 +178,18 @@ def test_known_trouble_needs_no_traceback_and_an_interruption_is_none_of_it(tmp_
     assert not list(tmp_path.iterdir())
     with pytest.raises(KeyboardInterrupt):
         guard.run("report", stop)
+    guard = Guard(tmp_path)
+    assert guard.run("first", lambda: 3) == 3
+    assert guard.run("second", broken) is None
+    assert guard.run("third", lambda: 4) == 4
+    assert guard.lines == [
+        f"second: ValueError: mean of an empty slice; the traceback is in {tmp_path / 'failure-second.txt'}"
+    ]
+    assert "in broken" in (tmp_path / "failure-second.txt").read_text(encoding="utf-8")
+    with pytest.raises(LabError, match="second: ValueError"):
+        tell(guard.lines)
+    Guard(tmp_path).run("second", lambda: 5)
+    assert not (tmp_path / "failure-second.txt").exists()  # it was mended
 
 
 @pytest.mark.parametrize("part", list(PARTS))
