@@ -149,6 +149,11 @@ def test_what_a_command_prints_and_writes_is_what_the_function_returns(
     assert list(gl.fit_a_theta(list(fits)).to_frame()["k92"]) == list(fits.to_frame()["k92"])
     assert len(fits[:1].to_frame()) == 1
 
+    printed = told("wheel", "--slip", 0.2, "--sinkage", 12, "--k92", 0.4)
+    wheel = gl.wheel(0.2, sinkage=0.012, k92=0.4)
+    assert printed["points"] == [pytest.approx(row) for row in wheel.to_frame().to_dict("records")]
+    assert printed["wheel"]["radius"] == 0.0965
+
     rows = told("params")["parameters"]
     assert list(gl.params().to_frame()["value"]) == [row["value"] for row in rows]
 
@@ -274,9 +279,6 @@ def test_the_example_script_goes_from_logs_to_a_report(
     assert "a_θ = " in said.out
     assert "virtual_v0.3_r1: slip ratio" in said.out
     assert said.err == ""
-
-
-def test_the_example_script_ends_known_trouble_in_two_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", [SCRIPT, "none.csv"])
     with pytest.raises(SystemExit, match=r"^error: [^\n]+\nhint: [^\n]+$"):
         runpy.run_path(SCRIPT, run_name="__main__")

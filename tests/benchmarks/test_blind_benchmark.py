@@ -130,18 +130,14 @@ def test_the_figures_count_each_kind_by_its_own_rule() -> None:
         line("pair", "a+b", right=False, outcome="partial", parameters=[]),
         line("old", status="crashed", outcome="crashed", right=False, verdict=None, parameters=None),
     ]
+    twins = [{"id": "imu_tilt", "indistinguishable_from": ["payload_mass"]}]
+    assert wrong_single(line(**wrong))
+    assert not wrong_single(line(**wrong | {"effects": twins}))
     found = {name: (text.split(" = ")[0], met) for name, text, _, met in figures(lines)}
     assert list(found.values()) == [
         ("0/1", False), ("1/2", False), ("1/9", False), ("1/2", False), ("1/1", True), ("0/1", False),
         ("0/1", False), ("2/7", False), ("1/1", False), ("1/9", False),
     ]  # fmt: skip
-
-
-def test_a_set_of_twins_is_no_wrong_single_name() -> None:
-    twins = [{"id": "imu_tilt", "indistinguishable_from": ["payload_mass"]}]
-    assert not wrong_single(line(outcome="wrong_name", right=False, effects=twins))
-    alone = [{"id": "imu_tilt", "indistinguishable_from": []}]
-    assert wrong_single(line(outcome="wrong_name", right=False, effects=alone))
 
 
 def test_the_page_shows_one_code_and_what_went_wrong_by_kind() -> None:

@@ -40,20 +40,16 @@ def test_errors_as_large_as_stated_give_unit_nees_and_normal_coverage() -> None:
     assert s.white == pytest.approx((0.1, 0.0, -0.1))
 
 
-def test_refused_trials_are_counted_and_do_not_enter() -> None:
+def test_refused_trials_are_counted_and_do_not_enter_nor_does_an_unobservable_offset() -> None:
+    seen, unseen = made_up(0.002, 0.001), Score(v_square=0, distance=0, slip=0, offset=0.7)
+    both = summarise([seen, unseen])
+    assert (both.observable, both.offset_rmse) == (0.5, pytest.approx(0.002))
     s = summarise([made_up(0.001, 0.001), Score(refused="no standstill")])
     assert (s.trials, s.refused) == (2, 1)
     assert s.v_rmse == pytest.approx(0.001)
     nothing = summarise([Score(refused="no standstill")])
     assert math.isnan(nothing.nees)
     assert cell_row(Cell("industrial", 8.0, 0.3), nothing)["refused"] == 1
-
-
-def test_an_unobservable_offset_is_left_out() -> None:
-    seen, unseen = made_up(0.002, 0.001), Score(v_square=0, distance=0, slip=0, offset=0.7)
-    s = summarise([seen, unseen])
-    assert s.observable == 0.5
-    assert s.offset_rmse == pytest.approx(0.002)
 
 
 def test_figures_outside_the_aim_are_named() -> None:

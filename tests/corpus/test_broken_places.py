@@ -213,9 +213,7 @@ def test_a_name_is_text_on_the_terminal_in_a_message_and_in_json(kind: str, tmp_
 
 
 @pytest.mark.parametrize("kind", sorted({*NAMES} - {"not a character"}))
-def test_a_name_within_a_log_is_text_through_a_map_in_metadata_and_in_a_message(
-    kind: str, tmp_path: Path
-) -> None:
+def test_a_name_within_a_log_is_text_in_map_metadata_and_message(kind: str, tmp_path: Path) -> None:
     header, _, rows = LOG.partition("\n")
     name = '"' + NAMES[kind].replace('"', '""').replace("\n", " ") + '"'
     log, own = tmp_path / "log.csv", tmp_path / "map.toml"

@@ -218,19 +218,14 @@ def test_no_file_of_a_set_names_what_is_hidden(folder: Path) -> None:
     assert not any("seed" in line for line in heads.pop())
 
 
-def test_the_same_seed_gives_the_same_bytes_in_any_number_of_processes(folder: Path, tmp_path: Path) -> None:
+def test_a_seed_gives_the_same_bytes_which_nothing_overwrites_unasked(folder: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     assert command(*HIDE, "--out", again, "--jobs", 2).code == 0
     files = sorted(file.name for file in folder.iterdir())
     assert files == sorted(file.name for file in again.iterdir())
+    assert command("hide", "--effect", "none", "--out", folder, "--quiet").code == 2
     for name in files:
         assert (folder / name).read_bytes() == (again / name).read_bytes()
-
-
-def test_a_set_is_not_overwritten_unasked(folder: Path) -> None:
-    before = (folder / "sealed.bin").read_bytes()
-    assert command("hide", "--effect", "none", "--out", folder, "--quiet").code == 2
-    assert (folder / "sealed.bin").read_bytes() == before
 
 
 @lru_cache
@@ -241,14 +236,11 @@ def labs() -> tuple[Lab, ...]:
 def test_a_seed_is_one_laboratory_and_another_seed_is_another() -> None:
     assert wild(3, load_robot(), load_soil()) == labs()[3]
     assert len({lab.late for lab in labs()}) == len(labs())
+    filed = bench(load_robot(), load_soil())  # where all is as filed
+    assert (filed.robot, filed.soil) == (filed.filed, filed.filed_soil) == (load_robot(), load_soil())
+    assert (filed.files(), filed.radius, filed.drawn) == ({}, 0.0, {})
     with pytest.raises(UsageError, match="unknown laboratory 'wlid'"):
         lab_of("wlid", 0, load_robot(), load_soil())
-
-
-def test_on_the_bench_all_is_as_filed() -> None:
-    lab = bench(load_robot(), load_soil())
-    assert (lab.robot, lab.soil) == (lab.filed, lab.filed_soil) == (load_robot(), load_soil())
-    assert (lab.files(), lab.radius, lab.drawn) == ({}, 0.0, {})
 
 
 def test_loggers_fill_the_ranges_that_are_documented() -> None:

@@ -36,7 +36,7 @@ def test_a_bag_gives_the_trial_of_the_csv(kind: str, trial: Trial, tmp_path: Pat
 
 
 @pytest.mark.parametrize("bag", [Bag("ros2", epoch=EPOCH), Bag("ros1", stamped=False)])
-def test_stamps_since_1970_keep_nanoseconds_and_where_there_are_none_arrival_counts(
+def test_stamps_keep_their_nanoseconds_and_without_them_arrival_counts(
     bag: Bag, trial: Trial, tmp_path: Path
 ) -> None:
     got = read_trial(bag.write(tmp_path, "late", bag.trial(trial)))

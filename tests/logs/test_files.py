@@ -1,6 +1,5 @@
 """Files are written whole or not at all, tables as pandas writes them, to the letter."""
 
-import hashlib
 import os
 from pathlib import Path
 
@@ -9,8 +8,8 @@ import pandas as pd
 import pytest
 
 from granite_lab.csv_rows import BLOCK, DIGITS
-from granite_lab.errors import InputError, LabError
-from granite_lab.files import sha256, write_bytes, write_table, write_text, writing
+from granite_lab.errors import LabError
+from granite_lab.files import write_bytes, write_table, write_text, writing
 
 
 @pytest.mark.parametrize("trouble", [RuntimeError, KeyboardInterrupt])
@@ -55,14 +54,6 @@ def test_a_long_name_is_no_trouble_but_a_too_long_one_is_said(tmp_path: Path) ->
     with pytest.raises(LabError, match="file name is too long") as caught:
         write_text(tmp_path / ("a" * 300), "x")
     assert caught.value.exit_code == 1
-
-
-def test_the_hash_is_sha256(tmp_path: Path) -> None:
-    path = tmp_path / "a"
-    path.write_bytes(b"granite" * 100_000)
-    assert sha256(path) == hashlib.sha256(b"granite" * 100_000).hexdigest()
-    with pytest.raises(InputError, match="does not exist"):
-        sha256(tmp_path / "b")
 
 
 ROWS = 2 * BLOCK + 1

@@ -107,12 +107,6 @@ def test_columns_that_look_like_a_sensor_are_not_passed_over_in_silence(tmp_path
     assert "imu.csv: left_encoder: look like wheels, which layout 'plain_imu'" in said[0]
 
 
-def test_a_vesc_gives_wheels_and_a_share_of_the_current(tmp_path: Path) -> None:
-    trial = read(tmp_path, *IMUS["VESC"][:2])
-    np.testing.assert_array_equal(trial.currents.current, 2.0)
-    assert trial.wheels.rate is not None
-
-
 def test_phones_write_one_file_a_sensor(tmp_path: Path) -> None:
     header = "time,seconds_elapsed,z,y,x"
     gyro = make.written(tmp_path, table(header, "{ns},{t},{gz},{gy},{gx}"), "Gyroscope.csv")
@@ -146,7 +140,7 @@ def test_phyphox_with_sensors_on_different_stamps(tmp_path: Path) -> None:
     assert any("interpolated" in line for line in trial.warnings)
 
 
-def test_a_rover_with_numbered_wheels(tmp_path: Path) -> None:
+def test_wheels_of_a_rover_a_vesc_and_rostopic(tmp_path: Path) -> None:
     header = "timestamp," + ",".join(f"enc{i}_rad" for i in range(1, 5))
     header += "," + ",".join(f"vel{i}_rad_s" for i in range(1, 5))
     header += "," + ",".join(f"current{i}" for i in range(1, 5))
@@ -155,14 +149,11 @@ def test_a_rover_with_numbered_wheels(tmp_path: Path) -> None:
     assert trial.wheels.rate is None
     np.testing.assert_allclose(trial.wheels.angle[:, 0], 0.05 * np.arange(N))
     np.testing.assert_array_equal(trial.currents.current[0], [0.1, 0.2, 0.3, 0.4])
-
-
-def test_rostopic_odometry_gives_the_wheels_speed(tmp_path: Path) -> None:
-    trial = read(
-        tmp_path, "odom.csv", table("%time,field.header.stamp,field.twist.twist.linear.x", "{ns},{ns},0.33"),
-        robot="husky",
-    )  # fmt: skip
-    np.testing.assert_allclose(trial.wheels.rate, 2.0)
+    trial = read(tmp_path, *IMUS["VESC"][:2])
+    np.testing.assert_array_equal(trial.currents.current, 2.0)  # a share of the battery's
+    assert trial.wheels.rate is not None
+    odometry = table("%time,field.header.stamp,field.twist.twist.linear.x", "{ns},{ns},0.33")
+    np.testing.assert_allclose(read(tmp_path, "odom.csv", odometry, robot="husky").wheels.rate, 2.0)
 
 
 def test_a_clock_of_the_day_goes_past_midnight(tmp_path: Path) -> None:

@@ -198,13 +198,10 @@ def test_a_broken_log_is_refused_in_one_line_and_can_be_inspected(name: str, tmp
     assert report.problem or report.doubts
 
 
-def test_files_of_different_clocks(tmp_path: Path) -> None:
+def test_files_of_different_clocks_and_of_other_sensors(tmp_path: Path) -> None:
     later = make.only("t_s", *make.WHEELS, change=lambda row: [f"{float(row[0]) + 1e6}", *row[1:]])
     with pytest.raises(InputError, match="have no time in common"):
         make.read(tmp_path, make.only("t_s", *make.IMU), encoders=make.written(tmp_path, later, "enc.csv"))
-
-
-def test_a_file_given_for_what_it_does_not_hold(tmp_path: Path) -> None:
     other = make.written(tmp_path, make.only("t_s", *make.IMU), "b.csv")
     with pytest.raises(InputError, match="given as --encoders, but nothing in it is of that kind"):
         make.read(tmp_path, TEXT, encoders=other)
@@ -230,39 +227,33 @@ CELLS = [
     *(b"'", b'"', b'""', b"#", b",", b";", b"\t", b"\r", b"\n", b"\x00", b"\xff\xfe", b"# a = 1"),
 ]
 cells = st.sampled_from(CELLS)
+rows, places = st.integers(0, len(ROWS_OF_BYTES) - 1), st.integers(0, len(GOOD))
 damage = st.one_of(
-    st.tuples(st.just("cell"), st.integers(0, len(ROWS_OF_BYTES) - 1), st.integers(0, 10), cells),
-    st.tuples(st.just("bytes"), st.integers(0, len(GOOD)), st.just(0), st.binary(max_size=20)),
-    st.tuples(st.just("cut"), st.integers(0, len(GOOD)), st.integers(0, len(GOOD)), st.just(b"")),
-    st.tuples(
-        st.just("swap"),
-        st.integers(0, len(ROWS_OF_BYTES) - 1),
-        st.integers(0, len(ROWS_OF_BYTES) - 1),
-        st.just(b""),
-    ),
-    st.tuples(st.just("line"), st.integers(0, len(ROWS_OF_BYTES) - 1), st.just(0), st.binary(max_size=40)),
+    st.tuples(st.just("cell"), rows, st.integers(0, 10), cells),
+    st.tuples(st.just("swap"), rows, rows, st.just(b"")),
+    st.tuples(st.just("line"), rows, st.just(0), st.binary(max_size=40)),
+    st.tuples(st.just("bytes"), places, st.none(), st.binary(max_size=20)),
+    st.tuples(st.just("bytes"), places, places, st.just(b"")),  # cut out
 )
 
 
-def damaged(steps: list[tuple[str, int, int, bytes]]) -> bytes:
+def damaged(steps: list[tuple[str, int, int | None, bytes]]) -> bytes:
     """Apply some damage to the good log."""
     content = GOOD
-    for kind, a, b, text in steps:
+    for kind, a, other, text in steps:
+        lines, b = content.split(b"\n"), a if other is None else other
         if kind == "bytes":
-            content = content[:a] + text + content[a:]
-        elif kind == "cut":
-            content = content[: min(a, b)] + content[max(a, b) :]
-        else:
-            lines = content.split(b"\n")
-            if a < len(lines) and kind == "line":
-                lines.insert(a, text)
-            elif max(a, b) < len(lines) and kind == "swap":
-                lines[a], lines[b] = lines[b], lines[a]
-            elif a < len(lines) and kind == "cell":
-                row = lines[a].split(b",")
-                row[min(b, len(row) - 1)] = text
-                lines[a] = b",".join(row)
-            content = b"\n".join(lines)
+            content = content[: min(a, b)] + text + content[max(a, b) :]
+            continue
+        if kind == "line":
+            lines.insert(a, text)
+        elif kind == "swap" and max(a, b) < len(lines):
+            lines[a], lines[b] = lines[b], lines[a]
+        elif kind == "cell" and a < len(lines):
+            row = lines[a].split(b",")
+            row[min(b, len(row) - 1)] = text
+            lines[a] = b",".join(row)
+        content = b"\n".join(lines)
     return content
 
 
@@ -298,7 +289,7 @@ numbers = st.floats(allow_nan=True, width=32) | st.none()
 
 @given(steps=st.lists(damage, min_size=1, max_size=4))
 @many
-def test_a_damaged_log(steps: list[tuple[str, int, int, bytes]], tmp_path: Path) -> None:
+def test_a_damaged_log(steps: list[tuple[str, int, int | None, bytes]], tmp_path: Path) -> None:
     check(make.written(tmp_path, damaged(steps)))
 
 

@@ -172,16 +172,6 @@ def test_front_and_rear_exchange_with_the_centre_of_mass_mirrored(number: int) -
     assert there[2] == pytest.approx(-here[2], rel=1e-6, abs=1e-12)  # pitch
 
 
-def test_as_k92_goes_to_one_the_run_goes_to_that_at_one() -> None:
-    def slip(k92: float) -> float:
-        return simulate(variant_of(0.5), ROBOT, SOIL, k92=k92, accuracy=Accuracy(1e-8, 1e-10)).slip_ratio
-
-    limit = slip(1.0)
-    gaps = [abs(slip(1 - e) - limit) for e in (0.04, 0.02, 0.01)]
-    for smaller, larger in zip(gaps[1:], gaps[:-1], strict=True):
-        assert 0 < smaller < larger / 2
-
-
 def test_on_hard_ground_sinkage_and_slip_vanish_together() -> None:
     """The same load on moduli 10 and 100 times as high: W ~ k z^(n + 1/2) gives the sinkage."""
     hard = [dataclasses.replace(SOIL, frictional_modulus=m, cohesive_modulus=0.0) for m in (1e7, 1e8, 1e9)]

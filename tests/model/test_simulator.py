@@ -195,13 +195,6 @@ def run() -> Run:
     return simulate(variant_of(0.5), load_robot(), load_soil(), accuracy=Accuracy(1e-6, 1e-8, 0.0025))
 
 
-def test_the_same_seed_gives_the_same_log_and_another_seed_another(run: Run) -> None:
-    a, b, c = (virtual_trial(run, seed, "x")[0] for seed in (1, 1, 2))
-    assert a.info.virtual
-    np.testing.assert_array_equal(a.imu.specific_force, b.imu.specific_force)
-    assert np.abs(a.imu.specific_force[:100] - c.imu.specific_force[:100]).max() > 1e-3
-
-
 def test_without_errors_the_sensors_read_the_model(run: Run) -> None:
     ideal = dataclasses.replace(run, robot=quiet(run.robot))
     trial, truth = virtual_trial(ideal, 3, "x")

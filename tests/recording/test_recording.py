@@ -37,9 +37,7 @@ def test_reruns_verifier_accepts_one_timeline_over_the_log(
     assert (t.min(), t.max()) == pytest.approx((logged.min(), logged.max()), abs=1e-9)
 
 
-def test_lines_and_bands_are_the_estimates_and_the_runs_sample_by_sample(
-    trial: TrialResult, back: ReadBack
-) -> None:
+def test_lines_and_bands_are_those_of_estimate_and_run(trial: TrialResult, back: ReadBack) -> None:
     motion, run, c = trial.comparison.motion, trial.comparison.run, trial.comparison
     pairs = {k: np.column_stack([c.simulated[f"{k}_f"], c.simulated[f"{k}_r"]]) for k in ("torque", "slip")}
     torque = pairs["torque"] - np.column_stack([c.measured["torque_f"], c.measured["torque_r"]])
@@ -114,9 +112,7 @@ def test_every_line_names_its_unit(back: ReadBack) -> None:
     assert units["/pitch_rate/measured"] == ["°/s"]
 
 
-def test_the_measured_robot_is_where_the_estimate_says_its_wheels_turned_as_the_encoders(
-    trial: TrialResult, back: ReadBack
-) -> None:
+def test_the_measured_robot_and_its_wheels_are_as_estimated(trial: TrialResult, back: ReadBack) -> None:
     c = trial.comparison
     t = back.t("/scene/measured")
     x, y, z = back.values("/scene/measured", "Transform3D:translation")[:, 0].T
@@ -305,9 +301,7 @@ def test_hostile_names_stay_names(tmp_path: Path) -> None:
         np.testing.assert_array_equal(back.scalars(f"{root}{line}"), trials[0].comparison.motion.v[::2])
 
 
-def test_a_study_lays_its_trials_with_what_was_found_over_each_other_on_one_clock(
-    tmp_path: Path, finding: Finding
-) -> None:
+def test_a_study_lays_its_trials_over_each_other_on_one_clock(tmp_path: Path, finding: Finding) -> None:
     study = made_up_study(speeds=(0.2, 0.7), repetitions=2)
     path = record_study(study, tmp_path / "study.rrd", finding=finding)
     assert "1 file verified" in verify(path)

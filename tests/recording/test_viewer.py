@@ -58,9 +58,7 @@ def test_no_display_is_said_with_a_way_out(recorded: Path, monkeypatch: pytest.M
     assert "--web" in caught.value.hint
 
 
-def test_a_viewer_that_dies_at_once_is_reported_and_one_that_stays_left_alone(
-    recorded: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_viewer_that_dies_at_once_is_reported(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[subprocess.Popen[bytes]] = []
 
     def pretend(code: str) -> None:

@@ -173,7 +173,9 @@ def test_a_quantity_is_judged_by_noise_and_largest_value(normalised: float, rms:
     assert judged.verdict == verdict
 
 
-def test_the_worst_phase_is_the_one_furthest_beyond_its_noise() -> None:
+def test_the_worst_phase_is_the_furthest_beyond_its_noise_and_slip_differs_by_points() -> None:
+    (judged,) = channels_of({("slip_f", "all"): Gap("slip_f", "-", "all", 0.15, 0.0, 0.3, 28.0, 0.5, 3)})
+    assert (judged.rms, judged.unit) == (15.0, "points")
     phases = {"all": 99.0, "brake": 2.0, "steady": 9.0, "rest": NAN}
     (judged,) = channels_of({("velocity", p): gap(x, phase=p) for p, x in phases.items()})
     assert judged.worst == "in steady motion"
@@ -194,12 +196,6 @@ def test_stamps_that_come_late_are_said_to_be_late() -> None:
     at = next(k for k, c in enumerate(table.columns) if c.title == "wheel stamps late [ms]")
     assert table.rows[0][at].text == "−12.3 ± 1.1"
     assert table.rows[0][at].raw == (-0.0123, 0.0011)
-
-
-def test_a_difference_of_slip_ratios_is_in_points() -> None:
-    whole = Gap("slip_f", "-", "all", 0.15, 0.0, 0.3, 28.0, 0.5, 3)
-    (judged,) = channels_of({("slip_f", "all"): whole})
-    assert (judged.rms, judged.unit) == (15.0, "points")
 
 
 @pytest.mark.parametrize(
@@ -296,15 +292,12 @@ def test_tables_fit_eighty_columns_and_are_marked_where_virtual(name: str, study
     assert ("virtual" in text) is (name not in ("a_theta", "parameters"))
 
 
-def test_colours_appear_on_a_terminal(study: StudyResult) -> None:
-    for name, colour in (("misfits", 31), ("finding named", 32)):
-        assert f"\x1b[{colour}m" in printed(study, name, colours=True)
-
-
-def test_notes_and_trials_left_out_stand_beside_the_answers(study: StudyResult) -> None:
+def test_notes_and_trials_left_out_stand_beside_the_answers_in_colours(study: StudyResult) -> None:
     text = " ".join(printed(study, "finding named").replace("\u00a0", " ").split())
     for needed in ("pressure 0.300 ± 0.004 97 %", "left out: crashed: no model fits it", "note: One thing"):
         assert needed in text
+    for name, colour in (("misfits", 31), ("finding named", 32)):
+        assert f"\x1b[{colour}m" in printed(study, name, colours=True)
 
 
 def test_names_from_logs_cannot_steer_the_terminal() -> None:

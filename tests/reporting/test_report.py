@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,6 +22,7 @@ from granite_lab.reporting.json_report import to_json
 from granite_lab.reporting.report import study_report
 from granite_lab.results import Failure, Source, StudyResult, command_of
 from tests.corpus.cli import strict
+from tests.fitting.made_up import HEALTHY
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
@@ -205,24 +207,21 @@ def test_what_could_not_be_had_is_a_dash_and_null(tmp_path: Path) -> None:
     """A log without IMU, currents or a usable fit still ends in a report."""
     study = made_up_study(speeds=(0.5,), repetitions=1)
     r = study.trials[0]
-    c, m, nothing = r.comparison, r.comparison.motion, np.full(len(r.comparison.t), math.nan)
-    lost = ("velocity", "torque_f", "torque_r", "pitch", "accel", "pitch_rate", "slip_f", "slip_r")
-    health = dataclasses.replace(
-        m.health, t=np.empty(0), kind=(), innovation=np.empty(0), innovation_std=np.empty(0), nis={},
-        rests=(), accel_bias=nothing, accel_bias_std=nothing, gyro_bias=nothing, gyro_bias_std=nothing,
-        good=False,
-    )  # fmt: skip
-    motion = dataclasses.replace(
-        m, v=nothing, v_std=nothing, pitch=nothing, slip_ratio=Estimate(math.nan),
-        clock_offset=Estimate(math.nan), health=health,
-    )  # fmt: skip
-    fit = dataclasses.replace(
-        c.fit, k92=Estimate(math.nan), k92_trajectory=Estimate(math.nan), slip_measured=Estimate(math.nan),
-        slip_simulated=math.nan, status="not_evaluated", status_trajectory="not_evaluated",
-    )  # fmt: skip
-    comparison = dataclasses.replace(
-        c, motion=motion, fit=fit, measured=c.measured | dict.fromkeys(lost, nothing), misfits=()
-    )
+    c, nothing = r.comparison, np.full(len(r.comparison.t), math.nan)
+
+    def lost(record: Any, *names: str, **others: Any) -> Any:
+        unknown = Estimate(math.nan)
+        known = {name: getattr(record, name) for name in names}
+        gone = {name: unknown if isinstance(x, Estimate) else nothing for name, x in known.items()}
+        return dataclasses.replace(record, **gone, **others)
+
+    biases = [f"{sensor}_bias{std}" for sensor in ("accel", "gyro") for std in ("", "_std")]
+    health = lost(HEALTHY, *biases, good=False)
+    motion = lost(c.motion, "v", "v_std", "pitch", "slip_ratio", "clock_offset", health=health)
+    status = dict.fromkeys(("status", "status_trajectory"), "not_evaluated")
+    fit = lost(c.fit, "k92", "k92_trajectory", "slip_measured", slip_simulated=math.nan, **status)
+    measured = {name: values if name.startswith("wheel") else nothing for name, values in c.measured.items()}
+    comparison = dataclasses.replace(c, motion=motion, fit=fit, measured=measured, misfits=())
     trials = (dataclasses.replace(r, comparison=comparison),)
     folder = tmp_path / "poor"
     write_report(dataclasses.replace(study, trials=trials, a_theta=None), folder)

@@ -94,23 +94,22 @@ def random_body(
     *,
     velocity: float,
     acceleration: float,
-    duration: float,
-    still: tuple[float, float],
-    slip: float | None,
-    wobble: float,
-    radius: float,
     mass: float,
+    duration: float = 8.0,
+    still: tuple[float, float] = (2.0, 2.0),
+    slip: float | None = None,
+    wobble: float = 1.0,
 ) -> Body:
     """Draw a motion.
 
     Args:
         rng: source of all randomness.
         velocity, acceleration: of the desired trapezoid [m/s], [m/s^2].
+        mass: of the robot [kg].
         duration: from the command's start to its end [s].
         still: rest before the command and after it [s].
         slip: mean slip ratio; drawn around the published one when None.
-        wobble: factor on roll and yaw.
-        radius, mass: of wheel [m] and robot [kg].
+        wobble: factor on the side motion: roll of 0.25-0.3 deg, yaw rate of 0.5 deg/s (std).
     """
     command = Trapezoid(velocity, acceleration, velocity * (duration - velocity / acceleration))
     n = round((still[0] + duration + still[1]) / DT) + 1
@@ -282,41 +281,35 @@ def generate(
     seed: int,
     *,
     velocity: float = 0.3,
-    duration: float = 8.0,
     grade: str = "industrial",
     robot: Robot | None = None,
-    still: tuple[float, float] = (2.0, 2.0),
-    slip: float | None = None,
-    wobble: float = 1.0,
     clock_offset: float = 0.0,
     scale_error: float | None = None,
     reference: bool = False,
+    **motion: Any,
 ) -> TruthTrial:
     """Draw a trial. The motion depends on the seed and the motion's arguments alone, not on the sensors.
 
     Args:
         seed: of everything random.
         velocity: of the command [m/s]; its acceleration is that of Table 2.
-        duration: of the command [s].
         grade: of the IMU.
         robot: the sample robot with an IMU of the grade by default.
-        still: rest before and after the command [s].
-        slip: mean slip ratio; around the published one by default.
-        wobble: factor on the side motion: roll of 0.25-0.3 deg, yaw rate of 0.5 deg/s (std).
         clock_offset: by which the encoders' stamps lie behind the IMU's [s].
         scale_error: std of the scale error of each IMU axis; by default that of the grade.
         reference: log the truth as an external reference too.
+        motion: duration, still, slip and wobble as for `random_body`.
     """
     rig = robot or load_robot("granite", grade)
     acceleration = float(np.interp(velocity, list(ACCELERATION), list(ACCELERATION.values())))
     motion_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
     body = random_body(
-        np.random.default_rng(motion_seed), velocity=velocity, acceleration=acceleration, duration=duration,
-        still=still, slip=slip, wobble=wobble, radius=rig.wheels.radius, mass=rig.chassis.total_mass,
+        np.random.default_rng(motion_seed), velocity=velocity, acceleration=acceleration,
+        mass=rig.chassis.total_mass, **motion,
     )  # fmt: skip
     info = TrialInfo(
         robot=rig.name, v_desired=velocity, a_max=acceleration,
-        distance=velocity * (duration - velocity / acceleration), virtual=True,
+        distance=velocity * (body.stop - body.start - velocity / acceleration), virtual=True,
     )  # fmt: skip
     return observe(
         np.random.default_rng(sensor_seed), body, rig, name=f"truth-{velocity:g}-{grade}-{seed}", info=info,

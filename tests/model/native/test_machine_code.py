@@ -2,7 +2,6 @@
 
 import ctypes
 import dataclasses
-import multiprocessing
 from pathlib import Path
 from typing import Any
 
@@ -185,19 +184,6 @@ def test_code_is_kept_for_the_next_process_and_damaged_code_is_not_taken(
     machine.keep("more", b"code")  # a file is no folder: nothing is kept, and nothing breaks
     assert machine.kept("more") is None
     assert [path.name for path in file.parent.iterdir()] == ["some.o"]
-
-
-def _velocity(_: int) -> np.ndarray:
-    return integrate(PAPER, [activate(get("bulldozing"), {"strength": 0.5})])["v_mps"]
-
-
-@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="the system cannot fork")
-def test_forked_processes_give_the_same_numbers_whoever_compiled() -> None:
-    graphs._equations.cache_clear()  # the children load the code themselves
-    with multiprocessing.get_context("fork").Pool(2) as pool:
-        there = pool.map(_velocity, range(2))
-    for velocity in there:
-        np.testing.assert_array_equal(velocity, _velocity(0))
 
 
 LEAN = Accuracy(relative=5e-5, absolute=1e-7, travel=0.0018, lean=True, order=3)
