@@ -8,8 +8,6 @@ import pytest
 from granite_lab.parameters import CATALOGUE, load_paper, load_robot, load_soil, load_variants, names
 from granite_lab.parameters.catalogue import in_force
 
-GRANITE = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")
-
 
 def test_robot_is_the_one_of_section_4() -> None:
     robot = load_robot()
@@ -38,14 +36,10 @@ def test_variants_are_table_2_and_paper_is_table_3() -> None:
 
 
 @pytest.mark.parametrize("name", names("robots"))
-def test_every_robot_of_the_catalogue_can_be_read(name: str) -> None:
-    assert load_robot(name).name
-
-
-def test_a_file_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text("\ufeff" + GRANITE, encoding="utf-8")
-    assert load_robot(path).wheels == load_robot().wheels
+def test_every_robot_is_read_with_a_byte_order_mark_too(name: str, tmp_path: Path) -> None:
+    text = (CATALOGUE / "robots" / f"{name}.toml").read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text("\ufeff" + text, encoding="utf-8")
+    assert load_robot(tmp_path / "mine.toml").wheels == load_robot(name).wheels
 
 
 def test_every_parameter_in_force_has_unit_range_and_origin() -> None:

@@ -411,24 +411,20 @@ def test_log_lines_name_what_is_missing_and_where(searched: ReadBack) -> None:
     assert levels[missing] == levels[where] == "WARN"
 
 
-def test_nothing_found_is_said_and_no_after_is_drawn(trial: TrialResult, tmp_path: Path) -> None:
+def test_nothing_found_and_not_searched_are_said(trial: TrialResult, tmp_path: Path) -> None:
     path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=made_up_finding("none"))
     back = ReadBack(path)
     assert not [e for e in back.entities() if "simulation_differs" in e]
-    assert [
-        line for line in back.texts("/events", "TextLog:text") if "Nothing that these trials show" in line
-    ]
+    assert "Nothing that these trials show" in "\n".join(back.texts("/events", "TextLog:text"))
     assert back.scalars("/found_pitch_rate/from_model").ndim == 1
     assert back.fixed("/found_pitch_rate/from_model", "Measurements:names") == ["simulated"]
-
-
-def test_a_trial_that_was_not_searched_has_no_bars_and_says_why(trial: TrialResult, tmp_path: Path) -> None:
-    finding = made_up_finding(names="another_{speed}_{repetition}")
-    finding = dataclasses.replace(finding, dropped=((trial.trial.name, "no model fits it"),))
-    back = ReadBack(record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=finding))
+    # a trial that was left out of the search
+    left_out = ((trial.trial.name, "no model fits it"),)
+    others = dataclasses.replace(made_up_finding(names="another_{speed}_{repetition}"), dropped=left_out)
+    back = ReadBack(record_trial(trial.trial, trial.comparison, tmp_path / "b.rrd", finding=others))
     assert not [e for e in back.entities() if "found_" in e or "simulation_differs" in e]
-    lines = back.texts("/events", "TextLog:text")
-    assert [line for line in lines if "left out of the search: no model fits it" in line]
+    said = "\n".join(back.texts("/events", "TextLog:text"))
+    assert "left out of the search: no model fits it" in said
 
 
 def test_it_still_takes_less_than_a_second_and_two_megabytes(finding: Finding, tmp_path: Path) -> None:

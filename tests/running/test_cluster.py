@@ -17,6 +17,7 @@ from granite_lab.errors import LabError
 from granite_lab.inference.bench import SIGNALS
 from granite_lab.running import cache
 from granite_lab.running.cluster import _on_worker
+from tests.corpus.cli import SAMPLES, lab, refused
 from tests.running.processes import begin, results, trials
 from tests.soak import SOAK
 
@@ -71,13 +72,10 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
             process.wait()
 
 
-def test_nobody_answers(tmp_path: Path) -> None:
-    logs = trials(tmp_path, NAMES[0])
-    run = begin(tmp_path, "fit-k92", *logs, "--scheduler", "tcp://127.0.0.1:9", "--no-cache")
-    _, errors = run.communicate()
-    assert run.returncode == 2
-    assert errors.startswith("error: scheduler 'tcp://127.0.0.1:9' cannot be reached")
-    assert "Traceback" not in errors
+def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("granite_lab.running.cluster.PATIENCE", 0.5)
+    done = lab("fit-k92", SAMPLES / f"{NAMES[0]}.csv", "--scheduler", "tcp://127.0.0.1:9", "--no-cache")
+    refused(done, 2, "scheduler 'tcp://127.0.0.1:9' cannot be reached")
 
 
 def test_simulations_of_a_search_are_the_same_on_a_cluster(cluster: Cluster, tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ from granite_lab.errors import InputError, LabError
 from granite_lab.estimate import Estimate
 from granite_lab.inference.bench import Bench, Task, World
 from granite_lab.parameters import load_robot, load_soil, load_variants
-from granite_lab.parameters.catalogue import CATALOGUE
 from granite_lab.processes import SHORT_OF_MEMORY
 from granite_lab.running import Cache, Execution, Options, cache, each_trial
+from tests.corpus.cli import GRANITE
 from tests.running.work import measure, worked
 
 
@@ -51,23 +51,17 @@ def test_nothing_is_done_twice_but_a_changed_log(logs: list[Path], how: Executio
     assert worked == []
 
 
-def robot_file(path: Path, mass: float) -> None:
-    text = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")
-    old = f"body_mass_kg = {load_robot().chassis.body_mass:g}"
-    assert old in text
-    path.write_text(text.replace(old, f"body_mass_kg = {mass}", 1), encoding="utf-8")
-
-
 @pytest.mark.parametrize("by", ["option", "log"])
 def test_an_edited_robot_counts_whoever_names_it(logs: list[Path], how: Execution, by: str) -> None:
-    robot_file(Path("mine.toml"), 5.0)
+    mine, old = Path("mine.toml"), f"body_mass_kg = {load_robot().chassis.body_mass:g}"
+    mine.write_text(GRANITE.replace(old, "body_mass_kg = 5.0"), encoding="utf-8")
     options = Options(robot="mine.toml") if by == "option" else Options()
     if by == "log":
         logs[1].write_text("robot=mine.toml", encoding="utf-8")
     assert run(logs[1:2], how, options)[0].std == 5.0
     assert run(logs[1:2], how, options)[0].std == 5.0
     assert worked == []
-    robot_file(Path("mine.toml"), 6.0)
+    mine.write_text(GRANITE.replace(old, "body_mass_kg = 6.0"), encoding="utf-8")
     assert run(logs[1:2], how, options)[0].std == 6.0
     assert worked == ["1.csv"]
 
