@@ -188,7 +188,8 @@ def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FoundParameter, ...]
             place = int(first[-1]) + len(SHARED) + k
             std, value = float(np.sqrt(max(variance[place], 0.0))), float(fit.point.common[k])
             if not p.shape:  # a constant error of the formula cannot be told from the strength
-                std = float(np.hypot(std, max(FORMULA_ERROR[0], fit.scales.formula) * (value - p.neutral)))
+                rough = float(np.median(list(fit.scales.formulas.values()) or [FORMULA_ERROR[0]]))
+                std = float(np.hypot(std, max(FORMULA_ERROR[0], rough) * (value - p.neutral)))
             found.append(FoundParameter(p.name, p.unit, Estimate(value, std)))
     for k, (e, p) in enumerate(private):
         if e == id_:

@@ -136,13 +136,9 @@ def search(
 
     def fitted(starts: Sequence[tuple[Point, Fit]]) -> None:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
-        new: dict[tuple[str, ...], tuple[Point, Scales]] = {}
-        for start, near in starts:
-            key = tuple(sorted(start.effects))
-            if key not in found:
-                new.setdefault(key, (start, near.scales))
+        new = [(start, near.scales) for start, near in starts if _set(start) not in found]
         if new:
-            tell(f"fitting {', '.join(map(_words, new))}")
+            tell(f"fitting {', '.join(dict.fromkeys(_words(_set(start)) for start, _ in new))}")
         fits = fit_sets(problem, new, {k: m.fit for k, m in found.items()})
         found.update({k: _model(k, f, candidates) for k, f in fits.items()})
 
@@ -162,8 +158,8 @@ def search(
             )
         promises = _promises(looks[model.effects])
         promising = _promising({c: p for c, p in promises.items() if wanted(c, p.gain)}, most)
-        fitted([(_with(problem, origin.point, score), model.fit) for origin, score in promising])
-        return [score for _, score in promising]
+        fitted([(_with(problem, o.point, score), model.fit) for p in promising for o, score in p.scores])
+        return [p.score for p in promising]
 
     def settled(model: Model) -> bool:
         return good(problem, model.fit, tolerance) and not strained(problem, model.fit)
@@ -205,49 +201,52 @@ def _with(problem: Problem, point: Point, score: Score) -> Point:
 
 
 def fit_sets(
-    problem: Problem,
-    starts: Mapping[tuple[str, ...], tuple[Point, Scales]],
-    known: Mapping[tuple[str, ...], Fit],
+    problem: Problem, starts: Sequence[tuple[Point, Scales]], known: Mapping[tuple[str, ...], Fit]
 ) -> dict[tuple[str, ...], Fit]:
-    """Return the fits of sets of effects, those left out whose start has no solution.
+    """Return the best fit of each set of effects, those left out whose starts have no solution.
 
     A fit can be no worse than that of a part of the set: one that is has missed the optimum. It is made again
     from the part, with the other effects at their neutral values.
 
     Args:
         problem: the trials.
-        starts: of each set, where to begin, with the set switched on, and the scales to begin with.
+        starts: where to begin, with the set switched on, and the scales to begin with; several of a set.
         known: fits of other sets.
     """
     found = _attempts(problem, starts)
     again: dict[tuple[str, ...], tuple[Point, Scales]] = {}
-    for key, (start, _) in starts.items():
+    for key, effects in {_set(start): start.effects for start, _ in starts}.items():
         parts = [f for k, f in {**known, **found}.items() if set(k) < set(key)]
         part = max(parts, key=lambda f: f.evidence, default=None)
         if part is not None and not (key in found and found[key].evidence > part.evidence):
             point = part.point
-            for id_ in (e for e in start.effects if e not in point.effects):
+            for id_ in (e for e in effects if e not in point.effects):
                 point = problem.with_effect(point, id_, [p.neutral for p in problem.parameters_of(id_)])
             again[key] = point, part.scales
-    for key, other in _attempts(problem, again).items():
+    for key, other in _attempts(problem, list(again.values())).items():
         if key not in found or other.evidence > found[key].evidence:
             found[key] = other
     return found
 
 
-def _attempts(
-    problem: Problem, starts: Mapping[tuple[str, ...], tuple[Point, Scales]]
-) -> dict[tuple[str, ...], Fit]:
-    given = list(starts.values())
-
+def _attempts(problem: Problem, starts: Sequence[tuple[Point, Scales]]) -> dict[tuple[str, ...], Fit]:
     def one(k: int) -> Fit | None:
         try:
-            return fit(problem, *given[k])
+            return fit(problem, *starts[k])
         except EstimateError:
             return None
 
-    fits = problem.bench.side_by_side(one, len(given))
-    return {key: f for key, f in zip(starts, fits, strict=True) if f is not None}
+    found: dict[tuple[str, ...], Fit] = {}
+    for (start, _), f in zip(starts, problem.bench.side_by_side(one, len(starts)), strict=True):
+        key = _set(start)
+        if f is not None and (key not in found or f.evidence > found[key].evidence):
+            found[key] = f
+    return found
+
+
+def _set(point: Point) -> tuple[str, ...]:
+    """Return the effects of a point, sorted."""
+    return tuple(sorted(point.effects))
 
 
 def left_open(model: Model, base: Fit, own: Collection[str]) -> Callable[[str, float], bool]:
@@ -317,27 +316,34 @@ def _screened(
 
 @dataclass(frozen=True, eq=False)
 class _Promise:
-    """What a candidate would bring at most over some screens: its gain, from where, and its score there."""
+    """What a candidate would bring at most over some screens: its gain, its score there, and all its scores.
+
+    A gain is linear about its screen's origin and does not tell from where a fit ends best: from sand that
+    stands in for what is missing it may end a thousand units of log evidence lower.
+    """
 
     gain: float
-    origin: Fit
     score: Score
+    scores: tuple[tuple[Fit, Score], ...]
 
 
 def _promises(looks: Sequence[Look]) -> dict[str, _Promise]:
-    """Return candidate to what it promises, from where it promises most."""
-    best: dict[str, _Promise] = {}
+    """Return candidate to what it promises."""
     first = looks[0].origin.posterior.evidence
+    every: dict[str, list[tuple[Fit, Score]]] = {}
     for look in looks:
         for score in look.scores:
-            gain = look.origin.posterior.evidence + score.gain - first
-            if score.candidate not in best or gain > best[score.candidate].gain:
-                best[score.candidate] = _Promise(gain, look.origin, score)
-    return best
+            every.setdefault(score.candidate, []).append((look.origin, score))
+    found = {}
+    for id_, own in every.items():
+        gains = [origin.posterior.evidence + score.gain - first for origin, score in own]
+        best = int(np.argmax(gains))
+        found[id_] = _Promise(gains[best], own[best][1], tuple(own))
+    return found
 
 
-def _promising(promises: Mapping[str, _Promise], most: int) -> list[tuple[Fit, Score]]:
-    """Return the candidates to be fitted, each from where it promises most.
+def _promising(promises: Mapping[str, _Promise], most: int) -> list[_Promise]:
+    """Return what is promised by the candidates to be fitted.
 
     They are the `most` best effects of the library, and the best term of the empirical law.
     """
@@ -345,7 +351,7 @@ def _promising(promises: Mapping[str, _Promise], most: int) -> list[tuple[Fit, S
     ranked = sorted((p for p in promises.values() if p.gain > least), key=lambda p: -p.gain)
     library = [p for p in ranked if not is_empirical(p.score.candidate)][:most]
     law = [p for p in ranked if is_empirical(p.score.candidate)][: most // 2]
-    return [(p.origin, p.score) for p in library + law]
+    return library + law
 
 
 def _model(effects: tuple[str, ...], result: Fit, candidates: Sequence[str]) -> Model:

@@ -14,6 +14,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
 from granite_lab.inference.fit import FORMULAS, under
 from granite_lab.inference.gap import moved, scatter
+from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 
@@ -45,23 +46,25 @@ class Named:
         """Tell whether it changes some channel by more than repetitions differ there, or the tolerance."""
         return any(moved > scatter.get(c, tolerance) for c, moved in self.changes.items())
 
-    def matters(self, remainder: float, formula: float) -> bool:
+    def matters(self, remainder: float, scales: Scales) -> bool:
         """Tell whether it closes enough to be named.
 
-        Trials left out must show it. Without it the gap must be larger by `LEAST_SHARE`, as an rms of all
-        channels, or a channel's change smaller by that share. In one channel an effect cannot be told from
-        the error of the formulas beside it, whose size is not known where it is at its limit.
+        Trials left out must show it, and it must do more than the errors of the formulas beside it may do.
+        Without it the gap must be larger by `LEFT`, as an rms of all channels, or a channel's change smaller
+        by `LEAST_SHARE` and two standard deviations of those errors, which are not known at their limit.
 
         Args:
             remainder: share of the gap that the whole set leaves.
-            formula: error of the formulas, as a share.
+            scales: as learnt, the error of the formulas in each channel among them.
         """
         if not np.isfinite(self.closes.value) or self.closes.value < 2 * self.closes.std:
             return False  # trials left out do not show it
         left = max(remainder, 0.0)
         closes = np.sqrt(max(left + self.closes.value, 0.0)) - np.sqrt(left)
-        seen = formula < FORMULAS[1] and self.channel[1] >= max(LEAST_SHARE, formula)
-        return bool(closes >= LEAST_SHARE or seen)
+        channel, made = self.channel
+        formula = scales.formula_of(channel)
+        seen = formula < FORMULAS[1] and made >= max(LEAST_SHARE, 2 * formula)
+        return bool(closes >= LEFT or seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +114,8 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
 
     * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
       likeliest model says, and that model changes no channel by more than the tolerance.
-    * Effects of the likeliest set are named that trials left out show, and that close at least `LEAST_SHARE`
-      of the gap or make that share of what the set changes in a channel, and more than the tolerance. Alone,
+    * Effects of the likeliest set are named that trials left out show, and that close at least `LEFT` of the
+      gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone,
       or with at most two others that cannot be told from them, they must have a posterior probability of
       `CREDIBLE`; together they must leave less than `LEFT` of the gap, as an rms, or nothing that errors of
       their formulas within `FORMULA_ERROR` and the tolerance do not explain.
@@ -139,7 +142,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     remainder = 1 - closed(base, _left(after), gap).value
     whole = _Whole(base, gap, after, remainder)
     parts = together(lambda k: _named(problem, search, best.effects[k], whole, tolerance), len(best.effects))
-    relevant = [n for n in parts if n.matters(remainder, best.fit.scales.formula)]
+    relevant = [n for n in parts if n.matters(remainder, best.fit.scales)]
     small = (*beside, *(n for n in parts if n not in relevant))
     library = [n for n in relevant if not is_empirical(n.id)]
     law = [n for n in relevant if is_empirical(n.id)]

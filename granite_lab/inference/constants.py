@@ -36,13 +36,13 @@ goes on; continuations of both differ below 2 to 3 cm/s."""
 REST_SHARE = 0.3
 """Std of the discrepancy near rest, as a share of a channel's rms in motion: of the signal's order."""
 
-FORMULA_ERROR = (0.1, 0.2)
+FORMULA_ERROR = (0.1, 0.3)
 """Median and largest error of an effect's formula, as a share of its own trace: semi-empirical terramechanics
 predicts forces within 10 to 30 % where its parameters are known (Ding et al. 2011; Wong 2008)."""
 
-LEFT = 0.3
-"""Share that the errors of all formulas of a set may leave of what its effects explain, as an rms: the upper
-end of those 10 to 30 %. What leaves more, or promises more, is another effect."""
+LEFT = FORMULA_ERROR[1]
+"""Share that the errors of all formulas of a set may leave of what its effects explain, as an rms. What
+leaves more, or promises more, is another effect."""
 
 SPREAD = 1.0
 """Std of the logarithm of a scale about the value at which its search begins: a factor of 2.7 either way."""

@@ -218,7 +218,7 @@ def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
     """Return the logarithm of the prior density of the scales, and of the noise being louder than learnt."""
     away = [np.log(share / (TOLERANCE / 2)) for share in scales.shares.values()]
     if formula:
-        away.append(np.log(scales.formula / FORMULA_ERROR[0]))
+        away += [np.log(share / FORMULA_ERROR[0]) for share in scales.formulas.values()]
     noise = sum(n * np.log(scales.louder.get(c, 1.0)) for c, n in problem.counts.items())
     return -0.5 * float(np.sum((np.array(away) / SPREAD) ** 2)) - float(noise)
 
@@ -254,24 +254,26 @@ def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales)
     """
     for _ in range(UPDATES):
         step = np.append(-_posterior(problem, point, normal, scales).step, 1.0)
-        old = {"": scales.formula} | {c: scales.share_of(c) for c in problem.counts}
+        old = {(MOTION, c): scales.share_of(c) for c in problem.counts}
+        old |= {(FORMULA, c): scales.formula_of(c) for c in problem.counts}
         rise = dict.fromkeys(old, 0.0)  # derivative of the marginal likelihood by the logarithm of a scale
         information = dict.fromkeys(old, 0.0)
         for part in normal.parts:
             for c in part.channels:
                 mean, variance = c.amplitudes(step[part.place_in(step.size)], scales)
-                for kind, name in ((MOTION, c.name), (FORMULA, "")):
-                    own = c.kind == kind
+                for name in ((MOTION, c.name), (FORMULA, c.name)):
+                    own = c.kind == name[0]
                     known = 1 - variance[own] / old[name] ** 2  # share that the trials determine
                     rise[name] += float(np.sum(mean[own] ** 2) / old[name] ** 2 - np.sum(known))
                     information[name] += 2 * float(np.sum(known**2))
         new = {}
         for name, scale in old.items():
-            centre, bounds = (TOLERANCE / 2, SHARES) if name else (FORMULA_ERROR[0], FORMULAS)
+            centre, bounds = (TOLERANCE / 2, SHARES) if name[0] == MOTION else (FORMULA_ERROR[0], FORMULAS)
             slope = rise[name] - float(np.log(scale / centre)) / SPREAD**2
             further = np.clip(slope / (information[name] + SPREAD**-2.0), -1, 1)
             new[name] = float(np.clip(scale * np.exp(further), *bounds))
-        scales = replace(scales, formula=new[""], shares={c: new[c] for c in problem.counts})
+        shares, formulas = ({c: new[kind, c] for c in problem.counts} for kind in (MOTION, FORMULA))
+        scales = replace(scales, shares=shares, formulas=formulas)
         if all(abs(np.log(found / old[name])) < CLOSE for name, found in new.items()):
             break
     return scales

@@ -164,7 +164,7 @@ def _powers(rows: Array, width: float, low: float, high: float) -> Array:
 
 def tolerated(scales: Scales, share: float) -> Scales:
     """Return scales under which a discrepancy of some share is taken for granted, and formulas for exact."""
-    return replace(scales, share=share, shares={}, formula=FORMULAS[0], louder={})
+    return replace(scales, share=share, shares={}, formula=FORMULAS[0], formulas={}, louder={})
 
 
 def beyond(problem: Problem, fit: Fit, tolerance: float) -> tuple[float, float]:

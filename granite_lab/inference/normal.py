@@ -25,9 +25,11 @@ class Scales:
 
     Attributes:
         share: discrepancy of the model, as a share of a channel's rms in motion, where `shares` has none.
-        formula: error of the effects' formulas, as a share of their traces.
+        formula: error of the effects' formulas, as a share of their traces, where `formulas` has none.
         priors: name of a number that differs from trial to trial to the std of its prior.
         shares: channel to the share as learnt.
+        formulas: channel to the error of the formulas as learnt: one may be exact for a speed and rough for
+            a pitch rate.
         louder: channel to how many times larger its noise is than the repetitions show; above one where
             the model misses what is not smooth, so that a bad fit is not believed to the last digit.
     """
@@ -36,11 +38,16 @@ class Scales:
     formula: float
     priors: Mapping[str, float] = field(default_factory=dict)
     shares: Mapping[str, float] = field(default_factory=dict)
+    formulas: Mapping[str, float] = field(default_factory=dict)
     louder: Mapping[str, float] = field(default_factory=dict)
 
     def share_of(self, channel: str) -> float:
         """Return the discrepancy of a channel."""
         return self.shares.get(channel, self.share)
+
+    def formula_of(self, channel: str) -> float:
+        """Return the error of the formulas in a channel."""
+        return self.formulas.get(channel, self.formula)
 
     @property
     def largest(self) -> float:
@@ -96,10 +103,11 @@ class ChannelPart:
         The last one is remembered, as each step of a fit asks for it several times.
         """
         louder = scales.louder.get(self.name, 1.0)
-        key = scales.share_of(self.name), scales.formula, louder
+        share, formula = scales.share_of(self.name), scales.formula_of(self.name)
+        key = share, formula, louder
         if (found := self._known.get(key)) is not None:
             return found
-        root = np.sqrt(variances(self.kind, scales.share_of(self.name), scales.formula)) / louder
+        root = np.sqrt(variances(self.kind, share, formula)) / louder
         M = root[:, None] * self.basis * root
         M.flat[:: root.size + 1] += 1
         U = cholesky(M, overwrite_a=True, check_finite=False)
@@ -209,7 +217,7 @@ class Normal:
 
     def _of_part(self, number: int, scales: Scales) -> tuple[Array, float]:
         """Return the matrix and the log determinant of one part; they are remembered."""
-        learnt = (*scales.louder.items(), *scales.shares.items())
+        learnt = (*scales.louder.items(), *scales.shares.items(), *scales.formulas.items())
         key = number, scales.share, scales.formula, learnt
         if key not in self._known:
             found = [channel.marginal(scales) for channel in self.parts[number].channels]
