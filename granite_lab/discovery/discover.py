@@ -18,12 +18,12 @@ from granite_lab.discovery.verdict import Judgement, by_posterior, judge
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import Bench, Respond, World
-from granite_lab.inference.clocks import one_clock
+from granite_lab.inference.clocks import clocks
 from granite_lab.inference.conditions import under_conditions
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.setup import baseline, nominal, trial_models
+from granite_lab.inference.setup import at_first, baseline, nominal, trial_models
 from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Robot, Soil
@@ -68,7 +68,7 @@ def discover(
         EstimateError: a trial has no sensor to compare with, or the robot cannot be simulated on this soil.
     """
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
-    trials, motions = one_clock([trials[i] for i in order], [motions[i] for i in order])
+    readings = clocks([trials[i] for i in order], [motions[i] for i in order])
     candidates = dict(sorted((id_, e) for id_, e in effects.items() if id_ != LATENCY_EFFECT))
     law = EmpiricalLaw()
     library = tuple(candidates)
@@ -80,12 +80,15 @@ def discover(
         stage[0] = text
         progress(text, bench.runs)
 
-    models, variants = trial_models(trials, robot, motions)
-    world = under_conditions(World(robot, soil, variants, {**candidates, law.id: law}), trials, models)
-    with one_thread(), Bench(world, jobs, lambda _: progress(stage[0], bench.runs), respond) as bench:
+    every = [trial_models(own, robot, seen) for own, seen in readings]
+    plain = World(robot, soil, every[0][1], {**candidates, law.id: law})
+    worlds = [under_conditions(plain, own, m) for (own, _), (m, _) in zip(readings, every, strict=True)]
+    with one_thread(), Bench(worlds[0], jobs, lambda _: progress(stage[0], bench.runs), respond) as bench:
         tell("fitting the model without effects")
-        problem = Problem(models, bench)
-        problem, dropped = _possible(problem)
+        ways = [_possible(Problem(models, bench)) for models, _ in every]
+        fits = [at_first(way)[1] for way, _ in ways] if len(ways) > 1 else [0.0]
+        chosen = int(np.argmin(fits))
+        (problem, dropped), (trials, motions) = ways[chosen], readings[chosen]
         base = baseline(problem)
         strange = _outliers(problem, base)
         if strange:

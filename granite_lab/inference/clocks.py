@@ -1,4 +1,4 @@
-"""One logger, one offset: the stamps of all trials of a set are moved by the same time."""
+"""One logger, one offset: the stamps of all trials of a set may be moved by the same time."""
 
 from __future__ import annotations
 
@@ -15,32 +15,37 @@ ALIKE = 2.0
 """Standard deviations within which the offset of a trial agrees with that of the set."""
 
 
-def one_clock(trials: Sequence[Trial], motions: Sequence[Motion]) -> tuple[list[Trial], list[Motion]]:
-    """Move the stamps of encoders and currents of every trial by the same offset.
+Clocked = tuple[list[Trial], list[Motion]]
+
+
+def clocks(trials: Sequence[Trial], motions: Sequence[Motion]) -> tuple[Clocked, ...]:
+    """Return how the stamps of encoders and currents may stand.
 
     Estimation finds the offset of each trial for itself, within several milliseconds, and applies only one
     that is clearly larger than an ordinary latency. Trials of one logger share their offset: differences of
     milliseconds between them would be taken for a gap of the model. Where most trials agree with the median
-    of what was applied, all follow it; where they disagree, the clocks were set anew in each trial, and the
-    stamps stay as they are.
+    of what was applied, all follow it. Where they disagree, either the clocks were set anew in each trial, or
+    a body that follows its wheels late, more so at some speeds, was taken for an offset.
 
     Args:
         trials: as estimation corrected them.
         motions: their estimates, in the same order.
 
     Returns:
-        both with the common offset in stamps and starts.
+        both with the offset in stamps and starts; where they disagree, as they are and with the common one.
     """
+    given = list(trials), list(motions)
     if len(trials) < 2:
-        return list(trials), list(motions)
+        return (given,)
     applied = np.array([m.clock_applied for m in motions])
     std = np.array([m.clock_offset.std for m in motions])
     common = float(np.median(applied))
     alike = np.abs(applied - common) <= ALIKE * np.nan_to_num(std)
-    if not applied.any() or 2 * int(alike.sum()) <= len(trials):
-        return list(trials), list(motions)
+    if not applied.any():
+        return (given,)
     pairs = [_moved(t, m, common) for t, m in zip(trials, motions, strict=True)]
-    return [t for t, _ in pairs], [m for _, m in pairs]
+    together = [t for t, _ in pairs], [m for _, m in pairs]
+    return (together,) if 2 * int(alike.sum()) > len(trials) else (given, together)
 
 
 def _moved(trial: Trial, motion: Motion, common: float) -> tuple[Trial, Motion]:

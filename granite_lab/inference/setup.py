@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation.motion import Motion
-from granite_lab.inference.constants import REST_SHARE
+from granite_lab.inference.bench import SAND
+from granite_lab.inference.constants import LATENCY_STD, REST_SHARE
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, learn, white
-from granite_lab.inference.nuisances import TrialModel
+from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import BIN, bin_width, observe
+from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import desired_velocity
@@ -29,6 +32,9 @@ FAR, TIMES = 1.5, 3
 """A trial alone learns its noise again, up to so often, while a fit ends more std away from where the noise
 was learnt: there residuals were not yet noise."""
 
+
+LATENCIES = LATENCY_STD * np.arange(-5, 6)
+"""Latencies of the IMU that are tried before the first fit [s]; the robot takes 0.1 to 0.35 s to set off."""
 
 STILL = 1e-3
 """Share of the full speed below which a wheel counts as standing."""
@@ -77,7 +83,7 @@ def baseline(problem: Problem) -> Fit:
     """
     alone = len(problem.trials) == 1
     rounds, renew = QUICK if alone else ROUGH
-    start = problem.neutral()
+    start, _ = at_first(problem)
     slopes = problem.slopes(start)
     if slopes is None:
         raise EstimateError(
@@ -93,6 +99,30 @@ def baseline(problem: Problem) -> Fit:
         if alone and np.all(np.abs(found.point.vector - before) < FAR * std):
             break
     return found
+
+
+def at_first(problem: Problem) -> tuple[Point, float]:
+    """Return where a fit begins, and the misfit there under the nominal noise.
+
+    It is the point of the files with the likeliest latency: from one that is off by more than a ramp of the
+    motion lasts, no fit returns.
+    """
+    neutral = problem.neutral()
+    runs = problem.respond([problem.centre(neutral, c) for c in range(len(problem.commands))])
+    if runs is None:
+        return neutral, np.inf
+    responses = [runs[t.variant] for t in problem.trials]
+    weights = nominal(problem)
+    best = neutral, np.inf
+    for late in LATENCIES:
+        shared = neutral.shared.copy()
+        shared[len(SAND) + SENSORS.index("latency")] = late
+        point = replace(neutral, shared=shared)
+        misfit = (late / LATENCY_STD) ** 2
+        for own, table in zip(weights, problem.residuals(point, responses), strict=True):
+            misfit += sum(float(np.sum(w(row) ** 2)) for w, row in zip(own, table, strict=True))
+        best = min(best, (point, misfit), key=lambda found: found[1])
+    return best
 
 
 def nominal(problem: Problem) -> list[list[Whitener]]:

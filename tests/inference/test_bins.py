@@ -17,7 +17,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import ACCURACY, RAKED, SAND, SIGNALS
 from granite_lab.inference.binning import means
-from granite_lab.inference.clocks import one_clock
+from granite_lab.inference.clocks import clocks
 from granite_lab.inference.noise import at_rest, errors, learn
 from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import UNITS, Observation, bin_width, observe
@@ -208,7 +208,7 @@ def moved(one: tuple[Motion, Trial], applied: Sequence[float]) -> tuple[list[Tri
 @pytest.mark.parametrize("applied", [(0.042, 0.036, 0.04, 0.0), (0.0, 0.022, 0.0, 0.0)])
 def test_stamps_of_one_logger_are_moved_alike(one: tuple[Motion, Trial], applied: tuple[float, ...]) -> None:
     """Also where one trial alone would have been left as it is, or where it alone was moved."""
-    trials, motions = one_clock(*moved(one, applied))
+    ((trials, motions),) = clocks(*moved(one, applied))
     common = float(np.median(applied))
     (expected,), (told,) = moved(one, [common])
     for trial, motion in zip(trials, motions, strict=True):
@@ -218,11 +218,12 @@ def test_stamps_of_one_logger_are_moved_alike(one: tuple[Motion, Trial], applied
             np.testing.assert_allclose(stream.t, wanted.t, atol=1e-12)
 
 
-def test_clocks_that_were_set_anew_in_each_trial_stay(one: tuple[Motion, Trial]) -> None:
+def test_clocks_that_disagree_were_set_anew_or_are_one(one: tuple[Motion, Trial]) -> None:
     trials, motions = moved(one, (0.3, -0.2, 0.05, 0.12))
-    after = one_clock(trials, motions)
-    assert all(a is b for a, b in zip(after[0], trials, strict=True))
-    assert all(a is b for a, b in zip(after[1], motions, strict=True))
+    stay, common = clocks(trials, motions)
+    assert all(a is b for a, b in zip(stay[0], trials, strict=True))
+    assert all(a is b for a, b in zip(stay[1], motions, strict=True))
+    assert [m.clock_applied for m in common[1]] == pytest.approx([0.085] * 4)
 
 
 N, WIDTH = 400, 0.02

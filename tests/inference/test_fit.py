@@ -13,6 +13,7 @@ from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.setup import at_first
 from tests.inference.stub import Respond, drawn, measure, measured, problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
@@ -47,6 +48,19 @@ def test_the_evidence_does_not_depend_on_where_the_fit_begins() -> None:
     second = fit(problem, drawn(problem, rng))
     assert first.evidence == pytest.approx(second.evidence, abs=1.0)
     assert np.abs(first.point.vector - second.point.vector).max() < 0.5 * std_of(first).max()
+
+
+@pytest.mark.parametrize("late", [-0.1, 0.0, 0.07])
+def test_a_fit_begins_near_the_latency_of_the_stamps(late: float) -> None:
+    """Whatever the sand is; from far away a fit ends elsewhere."""
+    rng = np.random.default_rng(8)
+    problem = problem_of(FOUR)
+    truth = drawn(problem, rng)
+    truth.shared[len(SAND)] = late
+    measure(problem, truth, rng)
+    start, _ = at_first(problem)
+    assert start.shared[len(SAND)] == pytest.approx(late, abs=0.02)
+    assert fit(problem, start).point.shared[len(SAND)] == pytest.approx(late, abs=1e-3)
 
 
 @pytest.mark.parametrize("share", PLAIN)
