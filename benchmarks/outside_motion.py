@@ -155,8 +155,7 @@ These figures are not blind: the sets were used for development. [Each set](tabl
 | NEES | {" | ".join(f"{x:.2f}" for x in phases[:, 0])} |
 | in 2σ [%] | {" | ".join(f"{100 * x:.1f}" for x in phases[:, 1])} |
 
-While the speed changes, the std allows for a delay of some milliseconds between the sensors, which no log
-shows.
+While the speed changes, the std allows for a delay of some milliseconds between the sensors.
 
 The virtual trials come from a simulator and a sensor model that share no code with this project.
 `python -m benchmarks.outside_motion DIR --out docs/estimation-outside.md` writes this page; code {commit()}.

@@ -99,10 +99,12 @@ def correct(
         return clean_trial(trial, robot, motion, wheels=wheels, rolling=rolling), motion
     grade = robot.imu_grade
     assert grade is not None
-    stream, spikes = despike(_complete(trial.imu))
+    logged = _complete(trial.imu)
+    stream, spikes = despike(logged)
     imu = mounting.to_body(stream, mounted(robot))
     wheels, rolling, signs = _roll(trial, imu, robot)
-    faults = find_faults(imu, stream, grade, spikes)
+    thrown = np.linalg.norm(np.nan_to_num(logged.specific_force - stream.specific_force), axis=1)
+    faults = find_faults(imu, stream, grade, spikes, thrown)
     refuse_moved(imu, rests)
     still = find_rests(imu, rolling, grade, by_hand=rests)
     if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and still:
@@ -114,12 +116,7 @@ def correct(
         )
     far = rolling is not None and _far_from_rest(still, imu)
     problem = Problem(imu, rolling, robot, still, faults, identify(imu, rolling, robot, still), SlipModel())
-    if trial.info.clock_offset is not None:
-        offset = found = Estimate(trial.info.clock_offset, 1e-3)
-    elif far and rolling is not None:
-        offset = found = slow_offset(imu, rolling)
-    else:
-        offset, found = find_offset(problem)
+    offset, found, near = _clock(trial, problem, far)
     if rolling is not None and offset.value != 0.0:
         still = find_rests(imu, rolling, grade, offset=offset.value, by_hand=rests)
         problem = replace(problem, rests=still, noise=identify(imu, rolling, robot, still))
@@ -137,20 +134,19 @@ def correct(
     else:
         least = SPIN if _spun(problem, offset.value) else 0.0
         if rolling is not None and imu.has_pitch_rate and imu.gravity:
-            problem = with_jumps(problem, offset.value)
+            problem = with_jumps(problem, near)
             still = problem.rests
-            problem = replace(problem, noise=with_motion_noise(problem, offset.value))
-        slip = identify_scatter(problem, offset.value)
+            problem = replace(problem, noise=with_motion_noise(problem, near))
+        slip = identify_scatter(problem, near)
         problem = replace(problem, slip=replace(slip, walk=max(slip.walk, least)))
-    solution = solve(problem, offset, distance=distance_measured)
-    if found is not offset:
-        solution = replace(solution, offset=agreed(found, solution.refined_offset))
+    solution = solve(problem, offset, near=near, distance=distance_measured)
+    seen = offset if found is offset else agreed(found, solution.offset, solution.compliance)
+    solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
     if far and slip_std is None:
         error = steady_slip(solution.nodes, UNKNOWN)
         solution = replace(solution, smoothed=with_error(solution.nodes, solution.smoothed, error))
     health = assess(solution, imu.t, still, faults, problem.noise)
     motion = motion_of(trial, problem, solution, health, known, tuple(warnings))
-    motion = replace(motion, clock_applied=0.0 if far else offset.value)
     clean = clean_trial(
         trial, robot, motion, wheels=wheels, rolling=rolling, imu=imu, faults=faults, solution=solution
     )
@@ -172,6 +168,18 @@ def _roll(
     if imu is None:
         rolling = replace(rolling, warnings=(*said, *rolling.warnings))
     return wheels, rolling, said
+
+
+def _clock(trial: Trial, problem: Problem, far: bool) -> tuple[Estimate, Estimate, float]:
+    """Return the clock offset as `find_offset` does, or as it is given, or as it shows far from any rest."""
+    if trial.info.clock_offset is None and not (far and problem.rolling is not None):
+        return find_offset(problem)
+    if trial.info.clock_offset is not None:
+        known = Estimate(trial.info.clock_offset, 1e-3)
+    else:
+        assert problem.rolling is not None
+        known = slow_offset(problem.imu, problem.rolling)
+    return known, known, known.value
 
 
 def _spun(problem: Problem, offset: float) -> bool:

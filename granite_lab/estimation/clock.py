@@ -30,9 +30,9 @@ WIDE, FINE = 0.02, 0.01
 TEMPER = 0.5
 """Weight of the likelihood of an offset: the slip model is an idealisation, exact to millimetres only."""
 
-LEFT_OVER = 2.5e-3
+LEFT_OVER, RINGS = 2.5e-3, 2.0 * float(np.pi) * 10.0
 """Std of the offset by how the body really sets off and stops in the sand [s], and by play and tyres: a
-robot that rings at 10 Hz follows its wheels so much later."""
+robot that rings at 10 Hz [rad/s] follows its wheels so much later, a softer one by its period."""
 
 LONGEST_LAG = 0.25
 """The body follows the wheels on sand by up to a quarter of a second, and never leads them [s]."""
@@ -46,18 +46,20 @@ STILL, MOVED = 0.25, 0.5
 HIDDEN = 0.015
 """Std of an offset that rests on changes during which samples are missing or at the rail [s]."""
 
-LATENCY = 0.01
-"""Filters, buses and logging delay one sensor against the other by up to this [s]. A smaller offset is not
-applied but left to the filter, with this std."""
+LATEST = 0.01
+"""Filters, buses and logging delay one sensor against the other by up to this [s]."""
 
-CLEAR = 5.0
-"""An offset of more than twice that is applied where it is clear by this many std."""
+LATENCY = LATEST / float(np.sqrt(3.0))
+"""Std of such an offset [s], any of which is as likely. It is not applied but left to the filter."""
 
 UNUSUAL = 8.0
-"""And where it makes the trial more likely by this factor's logarithm than an ordinary latency does: one
-logger in a hundred is that far off, by an amount anywhere in 0.4 s, against 0.01 s for the others. As unusual
-is a change of motion that tells nothing of the clock: a body that slides on when its wheels stand, stands
-while they turn, or sets off late on soft tyres."""
+"""A larger one is applied where it makes the trial more likely by this factor's logarithm: one logger in a
+hundred is that far off, by an amount anywhere in 0.4 s. As unusual is a change of motion that tells nothing
+of the clock: a body that slides on when its wheels stand, stands while they turn, or sets off late on soft
+tyres."""
+
+FAR = LATENCY * float(np.sqrt(2.0 * UNUSUAL))
+"""A smaller offset [s] is never that unusual."""
 
 
 def correlate(force: Array, wheel: Array, reach: int) -> tuple[Array, int, float]:
@@ -146,37 +148,51 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     return Estimate(0.0)
 
 
-def find_offset(problem: Problem) -> tuple[Estimate, Estimate]:
+def find_offset(problem: Problem) -> tuple[Estimate, Estimate, float]:
     """Find the clock offset by correlation, then by the likelihood of onsets and stops.
 
     A body that follows its wheels by tyres, play or a soft mount looks like an offset when it sets off. So
-    the whole trial must prefer a large offset to an ordinary latency.
+    the whole trial must prefer a large offset to an ordinary latency; and where the wheels seem to be ahead,
+    the body, which never leads them, must be stiff beside.
 
     Returns:
-        what the wheels' stamps are to be moved by, 0 for an ordinary latency, with the std of what is left
-        to the filter; the offset as onsets and stops show it; std NaN where nothing shows it [s].
+        the offset that the filter is to expect [s], 0 for an ordinary latency; the one that onsets and stops
+        show, std NaN where nothing shows it; and the one about which the filter is linear [s].
     """
     coarse = coarse_offset(problem.imu, problem.rolling) if problem.rolling is not None else Estimate(0.0)
     found = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
     if found is None:
-        return coarse, coarse
-    if abs(found.value) > max(2.0 * LATENCY, CLEAR * found.std):
-        candidates = Estimate(0.0, LATENCY), Estimate(found.value, LATENCY)
-        solved = [solve(problem, one, robust=False).smoothed.innovations for one in candidates]
-        if solved[1].log_likelihood - solved[0].log_likelihood > UNUSUAL:
-            return candidates[1], found
-    weight = LATENCY**2 / (LATENCY**2 + found.std**2)
-    return Estimate(0.0, LATENCY), Estimate(weight * found.value, float(np.sqrt(weight)) * found.std)
+        return coarse, coarse, coarse.value
+    usual, unusual = Estimate(0.0, LATENCY), Estimate(found.value, LATENCY)
+    likely = found.value * LATENCY**2 / (LATENCY**2 + found.std**2)
+    if abs(found.value) < LATEST:
+        return usual, found, likely
+    other = solve(problem, unusual, robust=False)
+    lags = found.value > 0.0 and other.compliance > problem.compliance
+    if abs(found.value) < FAR:
+        return usual, found, 0.0 if lags else likely
+    one = solve(problem, usual, robust=False).smoothed.innovations
+    if other.smoothed.innovations.log_likelihood - one.log_likelihood < UNUSUAL:
+        return usual, found, 0.0
+    return (usual, usual, 0.0) if lags else (unusual, found, found.value)
 
 
-def agreed(one: Estimate, other: Estimate) -> Estimate:
-    """Middle of two estimates of one offset from the same samples [s].
+def agreed(one: Estimate, other: Estimate, compliance: float) -> Estimate:
+    """Weighted mean of two estimates of one offset [s]: by onsets and stops, and by the filter.
 
     Onsets and stops, and the ramps between them, each take a lag of the body for an offset in a way of
-    their own: the std covers half of what the two differ by, and their errors need not cancel.
+    their own: the std covers what the two differ by, and their errors need not cancel.
+
+    Args:
+        one, other: the two.
+        compliance: between wheels and body [s^2], the square of the time in which it rings by one radian.
     """
-    std = np.hypot(0.5 * (one.std + other.std), 0.5 * (one.value - other.value))
-    return Estimate(0.5 * (one.value + other.value), float(std))
+    lag = LEFT_OVER * max(1.0, RINGS * float(np.sqrt(compliance)))
+    std = float(np.hypot(other.std, lag))
+    share = std**2 / (one.std**2 + std**2)
+    common = share * one.std + (1.0 - share) * std
+    apart = float(np.sqrt(share * (1.0 - share))) * (one.value - other.value)
+    return Estimate(share * one.value + (1.0 - share) * other.value, float(np.hypot(common, apart)))
 
 
 def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
@@ -247,7 +263,7 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
         known = (0.5 * spacing) ** -2.0
         precision, pull = np.full(offsets.size, known), np.zeros(offsets.size)
         for part in tuple(parts):
-            solved = [forward(merged(build(*part, float(c), 0.5 * spacing))) for c in offsets]
+            solved = [forward(merged(build(*part, float(c), Estimate(0.0, 0.5 * spacing)))) for c in offsets]
             likely = np.array([came.log_likelihood for _, _, came in solved])
             telling = TEMPER * (likely - likely.max())
             score += np.logaddexp(telling, -UNUSUAL)

@@ -283,7 +283,8 @@ def add_rest(
 
 def add_wheels(
     updates: list[list[Update]], rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray,
-    spinning: np.ndarray, offset: float, lost: Array, loss: Array, w: Array, thrust: Array,
+    spinning: np.ndarray, offset: float, lost: Array, loss: Array, w: Array, growth: Array,
+    thrust: Array,
 ) -> float:  # fmt: skip
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 
@@ -293,6 +294,7 @@ def add_wheels(
         offset: by which the encoders' clock lies behind [s].
         w: (K,) wheel speed that turns slip ratio into slip velocity [m/s].
         spinning: (K,) the wheels turn on the spot and tell nothing.
+        growth: (K,) acceleration of the wheels [m/s^2], without the noise of single samples.
         thrust: (K,) thrust over mass, against that at rest [m/s^2].
         lost, loss: (K,) distance [m] and velocity [m/s] that the mean slip ratio loses.
 
@@ -320,7 +322,7 @@ def add_wheels(
     H = np.zeros((k.size, 1, SIZE))
     ahead = t[k] - stamps[m]
     if rolling.by_rate:
-        rows = (1.0, -1.0, gained, w[k], w[k], jerk[k])
+        rows = (1.0, -1.0, growth[k], w[k], w[k], jerk[k])
         for state, row in zip((V, PD, TAU, S, G, C), rows, strict=True):
             H[:, 0, state] = row
         z = speed + gained * ahead - nominal.v[index[k]] - loss[k]

@@ -29,7 +29,7 @@ class Faults:
         gaps: (start, end) of missing samples [s].
         plateaus: (start, end) of saturation [s].
         beyond: per plateau, how far the truth may lie beyond it [m/s^2]; 0 if only a gyro saturated.
-        spikes: (N,) True for single readings thrown off.
+        spikes: (N,) True for single readings thrown off; `thrown`: (N,) by how much [m/s^2].
         restarts: biases that changed.
     """
 
@@ -39,17 +39,20 @@ class Faults:
     plateaus: tuple[Interval, ...]
     beyond: tuple[float, ...]
     spikes: np.ndarray
+    thrown: Array
     restarts: tuple[Restart, ...] = ()
 
 
-def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.ndarray) -> Faults:
+def find_faults(
+    imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.ndarray, thrown: Array
+) -> Faults:
     """Find gaps longer than three median periods and plateaus at the sensor's limits.
 
     Args:
         imu: samples in robot axes.
         stream: the same in the sensor's axes, in which it saturates.
         grade: its ranges.
-        spikes: (N,) by `despike`.
+        spikes, thrown: (N,) by `despike`, and how much it has removed [m/s^2].
     """
     t = imu.t
     bad = ~np.isfinite(imu.forward)
@@ -81,6 +84,7 @@ def find_faults(imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.nda
         plateaus=tuple((float(t[a]), float(t[b - 1])) for a, b in spans),
         beyond=tuple(float(beyond[a:b].max()) for a, b in spans),
         spikes=spikes,
+        thrown=thrown,
     )
 
 

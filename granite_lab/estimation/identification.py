@@ -25,6 +25,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from granite_lab.estimate import Estimate
 from granite_lab.estimation.clock import STILL
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
@@ -325,7 +326,8 @@ def _with_and_without(part: Problem, offset: float) -> tuple[Nodes, Nodes]:
     """Return the nodes of a window whose slip ratio does not scatter, and of one where it does by 1."""
     nominal = nominal_of(part, offset)
     slips = (with_scatter(part.slip, 0.0), with_scatter(part.slip, 1.0))
-    none, one = (merged(build(replace(part, slip=slip), nominal, offset, 1e-3)) for slip in slips)
+    known = Estimate(0.0, 1e-3)
+    none, one = (merged(build(replace(part, slip=slip), nominal, offset, known)) for slip in slips)
     return none, one
 
 

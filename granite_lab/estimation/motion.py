@@ -155,26 +155,20 @@ class Motion(Shown):
         """Return the motion as a table, one row an IMU stamp, units in the column names."""
         import pandas as pd  # noqa: PLC0415, heavy
 
-        columns: dict[str, object] = {
-            "t_s": self.t,
-            "x_m": self.x,
-            "x_std_m": self.x_std,
-            "v_mps": self.v,
-            "v_std_mps": self.v_std,
-            "pitch_rad": self.pitch,
-            "pitch_std_rad": self.pitch_std,
-        }
+        columns: dict[str, object] = {"t_s": self.t}
+
+        def add(name: str, unit: str, value: Array, std: Array) -> None:
+            columns[f"{name}{unit}"], columns[f"{name}_std{unit}"] = value, std
+
+        add("x", "_m", self.x, self.x_std)
+        add("v", "_mps", self.v, self.v_std)
+        add("pitch", "_rad", self.pitch, self.pitch_std)
         for i, wheel in enumerate(WHEELS):
-            columns[f"v_wheel_{wheel}_mps"] = self.v_wheel[:, i]
-            columns[f"v_wheel_{wheel}_std_mps"] = self.v_wheel_std[:, i]
-            columns[f"slip_{wheel}"] = self.slip[:, i]
-            columns[f"slip_{wheel}_std"] = self.slip_std[:, i]
-        columns["slip_velocity_mps"] = self.slip_velocity
-        columns["slip_velocity_std_mps"] = self.slip_velocity_std
-        columns["accel_bias_mps2"] = self.health.accel_bias
-        columns["accel_bias_std_mps2"] = self.health.accel_bias_std
-        columns["gyro_bias_radps"] = self.health.gyro_bias
-        columns["gyro_bias_std_radps"] = self.health.gyro_bias_std
+            add(f"v_wheel_{wheel}", "_mps", self.v_wheel[:, i], self.v_wheel_std[:, i])
+            add(f"slip_{wheel}", "", self.slip[:, i], self.slip_std[:, i])
+        add("slip_velocity", "_mps", self.slip_velocity, self.slip_velocity_std)
+        add("accel_bias", "_mps2", self.health.accel_bias, self.health.accel_bias_std)
+        add("gyro_bias", "_radps", self.health.gyro_bias, self.health.gyro_bias_std)
         columns["phase"] = list(self.phase)
         return pd.DataFrame(columns)
 

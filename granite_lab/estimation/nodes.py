@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TH, D, P, S, SlipModel, Update, V, X
+from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, D, P, S, SlipModel, Update, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise
@@ -55,6 +55,10 @@ MOST = 60_000
 
 UNEXPLAINED = 0.3
 """Acceleration of the body that the wheels' own, steady or not, does not suggest [m/s^2]."""
+
+
+BEYOND = 3.0
+"""A reading that is thrown off by more than this many std of what may go unseen is no jolt of the body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,14 +265,15 @@ def _expected_slip(
 
 
 def build(
-    problem: Problem, nominal: Nominal, offset: float, offset_std: float, distance: Estimate | None = None
+    problem: Problem, nominal: Nominal, offset: float, left: Estimate, distance: Estimate | None = None
 ) -> Nodes:
     """Lay out nodes, matrices and measurements about a nominal motion.
 
     Args:
         problem: the trial.
         nominal: the integrated motion.
-        offset, offset_std: clock offset that the wheels' stamps are moved by, and its std [s].
+        offset: by which the wheels' stamps are moved [s].
+        left: what is expected to be left of the clock offset then [s].
         distance: measured total distance [m].
     """
     imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
@@ -317,8 +322,9 @@ def build(
         pull = thrust(imu, nominal.rest, index, pace)
         Q[:, D, D] += moving * (problem.compliance * np.gradient(pull, t)) ** 2 * LOOSE_TIME * dt
         start = model.add_wheels(
-            updates, rolling, nominal, index, rest, spinning, offset, lost, loss, w, pull
-        )
+            updates, rolling, nominal, index, rest, spinning, offset, lost, loss, w,
+            np.sign(speed) * pace.growth, pull,
+        )  # fmt: skip
     if problem.coasts:  # then the body is as slow as the wheels
         H = np.zeros((1, SIZE))
         H[0, [V, PD]] = 1.0, -1.0
@@ -329,12 +335,12 @@ def build(
         H[0, [X, P]] = 1.0, -1.0
         updates[-1].append(Update("distance", distance.value - float(nominal.x[-1]), H, distance.std**2))
     x0 = np.zeros((SIZE, 1))
-    x0[[TH, BA, BG], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias
+    x0[[TH, BA, BG, TAU], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias, left.value
     std = np.array([
         1e-6, np.hypot(1e-6, start), model.ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0]), noise.pitch,
         noise.accel_bias, max(noise.gyro_bias, abs(nominal.gyro_bias)),
         1e-7 if rest[0] else noise.motion_bias, 1e-6 if rest[0] else slip.limit,
-        1e-6 if rest[0] else slip.scatter, offset_std, noise.accel_scale,
+        1e-6 if rest[0] else slip.scatter, left.std, noise.accel_scale,
         1e-8 if slip.memory else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
     if problem.louder:
@@ -369,14 +375,16 @@ def inflate(
         span = (t > begin) & (t - dt < end) & moving
         return span, dt[span] / max(float(dt[span].sum()), 1e-9)
 
-    def drift(begin: float, end: float, force: float | None, turn: float) -> None:
+    def unseen(begin: float, end: float) -> float:
+        if growth is None:
+            return UNSEEN
+        # the body follows the wheels within a quarter of a second
+        near = (t > begin - 0.25) & (t < end + 0.1)
+        return float(np.hypot(UNEXPLAINED, 1.2 * np.abs(growth[near]).max(initial=0.0)))
+
+    def drift(begin: float, end: float, force: float, turn: float) -> None:
         span, share = over(begin, end)
         length = max(end - begin, period)
-        if force is None:
-            force = UNSEEN
-            if growth is not None:  # the body follows the wheels within a quarter of a second
-                near = (t > begin - 0.25) & (t < end + 0.1)
-                force = float(np.hypot(UNEXPLAINED, 1.2 * np.abs(growth[near]).max(initial=0.0)))
         # what shakes comes back within some hundredths of a second
         unknown = np.hypot(force * length, shake * min(length, 0.03))
         Q[span, V, V] += unknown**2 * share
@@ -387,12 +395,13 @@ def inflate(
 
     turn = max(0.02, 2.0 * turning)
     for begin, end in faults.gaps:
-        drift(begin, end, None, turn)
+        drift(begin, end, unseen(begin, end), turn)
+    for end, thrown in zip(imu.t[faults.spikes], faults.thrown[faults.spikes], strict=True):
+        force = unseen(end - period, end)  # of a jolt of the body, unless further than one throws a reading
+        drift(end - period, end, force if thrown < BEYOND * force else 0.0, turn)
     for (begin, end), beyond in zip(faults.plateaus, faults.beyond, strict=True):
         at = (imu.t >= begin) & (imu.t <= end)
         drift(begin, end, beyond, 2.0 if faults.rate_doubt[at].any() else 0.0)
-    for instant in imu.t[faults.spikes]:
-        drift(float(instant) - period, float(instant), 0.0, turn)
     for jump in faults.restarts:
         span, share = over(jump.begin, jump.end)
         Q[span, BA, BA] += jump.accel**2 * share

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -61,7 +62,7 @@ def motion_of(
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
     v_std = np.hypot(spread(std_of(found.P, {V: 1.0, PD: -1.0})), extra)
     x_std = np.hypot(spread(std_of(found.P, {X: 1.0, P: -1.0})), extra / omega)
-    v_std = np.hypot(v_std, _by_latency(t, v, problem, offset))
+    v_std = np.hypot(v_std, _by_latency(t, v, problem, solution))
     if not np.isfinite(v + v_std).all():
         raise EstimateError(
             f"trial '{trial.name}': the filter has become numerically unstable",
@@ -103,7 +104,8 @@ def motion_of(
         slip_velocity_std=spread(u_std), phase=course.name, slip_ratio=slip_ratio,
         distance=Estimate(float(x[-1] - x[0]), float(x_std[-1])), distance_wheels=rolled,
         steady=course.steady, t_start=command_start(trial.command, offset, course.onset),
-        clock_offset=offset, variant=variant, variant_source=source, noise=problem.noise.as_dict(),
+        clock_offset=offset, clock_applied=solution.applied, variant=variant, variant_source=source,
+        noise=problem.noise.as_dict(),
         health=health, warnings=(*trial.warnings, *warnings, *more), slip_parts=parts,
     )  # fmt: skip
 
@@ -137,14 +139,16 @@ def motion_without_imu(
     )  # fmt: skip
 
 
-def _by_latency(t: Array, v: Array, problem: Problem, offset: Estimate) -> Array:
+def _by_latency(t: Array, v: Array, problem: Problem, solution: Solution) -> Array:
     """(N,) std of the velocity by not knowing whose stamps are late, the IMU's or the wheels' [m/s].
 
-    An IMU that lags by its latency shows a motion later than it was, by acceleration times latency.
+    An IMU that lags by its latency shows a motion later than it was, by acceleration times latency. The
+    offset is the difference of the latencies of both sensors; what they have in common is unknown.
     """
+    offset = solution.offset
     if problem.slip.memory or not np.isfinite(offset.std):
         return np.zeros(t.size)
-    late = float(np.hypot(offset.std, offset.value if abs(offset.value) < LATENCY else 0.0))
+    late = 0.5 * math.hypot(offset.std, offset.value - solution.applied, LATENCY)
     size = max(round(QUICK / problem.imu.period), 1)
     return np.asarray(late * np.abs(uniform_filter1d(np.gradient(v, t), size)))
 

@@ -28,7 +28,7 @@ from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Nodes, Problem, build, push
 from granite_lab.estimation.nominal import Sideways
 from granite_lab.estimation.rest import inside
-from granite_lab.estimation.smoother import log_likelihood, nominal_of
+from granite_lab.estimation.smoother import forward, merged, nominal_of
 from granite_lab.estimation.spectrum import hann, spectral_density
 from granite_lab.logs.trial import Array, part
 
@@ -104,8 +104,8 @@ def refer(problem: Problem, offset: Estimate, slip_std: float | None = None) -> 
         def score(f: Figures, parts: list[Problem] = parts) -> float:
             prior = -0.5 * sum((np.log(f[n] / median) / std) ** 2 for n, (median, std) in PRIOR.items())
             tuned = (_with(part, f) for part in parts)
-            nodes = (build(p, nominal_of(p, offset.value), offset.value, 1e-6) for p in tuned)
-            return float(prior + sum(log_likelihood(n) for n in nodes))
+            nodes = (build(p, nominal_of(p, offset.value), offset.value, Estimate(0.0, 1e-6)) for p in tuned)
+            return float(prior + sum(forward(merged(n))[2].log_likelihood for n in nodes))
 
         figures = climb(score, figures)
         problem = _with(problem, figures)

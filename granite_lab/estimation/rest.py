@@ -119,17 +119,25 @@ def imu_quiet(
 
 
 def without_swings(imu: BodyImu, still: np.ndarray, grade: ImuGrade) -> np.ndarray:
-    """(N,) `still` without the time at its beginning in which the body yet swings on its tyres.
+    """(N,) `still` without the time in which the body yet swings on its tyres.
 
     What a slow swing adds to the noise shows in a longer window, in which the samples are averaged first. A
-    standstill begins with its longest calm part; where it has none, it is left as it is.
+    standstill begins with its longest calm part, or is none. What is calm the quietest standstill tells,
+    where the others are not as calm for a quarter of the time.
     """
-    calm = maximum_filter1d(imu_quiet(imu, grade, still, SWING), max(round(SWING / imu.period), 1))
-    left = still.copy()
-    for a, b in runs(still):
+    force = restlessness(imu, SWING, SWING / SAMPLES)[0]
+    stands = [(a, b) for a, b in runs(still) if (b - a) * imu.period >= SHORTEST]
+    if not stands:
+        return still
+    a, b = min(stands, key=lambda run: float(np.median(force[slice(*run)])))
+    left, quietest = still.copy(), np.zeros(still.size, dtype=bool)
+    quietest[a:b] = True
+    loud = float(np.percentile(force[still], 25)) > 1.5 * float(np.median(force[a:b]))
+    calm = imu_quiet(imu, grade, quietest if loud else still, SWING)
+    calm = maximum_filter1d(calm, max(round(SWING / imu.period), 1))
+    for a, b in stands:
         begin, end = max(runs(calm[a:b]), key=lambda run: run[1] - run[0], default=(0, 0))
-        if (end - begin) * imu.period >= SHORTEST:
-            left[a : a + begin] = False
+        left[a : a + begin if (end - begin) * imu.period >= SHORTEST else b] = False
     return left
 
 

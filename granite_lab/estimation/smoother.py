@@ -99,7 +99,8 @@ class Solution:
     """The last pass: nominal motion, nodes and smoothed drift.
 
     Attributes:
-        offset: of the encoders' clock, as it is reported [s].
+        offset: of the encoders' clock [s].
+        applied: how much of it was known beforehand [s]; the rest was left to the filter.
         compliance: by which the displacement between wheels and body walked [s^2].
     """
 
@@ -107,13 +108,8 @@ class Solution:
     nodes: Nodes
     smoothed: Smoothed
     offset: Estimate
+    applied: float
     compliance: float
-
-    @property
-    def refined_offset(self) -> Estimate:
-        """The offset with what the filter's state TAU adds to it [s]."""
-        x, P = self.smoothed.x[-1], self.smoothed.P[-1]
-        return Estimate(self.offset.value + float(x[TAU]), float(np.sqrt(P[TAU, TAU])))
 
 
 def forward(nodes: Nodes) -> tuple[Array, Array, Innovations]:
@@ -169,11 +165,6 @@ def merged(nodes: Nodes) -> Nodes:
     names = ("index", "t", "moving", "lost", "mean_slip", "w")
     kept = {name: getattr(nodes, name)[ends] for name in names}
     return replace(nodes, F=F, Q=Q, updates=tuple(nodes.updates[k] for k in ends), **kept)
-
-
-def log_likelihood(nodes: Nodes) -> float:
-    """Log-likelihood of the measurements, without smoothing."""
-    return forward(merged(nodes))[2].log_likelihood
 
 
 def run(nodes: Nodes) -> Smoothed:
@@ -235,8 +226,9 @@ def nominal_of(problem: Problem, offset: float) -> Nominal:
 
 
 def solve(
-    problem: Problem, offset: Estimate, *, distance: Estimate | None = None, robust: bool = True
-) -> Solution:
+    problem: Problem, offset: Estimate, *, near: float | None = None, distance: Estimate | None = None,
+    robust: bool = True,
+) -> Solution:  # fmt: skip
     """Filter and smooth, each pass about the last one's result.
 
     Relinearising matters for gravity's share of a large pitch; one or two passes settle it. Another one
@@ -246,22 +238,24 @@ def solve(
 
     Args:
         problem: the trial.
-        offset: by which all stamps of the wheels are moved; its std is that of what is left, a state.
+        offset: of the wheels' clock, as it is expected; what is left of it is a state of the filter. With
+            a std of NaN nothing is left.
+        near: by which all stamps of the wheels are moved [s]; as expected by default.
         distance: measured total distance [m].
         robust: noise grows where measurements miss their prediction; not where likelihoods are compared.
     """
     accel_bias, gyro_bias, pitch = 0.0, None, 0.0
-    velocity = first_velocity(problem, offset.value)
-    std = offset.std if np.isfinite(offset.std) else 1e-6
+    at, std = offset.value if near is None else near, offset.std if np.isfinite(offset.std) else 1e-6
+    velocity = first_velocity(problem, at)
     for i in range(PASSES):
         nominal = integrate(
             problem.imu, problem.robot, problem.rests, problem.faults, accel_bias=accel_bias,
             gyro_bias=gyro_bias, pitch=pitch, velocity=velocity, aside=problem.aside,
         )  # fmt: skip
         if problem.rolling is not None:
-            steady = pace_of(problem.rolling, offset.value, nominal.t).steady
+            steady = pace_of(problem.rolling, at, nominal.t).steady
             nominal = quieten(nominal, steady, problem.noise.vibration_frequency)
-        nodes = build(problem, nominal, offset.value, std, distance)
+        nodes = build(problem, nominal, at, Estimate(offset.value - at, std), distance)
         found = run(nodes)
         level = float(np.max(np.abs(found.x[:, TH]))) < SETTLED
         # a compliance beyond what the walk allows for calls for another pass
@@ -281,7 +275,8 @@ def solve(
             gyro_bias = nominal.gyro_bias + float(middle[BG])
             pitch += float(found.x[0, TH])
     found = replace(found, P=found.P * widening(found.innovations))
-    return Solution(nominal, nodes, found, offset, problem.compliance)
+    refined = Estimate(at + float(found.x[-1, TAU]), float(np.sqrt(found.P[-1, TAU, TAU])))
+    return Solution(nominal, nodes, found, refined, offset.value, problem.compliance)
 
 
 def mismatch(came: Innovations) -> dict[str, float]:

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from benchmarks.slipping_robots import run
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import Motion, correct, estimate
@@ -152,6 +153,22 @@ def test_wheels_that_shake_a_standing_body_leave_its_velocity_as_it_is() -> None
 def test_standstills_between_which_no_wheel_turned_are_one() -> None:
     rests = [(0.0, 1.0), (1.2, 2.0), (5.0, 6.0)]
     assert bridged_rests(rests, np.array([2.5, 4.0])) == [(0.0, 2.0), (5.0, 6.0)]
+
+
+@pytest.mark.parametrize("seed", [20, 31])
+def test_a_body_that_swings_on_its_tyres_to_the_end_is_not_at_rest(seed: int) -> None:
+    found = run("rings", seed)
+    assert not isinstance(found, str)
+    assert np.mean(np.abs(found.v - found.truth) < 2.0 * found.std) > 0.9
+
+
+@pytest.mark.parametrize("seed", [21, 26])
+def test_a_jolt_taken_for_a_reading_thrown_off_is_in_the_std(seed: int) -> None:
+    """When these wheels brake, the body loses some 15 mm/s in a millisecond: one reading of the IMU."""
+    found = run("brakes on a slope", seed)
+    assert not isinstance(found, str)
+    assert np.mean(np.abs(found.v - found.truth) < 2.0 * found.std) > 0.9
+    assert np.sqrt(np.mean((found.v - found.truth) ** 2)) < 0.006
 
 
 def test_standstill_named_where_the_robot_moved_is_refused() -> None:
