@@ -308,9 +308,13 @@ def page(found: dict[str, list[Velocities | str]]) -> str:
         "robot", "trials", "RMSE [mm/s]", RESTS, SLIP, "ratio", "wheels",
         "in 2σ [%]", "good / fair / poor", "refused",
     )  # fmt: skip
-    stuck = [run for run in found["is stuck"] if not isinstance(run, str)]
-    moves = np.concatenate([np.abs(run.truth) > STARTS for run in stuck])
-    good_there = np.concatenate([np.abs(run.v - run.truth) < 2 * run.std for run in stuck])[moves]
+    stands = ""
+    if stuck := [run for run in found.get("is stuck", ()) if not isinstance(run, str)]:
+        moves = np.concatenate([np.abs(run.truth) > STARTS for run in stuck])
+        good_there = np.concatenate([np.abs(run.v - run.truth) < 2 * run.std for run in stuck])[moves]
+        stands = f""" The body that is stuck
+stands in {100 * np.mean(~moves):.0f} % of the samples, where any std is large enough; of the others,
+{100 * np.mean(good_there):.0f} % are within ±2σ."""
     low, high = (100 * aim for aim in COVERAGE_AIM)
     return f"""# Estimation on robots that slip in unusual ways
 
@@ -322,9 +326,7 @@ an estimate that is told the truth about the slip. Bold: missed. Both are reache
 
 {table(head, rows)}
 RMSE of the velocity [mm/s] over all trials while body or wheels move: of the estimate, of two that are told
-a part of the truth, and of the wheels alone. The ratio is that to "told the slip". The body that is stuck
-stands in {100 * np.mean(~moves):.0f} % of the samples, where any std is large enough; of the others,
-{100 * np.mean(good_there):.0f} % are within ±2σ.
+a part of the truth, and of the wheels alone. The ratio is that to "told the slip".{stands}
 
 ![velocity of a trial of each robot: estimate with two std, wheels, truth](figures/slipping_robots.png)
 

@@ -103,7 +103,10 @@ def disperse(pool: Executor, *, kill: bool) -> None:
     for process in list(getattr(pool, "_processes", None) or {}) if kill else ():
         with suppress(ProcessLookupError):
             os.kill(process, signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
-    pool.shutdown(cancel_futures=True)
+    if isinstance(pool, ProcessPoolExecutor):
+        pool.shutdown(cancel_futures=True)
+    else:  # loky's names it otherwise
+        cast(Any, pool).shutdown(kill_workers=kill)
 
 
 def _begin(enter: Callable[[X], None], given: X) -> None:

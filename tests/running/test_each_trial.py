@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -113,6 +114,22 @@ def test_the_cache_stays_within_its_size_and_drops_what_was_used_longest_ago(
     os.utime(left_over, (0, 0))
     cache.trim(2 * entries[0].stat().st_size + 10)
     assert sorted(cache.folder.glob("*/*")) == sorted(entries[:2])
+
+
+def test_trials_run_side_by_side_beside_a_thread_of_the_terminal(tmp_path: Path) -> None:
+    """A process of several threads cannot fork safely: another kind of pool does the work."""
+    logs = [tmp_path / f"{i}.csv" for i in range(4)]
+    for i, log in enumerate(logs):
+        log.write_text("x" * i, encoding="utf-8")
+    shown = threading.Event()
+    thread = threading.Thread(target=shown.wait)
+    thread.start()
+    try:
+        found = each_trial(measure, logs, Options(), execution=Execution(2))
+    finally:
+        shown.set()
+        thread.join()
+    assert found == each_trial(measure, logs, Options(), execution=Execution(1))
 
 
 @pytest.mark.parametrize("jobs", [1, 3])
