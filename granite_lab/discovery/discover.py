@@ -20,7 +20,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import Bench, Respond, World
 from granite_lab.inference.clocks import clocks
 from granite_lab.inference.conditions import under_conditions
-from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
+from granite_lab.inference.constants import LATENCY_LIMIT, OUTLIER, TOLERANCE
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import at_first, baseline, nominal, trial_models
@@ -28,10 +28,6 @@ from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Robot, Soil
 from granite_lab.processes import one_thread
-
-OUTLIER = 10.0
-"""Factor by which the residuals of a trial, or its own numbers, exceed those of the median trial where
-nothing fits it: another command, a wheel off the ground, another robot."""
 
 LATENCY_EFFECT = "clock_offset"
 """The effect that latency is; it is no candidate, for latency is fitted in any case."""

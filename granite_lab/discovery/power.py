@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.candidates import Probe, Screen, others_of
 from granite_lab.discovery.finding import Confusion, Detectable
 from granite_lab.discovery.search import is_empirical
-from granite_lab.inference.constants import CREDIBLE, EFFECT_ODDS
+from granite_lab.inference.constants import CREDIBLE, SAME, WORTH
 from granite_lab.inference.fit import Fit, learnt_priors
 from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
@@ -19,9 +19,6 @@ from granite_lab.logs.trial import Array
 
 POWER = 0.8416
 """Standard normal number for a power of 80 %."""
-
-SAME = 0.95
-"""Cosine above which two signatures count as one."""
 
 GROWTH, GROWN = 1.2, 16
 """Step between the amplitudes that are tried, as a factor, and how many: up to fifteen times the first."""
@@ -48,7 +45,7 @@ def detectable(
     own = screened.own
     gram = screened.posterior.rest[:-1, :-1]
     shares = _shares(problem, fit, screened)
-    needed = -np.log(EFFECT_ODDS) + np.log(CREDIBLE / (1 - CREDIBLE))
+    needed = WORTH + np.log(CREDIBLE / (1 - CREDIBLE))
     limits = {
         k: (
             _by_noise(float(gram[k, k]), (width_of(p.parameter) / p.size) ** 2, needed),
@@ -223,7 +220,7 @@ def _confusion(
         b = FACTOR * sizes[n] * G[row][:, None] + root @ rng.standard_normal((len(ids), DRAWS))
         gains = 0.5 * b**2 / (power + 1 / variance)[:, None] - 0.5 * np.log1p(power * variance)[:, None]
         first = gains.argmax(axis=0)
-        seen = gains.max(axis=0) > -np.log(EFFECT_ODDS)
+        seen = gains.max(axis=0) > WORTH
         matrix[row] = [np.mean(seen & (first == k)) for k in range(len(ids))]
         missed[row] = float(np.mean(~seen))
     return Confusion(ids, cosines[np.ix_(place, place)], matrix, missed, FACTOR, DRAWS)

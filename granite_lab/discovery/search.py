@@ -11,7 +11,7 @@ from granite_lab.discovery.candidates import Score, Screen, scores, screen
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.constants import EFFECT_ODDS, LEFT, SPREAD, TOLERANCE
+from granite_lab.inference.constants import EFFECT_ODDS, LEFT, LOUD, SPREAD, TOLERANCE, WORTH
 from granite_lab.inference.fit import Fit, fit, under
 from granite_lab.inference.gap import moved, shares
 from granite_lab.inference.normal import Scales
@@ -24,18 +24,8 @@ MOST = 3
 TRIED = 3
 """Candidates of a screen that are fitted in full."""
 
-WORTH = 3.0
-"""Least gain by the screen, in units of log likelihood, of a candidate that is fitted in full."""
-
-RIVAL = 0.3
-"""Share of the best candidate's gain by the screen that a rival must show to be fitted in full. The screen is
-linear, and full fits have changed the order of candidates by factors of up to two."""
-
 FEW, ALL = 2, 99
 """Sizes of a strength that are probed, the smallest first."""
-
-BAD = 1.3
-"""Factor of the noise from which on a fit is bad: what it leaves is not smooth, and no noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +275,7 @@ def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:
 
 
 def _loud(result: Fit) -> bool:
-    return max(result.scales.louder.values(), default=1.0) > BAD
+    return max(result.scales.louder.values(), default=1.0) > LOUD
 
 
 def _origins(problem: Problem, result: Fit) -> list[Fit]:
@@ -345,9 +335,11 @@ def _promises(looks: Sequence[Look]) -> dict[str, _Promise]:
 def _promising(promises: Mapping[str, _Promise], most: int) -> list[_Promise]:
     """Return what is promised by the candidates to be fitted.
 
-    They are the `most` best effects of the library, and the best term of the empirical law.
+    They are the `most` best effects of the library, and the best term of the empirical law. A rival must
+    promise `LEFT` of what the best one does: the screen is linear, and full fits have changed the order of
+    candidates by factors of up to two.
     """
-    least = max(WORTH, RIVAL * max((p.gain for p in promises.values()), default=0.0))
+    least = max(WORTH, LEFT * max((p.gain for p in promises.values()), default=0.0))
     ranked = sorted((p for p in promises.values() if p.gain > least), key=lambda p: -p.gain)
     library = [p for p in ranked if not is_empirical(p.score.candidate)][:most]
     law = [p for p in ranked if is_empirical(p.score.candidate)][: most // 2]

@@ -206,9 +206,10 @@ def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
 def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance: float) -> Named:
     """Return what speaks for one effect of the best set: its rivals, and what it closes.
 
-    Rivals in its place are twins where the posterior does not exclude them. They are, too, where they leave
-    less than twice what the best set leaves of the gap, both as an rms: a formula that is off by that much
-    cannot exclude another that is off by as much more.
+    Rivals in its place are twins where the posterior does not exclude them. The likeliest come first, until
+    half of the doubt that a name may carry is left; a rival that holds less than a tenth of this doubt is no
+    twin. Rivals are twins, too, where they leave less than twice what the best set leaves of the gap, both as
+    an rms: a formula that is off by that much cannot exclude another that is off by as much more.
     """
     best = search.best
     rest = tuple(e for e in best.effects if e != id_)
@@ -226,8 +227,9 @@ def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance:
         if set(rest) <= set(model.effects) and len(other) == 1 and other[0] != id_:
             rivals.append((search.probability(holding(other[0], id_)), other[0], model))
     twins: list[str] = []
+    doubt = 1 - CREDIBLE
     for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
-        likely = probability < 0.95 and share >= 0.01
+        likely = 1 - probability > doubt / 2 and share >= LEAST_SHARE * doubt
         if not likely and not is_empirical(rival) and whole.remainder > 0:
             left = 1 - closed(whole.base, left_by(model), whole.gap).value
             likely = left < 4 * whole.remainder

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import norm
 
 from granite_lab.discovery.finding import Disagreement
 from granite_lab.estimation.motion import PhaseName
-from granite_lab.inference.constants import SMOOTH
+from granite_lab.inference.constants import CREDIBLE, SMOOTH
 from granite_lab.inference.gap import Discrepancy
 from granite_lab.inference.problem import Problem
-
-CERTAIN = 3.0
-"""Standard deviations from which on a discrepancy at one instant is not noise."""
 
 
 def disagreements(
@@ -30,7 +28,8 @@ def disagreements(
     for d in found:
         o = problem.trials[problem.commands[d.command][0]].observation
         phase = o.phase
-        hit = (np.abs(d.value) > CERTAIN * d.std) & (np.abs(d.value) > tolerance * d.size) & (d.std > 0)
+        certain = norm.isf((1 - CREDIBLE) / 2 / d.value.size)  # no instant by chance in nine of ten intervals
+        hit = (np.abs(d.value) > certain * d.std) & (np.abs(d.value) > tolerance * d.size) & (d.std > 0)
         for a, b in _runs(hit, phase, round(SMOOTH[0] / o.width)):
             value, std = d.value[a:b], d.std[a:b]
             rows.append(

@@ -11,10 +11,6 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Series, Trial
 
-ALIKE = 2.0
-"""Standard deviations within which the offset of a trial agrees with that of the set."""
-
-
 Clocked = tuple[list[Trial], list[Motion]]
 
 
@@ -40,7 +36,7 @@ def clocks(trials: Sequence[Trial], motions: Sequence[Motion]) -> tuple[Clocked,
     applied = np.array([m.clock_applied for m in motions])
     std = np.array([m.clock_offset.std for m in motions])
     common = float(np.median(applied))
-    alike = np.abs(applied - common) <= ALIKE * np.nan_to_num(std)
+    alike = np.abs(applied - common) <= 2 * np.nan_to_num(std)
     if not applied.any():
         return (given,)
     pairs = [_moved(t, m, common) for t, m in zip(trials, motions, strict=True)]

@@ -1,6 +1,11 @@
-"""Numbers set by hand, each with its reason. Everything else is measured, learnt or taken from a file."""
+"""Numbers set by hand, each with its reason, and what follows from them.
+
+Everything else is measured, learnt or taken from a file. Two standard deviations count as certain throughout.
+"""
 
 from __future__ import annotations
+
+import math
 
 TOLERANCE = 0.02
 """Discrepancy that does not matter, as a share of a channel's rms in motion; the option `--tolerance`.
@@ -10,6 +15,10 @@ the K10-mini wheel at CMU: 2 % median), so that a smaller gap cannot be assigned
 
 LEAST_SHARE = 0.1
 """Share of the gap that an effect must close to be named; one that closes less is listed as small."""
+
+OUTLIER = 1 / LEAST_SHARE
+"""Factor by which the residuals of a trial, or its own numbers, exceed those of the median trial where
+nothing fits it (another command, a wheel off the ground, another robot): the median is then a small share."""
 
 LATENCY_LIMIT = 0.02
 """Largest delay between the stamps of two sensors that passes for latency [s]; the option `--latency`.
@@ -44,6 +53,12 @@ LEFT = FORMULA_ERROR[1]
 """Share that the errors of all formulas of a set may leave of what its effects explain, as an rms. What
 leaves more, or promises more, is another effect."""
 
+LOUD = 1 + LEFT
+"""Factor of the noise from which on a fit is bad: what it leaves is not smooth, and no noise."""
+
+SAME = math.sqrt(1 - LEFT**2)
+"""Cosine above which two signatures count as one: they differ by no more than an error of their formulas."""
+
 SPREAD = 1.0
 """Std of the logarithm of a scale about the value at which its search begins: a factor of 2.7 either way."""
 
@@ -71,6 +86,9 @@ accelerometer [-], wheel radius [-], start of the command [s], place of the IMU 
 
 EFFECT_ODDS = 0.05
 """Prior odds of one more effect in the model: of some 20 candidates about one is expected."""
+
+WORTH = -math.log(EFFECT_ODDS)
+"""Gain of log likelihood that makes up for those odds: a candidate that promises less is not fitted."""
 
 CREDIBLE = 0.9
 """Posterior probability that a name, or a set that cannot be told apart, must hold."""

@@ -11,11 +11,11 @@ import pytest
 from granite_lab.discovery.candidates import scores, screen
 from granite_lab.discovery.heldout import closed, predict
 from granite_lab.discovery.power import _by_noise_own
-from granite_lab.discovery.search import WORTH, Model, Search, fit_sets, left_open, search, strained
+from granite_lab.discovery.search import Model, Search, fit_sets, left_open, search, strained
 from granite_lab.discovery.verdict import Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import REST_SHARE
+from granite_lab.inference.constants import REST_SHARE, WORTH
 from granite_lab.inference.discrepancy import MOTION, REST
 from granite_lab.inference.fit import FIRST, Fit, fit
 from granite_lab.inference.normal import Scales
