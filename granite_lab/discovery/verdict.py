@@ -117,8 +117,8 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     * Effects of the likeliest set are named that trials left out show, and that close at least `LEFT` of the
       gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone,
       or with at most two others that cannot be told from them, they must have a posterior probability of
-      `CREDIBLE`; together they must leave less than `LEFT` of the gap, as an rms, or nothing that errors of
-      their formulas within `FORMULA_ERROR` and the tolerance do not explain.
+      `CREDIBLE`. Together they must leave less than `LEFT` of the gap, as an rms; or not more by two standard
+      errors, if errors of their formulas within `FORMULA_ERROR` and the tolerance explain what they leave.
     * ``unknown`` otherwise, and where repetitions differ and one of those effects does not stand out.
 
     Args:
@@ -139,7 +139,9 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     base = before.left_out if np.isfinite(before.left_out).any() else before.own
     floor = np.fmin(after.expected, before.expected)
     gap = base - (floor if floor.sum() < _left(after).sum() else _left(after))
-    remainder = 1 - closed(base, _left(after), gap).value
+    whole_closes = closed(base, _left(after), gap)
+    remainder = 1 - whole_closes.value
+    beyond = remainder - 2 * whole_closes.std > LEFT**2  # not so where the standard error is not known
     whole = _Whole(base, gap, after, remainder)
     parts = together(lambda k: _named(problem, search, best.effects[k], whole, tolerance), len(best.effects))
     relevant = [n for n in parts if n.matters(remainder, best.fit.scales)]
@@ -148,7 +150,8 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     law = [n for n in relevant if is_empirical(n.id)]
     sure = [n for n in library if n.probability >= CREDIBLE and len(n.twins) < LARGEST_SET]
     by_law = sum(n.closes.value for n in law)
-    enough = remainder + by_law < LEFT**2 or (not law and good(problem, best.fit, tolerance))
+    explained = not law and not beyond and good(problem, best.fit, tolerance)
+    enough = remainder + by_law < LEFT**2 or explained
     known = bool(sure) and len(sure) == len(library) and enough
     nothing = Judgement("unknown", 1.0, alone, (), (*beside, *parts), before, before, gap, 1.0)
     if differ and not all(n.stands_out(differ, tolerance) for n in (sure if known else law)):

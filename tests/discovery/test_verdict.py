@@ -137,6 +137,16 @@ def test_an_effect_is_named_only_where_it_changes_more_than_repetitions_differ(
     )
 
 
+@pytest.mark.parametrize(("std", "verdict"), [(0.22, "named"), (0.2, "unknown")])
+def test_errors_of_formulas_cannot_explain_what_is_left_of_trials_left_out_beyond_its_standard_error(
+    monkeypatch: pytest.MonkeyPatch, std: float, verdict: str
+) -> None:
+    """Half of the gap is left, of which formulas 30 % off leave a tenth; the fit itself leaves nothing."""
+    answer = ask(push=0.3)
+    monkeypatch.setattr("granite_lab.discovery.verdict.closed", lambda *_: Estimate(0.5, std))
+    assert judge(answer.problem, answer.search, TOLERANCE).verdict == verdict
+
+
 def test_numbers_of_single_trials_must_be_needed_at_more_than_one_speed() -> None:
     """A resonance coincides with an order of the wheels at one speed."""
     problem = problem_of(SIX)

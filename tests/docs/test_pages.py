@@ -26,6 +26,7 @@ from tests.corpus.cli import Done, lab
 from tests.docs.pages import PAGES, ROOT, blocks, command_of, lines_to_run, save_files, text_of
 from tests.effects.example import EXAMPLE
 from tests.logs.bags import Bag
+from tests.recording.test_viewer import CAN_DRAW
 
 SAMPLES = ROOT / "data" / "samples"
 LOG = SAMPLES / "virtual_v0.3_r1.csv"
@@ -159,7 +160,7 @@ def follow(
     """
     found = []
     for line, shown in lines_to_run(page):
-        if line in ELSEWHERE or not chosen(line):
+        if line in ELSEWHERE or not chosen(line) or ("--screenshot" in line and not CAN_DRAW):
             continue
         done = run(SMALLER.get(line, line))
         assert done.code == 0, (line, done.err or done.out)
@@ -275,7 +276,7 @@ def test_the_tutorial_and_what_builds_on_a_study(tmp_path: Path, monkeypatch: py
     (guessed,) = (b.code for b in blocks("docs/tutorial.md") if "% sure" in b.code and b.language == "toml")
     for column in guessed.strip().split("\n\n"):
         assert column.partition("\n")[2] in draft
-    assert Path("run07.png").stat().st_size > 10_000
+    assert not CAN_DRAW or Path("run07.png").stat().st_size > 10_000
     for name in ("a", "b", "sand-a", "sand-b"):
         shutil.copytree("reports/mylab", f"reports/{name}")
     for page in STUDIED[1:]:
