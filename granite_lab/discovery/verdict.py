@@ -43,8 +43,8 @@ class Named:
     changes: Mapping[str, float] = field(default_factory=dict)
 
     def stands_out(self, scatter: Mapping[str, float], tolerance: float) -> bool:
-        """Tell whether it changes some channel by more than repetitions differ there, or the tolerance."""
-        return any(moved > scatter.get(c, tolerance) for c, moved in self.changes.items())
+        """Tell whether it changes some channel by more than repetitions differ there, and the tolerance."""
+        return any(moved > max(scatter.get(c, 0.0), tolerance) for c, moved in self.changes.items())
 
     def matters(self, remainder: float, scales: Scales) -> bool:
         """Tell whether it closes enough to be named.

@@ -252,7 +252,8 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
 def _differ(finding: Finding, gap: float) -> str:
     """Say how far the sensors are from the model without effects."""
     where = gap_pair(finding)[2]
-    return said("answers", "differ", gap=times(gap), tolerance=percent(finding.tolerance), where=where)
+    text = said("answers", "differ", gap=times(gap), tolerance=percent(finding.tolerance), where=where)
+    return text + (said("answers", "repetitions") if finding.scatter else "")
 
 
 def _drove(trials: int, robots: Sequence[str], soils: Sequence[str], speeds: Sequence[float]) -> str:

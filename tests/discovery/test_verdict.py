@@ -147,6 +147,13 @@ def test_errors_of_formulas_cannot_explain_what_is_left_of_trials_left_out_beyon
     assert judge(answer.problem, answer.search, TOLERANCE).verdict == verdict
 
 
+def test_where_repetitions_differ_a_change_below_the_tolerance_does_not_stand_out() -> None:
+    """Channels in which they do not differ at all are no exception."""
+    effect = Named("push", (), 1.0, Estimate(1.0, 0.1), changes={"accel_x": 0.1, "accel_z": 0.01})
+    assert not effect.stands_out({"accel_x": 0.2, "accel_z": 0.0}, TOLERANCE)
+    assert effect.stands_out({"accel_x": 0.05, "accel_z": 0.0}, TOLERANCE)
+
+
 def test_numbers_of_single_trials_must_be_needed_at_more_than_one_speed() -> None:
     """A resonance coincides with an order of the wheels at one speed."""
     problem = problem_of(SIX)
