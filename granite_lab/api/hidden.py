@@ -21,7 +21,7 @@ from granite_lab.hidden.sealed import NAME, open_answer, seal
 from granite_lab.hidden.wish import Wish
 from granite_lab.logs import write_canonical, write_truth
 from granite_lab.parameters import CATALOGUE, load_robot, load_soil
-from granite_lab.shown import frame
+from granite_lab.shown import frame, picked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -205,12 +205,8 @@ def _allowed() -> dict[str, Any]:
 
     return {
         effect.id: {
-            "title": effect.title,
-            "equation": effect.equation,
-            "parameters": {
-                p.name: {"unit": p.unit, "meaning": p.meaning, "low": p.low, "high": p.high}
-                for p in effect.parameters
-            },
+            **picked(effect, "title", "equation"),
+            "parameters": {p.name: picked(p, "unit", "meaning", "low", "high") for p in effect.parameters},
         }
         for effect in library().values()
     }
