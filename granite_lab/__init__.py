@@ -12,8 +12,6 @@ from typing import Any
 
 import lazy_loader
 
-from granite_lab.shown import Shown
-
 __version__ = "0.1.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
@@ -32,11 +30,4 @@ class _Package(types.ModuleType):
         """Let the import system bind the module; importing from it works all the same."""
 
 
-def _drawn(record: Any) -> Any:
-    from granite_lab.api.plots import plot  # noqa: PLC0415, heavy
-
-    return plot(record)
-
-
 sys.modules[__name__].__class__ = _Package
-Shown.drawn = staticmethod(_drawn)

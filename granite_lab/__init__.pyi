@@ -1,10 +1,9 @@
 from .api.hidden import hide, kit, reveal
-from .api.logs import check, ingest, inspect, view
+from .api.logs import Checked, check, ingest, inspect, view
 from .api.model import list_effects, params, show_effect, simulate, wheel
 from .api.trials import compare, discover, fit_a_theta, fit_k92, plan_next, record, report, study
 from .errors import EstimateError, InputError, LabError, UsageError
 from .estimate import Estimate
-from .field_check import Checked
 from .two_studies import compare_studies
 
 __version__: str

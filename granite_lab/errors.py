@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -14,18 +12,6 @@ def printable(text: str) -> str:
     and what is no character at all become U+FFFD.
     """
     return "".join(c if c.isprintable() else "\ufffd" for c in " ".join(text.split()))
-
-
-def did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """Return a question after the known name that resembles a wrong one most, nothing where none does.
-
-    Args:
-        name: the wrong one.
-        known: those that there are.
-        cutoff: as of `difflib.get_close_matches`, 0 to 1.
-    """
-    close = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
-    return f"did you mean '{close[0]}'?" if close else ""
 
 
 class LabError(Exception):

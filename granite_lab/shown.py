@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 import html
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -15,13 +16,7 @@ if TYPE_CHECKING:
 
 
 class Shown:
-    """A record with a short `repr` and a table, shown in a notebook as both.
-
-    Attributes:
-        drawn: the function that draws a record; the package sets it, as figures are of a later stage.
-    """
-
-    drawn: ClassVar[Callable[[Any], Figure]]
+    """A record with a short `repr` and a table, shown in a notebook as both."""
 
     def _repr_html_(self) -> str:
         """Return line and table for a notebook, the table shortened."""
@@ -34,7 +29,9 @@ class Shown:
         Raises:
             TypeError: there is no figure of such records.
         """
-        return type(self).drawn(self)
+        # By name: a record is known to all stages, and what draws it is one of the last.
+        figure: Figure = import_module("granite_lab.api.plots").plot(self)
+        return figure
 
 
 def frame(rows: Sequence[Mapping[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:

@@ -1,7 +1,6 @@
 """The code keeps its shape: stages know only earlier ones, modules stay readable."""
 
 import ast
-import re
 import subprocess
 import sys
 from functools import cache
@@ -32,7 +31,7 @@ STAGES = [
     {"two_studies"},
     {"running"},
     {"study"},
-    {"field_check", "verify"},
+    {"verify"},
     {"api"},
     {"commands"},
     {"cli"},
@@ -47,7 +46,7 @@ def stage_of(module: str) -> str:
 
 @cache
 def imports_of(path: Path) -> set[str]:
-    """Return the modules a file imports or names, wherever in the file it does so."""
+    """Return the modules a file imports, wherever in the file it does so."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module == "granite_lab":
@@ -56,8 +55,6 @@ def imports_of(path: Path) -> set[str]:
             found.add(node.module or "")
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.Constant) and re.fullmatch(r"granite_lab(\.\w+)+", str(node.value)):
-            found.add(node.value)
     return found
 
 

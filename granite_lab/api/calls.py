@@ -6,6 +6,7 @@ The command line takes its options from here, too: `parameters_of`.
 from __future__ import annotations
 
 import builtins
+import difflib
 import functools
 import inspect
 import math
@@ -19,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
 
-from granite_lab.errors import UsageError, did_you_mean
+from granite_lab.errors import UsageError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -111,8 +112,8 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     def called(*args: P.args, **kwargs: P.kwargs) -> R:
         for name in kwargs:
             if name not in signature.parameters:
-                known = signature.parameters
-                hint = did_you_mean(name, known) or f"known: {', '.join(known)}"
+                close = difflib.get_close_matches(name, signature.parameters, n=1)
+                hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(signature.parameters)}"
                 raise TypeError(f"{function.__name__}(): unknown parameter '{name}'; {hint}")
         try:
             bound = signature.bind(*args, **kwargs)

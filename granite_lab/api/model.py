@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypedDict, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
@@ -20,12 +22,13 @@ from granite_lab.logs import write_canonical
 from granite_lab.model import Accuracy, Run
 from granite_lab.model import simulate as run_model
 from granite_lab.model.effect import Active, Effect, activate
-from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelRun, acts, rolling
+from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, acts, rolling
 from granite_lab.parameters import (
     GRAVITY,
     Robot,
     Soil,
     Variant,
+    Wheels,
     load_paper,
     load_robot,
     load_soil,
@@ -33,6 +36,10 @@ from granite_lab.parameters import (
 )
 from granite_lab.parameters.catalogue import Provenance, forget, in_force
 from granite_lab.parameters.quantity import build, key_of
+from granite_lab.shown import frame
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Said(TypedDict, total=False):
@@ -155,6 +162,58 @@ def _trapezoid(
     if any(value is None for value in given.values()):
         raise UsageError("the motion is not given", "use --variant 0.5, or all of --v, --a and --distance")
     return build(Variant, given, "command line")
+
+
+@dataclass(frozen=True, eq=False)
+class WheelRun:
+    """One wheel at one or more slips.
+
+    Attributes:
+        points: the wheel at each slip, in the order of the slips.
+        wheels, soil: what rolls on what.
+        effects: effects that act on the wheel, with their values.
+        left_out: ids of effects that cannot act on a single wheel.
+    """
+
+    points: tuple[WheelPoint, ...]
+    wheels: Wheels
+    soil: Soil
+    effects: tuple[Active, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def fades(self) -> bool:
+        """Whether some motion is so slow that the model reduces its slip."""
+        return any(p.rolling.fades for p in self.points)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return forces, torque, sinkage and angles, one row a slip."""
+        return frame(
+            [
+                {
+                    "slip": p.slip, "v_mps": p.rolling.velocity, "omega_radps": p.rolling.rate, "k92": p.k92,
+                    "load_N": p.load, "drawbar_pull_N": p.drawbar_pull, "torque_Nm": p.torque,
+                    "thrust_N": p.thrust, "resistance_N": p.resistance, "sinkage_mm": 1000 * p.sinkage,
+                    "angle_front_deg": math.degrees(p.angle_front),
+                    "angle_rear_deg": math.degrees(p.angle_rear),
+                }
+                for p in self.points
+            ]
+        )  # fmt: skip
+
+    def arcs(self) -> pd.DataFrame:
+        """Return the stresses over the contact arc, one row a slip and place from back to front."""
+        import pandas as pd  # noqa: PLC0415
+
+        return pd.concat(
+            pd.DataFrame(
+                {
+                    "slip": p.slip, "angle_deg": p.angle * 180 / math.pi,
+                    "normal_stress_Pa": p.normal_stress, "shear_stress_Pa": p.shear_stress,
+                }
+            )
+            for p in self.points
+        ).reset_index(drop=True)  # fmt: skip
 
 
 @checked

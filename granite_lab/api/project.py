@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from granite_lab.api import calls
 from granite_lab.api.calls import Arg
 from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
-from granite_lab.errors import InputError, UsageError, did_you_mean
+from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.named import is_log, name_of, trial_files
@@ -163,9 +164,10 @@ def project_in(folder: Path) -> Project:
     logs = [name_of(log) for log in folder.iterdir() if is_log(log)]
     for i, item in enumerate(read.exclude, 1):
         if item.trial not in logs:
+            close = difflib.get_close_matches(item.trial, logs, n=1)
             raise InputError(
                 f"{path}: [exclude.{i}]: trial = '{item.trial}': no such log in this folder",
-                did_you_mean(item.trial, logs) or "write the log's name without its ending",
+                f"did you mean '{close[0]}'?" if close else "write the log's name without its ending",
             )
         if not item.reason.strip():
             raise InputError(f"{path}: [exclude.{i}]: reason is empty", "say why the trial is left out")

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from granite_lab.effects.contract import Check
     from granite_lab.model.effect import Effect
     from granite_lab.model.run import Run
-    from granite_lab.model.single_wheel import WheelRun
     from granite_lab.parameters.catalogue import Provenance
 
 
@@ -69,7 +68,7 @@ def simulate(
 
 @command(api.wheel)
 def wheel(
-    call: Call[WheelRun],
+    call: Call[api.WheelRun],
     out: Annotated[Path | None, typer.Option(help="File for the table, a row for each slip.")] = None,
     arc: Annotated[Path | None, typer.Option(help="File for the stresses over the contact arc.")] = None,
     plot: Annotated[

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from granite_lab.comparison.record import Comparison
-    from granite_lab.field_check import Checked
     from granite_lab.fitting.fit import AThetaFit, K92Fit
     from granite_lab.logs import Inspection
     from granite_lab.planning.plan import Plan, Proposal
@@ -34,7 +33,7 @@ MOST, PROPOSALS = 20, 8
 
 
 @command(logs.check, log=Flag(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP)."))
-def check(call: Call[Checked]) -> None:
+def check(call: Call[logs.Checked]) -> None:
     """The exit code is 3 if the log cannot be used and 4 if it is poor."""
     found, words = call(), reporting.table.words
     document = {"log": found.log, "virtual": found.virtual, "good": found.good, "checks": found.checks}

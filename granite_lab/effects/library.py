@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import inspect
 import pkgutil
@@ -18,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 import granite_lab.effects as package
-from granite_lab.errors import InputError, UsageError, at, did_you_mean
+from granite_lab.errors import InputError, UsageError, at
 from granite_lab.files import readable, refuse_special
 from granite_lab.model.effect import Effect, EffectParameter
 from granite_lab.model.graph import STATES, Graph, build_graph
@@ -68,8 +69,9 @@ def get(effect_id: str, known: Mapping[str, Effect] | None = None) -> Effect:
     table = library() if known is None else known
     if effect_id in table:
         return table[effect_id]
-    hint = f"{did_you_mean(effect_id, table, 0.4)} known: {', '.join(table)}"
-    raise UsageError(f"unknown effect '{effect_id}'", hint)
+    close = difflib.get_close_matches(effect_id, table, n=1, cutoff=0.4)
+    hint = f"did you mean '{close[0]}'? " if close else ""
+    raise UsageError(f"unknown effect '{effect_id}'", f"{hint}known: {', '.join(table)}")
 
 
 def load_effects(path: Path | str) -> dict[str, Effect]:
@@ -190,8 +192,11 @@ def check_declaration(cls: type[Effect], path: str) -> None:
             )
     public = {name for name, item in vars(cls).items() if inspect.isfunction(item) and name[0] != "_"}
     for name in sorted(public - set(vars(Effect))):
-        hint = f"{did_you_mean(name, vars(Effect))} begin the name of a helper with an underscore"
-        raise InputError(f"{where}: '{name}' is not a hook", hint)
+        close = difflib.get_close_matches(name, vars(Effect), n=1)
+        hint = f"did you mean '{close[0]}'? " if close else ""
+        raise InputError(
+            f"{where}: '{name}' is not a hook", f"{hint}begin the name of a helper with an underscore"
+        )
 
 
 def neutral_gap(effect: Effect) -> float:

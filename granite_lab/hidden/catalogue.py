@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from types import ModuleType
 
-from granite_lab.errors import UsageError, did_you_mean
+from granite_lab.errors import UsageError
 from granite_lab.hidden import drive, outside, soil, tyre, vehicle
 from granite_lab.hidden.contact import FLOOR, NearRest
 from granite_lab.hidden.influence import Influence
@@ -48,8 +49,11 @@ def influence(name: str) -> type[Influence]:
     """
     known = LIBRARY | OUTSIDE
     if name not in known:
-        hint = f"{did_you_mean(name, known)} known: {', '.join(known)}"
-        raise UsageError(f"unknown hidden effect '{name}'", hint)
+        close = difflib.get_close_matches(name, known, n=1)
+        raise UsageError(
+            f"unknown hidden effect '{name}'",
+            (f"did you mean '{close[0]}'? " if close else "") + f"known: {', '.join(known)}",
+        )
     return known[name]
 
 

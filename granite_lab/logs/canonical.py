@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import json
 import math
 import re
@@ -12,7 +13,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granite_lab.errors import InputError, at, did_you_mean
+from granite_lab.errors import InputError, at
 from granite_lab.files import write_text, writing
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.trial import Trial, TrialInfo
@@ -74,8 +75,9 @@ def collect(
                 said[_KEYS[key]] = getattr(build(Known, {key: value}, where), _KEYS[key])
                 continue
             said["extra"][key] = str(value)
-            if hint := did_you_mean(key, _KEYS, 0.8):
-                warnings.append(f"{where}: metadata key '{key}' is not known; {hint}")
+            close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
+            if close:
+                warnings.append(f"{where}: metadata key '{key}' is not known; did you mean '{close[0]}'?")
     return said
 
 

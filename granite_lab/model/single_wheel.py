@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,10 +25,6 @@ from granite_lab.model.effect import Active, Axle, Effect
 from granite_lab.model.graph import OnGround, hooks_of, on_ground, own_parameters
 from granite_lab.model.symbols import ModelParameters, symbolic, symbols_of, vector_of
 from granite_lab.parameters import Chassis, Drive, Soil, Wheels, load_robot, load_soil, load_variants
-from granite_lab.shown import frame
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = npt.NDArray[np.float64]
 
@@ -116,58 +112,6 @@ class WheelPoint:
     def slip(self) -> float:
         """λ of (1)."""
         return self.rolling.slip
-
-
-@dataclass(frozen=True, eq=False)
-class WheelRun:
-    """One wheel at one or more slips.
-
-    Attributes:
-        points: the wheel at each slip, in the order of the slips.
-        wheels, soil: what rolls on what.
-        effects: effects that act on the wheel, with their values.
-        left_out: ids of effects that cannot act on a single wheel.
-    """
-
-    points: tuple[WheelPoint, ...]
-    wheels: Wheels
-    soil: Soil
-    effects: tuple[Active, ...]
-    left_out: tuple[str, ...]
-
-    @property
-    def fades(self) -> bool:
-        """Whether some motion is so slow that the model reduces its slip."""
-        return any(p.rolling.fades for p in self.points)
-
-    def to_frame(self) -> pd.DataFrame:
-        """Return forces, torque, sinkage and angles, one row a slip."""
-        return frame(
-            [
-                {
-                    "slip": p.slip, "v_mps": p.rolling.velocity, "omega_radps": p.rolling.rate, "k92": p.k92,
-                    "load_N": p.load, "drawbar_pull_N": p.drawbar_pull, "torque_Nm": p.torque,
-                    "thrust_N": p.thrust, "resistance_N": p.resistance, "sinkage_mm": 1000 * p.sinkage,
-                    "angle_front_deg": math.degrees(p.angle_front),
-                    "angle_rear_deg": math.degrees(p.angle_rear),
-                }
-                for p in self.points
-            ]
-        )  # fmt: skip
-
-    def arcs(self) -> pd.DataFrame:
-        """Return the stresses over the contact arc, one row a slip and place from back to front."""
-        import pandas as pd  # noqa: PLC0415
-
-        return pd.concat(
-            pd.DataFrame(
-                {
-                    "slip": p.slip, "angle_deg": p.angle * 180 / math.pi,
-                    "normal_stress_Pa": p.normal_stress, "shear_stress_Pa": p.shear_stress,
-                }
-            )
-            for p in self.points
-        ).reset_index(drop=True)  # fmt: skip
 
 
 def rolling(

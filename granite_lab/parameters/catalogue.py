@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granite_lab.errors import UsageError, did_you_mean
+from granite_lab.errors import UsageError
 from granite_lab.parameters.quantity import build, key_of, read_toml
 from granite_lab.parameters.records import ImuGrade, Paper, Published, Robot, Soil, Variant
 
@@ -37,8 +38,11 @@ def find(kind: str, name: str | Path) -> Path:
     known = names(kind)
     if text in known:
         return CATALOGUE / kind / f"{text}.toml"
-    hint = f"{did_you_mean(text, known)} known: {', '.join(known)}; or give the path of a .toml file"
-    raise UsageError(f"unknown {kind[:-1]} '{text}'", hint)
+    close = difflib.get_close_matches(text, known, n=1)
+    hint = f"did you mean '{close[0]}'? " if close else ""
+    raise UsageError(
+        f"unknown {kind[:-1]} '{text}'", f"{hint}known: {', '.join(known)}; or give the path of a .toml file"
+    )
 
 
 @lru_cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import hashlib
 import json
 import math
@@ -18,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from granite_lab.errors import InputError, did_you_mean
+from granite_lab.errors import InputError
 from granite_lab.files import readable, refuse_special
 
 T = TypeVar("T")
@@ -139,7 +140,8 @@ def toml_line(key: str, value: object) -> str:
 
 def unknown_key(where: str, key: str, known: list[str]) -> InputError:
     """Say that a key is not known and which known one it resembles."""
-    hint = did_you_mean(key, known, 0.5) or f"allowed here: {', '.join(sorted(known))}"
+    close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    hint = f"did you mean '{close[0]}'?" if close else f"allowed here: {', '.join(sorted(known))}"
     return InputError(f"{where}: unknown key '{key}'", hint)
 
 
