@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from granite_lab.discovery.finding import Disagreement
 from granite_lab.estimation.motion import PhaseName
@@ -28,7 +28,7 @@ def disagreements(
     for d in found:
         o = problem.trials[problem.commands[d.command][0]].observation
         phase = o.phase
-        certain = norm.isf((1 - CREDIBLE) / 2 / d.value.size)  # no instant by chance in nine of ten intervals
+        certain = -ndtri((1 - CREDIBLE) / 2 / d.value.size)  # no instant by chance in nine of ten intervals
         hit = (np.abs(d.value) > certain * d.std) & (np.abs(d.value) > tolerance * d.size) & (d.std > 0)
         for a, b in _runs(hit, phase, round(SMOOTH[0] / o.width)):
             value, std = d.value[a:b], d.std[a:b]

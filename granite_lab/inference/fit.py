@@ -250,7 +250,9 @@ def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales)
     """Learn the scales of the discrepancy by Fisher scoring of their logarithms, under the priors of these.
 
     The gradient of the marginal likelihood is that of D. J. C. MacKay, Bayesian interpolation, Neural
-    Computation 4 (1992) 415-447; his fixed point hardly moves where the trials say little of a scale.
+    Computation 4 (1992) 415-447; his fixed point hardly moves where the trials say little of a scale. There
+    the likelihood falls with the square of the scale, and Fisher's information is less than its curvature:
+    the larger of both is taken, for the scoring alone jumps to and fro.
     """
     for _ in range(UPDATES):
         step = np.append(-_posterior(problem, point, normal, scales).step, 1.0)
@@ -270,7 +272,8 @@ def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales)
         for name, scale in old.items():
             centre, bounds = (TOLERANCE / 2, SHARES) if name[0] == MOTION else (FORMULA_ERROR[0], FORMULAS)
             slope = rise[name] - float(np.log(scale / centre)) / SPREAD**2
-            further = np.clip(slope / (information[name] + SPREAD**-2.0), -1, 1)
+            curvature = max(information[name], -2 * rise[name]) + SPREAD**-2.0
+            further = np.clip(slope / curvature, -1, 1)
             new[name] = float(np.clip(scale * np.exp(further), *bounds))
         shares, formulas = ({c: new[kind, c] for c in problem.counts} for kind in (MOTION, FORMULA))
         scales = replace(scales, shares=shares, formulas=formulas)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -86,9 +86,22 @@ def _names(kind: type) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(kind))
 
 
+@lru_cache(maxsize=256)
+def _floats(record: Any) -> tuple[float, ...]:
+    """Return the numbers of a record; many runs share their robot."""
+    return tuple(float(value) for value in _numbers(record))
+
+
 def vector_of(record: Any) -> list[float]:
     """Return the numbers of a record as one flat list."""
-    return [float(value) for value in _numbers(record)]
+    found: list[float] = []
+    for name in _names(record.__class__):
+        value = getattr(record, name)
+        if isinstance(value, (int, float)):
+            found.append(float(value))
+        elif dataclasses.is_dataclass(value):
+            found += _floats(value)
+    return found
 
 
 def symbols_of(record: Any) -> Any:
