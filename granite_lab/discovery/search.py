@@ -113,6 +113,8 @@ def search(
 ) -> Search:
     """Extend the model effect by effect, then exchange each effect of the best set for its rivals.
 
+    Beside effects that leave no discrepancy the empirical law is not looked for.
+
     Args:
         problem: the trials, with the noise.
         base: the fit without effects.
@@ -177,9 +179,11 @@ def search(
         path.append((next(e for e in best.effects if e not in current.effects), tried))
         current = best
     exchanged: list[Point] = []
+    closed = len(path) > 1 and settled(current)
     for id_, tried in path[:-1]:  # those of the last stood beside the same effects
         without = problem.without_effect(current.fit.point, id_)
-        rivals = [score for score in tried if score.candidate not in current.effects]
+        rivals = [s for s in tried if s.candidate not in current.effects]
+        rivals = [s for s in rivals if not (closed and is_empirical(s.candidate))]
         exchanged += [without, *(_with(problem, without, score) for score in rivals)]
     fitted([(point, current.fit) for point in exchanged])
     models = sorted(found.values(), key=lambda m: -m.log_posterior)

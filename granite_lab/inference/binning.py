@@ -157,23 +157,28 @@ class Binning:
         wanted = only or self._order
         found: dict[str, Array] = {}
         for number, group in enumerate(self._groups):
-            for name, weights in zip(group.names, group.weights, strict=True):
-                if name in wanted:
-                    signal = sum(weights[k] * response[k] for k in np.flatnonzero(weights))
-                    found[name] = self._in_bins(number, t, start + late[group.sensor], signal)
+            own = [(name, w) for name, w in zip(group.names, group.weights, strict=True) if name in wanted]
+            if own:
+                signals = [sum(w[k] * response[k] for k in np.flatnonzero(w)) for _, w in own]
+                shift = start + late[group.sensor]
+                if response.ndim == 2:
+                    bins = list(self._in_bins(number, t, shift, np.column_stack(signals), few=True).T)
+                else:
+                    bins = [self._in_bins(number, t, shift, signal, few=False) for signal in signals]
+                found.update(zip((name for name, _ in own), bins, strict=True))
         return {name: found[name] for name in wanted}
 
-    def _in_bins(self, number: int, t: Array, shift: float, signal: Array) -> Array:
-        """Return the (n,) bins of a signal, or (n, k); many signals are worth the product of the matrices."""
+    def _in_bins(self, number: int, t: Array, shift: float, signals: Array, *, few: bool) -> Array:
+        """Return the (n, k) bins of (M, k) signals; unless they are few, the matrices are multiplied first."""
         group, key = self._groups[number], (number, shift, t.size)
         if key not in self._known:
             while len(self._known) >= KEPT * len(self._groups):
                 del self._known[next(iter(self._known))]
             self._known[key] = group.to_stamps(t, shift), None
         to_stamps, product = self._known[key]
-        if signal.ndim == 1:
-            return np.asarray(group.to_bins @ (to_stamps @ signal))
+        if few:
+            return np.asarray(group.to_bins @ (to_stamps @ signals))
         if product is None:
             product = group.to_bins @ to_stamps
             self._known[key] = to_stamps, product
-        return np.asarray(product @ signal)
+        return np.asarray(product @ signals)
