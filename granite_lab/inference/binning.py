@@ -169,7 +169,7 @@ class Binning:
         return {name: found[name] for name in wanted}
 
     def _in_bins(self, number: int, t: Array, shift: float, signals: Array, *, few: bool) -> Array:
-        """Return the (n, k) bins of (M, k) signals; unless they are few, the matrices are multiplied first."""
+        """Return the (n, k) bins of (M, k) signals; the matrices are multiplied first unless they are few."""
         group, key = self._groups[number], (number, shift, t.size)
         if key not in self._known:
             while len(self._known) >= KEPT * len(self._groups):
