@@ -32,10 +32,9 @@ from granite_lab.logs.dialect import (
     sniff,
     split_rows,
 )
-from granite_lab.logs.guess import by_name
 from granite_lab.logs.layouts import Binding, Layout, Match, all_layouts, best, match, no_match
 from granite_lab.logs.named import is_bag, sidecar
-from granite_lab.logs.quantities import DATE, ENCODERS
+from granite_lab.logs.quantities import DATE, ENCODERS, by_name
 from granite_lab.logs.trial import Array, InputFile
 
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
