@@ -69,7 +69,6 @@ class FileReport:
     """One file.
 
     Attributes:
-        path: where it is.
         dialect: how its text is laid out; None if it is no text.
         layout: the column map that fits; "" if none does and columns were guessed.
         confidence: in the layout as a whole, 0 to 1.
@@ -358,7 +357,6 @@ def guess(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
     """Guess what the columns of a log are.
 
     Args:
-        table: the log.
         columns: place of a column to its (N,) values, NaN where empty; dates as seconds since 1970.
 
     Returns:

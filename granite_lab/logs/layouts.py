@@ -123,9 +123,7 @@ class Binding:
 
     Attributes:
         place: the column, counted from 0.
-        name: its name in the file.
         channel: what it feeds.
-        unit: its unit.
         spec: the entry of the map.
     """
 
@@ -146,8 +144,6 @@ class Match:
     """How well a layout fits a table.
 
     Attributes:
-        table: the file.
-        layout: the column map.
         bindings: the columns it knows, in the order of the map.
         missing: what it needs and the table lacks.
         columns: number of columns of the table that it knows.

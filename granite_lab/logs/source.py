@@ -51,12 +51,10 @@ class Source:
     """A file that was read.
 
     Attributes:
-        match: the file and the layout it has.
         columns: place of a column to its (N,) values, in the file's units.
         kept: (N,) the row of data each value came from.
         metadata: what the file and its sidecar say.
         inputs: the file and its sidecar.
-        doubts: what the reader was not sure of.
     """
 
     match: Match
@@ -92,7 +90,6 @@ def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str]
     """Open a table or a bag and find its layout.
 
     Args:
-        path: the file.
         maps: column maps; they go before the catalogue.
         topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
 
