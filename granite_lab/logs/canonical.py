@@ -58,7 +58,6 @@ def collect(
 
     Args:
         comments: numbered lines that begin with ``#``.
-        path: the log.
         warnings: doubts are added here.
         sidecars: TOML files whose keys go before those of the comments, the last one first.
 
@@ -121,9 +120,7 @@ def write_canonical(path: Path, trial: Trial) -> None:
     Reading the file gives the same stamps and values to the last bit. Columns that were not logged
     are left out; samples with no number in them are, too.
 
-    Args:
-        path: the CSV file.
-        trial: what to write; its name, warnings and inputs are not part of the format.
+    The trial's name, warnings and inputs are not part of the format.
 
     Raises:
         LabError: the file cannot be written.

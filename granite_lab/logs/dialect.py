@@ -60,12 +60,10 @@ class Table:
     """A table, understood as far as its first rows tell.
 
     Attributes:
-        path: its file.
         headers: the header rows, top first, each as wide as the table.
         width: cells in a row of data.
         encoding: name of the text encoding.
         delimiter: one character; a blank stands for any run of blanks.
-        decimal: the decimal sign.
         header_line: line of the first header row (0: none).
         data_line: line of the first row of data (0: the table is not text).
         sample: the first rows of data.
@@ -138,11 +136,7 @@ def lines_of(text: bytes) -> TextIO:
 
 
 def sniff(path: Path, said: TableFormat | None = None) -> Table:
-    """Find out how a text file is laid out.
-
-    Args:
-        path: the file.
-        said: what a column map says about it.
+    """Find out how a text file is laid out; `said` is what a column map says about it.
 
     Raises:
         InputError: missing, unreadable, empty, binary, without a table or without rows of data.

@@ -122,7 +122,6 @@ def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
     Args:
         imu: without spikes, in units that were checked.
         still: standstills [s].
-        log: where it stood.
 
     Raises:
         InputError: a column that would carry a wrong result, with what it looks like and what to write.

@@ -28,7 +28,7 @@ from pathlib import Path
 from granite_lab.errors import InputError, at
 from granite_lab.files import is_folder
 from granite_lab.logs.dialect import Table, TableFormat
-from granite_lab.logs.quantities import CHANNELS, DATE, ENCODERS, Unit, find_unit, resembling, spellings
+from granite_lab.logs.quantities import CHANNELS, DATE, ENCODERS, Unit, factors, find_unit, resembling
 from granite_lab.parameters import CATALOGUE, Robot, names
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml
@@ -123,9 +123,7 @@ class Binding:
 
     Attributes:
         place: the column, counted from 0.
-        name: its name in the file.
         channel: what it feeds.
-        unit: its unit.
         spec: the entry of the map.
     """
 
@@ -146,8 +144,6 @@ class Match:
     """How well a layout fits a table.
 
     Attributes:
-        table: the file.
-        layout: the column map.
         bindings: the columns it knows, in the order of the map.
         missing: what it needs and the table lacks.
         columns: number of columns of the table that it knows.
@@ -270,17 +266,18 @@ def check_unit(text: str, channel: str, where: str) -> Unit:
     """
     unit = find_unit(text)
     allowed = CHANNELS[channel]
+    expected = f"expected one of {', '.join(name for kind in allowed for name in factors(kind))}"
     if unit is None:
         close = resembling(text, *allowed)
         what = f"unit '{text}' is not known" if text else "the unit is missing"
         raise InputError(
-            f"{where}: {what}, expected one of {spellings(*allowed)}",
+            f"{where}: {what}, {expected}",
             f"did you mean '{close}'?" if close else "rename it, or convert with scale = … in a column map",
         )
     if unit.quantity not in allowed:
         raise InputError(
             f"{where}: unit '{text}' is one of {unit.quantity}, but {channel} is {' or '.join(allowed)}",
-            f"expected one of {spellings(*allowed)}",
+            expected,
         )
     return unit
 

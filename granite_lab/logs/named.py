@@ -13,7 +13,7 @@ from granite_lab.logs.quantities import WORDS
 BAGS = (".bag", ".mcap", ".db3")
 """File name endings of recordings by ROS."""
 
-_TABLES = (".csv", ".csv.gz", ".csv.zip", ".mat")
+_PACKED = (".csv.gz", ".csv.zip")
 
 
 def is_bag(path: Path) -> bool:
@@ -21,16 +21,13 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in BAGS if not is_folder(path) else (path / "metadata.yaml").is_file()
 
 
-def is_packed(path: Path) -> bool:
-    """Say whether a file is a compressed table: ``.csv.gz`` or ``.csv.zip``."""
-    return path.name.lower().endswith((".csv.gz", ".csv.zip"))
+def _is_table(path: Path, endings: tuple[str, ...] = (".csv", ".mat", *_PACKED)) -> bool:
+    return path.name.lower().endswith(endings)
 
 
 def is_log(path: Path) -> bool:
     """Say whether a path in a folder of trials is one of them."""
-    if is_folder(path):
-        return is_bag(path) or bool(parts_of(path))
-    return is_bag(path) or path.name.lower().endswith(_TABLES)
+    return is_bag(path) or (bool(parts_of(path)) if is_folder(path) else _is_table(path))
 
 
 def parts_of(folder: Path) -> list[Path]:
@@ -41,7 +38,7 @@ def parts_of(folder: Path) -> list[Path]:
     if not is_folder(folder) or is_bag(folder):
         return []
     try:
-        tables = sorted(path for path in folder.iterdir() if path.name.lower().endswith(_TABLES))
+        tables = sorted(filter(_is_table, folder.iterdir()))
     except OSError:  # it may not be searched
         return []
     parts, others = [], 0
@@ -56,7 +53,7 @@ def parts_of(folder: Path) -> list[Path]:
 
 def name_of(path: Path) -> str:
     """Return the name of a trial: its file's without the ending, or its folder's."""
-    return path.name if is_folder(path) else (path.with_suffix("") if is_packed(path) else path).stem
+    return path.name if is_folder(path) else (path.with_suffix("") if _is_table(path, _PACKED) else path).stem
 
 
 def sidecar(log: Path) -> Path:
@@ -78,21 +75,17 @@ def trial_files(paths: Sequence[str | Path] | str | Path) -> list[Path]:
         raise UsageError("no trials given", "name one or more logs, or a folder of them")
     files: list[Path] = []
     for path in named:
-        if not is_folder(path) or is_log(path):
-            files.append(path)
-            continue
-        found = sorted(log for log in path.iterdir() if is_log(log))
-        if not found:
-            raise UsageError(
-                f"{path}: the folder holds no log (.csv, .mat, .bag, .mcap)", "name the logs themselves"
-            )
-        plain = {name_of(log) for log in found if not is_packed(log)}
-        files += [log for log in found if not (is_packed(log) and name_of(log) in plain)]
+        inside = sorted(filter(is_log, path.iterdir())) if is_folder(path) and not is_log(path) else [path]
+        if not inside:
+            told = f"{path}: the folder holds no log (.csv, .mat, .bag, .mcap)"
+            raise UsageError(told, "name the logs themselves")
+        plain = {name_of(log) for log in inside if not _is_table(log, _PACKED)}
+        packed = [log for log in inside if _is_table(log, _PACKED)] if path not in inside else []
+        files += [log for log in inside if log not in packed or name_of(log) not in plain]
     unique = list(dict.fromkeys(files))
     names = [name_of(path) for path in unique]
     for name in names:
         if names.count(name) > 1:
-            raise UsageError(
-                f"two logs are called '{name}'", "rename one: results carry the name of their log"
-            )
+            told = f"two logs are called '{name}'"
+            raise UsageError(told, "rename one: results carry the name of their log")
     return unique

@@ -1,4 +1,4 @@
-"""Quantities of a log: units as loggers write them, their factors to SI, and the sensors that use them.
+"""Quantities of a log: units as loggers write them, the sensors that use them, and names of columns.
 
 They are listed in `granite_lab/catalogue/quantities.toml`.
 """
@@ -6,11 +6,13 @@ They are listed in `granite_lab/catalogue/quantities.toml`.
 from __future__ import annotations
 
 import difflib
+import math
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from granite_lab.parameters import CATALOGUE
+from granite_lab.parameters import CATALOGUE, WHEELS
 from granite_lab.parameters.quantity import build, parse_toml, quantity
 
 STANDARD_GRAVITY = 9.80665
@@ -20,12 +22,8 @@ DATE = "date"
 """The unit of stamps that are written as dates (ISO 8601); they are read as seconds since 1970."""
 
 
-@dataclass(frozen=True)
-class Unit:
-    """A unit: what it measures and how many SI units one of it is.
-
-    `factor` is NaN for counts, whose size depends on the encoder.
-    """
+class Unit(NamedTuple):
+    """A unit: what it measures and how many SI units it is (NaN for counts, which depend on the encoder)."""
 
     name: str
     quantity: str
@@ -37,7 +35,6 @@ class Sensor:
     """What a trial may hold of one kind.
 
     Attributes:
-        name: in messages.
         channels: what columns of a log can feed.
         quantities: of which such a column may be; the first is usual.
         words: in names of columns; "" if its columns are recognised in another way.
@@ -74,10 +71,9 @@ ROS: dict[str, dict[str, Any]] = _LISTED["ros"]
 CHANNELS = {channel: sensor.quantities for sensor in SENSORS.values() for channel in sensor.channels}
 """Channel to the quantities that may feed it."""
 
-ACCELERATION = SENSORS["acceleration"].channels
-RATE = SENSORS["rate"].channels
-ENCODERS = SENSORS["wheels"].channels
-CURRENTS = SENSORS["currents"].channels
+ACCELERATION, RATE, ENCODERS, CURRENTS, _GLOBE = (
+    SENSORS[kind].channels for kind in ("acceleration", "rate", "wheels", "currents", "globe")
+)
 
 
 def find_unit(text: str) -> Unit | None:
@@ -91,25 +87,119 @@ def factors(quantity: str) -> dict[str, float]:
     return {name: factor for name, (factor, _) in _TABLE[quantity].items()}
 
 
-def spellings(*quantities: str) -> str:
-    """List how the units of some quantities are written, for messages."""
-    return ", ".join(name for quantity in quantities for name in _TABLE[quantity])
-
-
 def resembling(text: str, *quantities: str) -> str:
     """Return the known unit of some quantities that `text` resembles, or nothing."""
     known = [spelling for spelling, unit in _UNITS.items() if unit.quantity in quantities]
-    close = difflib.get_close_matches(text, known, n=1, cutoff=0.5)
-    return close[0] if close else ""
+    return next(iter(difflib.get_close_matches(text, known, n=1, cutoff=0.5)), "")
 
 
 def gravity_unit(size: float, within: float) -> str:
-    """Return the unit in which a specific force of this size is gravity, or nothing.
-
-    Args:
-        size: of the specific force at rest, as logged.
-        within: relative deviation from gravity that is allowed.
-    """
+    """Return the unit in which a specific force of this size is gravity within a share of it, or nothing."""
     sizes = factors("acceleration")
     ratios = {unit: size * sizes[unit] / STANDARD_GRAVITY for unit in ("m/s^2", "g", "mg")}
     return next((unit for unit, ratio in ratios.items() if abs(ratio - 1) < within), "")
+
+
+@dataclass(frozen=True)
+class ColumnReport:
+    """What a column is, or seems to be.
+
+    Attributes:
+        name: what the file calls it.
+        place: where it stands, counted from 0.
+        to: the channels it feeds; none: not recognised, or of no use.
+        confidence: how sure that is, 0 to 1.
+        why: in a few words.
+        low, high: range of the values; NaN for texts.
+        filled: share of the cells that hold a number.
+        assumed: nothing in the name says the unit.
+        settings: further keys of its entry in a column map.
+    """
+
+    name: str
+    place: int = 0
+    to: tuple[str, ...] = ()
+    unit: str = ""
+    confidence: float = 0.0
+    why: str = "not recognised"
+    low: float = math.nan
+    high: float = math.nan
+    filled: float = 0.0
+    assumed: bool = True
+    settings: tuple[tuple[str, object], ...] = ()
+
+    def as_json(self) -> dict[str, object]:
+        """Return what is told about it as plain data."""
+        return {key: value for key, value in vars(self).items() if key not in ("assumed", "settings")}
+
+
+def words(name: str) -> tuple[list[str], str]:
+    """Split a column's name into words and the unit it may end in: ``gyrX (°/s)``, ``accel_x_g``."""
+    unit = ""
+    inside = re.search(r"[\[(]([^\])]*)[\])]\s*$", name)
+    if inside and find_unit(inside.group(1)):
+        unit, name = inside.group(1), name[: inside.start()]
+    else:
+        parts = name.split("_")
+        for count in (2, 1):
+            tail = "_".join(parts[-count:])
+            # A single `a` is an acceleration.
+            if len(parts) > count and find_unit(tail) and tail != "a":
+                unit, name = tail, "_".join(parts[:-count])
+                break
+    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", name)
+    return [w for w in re.split(r"[^A-Za-z0-9]+", spaced.lower()) if w], unit
+
+
+def wheels_named(parts: Collection[str]) -> tuple[str, ...]:
+    """Return the wheels that the words of a name speak of: one, both of a side, or none."""
+    said = set(re.sub(r"front|rear|back|left|right", r" \g<0> ", " ".join(parts)).split())
+    if one := next((wheel for wheel in WHEELS if said & WORDS[wheel]), ""):
+        return (one,)
+    side = next((key[0] for key in ("left", "right") if said & WORDS[key]), "")
+    axle = next((key for key in ("f", "r") if said & WORDS[key]), "")
+    return tuple(wheel for wheel in WHEELS if side and wheel[1] == side and axle in ("", wheel[0]))
+
+
+def by_name(name: str, place: int = 0) -> ColumnReport:
+    """Guess from the name alone; a unit of the wrong quantity lowers the confidence."""
+    parts, unit_text = words(name)
+    unit = find_unit(unit_text) if unit_text else None
+    to, confidence = _meaning(parts, unit)
+    if not to:
+        if WORDS["attitude"] & set(parts) or re.fullmatch(r"(?i).*(^|[^A-Za-z])q[wxyz0-4]", name.strip()):
+            attitude = "attitude: recognised, not used"
+            return ColumnReport(name, place, unit=unit.name if unit else "", why=attitude)
+        return ColumnReport(name, place)
+    if unit is not None and unit.quantity in CHANNELS[to[0]]:
+        sure = min(confidence + 0.1, 0.98)
+        return ColumnReport(name, place, to, unit.name, sure, "name and unit in it", assumed=False)
+    usual = "deg" if to[0] in _GLOBE else next(iter(factors(CHANNELS[to[0]][0])))
+    return ColumnReport(name, place, to, usual, confidence * (0.6 if unit else 0.9), "name; unit assumed")
+
+
+def _meaning(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float]:
+    """Return channels that the words of a name mean, and how sure that is."""
+    said = set(parts)
+    for channel, words_of_it, sure in (("v_cmd", "command", 0.7), *((c, c, 0.8) for c in _GLOBE)):
+        if said & WORDS[words_of_it]:
+            return (channel,), sure
+    if said & WORDS["reference"]:
+        speed = (unit is not None and unit.quantity == "speed") or said & {"v", "vel"}
+        return () if "z" in said else ("ref_v" if speed else "ref_y" if "y" in said else "ref_x",), 0.5
+    joined, wheels = "".join(parts), wheels_named(parts)
+    if not wheels and WORDS["numbered"] & said:
+        wheels = tuple(wheel for number, wheel in enumerate(WHEELS, 1) if str(number) in parts)
+    for sensor in SENSORS.values() if "covariance" not in said else ():
+        hints = sensor.words.split()
+        # `ax`, `gyrx`, `accz`: the axis may hang on to the word.
+        axis = next((a for a in "xyz" if a in parts or any(joined.endswith(h + a) for h in hints)), "")
+        named = any(h in parts or (axis and h + axis in parts) or (len(h) > 2 and h in joined) for h in hints)
+        if sensor.channels == RATE and not axis:
+            axis = next((a for a in "xyz" if WORDS[a] & said), "")
+        turning = sensor.channels == ENCODERS and unit is not None and unit.name == "rpm"
+        ends = wheels if sensor.channels[0].endswith(WHEELS[0]) else tuple(axis)
+        if ends and (named or turning):
+            found = tuple(channel for channel in sensor.channels if channel.endswith(ends))
+            return found, 0.8 if ends == wheels else 0.9
+    return (("t",), 0.9) if {*parts[:1], *parts[-1:]} & WORDS["time"] else ((), 0.0)

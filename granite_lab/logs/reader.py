@@ -150,13 +150,7 @@ def assemble(
 
 
 def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
-    """Refuse columns that cannot be what they are called, and correct what is beyond doubt.
-
-    Args:
-        trial: as read.
-        clean: its IMU without spikes.
-        log: where it stood.
-    """
+    """Refuse columns that cannot be what they are called; `clean` is the IMU without spikes."""
     wheels, currents = trial.wheels, trial.currents
     if clean is None and wheels is None:
         raise InputError(

@@ -32,10 +32,9 @@ from granite_lab.logs.dialect import (
     sniff,
     split_rows,
 )
-from granite_lab.logs.guess import by_name
 from granite_lab.logs.layouts import Binding, Layout, Match, all_layouts, best, match, no_match
 from granite_lab.logs.named import is_bag, sidecar
-from granite_lab.logs.quantities import DATE, ENCODERS
+from granite_lab.logs.quantities import DATE, ENCODERS, by_name
 from granite_lab.logs.trial import Array, InputFile
 
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
@@ -52,12 +51,10 @@ class Source:
     """A file that was read.
 
     Attributes:
-        match: the file and the layout it has.
         columns: place of a column to its (N,) values, in the file's units.
         kept: (N,) the row of data each value came from.
         metadata: what the file and its sidecar say.
         inputs: the file and its sidecar.
-        doubts: what the reader was not sure of.
     """
 
     match: Match
@@ -93,7 +90,6 @@ def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str]
     """Open a table or a bag and find its layout.
 
     Args:
-        path: the file.
         maps: column maps; they go before the catalogue.
         topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,23 +17,21 @@ R = TypeVar("R")
 def part(record: R, keep: npt.NDArray[np.bool_] | slice) -> R:
     """Return a record of samples with some of them only: every array in it is cut, the rest stays."""
     held: Any = record
-    arrays = {f.name: values for f in fields(held) if isinstance(values := getattr(held, f.name), np.ndarray)}
-    cut: R = replace(held, **{name: values[keep] for name, values in arrays.items()})
+    arrays = {name: values[keep] for name, values in vars(held).items() if isinstance(values, np.ndarray)}
+    cut: R = replace(held, **arrays)
     return cut
 
 
 @dataclass(frozen=True, eq=False)
 class ImuStream:
-    """Samples of the inertial measurement unit, at the sensor's place.
+    """Samples of the inertial measurement unit, at the sensor's place; NaN in a column that was not logged.
 
     Attributes:
         t: (N,) stamps [s], strictly increasing.
-        specific_force: (N, 3) [m/s^2]; +9.81 on z at rest when the axes are the robot's
-            (x forward, y left, z up). A column that was not logged is NaN.
-        angular_rate: (N, 3) [rad/s]; y positive nose down. A column that was not logged is NaN.
-        gravity_removed: the logger has already taken gravity out.
-        robot_axes: the samples are in the robot's axes: no mounting rotation is left to apply. False in
-            a log, whose axes are the sensor's; True in a corrected trial.
+        specific_force: (N, 3) [m/s^2]; +9.81 on z at rest in the robot's axes (x forward, y left, z up).
+        angular_rate: (N, 3) [rad/s]; y positive nose down.
+        gravity_removed: by the logger.
+        robot_axes: the mounting rotation has been applied, as in a corrected trial.
     """
 
     t: Array
@@ -49,8 +47,7 @@ class WheelStream:
 
     Attributes:
         t: (M,) stamps [s], strictly increasing.
-        angle: (M, 4) accumulated wheel angle [rad], unwrapped, from the first sample on;
-            NaN where a wheel was not sampled or has no encoder.
+        angle: (M, 4) accumulated wheel angle [rad], unwrapped; NaN where a wheel was not sampled.
         rate: (M, 4) wheel rate [rad/s] where the logger gives rates; then `angle` is its integral.
         step: smallest step of the angle [rad] (0: not known); for a logged rate, of the rate [rad/s].
     """
@@ -63,12 +60,7 @@ class WheelStream:
 
 @dataclass(frozen=True, eq=False)
 class CurrentStream:
-    """Motor currents.
-
-    Attributes:
-        t: (K,) stamps [s].
-        current: (K, 4) [A], order of the wheels, NaN where not logged.
-    """
+    """Motor currents (K, 4) [A] in the order of the wheels, NaN where not logged, at stamps (K,) [s]."""
 
     t: Array
     current: Array
@@ -76,12 +68,7 @@ class CurrentStream:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One logged quantity over time.
-
-    Attributes:
-        t: (K,) stamps [s].
-        value: (K,) in the unit its holder names.
-    """
+    """One logged quantity (K,), in the unit that its holder names, at stamps (K,) [s]."""
 
     t: Array
     value: Array
@@ -101,11 +88,8 @@ class TrialInfo:
 
     Attributes:
         robot, soil: names of the catalogue or paths of TOML files.
-        v_desired: desired velocity of the steady part [m/s].
-        a_max: acceleration of the trapezoid [m/s^2].
-        distance: total desired distance [m].
-        repetition: number of the repetition.
-        virtual: the log was written by a simulator.
+        v_desired, a_max, distance: of the desired motion [m/s], [m/s^2], [m].
+        virtual: a simulator wrote the log.
         clock_offset: known offset of the encoder clock behind the IMU's [s].
         extra: other metadata of the file, as text.
     """
@@ -126,11 +110,9 @@ class Correction:
     """One thing that estimation changed in a log.
 
     Attributes:
-        what: the change, in words.
         where: the channel, and the instant or interval if it is not the whole log.
-        value: its size, or how many samples it concerns.
+        value: size of the change, or how many samples it concerns.
         std: of the value; NaN where it is no measurement.
-        unit: of value and std.
     """
 
     what: str
@@ -146,14 +128,12 @@ class Trial:
 
     Attributes:
         name: stem of the log's file.
-        info: metadata.
-        imu, wheels, currents: the sensors; None where the log has none.
+        imu, wheels, currents: None where the log has none.
         command: commanded velocity [m/s].
         reference_x, reference_v: external reference [m], [m/s]; judges the estimate, never enters it.
         warnings: every doubt the reader had, one line each.
-        inputs: the files that were read.
         layout: name of the column map that was used.
-        corrections: what estimation changed; empty in a trial as it was logged.
+        corrections: what estimation changed.
     """
 
     name: str

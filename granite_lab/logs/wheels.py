@@ -122,13 +122,7 @@ def mean_speed(wheels: WheelStream | None, robot: Robot) -> tuple[Array, Array]:
 def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelStream:
     """Check the wheels' unit against the speed that the IMU gains while the robot drives off.
 
-    Args:
-        wheels: as read.
-        imu: the IMU, if there is one; only how fast it accelerates is used, in any direction.
-        log: where they stood.
-
-    Returns:
-        the stream with a corrected unit.
+    Of the IMU only how fast it accelerates is used, in any direction. Returns the stream in a corrected unit.
     """
     t, speed = mean_speed(wheels, log.robot)
     if len(t) < 10:

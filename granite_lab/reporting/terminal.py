@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from granite_lab.discovery.finding import Finding
     from granite_lab.estimation.motion import Judgement, Motion
     from granite_lab.fitting.fit import AThetaFit, K92Fit
-    from granite_lab.logs.guess import ColumnReport
     from granite_lab.logs.inspection import FileReport, Inspection
+    from granite_lab.logs.quantities import ColumnReport
     from granite_lab.model.effect import Effect
     from granite_lab.parameters import Variant
     from granite_lab.parameters.catalogue import Provenance

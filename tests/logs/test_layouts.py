@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from granite_lab.errors import InputError, UsageError
 from granite_lab.logs import inspect_logs
-from granite_lab.logs.guess import by_name
 from granite_lab.logs.inspection import FileReport
 from granite_lab.logs.layouts import all_layouts, load_layout
+from granite_lab.logs.quantities import by_name
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import variant_of
 from tests.corpus.cli import SAMPLES
