@@ -27,6 +27,7 @@ from granite_lab.estimation.error_model import (
     SIZE,
     TAU,
     TH,
+    UNKNOWN,
     C,
     D,
     G,
@@ -38,7 +39,6 @@ from granite_lab.estimation.error_model import (
 )
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.referenced import UNKNOWN
 from granite_lab.estimation.smoother import Smoothed, widening
 from granite_lab.logs.trial import Array
 

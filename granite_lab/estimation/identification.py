@@ -151,6 +151,8 @@ def lost_pitch(problem: Problem, offset: float) -> float:
         what is beyond the noise known from the standstills; 0 within chance.
     """
     imu, noise, faults = problem.imu, problem.noise, problem.faults
+    if not imu.has_pitch_rate or not imu.gravity:
+        return 0.0
     nominal = nominal_of(problem, offset)
     rested = sum(end - begin for begin, end in problem.rests)
     broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
@@ -294,7 +296,7 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
         its slip model with scatter and walk replaced; unchanged where nothing can be told.
     """
     imu, faults = problem.imu, problem.faults
-    if problem.rolling is None or problem.slip.bounded or not imu.has_pitch_rate or not imu.gravity:
+    if problem.rolling is None or problem.slip.far or not imu.has_pitch_rate or not imu.gravity:
         return problem.slip
     broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
     windows = [

@@ -42,21 +42,6 @@ LOWEST = 5.0
 APART = 1.5
 """A vibration this many times faster than what the smoothing must pass can be told from motion."""
 
-MEMORY = 0.5
-"""Correlation time of the error of the velocity to the left [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sideways:
-    """Velocity to the left at the IMU's stamps (N,), and its std [m/s]."""
-
-    velocity: Array
-    std: Array
-
-    def noise(self, yaw_rate: Array) -> Array:
-        """(N,) white noise that its error makes of the forward acceleration [m/s^2 sqrt(s)]."""
-        return np.asarray(np.abs(yaw_rate) * self.std * np.sqrt(2.0 * MEMORY))
-
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
@@ -97,7 +82,6 @@ def integrate(
     gyro_bias: float | None = None,
     pitch: float = 0.0,
     velocity: float = 0.0,
-    aside: Sideways | None = None,
 ) -> Nominal:
     """Integrate gyro and accelerometer from the first sample on, standing still during the rests.
 
@@ -115,7 +99,6 @@ def integrate(
         faults: samples not to be trusted; interpolated over.
         accel_bias, gyro_bias: constants to remove; the gyro's by default its mean at rest.
         pitch, velocity: of the first sample [rad], [m/s].
-        aside: velocity to the left, which turning makes a forward one.
     """
     t, rest = imu.t, inside(imu.t, rests)
     forward = _patched(t, imu.forward, faults.doubt)
@@ -131,8 +114,6 @@ def integrate(
     angle = pitch + cumulate(t, pitch_rate, rest)
     acceleration = forward + imu.gravity * np.sin(angle) - accel_bias
     acceleration += (pitch_rate**2 + yaw_rate**2) * robot.imu.x
-    if aside is not None:
-        acceleration += yaw_rate * aside.velocity
     v_sensor = velocity + cumulate(t, acceleration, rest)
     pitch_rate, yaw_rate = np.where(rest, 0.0, pitch_rate), np.where(rest, 0.0, yaw_rate)
     v = v_sensor - robot.imu.z * pitch_rate

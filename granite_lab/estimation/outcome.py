@@ -146,7 +146,7 @@ def _by_latency(t: Array, v: Array, problem: Problem, solution: Solution) -> Arr
     offset is the difference of the latencies of both sensors; what they have in common is unknown.
     """
     offset = solution.offset
-    if problem.slip.memory or not np.isfinite(offset.std):
+    if problem.slip.far or not np.isfinite(offset.std):
         return np.zeros(t.size)
     late = 0.5 * math.hypot(offset.std, offset.value - solution.applied, LATENCY)
     size = max(round(QUICK / problem.imu.period), 1)
