@@ -125,15 +125,9 @@ def transitions(
 ) -> Array:
     """(K, 14, 14) transition matrices into each node from the one before.
 
-    Args:
-        dt: (K,) steps, dt[0] = 0 [s].
-        coupling: (K,) g cos(pitch) [m/s^2].
-        moving: (K,) False where the step lies within a standstill.
-        w: (K,) wheel speed by which the slip ratio is multiplied [m/s], signed.
-        slip: model of the slip ratio.
-        pitch_gyro: a gyro carries the pitch.
-        omega, zeta: natural frequency [rad/s] and damping of the vibration.
-        gain: (K,) velocity that the accelerometer adds in the step [m/s].
+    For each of the K steps dt [s]: `coupling` g cos(pitch) [m/s^2], `moving` False within a standstill, the
+    wheel speed `w` by which the slip ratio is multiplied [m/s], the velocity that the accelerometer adds,
+    `gain` [m/s]. `omega` [rad/s] and `zeta` are those of the vibration.
     """
     F = np.zeros((dt.size, SIZE, SIZE))
     F[:] = np.eye(SIZE)
@@ -177,13 +171,7 @@ def noises(
     accel_walk: float,
     gyro_walk: float,
 ) -> Array:
-    """(K, 14, 14) process noise of the inertial states over each step.
-
-    Args:
-        dt, coupling, moving: as in `transitions`.
-        accel, gyro: (K,) white noise densities in force over the step.
-        accel_walk, gyro_walk: random walks of the biases.
-    """
+    """(K, 14, 14) process noise of the inertial states over each step, by white noise densities (K,)."""
     Q = np.zeros((dt.size, SIZE, SIZE))
     Q[:, range(SIZE), range(SIZE)] = TINY**2
     on = moving.astype(float)
@@ -206,10 +194,8 @@ def add_slip(
 ) -> None:
     """Add the noise of the slip ratio to Q in place.
 
-    Args:
-        onset: (K,) True for the step that leaves a standstill.
-        w: (K,) wheel speed [m/s].
-        unrest: (K,) relative change of the wheel speed, with a short memory [1/s].
+    `onset` is True for the step that leaves a standstill, `unrest` the relative change of the wheel speed
+    [1/s].
     """
     on = moving.astype(float)
     walk = slip.walk**2 + 2 * slip.limit**2 / RETURN * slip.far + slip.ramp**2 * unrest
@@ -226,13 +212,7 @@ def add_slip(
 
 
 def add_vibration(Q: Array, F: Array, dt: Array, moving: np.ndarray, size: Array, omega: float) -> None:
-    """Add the noise that keeps the oscillator at its rms, which grows with the wheels' speed.
-
-    Args:
-        Q, F: noise (changed in place) and transitions.
-        size: (K,) rms of the vibration's acceleration [m/s^2].
-        omega: natural frequency [rad/s].
-    """
+    """Add the noise that keeps the oscillator at the rms (K,) `size` of its acceleration [m/s^2] to Q."""
     stationary = np.zeros((dt.size, 2, 2))
     stationary[:, 0, 0] = (size / omega**2) ** 2
     stationary[:, 1, 1] = (size / omega) ** 2
@@ -262,9 +242,8 @@ def add_rest(
 ) -> None:  # fmt: skip
     """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill.
 
-    Args:
-        speed: (K,) velocity that the body may still have [m/s].
-        shaken: (K,) rms of the vibration's velocity, by wheels that turn meanwhile [m/s].
+    The body may still have the velocity `speed` (K,) [m/s]; wheels that turn shake it by the rms `shaken`
+    (K,) [m/s].
     """
     h_velocity, h_rate = np.zeros((2, 1, SIZE))
     h_velocity[0, V] = 1.0
@@ -302,18 +281,9 @@ def add_wheels(
 ) -> float:  # fmt: skip
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 
-    Rolled distance counts from the first sample, which is no measurement then.
-
-    Args:
-        offset: by which the encoders' clock lies behind [s].
-        w: (K,) wheel speed that turns slip ratio into slip velocity [m/s].
-        spinning: (K,) the wheels turn on the spot and tell nothing.
-        growth: (K,) acceleration of the wheels [m/s^2], without the noise of single samples.
-        thrust: (K,) thrust over mass, against that at rest [m/s^2].
-        lost, loss: (K,) distance [m] and velocity [m/s] that the mean slip ratio loses.
-
-    Returns:
-        std of the first sample [m].
+    Rolled distance counts from the first sample, which is no measurement then; its std [m] is returned. At
+    the nodes: `spinning`, the wheels turn on the spot; `lost` [m] and `loss` [m/s], by the mean slip ratio;
+    `w`, the wheel speed that turns slip ratio into slip velocity [m/s]; `growth` and `thrust` [m/s^2].
     """
     t = nominal.t[index]
     stamps = rolling.t + offset

@@ -95,12 +95,7 @@ WANDER_TIME = 300.0
 
 
 def with_motion_noise(problem: Problem, offset: float) -> Noise:
-    """Return the noise of a problem with the white noise in motion, and with what vibration is left.
-
-    Args:
-        problem: a trial with wheels; its noise holds none in motion yet.
-        offset: of the encoders' clock [s].
-    """
+    """Return the noise with the white noise in motion, and with what vibration is left beside it."""
     noise, imu = problem.noise, problem.imu
     if 0.5 / imu.period < 2.0 * HIGH:
         force, rate = (folded(problem, signal) for signal in (imu.forward, imu.pitch_rate))
@@ -125,12 +120,9 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
 
 
 def folded(problem: Problem, signal: Array) -> float:
-    """White noise density that shaking makes in motion of an IMU too slow to show it, times sqrt(s).
+    """White noise density times sqrt(s) that shaking makes in motion of an IMU too slow to show it.
 
     Sampled below twice its frequency, it is as white as the samples' second differences say.
-
-    Args:
-        signal: (N,) specific force [m/s^2] or rate [rad/s].
     """
     moving = ~inside(problem.imu.t, problem.rests)
     bend = np.diff(signal, n=2)[moving[1:-1]]
@@ -146,9 +138,7 @@ def lost_pitch(problem: Problem, offset: float) -> float:
     From one standstill to the next, the gyro's angle and the accelerometer's level must change alike. On
     rough ground they do not: a gyro that is shaken errs by its scale, its axes and its sensitivity to
     acceleration, far beyond its noise at rest. Motion over faults, whose noise grows anyway, is left out.
-
-    Returns:
-        what is beyond the noise known from the standstills; 0 within chance.
+    What is returned is beyond the noise known from the standstills; 0 within chance.
     """
     imu, noise, faults = problem.imu, problem.noise, problem.faults
     if not imu.has_pitch_rate or not imu.gravity:
@@ -184,9 +174,6 @@ def level(force: Array, variance: float) -> tuple[float, float]:
     """Angle [rad] that a standstill's specific force (N,) in g makes, and its variance.
 
     A body that still rocks is levelled no better than the means of its blocks agree.
-
-    Args:
-        variance: of a sample, by the noise at rest.
     """
     force = force[np.isfinite(force)]
     if force.size < 2 * BLOCKS:
@@ -197,11 +184,9 @@ def level(force: Array, variance: float) -> tuple[float, float]:
 
 
 def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
-    """Periodogram of the body's acceleration, by the IMU, over all steady motion.
+    """Frequencies (F,) [Hz] and density (F,) [m^2/s^3] of the body's acceleration, over all steady motion.
 
-    Returns:
-        (F,) frequencies [Hz] of every steady stretch in turn, (F,) one-sided density [m^2/s^3]; the lugs'
-        own frequency is left out.
+    One periodogram after the other, by the IMU; the lugs' own frequency is left out.
     """
     imu, rolling = problem.imu, problem.rolling
     assert rolling is not None
@@ -240,10 +225,8 @@ def band_means(frequency: Array, density: Array) -> Array:
 def added_share(density: Array, shape: Array, floor: Array) -> float:
     """Return the mean of the white density that motion adds, in shares of that at rest.
 
-    Args:
-        density: (F,) periodogram in shares of the density at rest.
-        shape: (F,) the vibration's density over its height.
-        floor: (B, 2) mean and number of the ordinates in bands that may hold anything besides white noise.
+    `density` (F,) is the periodogram in such shares, `shape` (F,) the vibration's density over its height,
+    `floor` (B, 2) mean and number of the ordinates in bands that may hold anything besides white noise.
     """
     if density.size < 8:
         return 0.0
@@ -285,15 +268,9 @@ def listen_to(problem: Problem) -> list[Interval]:
 def identify_scatter(problem: Problem, offset: float) -> SlipModel:
     """Find the scatter of the slip ratio that makes the measurements most likely.
 
-    Over seconds the IMU knows the body's velocity to a millimetre a second, so what the wheels do
-    besides shows. A level of slip, on the contrary, stays free. Windows with faults tell nothing.
-
-    Args:
-        problem: the trial, with wheels.
-        offset: of the encoders' clock [s].
-
-    Returns:
-        its slip model with scatter and walk replaced; unchanged where nothing can be told.
+    Over seconds the IMU knows the body's velocity to a millimetre a second, so what the wheels do besides
+    shows. A level of slip, on the contrary, stays free. Windows with faults tell nothing; the slip model is
+    unchanged where nothing can be told.
     """
     imu, faults = problem.imu, problem.faults
     if problem.rolling is None or problem.slip.far or not imu.has_pitch_rate or not imu.gravity:
@@ -336,11 +313,8 @@ def _with_and_without(part: Problem, offset: float) -> tuple[Nodes, Nodes]:
 def expected(best: int, below: float, here: float, above: float) -> float:
     """Root of the posterior mean of the scatter's variance, which the std of the estimate goes by.
 
-    The posterior of the scatter's logarithm is taken for normal, by the parabola through three values.
-
-    Args:
-        best: the most likely candidate.
-        below, here, above: log-likelihood of it and its neighbours.
+    The posterior of the scatter's logarithm is taken for normal, by the parabola through three log-
+    likelihoods: of the best candidate, and of its neighbours.
     """
     bend = below - 2.0 * here + above
     if bend >= 0.0:

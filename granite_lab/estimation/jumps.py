@@ -75,12 +75,7 @@ class Changes:
 
 
 def with_jumps(problem: Problem, offset: float) -> Problem:
-    """Return the problem with its slip velocity's `jumps`, and with standstills on turning wheels.
-
-    Args:
-        problem: a trial with wheels.
-        offset: of the encoders' clock [s].
-    """
+    """Return the problem with its slip velocity's `jumps`, and with standstills on turning wheels."""
     rolling = problem.rolling
     assert rolling is not None
     while True:
@@ -112,10 +107,6 @@ def stuck(changes: Changes, rests: Sequence[Interval]) -> list[Interval]:
 
     The slip ratio is then known to be 100 % within `SURE`. Wheels that dig themselves in hold the body for
     seconds; one that only turns round stands for less than a second, unless it goes on to stand.
-
-    Args:
-        changes: of slip.
-        rests: standstills that are known [s].
     """
     body, far = changes.wheel - changes.slip, SURE * changes.slower
     stands = (np.abs(body) < 2.0 * changes.unsure[:, None]).all(axis=1) & (changes.unsure < far)
@@ -159,13 +150,7 @@ def _joined(rests: Sequence[Interval]) -> tuple[Interval, ...]:
 
 
 def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
-    """Compare the rolled distance with the one that the IMU alone finds, bin by bin of each motion.
-
-    Args:
-        alone: the trial without its wheels.
-        rolling: its wheels.
-        offset: of the encoders' clock [s].
-    """
+    """Compare the rolled distance with the one that the IMU alone finds, bin by bin of each motion."""
     nodes, found = alone.nodes, alone.smoothed
     travelled = np.interp(nodes.t, alone.nominal.t, alone.nominal.x) + found.x[:, X] - found.x[:, P]
     spread = std_of(found.P, {V: 1.0})

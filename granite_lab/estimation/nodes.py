@@ -232,12 +232,6 @@ def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Arr
 
     Specific force along x is thrust less the ground's resistance, over mass; resistance in sand is about a
     tenth of the weight, against the motion. While the wheels turn steadily, what is fast is vibration.
-
-    Args:
-        imu: samples in robot axes.
-        rest: (N,) True at standstill.
-        index: (K,) places of the nodes among the IMU's stamps.
-        pace: of the wheels.
     """
     force = np.where(pace.steady, push(imu, CALM)[index], push(imu, QUICK)[index])
     level = np.mean(imu.forward[rest & np.isfinite(imu.forward)]) if rest.any() else np.mean(force)
@@ -267,12 +261,7 @@ def build(
 ) -> Nodes:
     """Lay out nodes, matrices and measurements about a nominal motion.
 
-    Args:
-        problem: the trial.
-        nominal: the integrated motion.
-        offset: by which the wheels' stamps are moved [s].
-        left: what is expected to be left of the clock offset then [s].
-        distance: measured total distance [m].
+    The wheels' stamps are moved by `offset` [s]; `left` of the clock offset is expected to be left then.
     """
     imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
     index = choose(nominal, imu.period, problem.spacing)
@@ -353,13 +342,8 @@ def inflate(
 ) -> None:  # fmt: skip
     """Let velocity, pitch and biases drift over the faults, in place, by as much as may go unseen.
 
-    Args:
-        Q: (K, 14, 14) process noise.
-        t: (K,) nodes [s].
-        moving: (K,) False where the step lies within a standstill.
-        faults: of the IMU.
-        imu, rest: (N,) samples, and which of them are at rest.
-        growth: (K,) acceleration of the wheels [m/s^2], or None without wheels.
+    Q and the wheels' `growth` [m/s^2] (None without wheels) are at the nodes t (K,), `rest` at the samples
+    (N,).
     """
     dt, period = np.diff(t, prepend=t[0]), imu.period
     active = ~rest & ~faults.doubt

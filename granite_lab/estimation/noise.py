@@ -80,19 +80,11 @@ class Noise:
 
 
 def white(t: Array, signal: Array, rests: Sequence[Interval], prior: float) -> float:
-    """Identify the white noise density of a signal at standstill from its Allan variance.
+    """Find the white noise density (std times sqrt(dt)) of a signal at standstill by its Allan variance.
 
     The Allan variance at one sample is precise, that over eight samples is blind to noise beyond the
     filter's interest; they agree for white noise. Where they differ by more than their own scatter
     (coloured noise, a sensor's low-pass), the longer one is used.
-
-    Args:
-        t, signal: (N,) stamps [s] and samples.
-        rests: intervals of standstill [s].
-        prior: density by the robot's file.
-
-    Returns:
-        std times sqrt(dt).
     """
     sums = {1: [0.0, 0.0], 8: [0.0, 0.0]}
     for begin, end in rests:
@@ -124,10 +116,6 @@ def stamp_noise(imu: BodyImu, moving: np.ndarray) -> float:
     Integrated by the trapezoidal rule, a stamp that is off by d changes the velocity by d times half the
     difference of the samples before and after it. The scatter is that of stamps about an even spacing,
     by their second differences, whose variance is six times that of one stamp.
-
-    Args:
-        imu: samples in robot axes.
-        moving: (N,) True in motion.
     """
     period = imu.period
     step = imu.forward[2:] - imu.forward[:-2]
@@ -142,12 +130,6 @@ def vibration(
     imu: BodyImu, moving: np.ndarray, accel: float, prior_frequency: float
 ) -> tuple[float, float, float]:
     """Identify the frame's vibration along x in motion from the spectrum above 5 Hz.
-
-    Args:
-        imu: samples in robot axes.
-        moving: (N,) True in motion.
-        accel: white noise density at standstill.
-        prior_frequency: where the robot's file expects the vibration [Hz].
 
     Returns:
         rms beyond the white noise [m/s^2], dominant frequency [Hz], damping ratio.
@@ -176,14 +158,7 @@ def vibration(
 
 
 def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequence[Interval]) -> Noise:
-    """Identify all noise figures of a trial.
-
-    Args:
-        imu: samples in robot axes.
-        rolling: the wheels; their largest velocity is that of the vibration.
-        robot: its file's grade is the prior.
-        rests: standstills [s].
-    """
+    """Identify all noise figures of a trial; the grade in the robot's file is the prior."""
     moving = ~inside(imu.t, rests)
     speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
     grade = robot.imu_grade

@@ -90,15 +90,8 @@ def integrate(
         f_x = dv/dt - g sin(pitch) + dq/dt p_z - (q^2 + r^2) p_x + bias.
 
     The velocity of the sensor, v + q p_z, takes in dq/dt without differentiating the gyro; R's
-    velocity follows from it.
-
-    Args:
-        imu: samples in robot axes.
-        robot: where the sensor sits.
-        rests: standstills [s].
-        faults: samples not to be trusted; interpolated over.
-        accel_bias, gyro_bias: constants to remove; the gyro's by default its mean at rest.
-        pitch, velocity: of the first sample [rad], [m/s].
+    velocity follows from it. Biases are removed; the gyro's is by default its mean at rest. Pitch [rad] and
+    velocity [m/s] are those of the first sample.
     """
     t, rest = imu.t, inside(imu.t, rests)
     forward = _patched(t, imu.forward, faults.doubt)
@@ -144,11 +137,6 @@ def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, flo
     and what its bias adds up to is taken out along a straight line. The ground at the end tilts
     differently than at the start, so no mean over the standstills would do. The accelerometer's bias
     is common to all of them: their mean is shrunk by what it may be, their differences are not.
-
-    Args:
-        imu: samples in robot axes.
-        rest: (N,) True at standstill.
-        robot: with an IMU grade, and how far the sensor may be tilted.
     """
     grade = robot.imu_grade
     assert grade is not None
@@ -190,15 +178,8 @@ def quieten(nominal: Nominal, steady: np.ndarray, frequency: float) -> Nominal:
     own frequency while they turn steadily is the frame. Around the ramps nothing is touched, and the
     filter's oscillator carries the doubt.
 
-    Args:
-        nominal: the integrated motion.
-        steady: (N,) True where the wheels' velocity has been, and will be, the same for a while.
-        frequency: of the vibration [Hz].
-
-    Returns:
-        the motion with `vibration_left`: (N,) share of the vibration's rms that is still in it, counting
-        as such what is up to an octave slower than the smoothing removes. Unchanged where the vibration
-        is too slow to be told from motion, or the wheels never turn steadily.
+    `vibration_left` counts as vibration what is up to an octave slower than the smoothing removes. The motion
+    is unchanged where the vibration is too slow to be told from motion, or the wheels never turn steadily.
     """
     period = float(np.median(np.diff(nominal.t)))
     width = HALF / (max(CUT * frequency, LOWEST) * period)

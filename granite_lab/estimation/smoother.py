@@ -233,13 +233,9 @@ def solve(
     measurement misses its prediction by more than its noise, which then grows by as much. What is too large
     in the last pass too widens the std of everything.
 
-    Args:
-        problem: the trial.
-        offset: of the wheels' clock, as it is expected; what is left of it is a state of the filter. With
-            a std of NaN nothing is left.
-        near: by which all stamps of the wheels are moved [s]; as expected by default.
-        distance: measured total distance [m].
-        robust: noise grows where measurements miss their prediction; not where likelihoods are compared.
+    `offset` of the wheels' clock is as expected; what is left of it is a state of the filter (nothing by a
+    std of NaN). All stamps of the wheels are moved by `near` [s], by default as expected. Without `robust` no
+    noise grows, so that likelihoods can be compared.
     """
     accel_bias, gyro_bias, pitch = 0.0, None, 0.0
     at, std = offset.value if near is None else near, offset.std if np.isfinite(offset.std) else 1e-6

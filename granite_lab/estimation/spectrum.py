@@ -15,15 +15,9 @@ BLACKMAN_HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
 
 
 def periodograms(values: Array, rate: float, window: Array) -> tuple[Array, Array]:
-    """Return the spectral density of each segment of a signal; they overlap by half.
+    """(F,) frequencies [Hz] and (S, F) one-sided densities [unit^2/Hz] of segments that overlap by half.
 
-    Args:
-        values: (N,) samples; the mean of each segment is removed.
-        rate: samples a second [Hz].
-        window: (M,) weights of a segment, M <= N.
-
-    Returns:
-        (F,) frequencies [Hz] and (S, F) one-sided densities [unit^2/Hz].
+    The mean of each segment, as long as the window, is removed.
     """
     size = window.size
     parts = np.lib.stride_tricks.sliding_window_view(values, size)[:: max(1, size - size // 2)]
@@ -53,12 +47,7 @@ def blackman_harris(size: int) -> Array:
 def slope(values: Array, window: int, order: int, step: float, derivative: int = 1) -> Array:
     """Return a derivative of polynomials through the neighbours of each sample (Savitzky and Golay).
 
-    Args:
-        values: (N,) samples; the first and the last one continue beyond the ends.
-        window: number of neighbours, odd.
-        order: of the polynomials.
-        step: from sample to sample.
-        derivative: which one.
+    The first and the last value continue beyond the ends; `step` is from sample to sample.
     """
     return np.asarray(
         correlate1d(values, _weights(window, order, derivative) / step**derivative, mode="nearest")
