@@ -15,13 +15,13 @@ from granite_lab.estimation.clock import agreed, find_offset, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, SlipModel
 from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
-from granite_lab.estimation.identification import identify_scatter, with_motion_noise
-from granite_lab.estimation.jumps import with_jumps
 from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.motion_noise import with_motion_noise
 from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
+from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import solve, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted

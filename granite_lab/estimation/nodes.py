@@ -13,10 +13,9 @@ from granite_lab.estimation import error_model as model
 from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, D, P, S, SlipModel, Update, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.noise import Noise
+from granite_lab.estimation.noise import Noise, slope
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST, Interval
-from granite_lab.estimation.spectrum import slope
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.trial import Array, part
 from granite_lab.parameters import GRAVITY, Robot
