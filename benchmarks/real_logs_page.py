@@ -96,8 +96,8 @@ Bold: worse than the wheels, or less than 85 % inside. *Named*: both standstills
 
 * **With both standstills known the IMU measures the velocity** at any slip of the wheels (snow).
 * **Otherwise a constant slip cannot be measured.** The estimate follows the wheels minus an assumed slip of
-  3 ± 5 %; its std allows for 0 to 100 %. The 5 points were chosen on these logs, from 5 and 15: the figures
-  without a standstill are not blind.
+  2.5 % and of as much for each m/s² gained; its std allows for 0 to 100 %. The 2.5 points were chosen on
+  these logs, from 2 to 4: the figures without a standstill are not blind.
 * **The estimate is worse than the wheels** in {worse} of {len(groups)} rows. Verdicts: {verdicts}.
 
 Aims missed, {len(missed)} of {len(aims)}: {"; ".join(missed) or "none"}.

@@ -27,6 +27,7 @@ from granite_lab.estimation.error_model import (
     SIZE,
     TAU,
     TH,
+    UNKNOWN,
     C,
     D,
     G,
@@ -38,7 +39,6 @@ from granite_lab.estimation.error_model import (
 )
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.referenced import UNKNOWN
 from granite_lab.estimation.smoother import Smoothed, widening
 from granite_lab.logs.trial import Array
 
@@ -71,20 +71,10 @@ WALKING = {
 def slip_parts(
     nodes: Nodes, found: Smoothed, noise: Noise, scatter: float, slip: float, rolled: Array, i: int, j: int
 ) -> tuple[Part, ...]:
-    """Split the variance of λ_R between two nodes into its sources.
+    """Split the variance of λ_R between two nodes i < j into its sources, largest first.
 
-    Args:
-        nodes: of the filter, in its last pass.
-        found: what the smoother made of them; its covariance may have been widened.
-        noise: that the filter worked with.
-        scatter: std of the slip ratio about its level [-].
-        slip: λ_R; NaN where it could not be had.
-        rolled: (K,) distance that the wheels rolled at the nodes [m].
-        i, j: the nodes, i < j.
-
-    Returns:
-        the parts, largest first, those below a millionth of the variance left out; the squares of their
-        contributions add up to the variance that `outcome.robot_slip` states.
+    Squares of the contributions add up to the variance that `outcome.robot_slip` states; parts below a
+    millionth of it are left out. `slip` is λ_R, `rolled` (K,) the way of the wheels at the nodes [m].
     """
     if not math.isfinite(slip):
         return ()
@@ -172,13 +162,7 @@ def _smoother_adjoint(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: 
 
 
 def _add_steps(shares: dict[str, float], nodes: Nodes, c: Array) -> None:
-    """Add the shares of the noise of all steps, whose blocks are independent of each other.
-
-    Args:
-        shares: by source.
-        nodes: K of them.
-        c: (K, 14) weights of the noise of the steps that lead to them.
-    """
+    """Add the shares of the noise of all steps, of weights c (K, 14); its blocks are independent."""
     Q, dt = nodes.Q, np.diff(nodes.t, prepend=nodes.t[0])
 
     def share(*states: int) -> float:

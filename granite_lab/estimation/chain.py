@@ -12,18 +12,17 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock import agreed, find_offset, slow_offset
-from granite_lab.estimation.error_model import SlipModel
+from granite_lab.estimation.error_model import FAR, LOST_PITCH, SlipModel
 from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
-from granite_lab.estimation.identification import identify_scatter, with_motion_noise
-from granite_lab.estimation.jumps import with_jumps
 from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.motion_noise import with_motion_noise
 from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
-from granite_lab.estimation.referenced import UNKNOWN, refer, steady_slip
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
-from granite_lab.estimation.smoother import solve, with_error
+from granite_lab.estimation.slip import identify_scatter, with_jumps
+from granite_lab.estimation.smoother import solve, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
@@ -37,7 +36,7 @@ SPIN = 0.2
 a trial of half a minute [1/sqrt(s)]."""
 
 LONG = 60.0
-"""Motion longer than this [s] without a standstill leans on the wheels; see `referenced`."""
+"""Motion longer than this [s] without a standstill leans on the wheels."""
 
 
 def estimate(
@@ -129,8 +128,15 @@ def correct(
     problem = replace(problem, imu=imu, faults=faults, slip=SlipModel(fades=True))
     warnings = [*signs, *_complain(problem, offset)]
     if far:
-        problem = refer(problem, offset, slip_std)
-        warnings.append(_reliance(problem, slip_std))
+        slip = FAR if slip_std is None else replace(FAR, limit=slip_std)
+        noise = replace(with_motion_noise(problem, offset.value), gyro=LOST_PITCH)
+        problem = replace(problem, slip=slip, noise=noise)
+        where = "far from standstills" if still else "no standstill"
+        allowed = "0 to 100 %" if slip_std is None else f"± {100 * slip_std:.0f} %"
+        warnings.append(
+            f"{where}: slow changes of velocity follow the wheels; steady slip is not measured there, "
+            f"the std allows for {allowed}"
+        )
     else:
         least = SPIN if _spun(problem, offset.value) else 0.0
         if rolling is not None and imu.has_pitch_rate and imu.gravity:
@@ -143,8 +149,7 @@ def correct(
     seen = offset if found is offset else agreed(found, solution.offset, solution.compliance)
     solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
     if far and slip_std is None:
-        error = steady_slip(solution.nodes, UNKNOWN)
-        solution = replace(solution, smoothed=with_error(solution.nodes, solution.smoothed, error))
+        solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
     health = assess(solution, imu.t, still, faults, problem.noise)
     motion = motion_of(trial, problem, solution, health, known, tuple(warnings))
     clean = clean_trial(
@@ -219,16 +224,6 @@ def _far_from_rest(still: Sequence[Interval], imu: mounting.BodyImu) -> bool:
         return True
     edges = [imu.t[0], *(t for rest in still for t in rest), imu.t[-1]]
     return bool(max(b - a for a, b in zip(edges[::2], edges[1::2], strict=True)) > LONG)
-
-
-def _reliance(problem: Problem, slip_std: float | None) -> str:
-    """Say what the velocity rests on far from any standstill."""
-    where = "far from standstills" if problem.rests else "no standstill"
-    said = "0 to 100 %" if slip_std is None else f"± {100 * slip_std:.0f} %"
-    return (
-        f"{where}: velocity rests on the wheels and an assumed slip ratio of "
-        f"{100 * problem.slip.steady:.0f} %; steady slip is not measured there, the std allows for {said}"
-    )
 
 
 def _refuse_gaps(trial: Trial, faults: Faults, still: Sequence[Interval]) -> None:

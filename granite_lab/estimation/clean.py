@@ -45,13 +45,8 @@ def clean_trial(
     it is dead. Constant biases, tilt and gains stay in: they are for later stages to estimate. So does a
     clock offset of a few milliseconds; of a large one `Motion.clock_left` is what remains.
 
-    Args:
-        trial: as it was logged.
-        robot: its parameters.
-        motion: what was estimated from it.
-        wheels, rolling: the encoders in the right order, with the right signs.
-        imu, faults, solution: IMU in robot axes without steps, what is wrong with it, the last pass;
-            None for a log without IMU.
+    `wheels` and `rolling` are the encoders with the right order and signs, `imu` is in robot axes without
+    steps; it, `faults` and `solution` are None for a log without IMU.
     """
     moved, made = motion.clock_applied, _signs(trial.wheels, wheels)
     if moved != 0.0:
@@ -151,14 +146,7 @@ def _bias_step(restart: Restart, solution: Solution) -> Estimate:
 
 
 def _level(made: list[Correction], wheels: WheelStream, rolling: Rolling, robot: Robot) -> WheelStream:
-    """Blank encoders while they are dead, and let them go on from where the others have turned to.
-
-    Args:
-        made: what was done is added here.
-        wheels: with the right signs.
-        rolling: the same as distances, NaN where a wheel is not to be used.
-        robot: wheel radius.
-    """
+    """Blank encoders while they are dead, and let them go on from where the others have turned to."""
     if wheels.rate is not None:
         return wheels
     angle = wheels.angle.copy()

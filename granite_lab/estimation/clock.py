@@ -63,11 +63,7 @@ FAR = LATENCY * float(np.sqrt(2.0 * UNUSUAL))
 
 
 def correlate(force: Array, wheel: Array, reach: int) -> tuple[Array, int, float]:
-    """Correlate specific force with the wheels' acceleration, both on one grid.
-
-    Args:
-        force, wheel: (M,) on the grid.
-        reach: the largest lag [steps].
+    """Correlate specific force with the wheels' acceleration, both (M,) on one grid.
 
     Returns:
         (2 reach + 1,) the correlation at each lag of the force; the place of its largest value, and that
@@ -181,11 +177,8 @@ def agreed(one: Estimate, other: Estimate, compliance: float) -> Estimate:
     """Weighted mean of two estimates of one offset [s]: by onsets and stops, and by the filter.
 
     Onsets and stops, and the ramps between them, each take a lag of the body for an offset in a way of
-    their own: the std covers what the two differ by, and their errors need not cancel.
-
-    Args:
-        one, other: the two.
-        compliance: between wheels and body [s^2], the square of the time in which it rings by one radian.
+    their own: the std covers what the two differ by, and their errors need not cancel. The square root of the
+    compliance [s^2] is the time in which the robot rings by one radian.
     """
     lag = LEFT_OVER * max(1.0, RINGS * float(np.sqrt(compliance)))
     std = float(np.hypot(other.std, lag))
@@ -214,12 +207,7 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
 
 
 def bridged_rests(rests: Sequence[Interval], turning: Array) -> list[Interval]:
-    """Join standstills between which no wheel turned: their ends are no change of motion.
-
-    Args:
-        rests: standstills [s].
-        turning: (M,) instants at which wheels turn [s].
-    """
+    """Join standstills between which no wheel turned (at `turning` [s]): their ends are no change."""
     joined: list[Interval] = []
     for a, b in rests:
         if joined and not np.any((turning > joined[-1][1]) & (turning < a)):
@@ -237,10 +225,6 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     the second from below. The filter's model of slip (any share of the wheel's speed, so none when
     the wheels stand) holds both. Each change has its own likelihood, which an unusual change bounds from
     below: one that contradicts the others is outvoted, and where none is, the std covers them all.
-
-    Args:
-        problem: the trial.
-        coarse: where to search, with its std [s].
 
     Returns:
         mean and std of the posterior, its likelihood tempered for what the slip model leaves out [s].

@@ -40,6 +40,12 @@ SIZE = 14
 TINY = np.array([1e-8, 1e-8, 1e-7, 1e-9, 1e-9, 1e-10, 1e-8, 1e-7, 1e-7, 1e-8, 1e-9, 1e-9, 1e-9, 1e-8])
 """Std added per step, so that no predicted covariance is singular, in each state's own unit."""
 
+RETURN, MEMORY = 30.0, 2.0
+"""Slip far from standstills returns to its mean in this time; its wheel speed is averaged over this [s]."""
+
+TYRE = 0.025
+"""A wheel slips by 2.5 points for a thrust of a tenth of its weight [s^2/m]."""
+
 V_FLOOR = 0.02
 """v_floor of (1) [m/s]."""
 
@@ -65,13 +71,10 @@ class SlipModel:
         walk: random walk of S [1/sqrt(s)] in steady motion.
         ramp: walk added per square root of relative change of wheel speed [-].
         scatter, time: std [-] and correlation time [s] of G.
-        bounded: S is stationary: it reverts to 0 within `limit_time` [s] with the std `limit` [-].
-            Only for long motion, which a random walk would lose; otherwise S is free.
-        limit, limit_time: see above; `limit` also caps one step's noise.
-        thrust: more slip ratio for each m/s^2 of specific force along x, which is thrust over mass [s^2/m].
-        memory: slip velocity goes with the wheel speed of the last and next seconds, `memory` in all [s],
-            so that a change of the wheels' speed says nothing about a steady slip ratio; 0: with the
-            present speed.
+        limit: std that caps one step's noise of S [-]; far from standstills, that of S.
+        far: far from standstills a random walk would lose the velocity: S reverts to 0 within `RETURN`. The
+            expected slip ratio is `TYRE` times thrust over mass. It is multiplied by the wheel speed averaged
+            over `MEMORY`, so that a change of speed says nothing about a steady slip ratio.
         fades: the steady slip ratio goes down with the speed below `V_FLOOR`, as the ground's resistance
             does: wheels that coast to rest slip less. The moments that tell the clocks' offset are judged
             without it, or twisting tyres pass for an offset.
@@ -84,17 +87,28 @@ class SlipModel:
     ramp: float = 0.25
     scatter: float = 0.06
     time: float = 2.0
-    bounded: bool = False
     limit: float = 0.5
-    limit_time: float = 300.0
-    thrust: float = 0.0
-    memory: float = 0.0
+    far: bool = False
     fades: bool = False
 
     def expected(self, growth: Array, speed: Array) -> Array:
         """(K,) slip ratio expected while the wheels' speed (K,) [m/s] grows by `growth` (K,) [m/s^2]."""
         resisted = np.tanh(np.abs(speed) / V_FLOOR) if self.fades else 1.0
         return np.clip(self.steady * resisted + self.per_acceleration * growth, -0.3, 0.5)
+
+
+FAR = SlipModel(
+    steady=0.0, per_acceleration=0.0, onset=0.0, walk=0.0, ramp=0.0, scatter=0.05, time=0.3, limit=0.05,
+    far=True,
+)  # fmt: skip
+"""Deviation of slip from the expected where no standstill is near; `UNKNOWN` is beside it."""
+
+UNKNOWN = 3.0**-0.5
+"""Root mean square of a slip ratio that is anywhere from 0 to 100 %. It is in the std only: in the estimate
+it would give way to every drift of the pitch."""
+
+LOST_PITCH = 0.005
+"""Random walk of the pitch far from standstills [rad/sqrt(s)]: turns and shaking mislead the gyro."""
 
 
 def transitions(
@@ -111,15 +125,9 @@ def transitions(
 ) -> Array:
     """(K, 14, 14) transition matrices into each node from the one before.
 
-    Args:
-        dt: (K,) steps, dt[0] = 0 [s].
-        coupling: (K,) g cos(pitch) [m/s^2].
-        moving: (K,) False where the step lies within a standstill.
-        w: (K,) wheel speed by which the slip ratio is multiplied [m/s], signed.
-        slip: model of the slip ratio.
-        pitch_gyro: a gyro carries the pitch.
-        omega, zeta: natural frequency [rad/s] and damping of the vibration.
-        gain: (K,) velocity that the accelerometer adds in the step [m/s].
+    For each of the K steps dt [s]: `coupling` g cos(pitch) [m/s^2], `moving` False within a standstill, the
+    wheel speed `w` by which the slip ratio is multiplied [m/s], the velocity that the accelerometer adds,
+    `gain` [m/s]. `omega` [rad/s] and `zeta` are those of the vibration.
     """
     F = np.zeros((dt.size, SIZE, SIZE))
     F[:] = np.eye(SIZE)
@@ -135,7 +143,7 @@ def transitions(
     F[:, V, K], F[:, X, K] = -on * gain, -0.5 * on * gain * dt
     F[:, D, S] = F[:, D, G] = on * w * dt
     F[:, BM, BM] = on
-    F[:, S, S] = on * (np.exp(-dt / slip.limit_time) if slip.bounded else 1.0)
+    F[:, S, S] = on * (np.exp(-dt / RETURN) if slip.far else 1.0)
     F[:, G, G] = on * np.exp(-dt / slip.time)
     F[:, P:, P:] = on[:, None, None] * resonator(dt, omega, zeta)
     if not pitch_gyro:
@@ -163,13 +171,7 @@ def noises(
     accel_walk: float,
     gyro_walk: float,
 ) -> Array:
-    """(K, 14, 14) process noise of the inertial states over each step.
-
-    Args:
-        dt, coupling, moving: as in `transitions`.
-        accel, gyro: (K,) white noise densities in force over the step.
-        accel_walk, gyro_walk: random walks of the biases.
-    """
+    """(K, 14, 14) process noise of the inertial states over each step, by white noise densities (K,)."""
     Q = np.zeros((dt.size, SIZE, SIZE))
     Q[:, range(SIZE), range(SIZE)] = TINY**2
     on = moving.astype(float)
@@ -192,13 +194,11 @@ def add_slip(
 ) -> None:
     """Add the noise of the slip ratio to Q in place.
 
-    Args:
-        onset: (K,) True for the step that leaves a standstill.
-        w: (K,) wheel speed [m/s].
-        unrest: (K,) relative change of the wheel speed, with a short memory [1/s].
+    `onset` is True for the step that leaves a standstill, `unrest` the relative change of the wheel speed
+    [1/s].
     """
     on = moving.astype(float)
-    walk = slip.walk**2 + 2 * slip.limit**2 / slip.limit_time * slip.bounded + slip.ramp**2 * unrest
+    walk = slip.walk**2 + 2 * slip.limit**2 / RETURN * slip.far + slip.ramp**2 * unrest
     s2 = on * np.minimum(walk * dt, slip.limit**2) + onset * slip.onset**2
     g2 = on * (1 - np.exp(-2 * dt / slip.time)) * slip.scatter**2
     g2 = np.where(onset, slip.scatter**2, g2)
@@ -212,13 +212,7 @@ def add_slip(
 
 
 def add_vibration(Q: Array, F: Array, dt: Array, moving: np.ndarray, size: Array, omega: float) -> None:
-    """Add the noise that keeps the oscillator at its rms, which grows with the wheels' speed.
-
-    Args:
-        Q, F: noise (changed in place) and transitions.
-        size: (K,) rms of the vibration's acceleration [m/s^2].
-        omega: natural frequency [rad/s].
-    """
+    """Add the noise that keeps the oscillator at the rms (K,) `size` of its acceleration [m/s^2] to Q."""
     stationary = np.zeros((dt.size, 2, 2))
     stationary[:, 0, 0] = (size / omega**2) ** 2
     stationary[:, 1, 1] = (size / omega) ** 2
@@ -248,9 +242,8 @@ def add_rest(
 ) -> None:  # fmt: skip
     """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill.
 
-    Args:
-        speed: (K,) velocity that the body may still have [m/s].
-        shaken: (K,) rms of the vibration's velocity, by wheels that turn meanwhile [m/s].
+    The body may still have the velocity `speed` (K,) [m/s]; wheels that turn shake it by the rms `shaken`
+    (K,) [m/s].
     """
     h_velocity, h_rate = np.zeros((2, 1, SIZE))
     h_velocity[0, V] = 1.0
@@ -288,18 +281,9 @@ def add_wheels(
 ) -> float:  # fmt: skip
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 
-    Rolled distance counts from the first sample, which is no measurement then.
-
-    Args:
-        offset: by which the encoders' clock lies behind [s].
-        w: (K,) wheel speed that turns slip ratio into slip velocity [m/s].
-        spinning: (K,) the wheels turn on the spot and tell nothing.
-        growth: (K,) acceleration of the wheels [m/s^2], without the noise of single samples.
-        thrust: (K,) thrust over mass, against that at rest [m/s^2].
-        lost, loss: (K,) distance [m] and velocity [m/s] that the mean slip ratio loses.
-
-    Returns:
-        std of the first sample [m].
+    Rolled distance counts from the first sample, which is no measurement then; its std [m] is returned. At
+    the nodes: `spinning`, the wheels turn on the spot; `lost` [m] and `loss` [m/s], by the mean slip ratio;
+    `w`, the wheel speed that turns slip ratio into slip velocity [m/s]; `growth` and `thrust` [m/s^2].
     """
     t = nominal.t[index]
     stamps = rolling.t + offset

@@ -48,11 +48,8 @@ def find_faults(
 ) -> Faults:
     """Find gaps longer than three median periods and plateaus at the sensor's limits.
 
-    Args:
-        imu: samples in robot axes.
-        stream: the same in the sensor's axes, in which it saturates.
-        grade: its ranges.
-        spikes, thrown: (N,) by `despike`, and how much it has removed [m/s^2].
+    `imu` is in robot axes, `stream` in the sensor's, in which it saturates; `spikes` and by how much they are
+    `thrown` [m/s^2] come from `despike`.
     """
     t = imu.t
     bad = ~np.isfinite(imu.forward)
@@ -116,14 +113,8 @@ def find_restarts(
 ) -> tuple[Restart, ...]:
     """Compare the gyro and the size of specific force of each standstill with the next one's.
 
-    Pitch may differ between two standstills, so only what it cannot explain counts.
-
-    Args:
-        stream: samples in the sensor's axes.
-        rests: standstills [s].
-        doubt: (N,) samples that cannot be trusted.
-        gaps: (start, end) of missing samples [s], in which a restart is looked for first.
-        grade: how much biases usually wander.
+    Pitch may differ between two standstills, so only what it cannot explain counts. A restart is looked for
+    in the gaps first. The stream is in the sensor's axes.
     """
     found = []
     level: list[tuple[Array, Array, float]] = []

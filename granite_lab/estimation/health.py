@@ -50,15 +50,7 @@ class Consistency:
 
 
 def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Faults, noise: Noise) -> Health:
-    """Build the health record.
-
-    Args:
-        solution: the smoother's last pass.
-        t: (N,) the IMU's stamps, at which the biases are wanted [s].
-        rests: standstills [s].
-        faults: gaps and plateaus.
-        noise: that the filter worked with.
-    """
+    """Build the health record of the smoother's last pass; biases at the IMU's stamps t (N,) [s]."""
     nodes, found, nominal = solution.nodes, solution.smoothed, solution.nominal
     came = found.innovations
     sigma = np.sqrt(came.variance)
@@ -112,10 +104,7 @@ def correlation(ratio: Array) -> float:
 
 
 def ljung_box(ratio: Array, lags: int = 10) -> float:
-    """Probability that white innovations correlate as much over some lags by chance (Ljung & Box 1978).
-
-    NaN for too few innovations.
-    """
+    """Probability that white innovations correlate as much over some lags by chance (Ljung & Box 1978)."""
     n = ratio.size
     if n < 5 * lags or not np.any(ratio):
         return float("nan")
@@ -134,14 +123,8 @@ def judge_health(
     It is "poor" where nothing anchors the velocity or its std is more than a tenth of the pace, "fair" where
     the std had to be widened or grows for want of samples or of a standstill, and "good" otherwise.
 
-    Args:
-        kinds: how each kind of measurement met its prediction.
-        rests: standstills [s].
-        faults: of the IMU.
-        ends: std of the velocity at the start and at the end [m/s].
-        pace: of the wheels at their fastest [m/s].
-        middle: median std of the velocity in motion [m/s].
-        shaken: white noise of the pitch gyro that motion adds, over that at rest.
+    `ends` and `middle` are the std of the velocity at start and end and its median in motion [m/s], `pace`
+    the largest wheel speed [m/s], `shaken` the white noise of the pitch gyro in motion over that at rest.
     """
     complaints = []
     for kind, one in kinds.items():

@@ -206,13 +206,9 @@ class Judgement:
 
 
 def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Judgement, ...]:
-    """Compare a motion with the external reference of its trial.
+    """Compare a motion with the external reference of its trial, on the IMU's clock.
 
-    Args:
-        motion: the estimate.
-        trial: with `reference_v` or `reference_x`, on the IMU's clock.
-        reference_std: std of the reference's velocity [m/s], by which its samples may miss the estimate
-            beyond the estimate's own std.
+    Its velocity may miss the estimate by the std `reference_std` [m/s] beyond the estimate's own.
 
     Returns:
         one judgement per quantity that the reference gives.

@@ -74,11 +74,7 @@ def _turn(rotation: Rotation, vectors: Array) -> Array:
 
 
 def level(imu: ImuStream, still: np.ndarray, rotation: Rotation) -> Rotation:
-    """Add the smallest turn that puts gravity on R's z axis at standstill.
-
-    Raises:
-        EstimateError: gravity is not in the data.
-    """
+    """Add the smallest turn that puts gravity on R's z axis at standstill; refuse without gravity."""
     up = imu.specific_force[still].mean(axis=0)
     size = float(np.linalg.norm(up))
     if not np.isfinite(size) or not 0.8 * GRAVITY < size < 1.2 * GRAVITY:
@@ -106,16 +102,8 @@ def find_forward(
 ) -> tuple[Rotation, float]:
     """Turn levelled axes about z until x points where the wheels accelerate the robot to.
 
-    The horizontal specific force is regressed on the wheels' acceleration over all lags within the
-    largest clock offset; the direction of the regression vector is forward.
-
-    Args:
-        imu: samples in sensor axes.
-        levelled: rotation with gravity on z.
-        wheel_t, wheel_acceleration: (M,) stamps [s] and acceleration of the wheels [m/s^2].
-
-    Returns:
-        the rotation and the std of its heading [rad].
+    The horizontal specific force is regressed on the wheels' acceleration (M,) [m/s^2] over all lags within
+    the largest clock offset; the direction of the regression vector is forward.
 
     Raises:
         EstimateError: nothing accelerates, or the direction is not clear.

@@ -13,10 +13,9 @@ from granite_lab.estimation import error_model as model
 from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, D, P, S, SlipModel, Update, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.nominal import Nominal, Sideways
+from granite_lab.estimation.noise import Noise, slope
+from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST, Interval
-from granite_lab.estimation.spectrum import slope
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.trial import Array, part
 from granite_lab.parameters import GRAVITY, Robot
@@ -70,7 +69,6 @@ class Problem:
         rests: standstills [s].
         faults: gaps, plateaus and restarts, over which the noise grows.
         noise, slip: what drifts, and how much.
-        aside: velocity to the left, as the nominal motion has it.
         compliance: by which the displacement between wheels and body walks as thrust changes [s^2].
         soft: std of the compliance itself [s^2].
         louder: factors on the variance of kinds of measurements.
@@ -87,7 +85,6 @@ class Problem:
     faults: Faults
     noise: Noise
     slip: SlipModel
-    aside: Sideways | None = None
     compliance: float = LOOSE
     soft: float = COMPLIANCE
     louder: Mapping[str, float] = field(default_factory=dict)
@@ -105,8 +102,7 @@ class Problem:
         rests = tuple((max(a, begin), min(b, end)) for a, b in self.rests if b > begin and a < end)
         return replace(
             self, imu=part(self.imu, keep), rolling=rolling, rests=rests, faults=part(self.faults, keep),
-            aside=None if self.aside is None else part(self.aside, keep), coasts=False,
-            jumps=None if self.jumps is None else self.jumps[keep],
+            coasts=False, jumps=None if self.jumps is None else self.jumps[keep],
         )  # fmt: skip
 
 
@@ -213,12 +209,13 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     )
 
 
-def lasting_speed(t: Array, speed: Array, moving: np.ndarray, memory: float) -> Array:
-    """(K,) signed wheel speed [m/s] averaged over `memory` [s] of motion, floor included."""
+def lasting_speed(t: Array, speed: Array, moving: np.ndarray) -> Array:
+    """(K,) signed wheel speed [m/s] averaged over `MEMORY` of motion, floor included."""
     grid = np.arange(t[0], t[-1] + 0.1, 0.1)
     on = np.interp(grid, t, moving.astype(float))
-    weight = gaussian_filter1d(on, 5.0 * memory)
-    pace = gaussian_filter1d(on * np.interp(grid, t, np.abs(speed)), 5.0 * memory) / np.maximum(weight, 1e-3)
+    width = 5.0 * model.MEMORY
+    weight = gaussian_filter1d(on, width)
+    pace = gaussian_filter1d(on * np.interp(grid, t, np.abs(speed)), width) / np.maximum(weight, 1e-3)
     return np.where(speed < 0, -1.0, 1.0) * np.maximum(np.interp(t, grid, pace), model.V_FLOOR)
 
 
@@ -234,12 +231,6 @@ def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Arr
 
     Specific force along x is thrust less the ground's resistance, over mass; resistance in sand is about a
     tenth of the weight, against the motion. While the wheels turn steadily, what is fast is vibration.
-
-    Args:
-        imu: samples in robot axes.
-        rest: (N,) True at standstill.
-        index: (K,) places of the nodes among the IMU's stamps.
-        pace: of the wheels.
     """
     force = np.where(pace.steady, push(imu, CALM)[index], push(imu, QUICK)[index])
     level = np.mean(imu.forward[rest & np.isfinite(imu.forward)]) if rest.any() else np.mean(force)
@@ -247,10 +238,10 @@ def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Arr
 
 
 def _expected_slip(
-    problem: Problem, v: Array, t: Array, index: np.ndarray, moving: np.ndarray, offset: float
+    problem: Problem, nominal: Nominal, index: np.ndarray, moving: np.ndarray, offset: float
 ) -> tuple[Pace, Array, Array, Array]:
     """Return the wheels' pace, or the body's without wheels; w, mean slip ratio and slip velocity (K,)."""
-    slip = problem.slip
+    slip, t, v = problem.slip, nominal.t[index], nominal.v[index]
     if problem.rolling is not None:
         pace = pace_of(problem.rolling, offset, t)
     else:
@@ -258,10 +249,10 @@ def _expected_slip(
         pace = Pace(v, v, none, none, none > 0)
     w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), COAST)
     mean_slip = slip.expected(pace.growth, pace.speed)
-    if slip.memory:
-        w = lasting_speed(t, pace.speed, moving, slip.memory)
-        mean_slip = np.clip(mean_slip + slip.thrust * push(problem.imu)[index], -0.4, 0.4)
-    return pace, w, mean_slip, np.where(moving, mean_slip * (w if slip.memory else pace.speed), 0.0)
+    if slip.far:
+        w = lasting_speed(t, pace.speed, moving)
+        mean_slip = np.clip(model.TYRE * thrust(problem.imu, nominal.rest, index, pace), -0.4, 0.4)
+    return pace, w, mean_slip, np.where(moving, mean_slip * (w if slip.far else pace.speed), 0.0)
 
 
 def build(
@@ -269,12 +260,7 @@ def build(
 ) -> Nodes:
     """Lay out nodes, matrices and measurements about a nominal motion.
 
-    Args:
-        problem: the trial.
-        nominal: the integrated motion.
-        offset: by which the wheels' stamps are moved [s].
-        left: what is expected to be left of the clock offset then [s].
-        distance: measured total distance [m].
+    The wheels' stamps are moved by `offset` [s]; `left` of the clock offset is expected to be left then.
     """
     imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
     index = choose(nominal, imu.period, problem.spacing)
@@ -283,7 +269,7 @@ def build(
     moving = ~(rest & np.concatenate([[True], rest[:-1]]))
     moving[0] = not rest[0]
     onset = np.concatenate([[False], rest[:-1] & ~rest[1:]])
-    pace, w, mean_slip, loss = _expected_slip(problem, nominal.v[index], t, index, moving, offset)
+    pace, w, mean_slip, loss = _expected_slip(problem, nominal, index, moving, offset)
     speed = pace.speed
     lost = np.cumsum(loss * dt)
     # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
@@ -294,8 +280,6 @@ def build(
         zeta=noise.vibration_damping, gain=np.diff(going, prepend=going[0]),
     )  # fmt: skip
     accel = np.full(t.size, np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps)))
-    if problem.aside is not None:
-        accel = np.hypot(accel, problem.aside.noise(nominal.heading_rate)[index])
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
     turn = nominal.roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
@@ -341,7 +325,7 @@ def build(
         noise.accel_bias, max(noise.gyro_bias, abs(nominal.gyro_bias)),
         1e-7 if rest[0] else noise.motion_bias, 1e-6 if rest[0] else slip.limit,
         1e-6 if rest[0] else slip.scatter, left.std, noise.accel_scale,
-        1e-8 if slip.memory else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
+        1e-8 if slip.far else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
     if problem.louder:
         updates = [[replace(u, R=u.R * problem.louder.get(u.kind, 1.0)) for u in some] for some in updates]
@@ -357,13 +341,8 @@ def inflate(
 ) -> None:  # fmt: skip
     """Let velocity, pitch and biases drift over the faults, in place, by as much as may go unseen.
 
-    Args:
-        Q: (K, 14, 14) process noise.
-        t: (K,) nodes [s].
-        moving: (K,) False where the step lies within a standstill.
-        faults: of the IMU.
-        imu, rest: (N,) samples, and which of them are at rest.
-        growth: (K,) acceleration of the wheels [m/s^2], or None without wheels.
+    Q and the wheels' `growth` [m/s^2] (None without wheels) are at the nodes t (K,), `rest` at the samples
+    (N,).
     """
     dt, period = np.diff(t, prepend=t[0]), imu.period
     active = ~rest & ~faults.doubt

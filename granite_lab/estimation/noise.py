@@ -1,15 +1,20 @@
-"""Noise identified from the trial itself, with the robot's file as prior."""
+"""Noise identified from the trial itself, with the robot's file as prior.
+
+Densities and smoothed derivatives are as `scipy.signal` has them, whose import takes half a second.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+from scipy.ndimage import correlate1d
 
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
-from granite_lab.estimation.spectrum import hann, periodograms
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
@@ -22,6 +27,10 @@ UNSEEN_PITCH = float(np.radians(2.0))
 
 UNSEEN_ATTITUDE = GRAVITY * float(np.radians(0.3))
 """Random walk of the gravity that a logger leaves in its "linear acceleration" [m/s^2/sqrt(s)]."""
+
+
+BLACKMAN_HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
+"""Coefficients of the cosines of the window with four terms and the least side lobes (Harris, 1978)."""
 
 
 @dataclass(frozen=True)
@@ -80,19 +89,11 @@ class Noise:
 
 
 def white(t: Array, signal: Array, rests: Sequence[Interval], prior: float) -> float:
-    """Identify the white noise density of a signal at standstill from its Allan variance.
+    """Find the white noise density (std times sqrt(dt)) of a signal at standstill by its Allan variance.
 
     The Allan variance at one sample is precise, that over eight samples is blind to noise beyond the
     filter's interest; they agree for white noise. Where they differ by more than their own scatter
     (coloured noise, a sensor's low-pass), the longer one is used.
-
-    Args:
-        t, signal: (N,) stamps [s] and samples.
-        rests: intervals of standstill [s].
-        prior: density by the robot's file.
-
-    Returns:
-        std times sqrt(dt).
     """
     sums = {1: [0.0, 0.0], 8: [0.0, 0.0]}
     for begin, end in rests:
@@ -124,10 +125,6 @@ def stamp_noise(imu: BodyImu, moving: np.ndarray) -> float:
     Integrated by the trapezoidal rule, a stamp that is off by d changes the velocity by d times half the
     difference of the samples before and after it. The scatter is that of stamps about an even spacing,
     by their second differences, whose variance is six times that of one stamp.
-
-    Args:
-        imu: samples in robot axes.
-        moving: (N,) True in motion.
     """
     period = imu.period
     step = imu.forward[2:] - imu.forward[:-2]
@@ -142,12 +139,6 @@ def vibration(
     imu: BodyImu, moving: np.ndarray, accel: float, prior_frequency: float
 ) -> tuple[float, float, float]:
     """Identify the frame's vibration along x in motion from the spectrum above 5 Hz.
-
-    Args:
-        imu: samples in robot axes.
-        moving: (N,) True in motion.
-        accel: white noise density at standstill.
-        prior_frequency: where the robot's file expects the vibration [Hz].
 
     Returns:
         rms beyond the white noise [m/s^2], dominant frequency [Hz], damping ratio.
@@ -176,14 +167,7 @@ def vibration(
 
 
 def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequence[Interval]) -> Noise:
-    """Identify all noise figures of a trial.
-
-    Args:
-        imu: samples in robot axes.
-        rolling: the wheels; their largest velocity is that of the vibration.
-        robot: its file's grade is the prior.
-        rests: standstills [s].
-    """
+    """Identify all noise figures of a trial; the grade in the robot's file is the prior."""
     moving = ~inside(imu.t, rests)
     speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
     grade = robot.imu_grade
@@ -216,3 +200,51 @@ def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequenc
         vibration_frequency=frequency,
         vibration_damping=damping,
     )
+
+
+def periodograms(values: Array, rate: float, window: Array) -> tuple[Array, Array]:
+    """(F,) frequencies [Hz] and (S, F) one-sided densities [unit^2/Hz] of segments that overlap by half.
+
+    The mean of each segment, as long as the window, is removed.
+    """
+    size = window.size
+    parts = np.lib.stride_tricks.sliding_window_view(values, size)[:: max(1, size - size // 2)]
+    parts = parts - parts.mean(axis=1, keepdims=True)
+    power = np.abs(np.fft.rfft(parts * window, axis=1)) ** 2 / (rate * np.sum(window**2))
+    power[:, 1 : None if size % 2 else -1] *= 2.0
+    return np.asarray(np.fft.rfftfreq(size, 1.0 / rate)), np.asarray(power)
+
+
+def spectral_density(values: Array, rate: float, window: Array) -> tuple[Array, Array]:
+    """Return the mean of the `periodograms` (Welch)."""
+    frequency, density = periodograms(values, rate, window)
+    return frequency, np.asarray(density.mean(axis=0))
+
+
+def hann(size: int) -> Array:
+    """Return a periodic Hann window."""
+    return np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(size) / size))
+
+
+def blackman_harris(size: int) -> Array:
+    """Return a symmetric Blackman-Harris window."""
+    phase = 2.0 * np.pi * np.arange(size) / max(1, size - 1)
+    return np.asarray(sum(a * np.cos(k * phase) for k, a in enumerate(BLACKMAN_HARRIS)))
+
+
+def slope(values: Array, window: int, order: int, step: float, derivative: int = 1) -> Array:
+    """Return a derivative of polynomials through the neighbours of each sample (Savitzky and Golay).
+
+    The first and the last value continue beyond the ends; `step` is from sample to sample.
+    """
+    return np.asarray(
+        correlate1d(values, _weights(window, order, derivative) / step**derivative, mode="nearest")
+    )
+
+
+@cache
+def _weights(window: int, order: int, derivative: int) -> Array:
+    """(window,) weights of the neighbours, a step of 1 apart."""
+    t = np.arange(window) - window // 2
+    fit = np.linalg.pinv(np.vander(t, order + 1, increasing=True))[derivative]
+    return np.asarray(fit * math.factorial(derivative))

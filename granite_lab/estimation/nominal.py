@@ -42,21 +42,6 @@ LOWEST = 5.0
 APART = 1.5
 """A vibration this many times faster than what the smoothing must pass can be told from motion."""
 
-MEMORY = 0.5
-"""Correlation time of the error of the velocity to the left [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sideways:
-    """Velocity to the left at the IMU's stamps (N,), and its std [m/s]."""
-
-    velocity: Array
-    std: Array
-
-    def noise(self, yaw_rate: Array) -> Array:
-        """(N,) white noise that its error makes of the forward acceleration [m/s^2 sqrt(s)]."""
-        return np.asarray(np.abs(yaw_rate) * self.std * np.sqrt(2.0 * MEMORY))
-
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
@@ -97,7 +82,6 @@ def integrate(
     gyro_bias: float | None = None,
     pitch: float = 0.0,
     velocity: float = 0.0,
-    aside: Sideways | None = None,
 ) -> Nominal:
     """Integrate gyro and accelerometer from the first sample on, standing still during the rests.
 
@@ -106,16 +90,8 @@ def integrate(
         f_x = dv/dt - g sin(pitch) + dq/dt p_z - (q^2 + r^2) p_x + bias.
 
     The velocity of the sensor, v + q p_z, takes in dq/dt without differentiating the gyro; R's
-    velocity follows from it.
-
-    Args:
-        imu: samples in robot axes.
-        robot: where the sensor sits.
-        rests: standstills [s].
-        faults: samples not to be trusted; interpolated over.
-        accel_bias, gyro_bias: constants to remove; the gyro's by default its mean at rest.
-        pitch, velocity: of the first sample [rad], [m/s].
-        aside: velocity to the left, which turning makes a forward one.
+    velocity follows from it. Biases are removed; the gyro's is by default its mean at rest. Pitch [rad] and
+    velocity [m/s] are those of the first sample.
     """
     t, rest = imu.t, inside(imu.t, rests)
     forward = _patched(t, imu.forward, faults.doubt)
@@ -131,8 +107,6 @@ def integrate(
     angle = pitch + cumulate(t, pitch_rate, rest)
     acceleration = forward + imu.gravity * np.sin(angle) - accel_bias
     acceleration += (pitch_rate**2 + yaw_rate**2) * robot.imu.x
-    if aside is not None:
-        acceleration += yaw_rate * aside.velocity
     v_sensor = velocity + cumulate(t, acceleration, rest)
     pitch_rate, yaw_rate = np.where(rest, 0.0, pitch_rate), np.where(rest, 0.0, yaw_rate)
     v = v_sensor - robot.imu.z * pitch_rate
@@ -163,11 +137,6 @@ def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, flo
     and what its bias adds up to is taken out along a straight line. The ground at the end tilts
     differently than at the start, so no mean over the standstills would do. The accelerometer's bias
     is common to all of them: their mean is shrunk by what it may be, their differences are not.
-
-    Args:
-        imu: samples in robot axes.
-        rest: (N,) True at standstill.
-        robot: with an IMU grade, and how far the sensor may be tilted.
     """
     grade = robot.imu_grade
     assert grade is not None
@@ -209,15 +178,8 @@ def quieten(nominal: Nominal, steady: np.ndarray, frequency: float) -> Nominal:
     own frequency while they turn steadily is the frame. Around the ramps nothing is touched, and the
     filter's oscillator carries the doubt.
 
-    Args:
-        nominal: the integrated motion.
-        steady: (N,) True where the wheels' velocity has been, and will be, the same for a while.
-        frequency: of the vibration [Hz].
-
-    Returns:
-        the motion with `vibration_left`: (N,) share of the vibration's rms that is still in it, counting
-        as such what is up to an octave slower than the smoothing removes. Unchanged where the vibration
-        is too slow to be told from motion, or the wheels never turn steadily.
+    `vibration_left` counts as vibration what is up to an octave slower than the smoothing removes. The motion
+    is unchanged where the vibration is too slow to be told from motion, or the wheels never turn steadily.
     """
     period = float(np.median(np.diff(nominal.t)))
     width = HALF / (max(CUT * frequency, LOWEST) * period)

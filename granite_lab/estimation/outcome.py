@@ -146,7 +146,7 @@ def _by_latency(t: Array, v: Array, problem: Problem, solution: Solution) -> Arr
     offset is the difference of the latencies of both sensors; what they have in common is unknown.
     """
     offset = solution.offset
-    if problem.slip.memory or not np.isfinite(offset.std):
+    if problem.slip.far or not np.isfinite(offset.std):
         return np.zeros(t.size)
     late = 0.5 * math.hypot(offset.std, offset.value - solution.applied, LATENCY)
     size = max(round(QUICK / problem.imu.period), 1)
@@ -174,11 +174,7 @@ def wheels_at(t: Array, rolling: Rolling | None, offset: float) -> tuple[Array, 
 def wheel_slip(v_o: Array, v_o_std: Array, v: Array, v_std: Array) -> tuple[Array, Array]:
     """Return λ_i by (1) with its floor, (v_o - v) / max(|v_o|, |v|, v_floor), and its std.
 
-    The two velocities are taken for independent.
-
-    Args:
-        v_o, v_o_std: (N, 4) circumferential velocities and std [m/s].
-        v, v_std: (N,) body velocity and std [m/s].
+    For circumferential velocities (N, 4) and the body's (N,) [m/s], which are taken for independent.
     """
     body, body_std = v[:, None], v_std[:, None]
     size = np.maximum(np.maximum(np.abs(v_o), np.abs(body)), V_FLOOR)
@@ -192,14 +188,10 @@ def wheel_slip(v_o: Array, v_o_std: Array, v: Array, v_std: Array) -> tuple[Arra
 
 
 def robot_slip(found: Smoothed, x: Array, d: Array, i: int, j: int) -> Estimate:
-    """Return λ_R by (2) between two nodes, 1 - (travelled / rolled).
+    """Return λ_R by (2) between nodes i and j, 1 - (travelled / rolled).
 
-    The covariance of distances at different instants comes from the smoother's gains.
-
-    Args:
-        found: the smoothed states.
-        x, d: (K,) travelled distance and rolled minus travelled distance at the nodes [m].
-        i, j: nodes.
+    At the nodes: travelled distance x and rolled minus travelled distance d (K,) [m]. The covariance of
+    distances at different instants comes from the smoother's gains.
     """
     travelled, slipped = x[j] - x[i], d[j] - d[i]
     rolled = travelled + slipped
@@ -237,13 +229,7 @@ class Phases:
 
 
 def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
-    """Divide a trial into rest, acceleration, steady motion and braking.
-
-    Args:
-        t: (N,) stamps [s].
-        speed: (N,) mean wheel velocity [m/s].
-        rests: standstills [s].
-    """
+    """Divide a trial into rest, acceleration, steady motion and braking, by the wheels' speed (N,) [m/s]."""
     period = float(np.median(np.diff(t)))
     smooth = uniform_filter1d(speed, max(round(0.05 / period), 1), mode="nearest")
     pace = np.abs(smooth)
@@ -323,12 +309,7 @@ def command_start(command: Series | None, offset: Estimate, onset: Estimate) -> 
 def recognise(
     phases: Phases, info: TrialInfo, variants: Sequence[Variant]
 ) -> tuple[Variant, str, str | None]:
-    """Say which variant the trial was.
-
-    Args:
-        phases: what the wheels did.
-        info: metadata, which rules where it names the velocity.
-        variants: what is known, as Table 2.
+    """Say which variant the trial was; the metadata rule where they name the velocity.
 
     Returns:
         the variant; "given", "recognised" or "measured"; a doubt or None.

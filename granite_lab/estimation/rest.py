@@ -64,12 +64,9 @@ def wheels_still(rolling: Rolling) -> np.ndarray:
 
 
 def restlessness(imu: BodyImu, window: float = WINDOW, mean: float = 0.0) -> tuple[Array, Array]:
-    """(N,) std of specific force [m/s^2] and of pitch and yaw rate [rad/s] in a sliding window.
+    """(N,) std of specific force [m/s^2] and of pitch and yaw rate [rad/s] in a sliding window [s].
 
-    Args:
-        imu: samples in robot axes.
-        window: its length [s].
-        mean: of what the samples are averaged over before [s].
+    The samples are averaged over `mean` [s] before.
     """
     size, few = max(round(window / imu.period), 3), max(round(mean / imu.period), 1)
     force = _moving_std([imu.forward, imu.up], size, few)
@@ -96,12 +93,6 @@ def imu_quiet(
     percentile of all where there are none, so a motor that hums or a table that shakes is allowed
     for; the grade's noise is the floor. Without wheels, a log that is louder than the grade and no louder
     at any other time may be all steady motion: then nothing is called quiet.
-
-    Args:
-        imu: samples in robot axes.
-        grade: the sensor's grade.
-        hint: (N,) True where the wheels are thought to stand.
-        window: in which it is judged [s].
     """
     quiet = np.ones(imu.t.size, dtype=bool)
     floors = (grade.accel_noise, grade.gyro_noise)
@@ -149,16 +140,10 @@ def find_rests(
     offset: float = 0.0,
     by_hand: Sequence[Interval] = (),
 ) -> tuple[Interval, ...]:
-    """Find the intervals of standstill on the IMU's clock.
+    """Find the intervals of standstill on the IMU's clock; those given by hand are taken as they are.
 
     Both wheels and IMU must be still where both exist. A wrong clock offset between them only
     shortens the intervals (or lets a coasting end in, whose velocity the update's std covers).
-
-    Args:
-        imu, rolling: the sensors; at least one.
-        grade: the IMU's grade.
-        offset: of the encoders' clock behind the IMU's [s].
-        by_hand: intervals [s] that are standstill whatever the sensors say.
     """
     if imu is not None:
         t = imu.t
@@ -191,14 +176,7 @@ def find_rests(
 def coasts(
     imu: BodyImu, rolling: Rolling | None, grade: ImuGrade, offset: float, rests: Sequence[Interval]
 ) -> bool:
-    """Whether the log ends while the wheels coast to rest, slower than `COAST`, and the IMU is quiet.
-
-    Args:
-        imu, rolling: the sensors.
-        grade: the IMU's grade.
-        offset: of the encoders' clock behind the IMU's [s].
-        rests: standstills [s], of which none lasts until the end.
-    """
+    """Whether the log ends while the wheels coast to rest, slower than `COAST`, and the IMU is quiet."""
     end = imu.t[-1]
     if rolling is None or not rests or rests[-1][1] > end - WINDOW:
         return False

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, C
+from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, S
 from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
 from granite_lab.estimation.nominal import Nominal, integrate, quieten
 from granite_lab.logs.trial import Array
@@ -189,17 +189,16 @@ def run(nodes: Nodes) -> Smoothed:
     return Smoothed(x=x, P=P, gains=gains, innovations=innovations, common=np.zeros_like(x))
 
 
-def with_error(nodes: Nodes, found: Smoothed, error: Array) -> Smoothed:
-    """Add what an error does to the estimate that the filter's model leaves out (Schmidt 1966).
+def with_steady_slip(nodes: Nodes, found: Smoothed) -> Smoothed:
+    """Add the effect of a steady slip ratio of the std `UNKNOWN`, which the filter leaves out (Schmidt 1966).
 
     The estimate is linear in its measurements: it is made again from those that the error alone would give,
     and what it misses of the error is added to the covariance.
-
-    Args:
-        nodes: of the filter.
-        found: what the smoother made of them.
-        error: (K, 14) states, one std of the error.
     """
+    error = np.zeros((nodes.t.size, SIZE))
+    error[:, S] = UNKNOWN
+    slipped = np.where(nodes.moving, nodes.w, 0.0) * np.diff(nodes.t, prepend=nodes.t[0])
+    error[:, D] = UNKNOWN * np.cumsum(slipped)
     updates = tuple(
         tuple(replace(update, z=float(update.H[0] @ state)) for update in several)
         for several, state in zip(nodes.updates, error, strict=True)
@@ -219,10 +218,8 @@ def first_velocity(problem: Problem, offset: float) -> float:
 
 def nominal_of(problem: Problem, offset: float) -> Nominal:
     """Integrate the IMU of a trial, or of a part of one, with no bias known beforehand."""
-    return integrate(
-        problem.imu, problem.robot, problem.rests, problem.faults,
-        velocity=first_velocity(problem, offset), aside=problem.aside,
-    )  # fmt: skip
+    velocity = first_velocity(problem, offset)
+    return integrate(problem.imu, problem.robot, problem.rests, problem.faults, velocity=velocity)
 
 
 def solve(
@@ -236,13 +233,9 @@ def solve(
     measurement misses its prediction by more than its noise, which then grows by as much. What is too large
     in the last pass too widens the std of everything.
 
-    Args:
-        problem: the trial.
-        offset: of the wheels' clock, as it is expected; what is left of it is a state of the filter. With
-            a std of NaN nothing is left.
-        near: by which all stamps of the wheels are moved [s]; as expected by default.
-        distance: measured total distance [m].
-        robust: noise grows where measurements miss their prediction; not where likelihoods are compared.
+    `offset` of the wheels' clock is as expected; what is left of it is a state of the filter (nothing by a
+    std of NaN). All stamps of the wheels are moved by `near` [s], by default as expected. Without `robust` no
+    noise grows, so that likelihoods can be compared.
     """
     accel_bias, gyro_bias, pitch = 0.0, None, 0.0
     at, std = offset.value if near is None else near, offset.std if np.isfinite(offset.std) else 1e-6
@@ -250,7 +243,7 @@ def solve(
     for i in range(PASSES):
         nominal = integrate(
             problem.imu, problem.robot, problem.rests, problem.faults, accel_bias=accel_bias,
-            gyro_bias=gyro_bias, pitch=pitch, velocity=velocity, aside=problem.aside,
+            gyro_bias=gyro_bias, pitch=pitch, velocity=velocity,
         )  # fmt: skip
         if problem.rolling is not None:
             steady = pace_of(problem.rolling, at, nominal.t).steady

@@ -167,10 +167,9 @@ def bridge(t: Array, angle: Array) -> Array:
 
 
 def mask_dead(t: Array, distance: Array) -> tuple[Array, list[str]]:
-    """Blank a wheel where it gives no count, or jumps, while the others roll.
+    """Blank a wheel where it gives no count, or jumps, while the others roll; also warn.
 
-    Returns:
-        (M, 4) increments to each sample from the one before [m], NaN where not to be used; warnings.
+    (M, 4) increments to each sample from the one before [m], NaN where not to be used.
     """
     step = np.diff(distance, axis=0, prepend=np.full((1, distance.shape[1]), np.nan))
     dt = np.diff(t, prepend=t[0] - 1.0)
@@ -219,19 +218,11 @@ def side_mean(values: Array) -> Array:
 
 
 def slope(t: Array, y: Array, sigma: Array) -> tuple[Array, Array]:
-    """Differentiate by local straight lines, the window as wide as the motion allows.
+    """Differentiate y (M,) by local straight lines, the window as wide as the motion allows.
 
     At each sample the windows of 5, 9 and 17 samples are tried in turn; one is kept as long as
     its confidence interval meets those of all narrower ones (Goldenshluger & Nemirovski 1997), so
-    corners stay sharp and steady motion is smooth.
-
-    Args:
-        t: (M,) stamps [s], increasing.
-        y: (M,) signal.
-        sigma: (M,) std of one sample of y.
-
-    Returns:
-        (M,) derivative and its std, by the noise of the samples alone.
+    corners stay sharp and steady motion is smooth. Also its std, by the std `sigma` (M,) of the samples.
     """
     m = t.size
     low, high = np.full(m, -np.inf), np.full(m, np.inf)
@@ -293,13 +284,8 @@ def check_signs(
     """Turn wheels that count backwards, and exchange the sides where the gyro shows that they are.
 
     Wheels of opposite signs either turn the robot in place, which the yaw gyro sees, or some of them
-    count backwards. Front and rear of a side cannot be told apart by the motion of the frame.
-
-    Args:
-        wheels: as logged.
-        imu: in robot axes, or None.
-        robot: wheel radius and track.
-        forward_known: the IMU's forward axis is given, so the IMU also tells forwards from backwards.
+    count backwards. Front and rear of a side cannot be told apart by the motion of the frame. If the IMU's
+    forward axis is known, it also tells forwards from backwards.
 
     Returns:
         the stream with corrected signs and sides; what was corrected or is doubtful.
@@ -393,11 +379,7 @@ def _choose_side(sign: Array, live: np.ndarray, speed: Array, imu: BodyImu | Non
 
 
 def _against(imu: BodyImu, grid: Array, speed: Array) -> bool:
-    """Say whether all encoders count backwards.
-
-    Raises:
-        EstimateError: the IMU's x axis does not point where the wheels accelerate the robot to.
-    """
+    """Say whether all encoders count backwards; refuse an IMU whose x axis is not the robot's."""
     common = np.nan_to_num(_mean(speed))
     gain, clearness = _forward_gain(imu, grid, common)
     heading = np.degrees(np.arctan2(gain[1], gain[0]))
@@ -419,9 +401,7 @@ def _against(imu: BodyImu, grid: Array, speed: Array) -> bool:
 def _forward_gain(imu: BodyImu, grid: Array, speed: Array) -> tuple[Array, float]:
     """Regress the horizontal specific force (2,) on the wheels' acceleration at the best lag.
 
-    Returns:
-        the gains of x and y; how clear the matter is (correlation, less that of the best lag elsewhere
-        in the opposite direction).
+    Also how clear the matter is: the share of the force that it explains.
     """
     wheel = _without_trend(np.gradient(speed, STEP))
     force = []

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from granite_lab.estimation import estimate, identification
+from granite_lab.estimation import estimate, motion_noise, slip
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.noise import blackman_harris, hann, slope, spectral_density
 from granite_lab.estimation.nominal import Nominal, quieten
-from granite_lab.estimation.spectrum import blackman_harris, hann, slope, spectral_density
 from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, generate
 from tests.truth.long_logs import Drive, cycles, drive
@@ -70,16 +70,16 @@ def test_a_flat_spectrum_beside_a_tail_gives_back_its_level(level: float) -> Non
     for seed in range(5):
         true = 1.0 + level + 20.0 * shape
         density = true * np.random.default_rng(seed).exponential(size=FREQUENCY.size)
-        added = identification.added_share(density, shape, ANY)
+        added = motion_noise.added_share(density, shape, ANY)
         assert 0.5 * level < added < 1.6 * level
-    assert identification.added_share(np.full(5, 1e4), shape[:5], ANY) == 0.0  # too few to say anything
+    assert motion_noise.added_share(np.full(5, 1e4), shape[:5], ANY) == 0.0  # too few to say anything
 
 
 def test_a_band_that_is_quieter_than_the_low_frequencies_shows_that_those_are_motion() -> None:
     shape = (FREQUENCY / 25.0) ** 2
     density = 20.0 * np.random.default_rng(1).exponential(size=FREQUENCY.size)
-    assert identification.added_share(density, shape, np.array([[25.0, 100.0]])) > 8.0
-    assert identification.added_share(density, shape, np.array([[25.0, 100.0], [1.0, 100.0]])) < 0.5
+    assert motion_noise.added_share(density, shape, np.array([[25.0, 100.0]])) > 8.0
+    assert motion_noise.added_share(density, shape, np.array([[25.0, 100.0], [1.0, 100.0]])) < 0.5
 
 
 def test_a_gyro_that_loses_the_pitch_in_motion_widens_the_std_and_is_named() -> None:
@@ -163,24 +163,20 @@ def test_variance_is_the_mean_over_the_posterior(mean: float, spread: float) -> 
     peak = np.log(mean)
     places = np.round((peak - np.log(0.01)) / np.log(2.0)) + np.array([-1.0, 0.0, 1.0])
     scores = [-0.5 * ((np.log(0.01 * 2.0**p) - peak) / spread) ** 2 for p in places]
-    found = identification.expected(int(places[1]), *scores)
+    found = slip.expected(int(places[1]), *scores)
     draws = np.exp(np.random.default_rng(0).normal(peak, spread, 400_000))
     assert found == pytest.approx(np.sqrt(np.mean(draws**2)), rel=0.01)
 
 
 def test_scatter_stays_within_its_bounds_where_the_likelihood_tells_nothing() -> None:
     for best, scores in ((-6, (0.0, 0.0, 0.0)), (6, (0.0, 0.0, 0.0)), (0, (-1e-6, 0.0, -1e-6))):
-        assert (
-            identification.LEAST_SCATTER
-            <= identification.expected(best, *scores)
-            <= identification.MOST_SCATTER
-        )
+        assert slip.LEAST_SCATTER <= slip.expected(best, *scores) <= slip.MOST_SCATTER
 
 
 def found_in(truth: Drive, monkeypatch: pytest.MonkeyPatch) -> float:
     """The scatter that the estimation of a drive settles on."""
     found: list[SlipModel] = []
-    original = identification.identify_scatter
+    original = slip.identify_scatter
 
     def spy(problem, offset):
         found.append(original(problem, offset))

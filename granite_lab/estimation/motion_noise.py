@@ -1,4 +1,4 @@
-"""What the trial itself tells by likelihood: white noise in motion, and the scatter of the slip ratio.
+"""White noise in motion, by the likelihood of the spectrum.
 
 An IMU may be noisier in motion than at rest. The integral of white noise wanders without bound, that
 of vibration does not, so neither may be taken for the other. Where the wheels turn steadily, specific
@@ -20,19 +20,14 @@ mean is taken, because the std of the estimate goes by its variance.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
 
-from granite_lab.estimate import Estimate
-from granite_lab.estimation.clock import STILL
-from granite_lab.estimation.error_model import SlipModel
-from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
-from granite_lab.estimation.noise import Noise, vibration
-from granite_lab.estimation.rest import Interval, inside
-from granite_lab.estimation.smoother import forward, merged, nominal_of, usual
-from granite_lab.estimation.spectrum import blackman_harris, spectral_density
+from granite_lab.estimation.nodes import Problem, pace_of
+from granite_lab.estimation.noise import Noise, blackman_harris, spectral_density, vibration
+from granite_lab.estimation.rest import inside
+from granite_lab.estimation.smoother import nominal_of, usual
 from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
 
@@ -75,32 +70,9 @@ SHAKEN = 1.0
 BLOCKS = 4
 """Parts of a standstill whose levels are compared."""
 
-LISTEN = 6.0
-"""Length of a window of motion that is listened to [s]; the IMU is precise over these few seconds."""
-
-WINDOWS = 3
-"""So many windows are spread over the longest motion: sand differs along the way."""
-
-FACTOR = 2.0
-"""Ratio of neighbouring candidates."""
-
-REFERENCE = 0.01
-"""Scatter to start from [-]."""
-
-LEAST_SCATTER, MOST_SCATTER = 0.002, 0.5
-"""Bounds of the scatter [-]."""
-
-WANDER_TIME = 300.0
-"""Time in which the level of the slip ratio may wander by as much as it scatters [s]."""
-
 
 def with_motion_noise(problem: Problem, offset: float) -> Noise:
-    """Return the noise of a problem with the white noise in motion, and with what vibration is left.
-
-    Args:
-        problem: a trial with wheels; its noise holds none in motion yet.
-        offset: of the encoders' clock [s].
-    """
+    """Return the noise with the white noise in motion, and with what vibration is left beside it."""
     noise, imu = problem.noise, problem.imu
     if 0.5 / imu.period < 2.0 * HIGH:
         force, rate = (folded(problem, signal) for signal in (imu.forward, imu.pitch_rate))
@@ -125,12 +97,9 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
 
 
 def folded(problem: Problem, signal: Array) -> float:
-    """White noise density that shaking makes in motion of an IMU too slow to show it, times sqrt(s).
+    """White noise density times sqrt(s) that shaking makes in motion of an IMU too slow to show it.
 
     Sampled below twice its frequency, it is as white as the samples' second differences say.
-
-    Args:
-        signal: (N,) specific force [m/s^2] or rate [rad/s].
     """
     moving = ~inside(problem.imu.t, problem.rests)
     bend = np.diff(signal, n=2)[moving[1:-1]]
@@ -146,11 +115,11 @@ def lost_pitch(problem: Problem, offset: float) -> float:
     From one standstill to the next, the gyro's angle and the accelerometer's level must change alike. On
     rough ground they do not: a gyro that is shaken errs by its scale, its axes and its sensitivity to
     acceleration, far beyond its noise at rest. Motion over faults, whose noise grows anyway, is left out.
-
-    Returns:
-        what is beyond the noise known from the standstills; 0 within chance.
+    What is returned is beyond the noise known from the standstills; 0 within chance.
     """
     imu, noise, faults = problem.imu, problem.noise, problem.faults
+    if not imu.has_pitch_rate or not imu.gravity:
+        return 0.0
     nominal = nominal_of(problem, offset)
     rested = sum(end - begin for begin, end in problem.rests)
     broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
@@ -182,9 +151,6 @@ def level(force: Array, variance: float) -> tuple[float, float]:
     """Angle [rad] that a standstill's specific force (N,) in g makes, and its variance.
 
     A body that still rocks is levelled no better than the means of its blocks agree.
-
-    Args:
-        variance: of a sample, by the noise at rest.
     """
     force = force[np.isfinite(force)]
     if force.size < 2 * BLOCKS:
@@ -195,11 +161,9 @@ def level(force: Array, variance: float) -> tuple[float, float]:
 
 
 def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
-    """Periodogram of the body's acceleration, by the IMU, over all steady motion.
+    """Frequencies (F,) [Hz] and density (F,) [m^2/s^3] of the body's acceleration, over all steady motion.
 
-    Returns:
-        (F,) frequencies [Hz] of every steady stretch in turn, (F,) one-sided density [m^2/s^3]; the lugs'
-        own frequency is left out.
+    One periodogram after the other, by the IMU; the lugs' own frequency is left out.
     """
     imu, rolling = problem.imu, problem.rolling
     assert rolling is not None
@@ -238,10 +202,8 @@ def band_means(frequency: Array, density: Array) -> Array:
 def added_share(density: Array, shape: Array, floor: Array) -> float:
     """Return the mean of the white density that motion adds, in shares of that at rest.
 
-    Args:
-        density: (F,) periodogram in shares of the density at rest.
-        shape: (F,) the vibration's density over its height.
-        floor: (B, 2) mean and number of the ordinates in bands that may hold anything besides white noise.
+    `density` (F,) is the periodogram in such shares, `shape` (F,) the vibration's density over its height,
+    `floor` (B, 2) mean and number of the ordinates in bands that may hold anything besides white noise.
     """
     if density.size < 8:
         return 0.0
@@ -259,90 +221,3 @@ def added_share(density: Array, shape: Array, floor: Array) -> float:
     log_posterior += np.log(np.concatenate([[NONE], np.full(ADDED.size, (1.0 - NONE) / ADDED.size)]))
     weight = np.exp(log_posterior - np.max(log_posterior))
     return float(weight @ white / weight.sum())
-
-
-def with_scatter(slip: SlipModel, scatter: float) -> SlipModel:
-    """Return the model with this scatter about the level, and a level that wanders accordingly."""
-    return replace(slip, scatter=scatter, walk=scatter / float(np.sqrt(WANDER_TIME)))
-
-
-def listen_to(problem: Problem) -> list[Interval]:
-    """Windows [s] at the start, in the middle and at the end of the longest motion after a standstill."""
-    t = problem.imu.t
-    ends = [end for _, end in problem.rests]
-    begins = [begin for begin, _ in problem.rests[1:]] + [float(t[-1])]
-    begin, end = max(zip(ends, begins, strict=True), key=lambda m: m[1] - m[0], default=(0.0, 0.0))
-    if end - begin < 1.0:
-        return []
-    count = min(WINDOWS, max(1, int((end - begin) / LISTEN)))
-    length = min(LISTEN, end - begin)
-    places = np.linspace(begin, end - length, count) if count > 1 else [begin]
-    return [(float(a) - (STILL if i == 0 else 0.0), float(a) + length) for i, a in enumerate(places)]
-
-
-def identify_scatter(problem: Problem, offset: float) -> SlipModel:
-    """Find the scatter of the slip ratio that makes the measurements most likely.
-
-    Over seconds the IMU knows the body's velocity to a millimetre a second, so what the wheels do
-    besides shows. A level of slip, on the contrary, stays free. Windows with faults tell nothing.
-
-    Args:
-        problem: the trial, with wheels.
-        offset: of the encoders' clock [s].
-
-    Returns:
-        its slip model with scatter and walk replaced; unchanged where nothing can be told.
-    """
-    imu, faults = problem.imu, problem.faults
-    if problem.rolling is None or problem.slip.bounded or not imu.has_pitch_rate or not imu.gravity:
-        return problem.slip
-    broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
-    windows = [
-        (a, b) for a, b in listen_to(problem) if not any(begin < b and end > a for begin, end in broken)
-    ]
-    if not windows:
-        return problem.slip
-    pairs = [_with_and_without(problem.cut(begin, end, offset), offset) for begin, end in windows]
-
-    @cache
-    def score(place: int) -> float:
-        variance = (REFERENCE * FACTOR**place) ** 2  # in which all noise is linear
-        total = 0.0
-        for none, one in pairs:
-            Q, P0 = none.Q + variance * (one.Q - none.Q), none.P0 + variance * (one.P0 - none.P0)
-            total += forward(replace(none, Q=Q, P0=P0))[2].log_likelihood
-        return total
-
-    best = 0
-    while LEAST_SCATTER < REFERENCE * FACTOR**best < MOST_SCATTER:
-        better = max((best - 1, best, best + 1), key=score)
-        if better == best:
-            break
-        best = better
-    return with_scatter(problem.slip, expected(best, score(best - 1), score(best), score(best + 1)))
-
-
-def _with_and_without(part: Problem, offset: float) -> tuple[Nodes, Nodes]:
-    """Return the nodes of a window whose slip ratio does not scatter, and of one where it does by 1."""
-    nominal = nominal_of(part, offset)
-    slips = (with_scatter(part.slip, 0.0), with_scatter(part.slip, 1.0))
-    known = Estimate(0.0, 1e-3)
-    none, one = (merged(build(replace(part, slip=slip), nominal, offset, known)) for slip in slips)
-    return none, one
-
-
-def expected(best: int, below: float, here: float, above: float) -> float:
-    """Root of the posterior mean of the scatter's variance, which the std of the estimate goes by.
-
-    The posterior of the scatter's logarithm is taken for normal, by the parabola through three values.
-
-    Args:
-        best: the most likely candidate.
-        below, here, above: log-likelihood of it and its neighbours.
-    """
-    bend = below - 2.0 * here + above
-    if bend >= 0.0:
-        return float(np.clip(REFERENCE * FACTOR**best, LEAST_SCATTER, MOST_SCATTER))
-    peak = best + float(np.clip(0.5 * (above - below) / -bend, -0.5, 0.5))
-    spread = min(float(np.log(FACTOR) / np.sqrt(-bend)), 0.7)
-    return float(np.clip(REFERENCE * FACTOR**peak * np.exp(spread**2), LEAST_SCATTER, MOST_SCATTER))

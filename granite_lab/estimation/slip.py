@@ -1,4 +1,4 @@
-"""Where the slip velocity changes further than it usually does, by the IMU alone.
+"""How the slip ratio changes in a trial: where it jumps, and how much it scatters elsewhere.
 
 Over a quarter of a second an IMU knows a change of velocity to some millimetres a second, whatever it drifts
 by over seconds. So the rolled distance less the one by the IMU alone shows each change of slip: wheels that
@@ -14,17 +14,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.special import ndtri
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import BA, BM, TH, P, V, X, std_of
-from granite_lab.estimation.nodes import Problem
+from granite_lab.estimation.clock import STILL
+from granite_lab.estimation.error_model import BA, BM, TH, P, SlipModel, V, X, std_of
+from granite_lab.estimation.nodes import Nodes, Problem, build
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST, Interval
-from granite_lab.estimation.smoother import Solution, solve
+from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, solve
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
@@ -41,6 +43,24 @@ CHANCE = 0.01
 
 SURE, LASTING = 0.02, 1.0
 """A body that stands on turning wheels is so slow, as a share of the wheels' speed, for so long [s]."""
+
+LISTEN = 6.0
+"""Length of a window of motion that is listened to [s]; the IMU is precise over these few seconds."""
+
+WINDOWS = 3
+"""So many windows are spread over the longest motion: sand differs along the way."""
+
+FACTOR = 2.0
+"""Ratio of neighbouring candidates."""
+
+REFERENCE = 0.01
+"""Scatter to start from [-]."""
+
+LEAST_SCATTER, MOST_SCATTER = 0.002, 0.5
+"""Bounds of the scatter [-]."""
+
+WANDER_TIME = 300.0
+"""Time in which the level of the slip ratio may wander by as much as it scatters [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +95,7 @@ class Changes:
 
 
 def with_jumps(problem: Problem, offset: float) -> Problem:
-    """Return the problem with its slip velocity's `jumps`, and with standstills on turning wheels.
-
-    Args:
-        problem: a trial with wheels.
-        offset: of the encoders' clock [s].
-    """
+    """Return the problem with its slip velocity's `jumps`, and with standstills on turning wheels."""
     rolling = problem.rolling
     assert rolling is not None
     while True:
@@ -112,10 +127,6 @@ def stuck(changes: Changes, rests: Sequence[Interval]) -> list[Interval]:
 
     The slip ratio is then known to be 100 % within `SURE`. Wheels that dig themselves in hold the body for
     seconds; one that only turns round stands for less than a second, unless it goes on to stand.
-
-    Args:
-        changes: of slip.
-        rests: standstills that are known [s].
     """
     body, far = changes.wheel - changes.slip, SURE * changes.slower
     stands = (np.abs(body) < 2.0 * changes.unsure[:, None]).all(axis=1) & (changes.unsure < far)
@@ -159,13 +170,7 @@ def _joined(rests: Sequence[Interval]) -> tuple[Interval, ...]:
 
 
 def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
-    """Compare the rolled distance with the one that the IMU alone finds, bin by bin of each motion.
-
-    Args:
-        alone: the trial without its wheels.
-        rolling: its wheels.
-        offset: of the encoders' clock [s].
-    """
+    """Compare the rolled distance with the one that the IMU alone finds, bin by bin of each motion."""
     nodes, found = alone.nodes, alone.smoothed
     travelled = np.interp(nodes.t, alone.nominal.t, alone.nominal.x) + found.x[:, X] - found.x[:, P]
     spread = std_of(found.P, {V: 1.0})
@@ -207,3 +212,81 @@ def usual_size(problem: Problem, changes: Changes) -> Array:
     white = np.hypot(noise.accel, noise.accel_motion) * np.sqrt(2.0 / 3.0 * BIN)
     by_imu = np.hypot(white, changes.drift)
     return np.asarray(np.hypot(np.sqrt(scatter**2 + ramp**2 + level**2) * changes.slower, by_imu))
+
+
+def with_scatter(slip: SlipModel, scatter: float) -> SlipModel:
+    """Return the model with this scatter about the level, and a level that wanders accordingly."""
+    return replace(slip, scatter=scatter, walk=scatter / float(np.sqrt(WANDER_TIME)))
+
+
+def listen_to(problem: Problem) -> list[Interval]:
+    """Windows [s] at the start, in the middle and at the end of the longest motion after a standstill."""
+    t = problem.imu.t
+    ends = [end for _, end in problem.rests]
+    begins = [begin for begin, _ in problem.rests[1:]] + [float(t[-1])]
+    begin, end = max(zip(ends, begins, strict=True), key=lambda m: m[1] - m[0], default=(0.0, 0.0))
+    if end - begin < 1.0:
+        return []
+    count = min(WINDOWS, max(1, int((end - begin) / LISTEN)))
+    length = min(LISTEN, end - begin)
+    places = np.linspace(begin, end - length, count) if count > 1 else [begin]
+    return [(float(a) - (STILL if i == 0 else 0.0), float(a) + length) for i, a in enumerate(places)]
+
+
+def identify_scatter(problem: Problem, offset: float) -> SlipModel:
+    """Find the scatter of the slip ratio that makes the measurements most likely.
+
+    Over seconds the IMU knows the body's velocity to a millimetre a second, so what the wheels do besides
+    shows. A level of slip, on the contrary, stays free. Windows with faults tell nothing; the slip model is
+    unchanged where nothing can be told.
+    """
+    imu, faults = problem.imu, problem.faults
+    if problem.rolling is None or problem.slip.far or not imu.has_pitch_rate or not imu.gravity:
+        return problem.slip
+    broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
+    windows = [
+        (a, b) for a, b in listen_to(problem) if not any(begin < b and end > a for begin, end in broken)
+    ]
+    if not windows:
+        return problem.slip
+    pairs = [_with_and_without(problem.cut(begin, end, offset), offset) for begin, end in windows]
+
+    @cache
+    def score(place: int) -> float:
+        variance = (REFERENCE * FACTOR**place) ** 2  # in which all noise is linear
+        total = 0.0
+        for none, one in pairs:
+            Q, P0 = none.Q + variance * (one.Q - none.Q), none.P0 + variance * (one.P0 - none.P0)
+            total += forward(replace(none, Q=Q, P0=P0))[2].log_likelihood
+        return total
+
+    best = 0
+    while LEAST_SCATTER < REFERENCE * FACTOR**best < MOST_SCATTER:
+        better = max((best - 1, best, best + 1), key=score)
+        if better == best:
+            break
+        best = better
+    return with_scatter(problem.slip, expected(best, score(best - 1), score(best), score(best + 1)))
+
+
+def _with_and_without(part: Problem, offset: float) -> tuple[Nodes, Nodes]:
+    """Return the nodes of a window whose slip ratio does not scatter, and of one where it does by 1."""
+    nominal = nominal_of(part, offset)
+    slips = (with_scatter(part.slip, 0.0), with_scatter(part.slip, 1.0))
+    known = Estimate(0.0, 1e-3)
+    none, one = (merged(build(replace(part, slip=slip), nominal, offset, known)) for slip in slips)
+    return none, one
+
+
+def expected(best: int, below: float, here: float, above: float) -> float:
+    """Root of the posterior mean of the scatter's variance, which the std of the estimate goes by.
+
+    The posterior of the scatter's logarithm is taken for normal, by the parabola through three log-
+    likelihoods: of the best candidate, and of its neighbours.
+    """
+    bend = below - 2.0 * here + above
+    if bend >= 0.0:
+        return float(np.clip(REFERENCE * FACTOR**best, LEAST_SCATTER, MOST_SCATTER))
+    peak = best + float(np.clip(0.5 * (above - below) / -bend, -0.5, 0.5))
+    spread = min(float(np.log(FACTOR) / np.sqrt(-bend)), 0.7)
+    return float(np.clip(REFERENCE * FACTOR**peak * np.exp(spread**2), LEAST_SCATTER, MOST_SCATTER))
