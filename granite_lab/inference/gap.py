@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from granite_lab.estimation.spectrum import hann, spectral_density
+from granite_lab.estimation.noise import hann, spectral_density
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.fit import FORMULAS, SHARES, Fit, under
 from granite_lab.inference.noise import ABOVE, CUT, errors
