@@ -40,8 +40,8 @@ from granite_lab.hidden.wish import Wish, chosen
 
 RESULTS = ROOT / "benchmarks" / "results" / "blind.jsonl"
 
-FIRST_SEED, LABS, OLD = 160_000, 100, 5
-"""The frozen range: seeds of the wild laboratories, and after them of the old one."""
+FIRST_SEED, LABS, OLD = 170_000, 100, 5
+"""The frozen range: seeds of the wild laboratories, and of the old one, which is judged first."""
 
 LIMIT = 600
 """Processor time that a set may take [s]; how busy the machine is does not matter."""
@@ -88,6 +88,10 @@ class Task:
 def schedule() -> list[Task]:
     """Return all sets: each effect four times at either strength, outside influences four times."""
     inside, outside, tasks = sorted(LIBRARY), sorted(OUTSIDE), []
+    for k in range(OLD):
+        seed = FIRST_SEED + 1000 + k
+        tasks.append(Task("null", "none", 0.0, seed, "bench"))
+        tasks += [Task("old", name, 5.0, seed, "bench") for name in inside[k::OLD]]
     for k in range(LABS):
         seed, i = FIRST_SEED + k, 7 * k  # 7 has no factor in common with 25 or 9: no order of the alphabet
         tasks.append(Task("null", "none", 0.0, seed))
@@ -98,10 +102,6 @@ def schedule() -> list[Task]:
             tasks.append(Task("outside", outside[7 * (k // 3) % 9] + beside, 2.0, seed))
         elif k % 3 == 1:
             tasks.append(Task("pair", "+".join(chosen(Wish("pair", seed))), 5.0, seed))
-    for k in range(OLD):
-        seed = FIRST_SEED + 1000 + k
-        tasks.append(Task("null", "none", 0.0, seed, "bench"))
-        tasks += [Task("old", name, 5.0, seed, "bench") for name in inside[k::OLD]]
     return tasks
 
 
