@@ -10,8 +10,16 @@ import numpy as np
 from granite_lab.discovery.finding import Candidate, Detectable, Finding, FoundEffect, FoundParameter
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate, Part, mean_over
-from granite_lab.fitting.budget import LEFT_OUT, Budget, of_a_theta, of_mean
-from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit, Law
+from granite_lab.fitting.fit import (
+    LEFT_OUT,
+    AThetaFit,
+    Budget,
+    FitStatus,
+    K92Fit,
+    Law,
+    of_a_theta,
+    of_mean,
+)
 from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.reporting.answers import Answers, ChannelAnswer, Speed
 from granite_lab.reporting.names import (

@@ -10,8 +10,7 @@ from scipy.optimize import curve_fit
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.fitting import fit_a_theta, published_fit
-from granite_lab.fitting.budget import SCATTER, of_a_theta, of_mean
-from granite_lab.fitting.fit import K92Fit
+from granite_lab.fitting.fit import SCATTER, K92Fit, of_a_theta, of_mean
 from granite_lab.fitting.likelihood import a_theta_interval, k92_interval
 from granite_lab.parameters import load_paper
 from tests.fitting.made_up import made_up_fit
