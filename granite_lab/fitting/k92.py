@@ -126,7 +126,7 @@ class SlipCurve(dict[float, float]):
 
     def slope(self, k92: float) -> float:
         """Return dλ_R/dk_92, which is negative."""
-        left, right = np.clip((k92 - _STEP, k92 + _STEP), *K92_BOUNDS).tolist()
+        left, right = max(K92_BOUNDS[0], k92 - _STEP), min(K92_BOUNDS[1], k92 + _STEP)
         return (self[right] - self[left]) / (right - left)
 
 
