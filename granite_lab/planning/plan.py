@@ -18,8 +18,7 @@ from granite_lab.model.command import duration, peak_velocity
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Variant
 from granite_lab.planning.design import Design, Driven
-from granite_lab.planning.question import DECISIVE, Question, explanations, question
-from granite_lab.planning.stage import Stage, fitted
+from granite_lab.planning.stage import DECISIVE, Question, Stage, explanations, fitted, question
 from granite_lab.processes import one_thread
 
 if TYPE_CHECKING:
