@@ -109,14 +109,15 @@ class Plan:
 
     def to_frame(self) -> pd.DataFrame:
         """Return the proposals, one row each, best first, with what each improves most."""
+        columns = ["v_mps", "a_mps2", "distance_m", "conditions", "repeats", "improves", "before", "after"]
+        columns += ["worth", "why"]
         rows = []
         for p in self.proposals:
             o, v = p.option, p.option.variant
-            where = {"v_mps": v.velocity, "a_mps2": v.acceleration, "distance_m": v.distance}
-            about = {"conditions": o.conditions.words, "repeats": o.repeats, "improves": p.improves}
-            gain = {"before": self.now[p.improves], "after": p.after[p.improves], "worth": p.worth}
-            rows.append(where | about | gain | {"why": o.why})
-        return frame(rows)
+            figures = (p.improves, self.now[p.improves], p.after[p.improves], p.worth, o.why)
+            row = (v.velocity, v.acceleration, v.distance, o.conditions.words, o.repeats, *figures)
+            rows.append(dict(zip(columns, row, strict=True)))
+        return frame(rows, columns)
 
 
 @one_thread()
