@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granite_lab.comparison.record import Comparison, Misfit
+from granite_lab.comparison.compare import Comparison, Misfit
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import InputError, LabError
 from granite_lab.files import readable

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from granite_lab.api.logs import Ingested
 from granite_lab.api.records import Records
-from granite_lab.comparison.record import Comparison
+from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit

@@ -14,7 +14,7 @@ from granite_lab.api import calls
 from granite_lab.api.calls import Arg, checked
 from granite_lab.api.project import Chain, Fit, Logs, Search, choose
 from granite_lab.api.records import Origin, Records
-from granite_lab.comparison.record import Comparison
+from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.effects import library
 from granite_lab.errors import InputError, UsageError

@@ -22,7 +22,7 @@ from granite_lab.shown import picked
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from granite_lab.comparison.record import Comparison
+    from granite_lab.comparison.compare import Comparison
     from granite_lab.fitting.fit import AThetaFit, K92Fit
     from granite_lab.logs import Inspection
     from granite_lab.planning.plan import Plan, Proposal

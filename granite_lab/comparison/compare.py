@@ -1,24 +1,29 @@
-"""One trial beside its simulation, channel by channel."""
+"""One trial beside its simulation, channel by channel and phase by phase."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import uniform_filter1d
 
-from granite_lab.comparison.record import Comparison, Misfit
+from granite_lab import fitting
 from granite_lab.errors import EstimateError
-from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92Fit
-from granite_lab.fitting.k92 import simulate_k92
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model import Run
 from granite_lab.model.command import V_FLOOR
-from granite_lab.model.effect import Active
 from granite_lab.parameters import WHEELS, Robot, Soil
+from granite_lab.shown import Shown
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from granite_lab.model.effect import Active
 
 AXLES = {"f": (0, 1), "r": (2, 3)}
 """Columns of WHEELS that form a pair; the model's pairs are symmetric (section 3.3)."""
@@ -34,133 +39,70 @@ UNITS = {
 }
 """Channel to unit, in the order in which they are shown."""
 
-_FAST = 0.1
-"""What a moving average over this time [s] takes out of an IMU signal counts as its noise."""
-
 PHASES = ("all", "rest", "accelerate", "steady", "brake")
 
 SLIP_STD_USED = 0.1
 """Slip ratios with a larger std say nothing (the last moments before standstill, section 5)."""
 
+_FAST = 0.1
+"""What a moving average over this time [s] takes out of an IMU signal counts as its noise."""
+
 Measured = dict[str, tuple[Array, Array]]
 """Channel to (N,) values and std; what was not measured is absent."""
 
 
-def measured_channels(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
-    """Return what was measured, at the stamps of the motion.
+@dataclass(frozen=True)
+class Misfit:
+    """How far simulation and measurement are apart in one channel and phase.
 
-    Currents become driving torques of one wheel by (24), T = η_d n_d k_m i, mean of a pair; their
-    offsets are taken out at the standstill before the start.
-
-    Args:
-        motion: the estimate.
-        trial: as estimation corrected it.
-        robot: with the sensors' figures.
-        t: (N,) the motion's stamps as time since the start of the command [s].
+    Attributes:
+        unit: of `rms`, `bias` and `peak`.
+        phase: one of `PHASES`.
+        rms, bias, peak: root mean square, mean and largest absolute difference (simulated minus measured).
+        normalised: root mean square of the difference over its std (1 is the noise floor); NaN if unknown.
+        samples: how many samples.
     """
-    found = {"velocity": (motion.v, motion.v_std), "pitch": (motion.pitch, motion.pitch_std)}
-    for i, wheel in enumerate(WHEELS):
-        found[f"wheel_{wheel}"] = motion.v_wheel[:, i], motion.v_wheel_std[:, i]
-    for axle, columns in AXLES.items():
-        # the body's velocity is common to a pair and rules the error, so a mean is no better than one
-        found[f"slip_{axle}"] = _mean_known(motion.slip[:, columns]), _mean_known(motion.slip_std[:, columns])
-    found |= _torques(motion, trial, robot, t) | _imu(motion, trial)
-    return {name: found[name] for name in UNITS if name in found and np.isfinite(found[name][0]).any()}
+
+    channel: str
+    unit: str
+    phase: str
+    rms: float
+    bias: float
+    peak: float
+    normalised: float
+    samples: int
 
 
-def simulated_channels(run: Run, t: Array) -> dict[str, Array]:
-    """Return every channel of a run at `t` (N,) [s after command start]; at rest outside the run.
+@dataclass(frozen=True, eq=False)
+class Comparison(Shown):
+    """One trial, measured and simulated on the same time axis.
 
-    Wheel speeds and slip are those of the virtual encoders with the nominal radius, specific force
-    and pitch rate those of the virtual IMU, so that a sensor's fault in the model appears in them.
+    Attributes:
+        run: the simulation with the fitted k_92.
+        t: (N,) time since the start of the command [s].
+        measured, measured_std, simulated: channel of `units` to (N,) values in its unit; NaN where nothing
+            was measured.
+        misfits: per channel and phase.
     """
-    drive = run.robot.drive
-    assert drive is not None
-    v = run["v_mps"]
-    drawn = {"velocity": v, "pitch": run["pitch_rad"]}
-    drawn |= {"accel": run["imu_ax_mps2"], "pitch_rate": run["imu_gy_radps"]}
-    for axle, columns in AXLES.items():
-        v_o = run.robot.wheels.radius * np.gradient(run[f"enc_{axle}_rad"], run.t)
-        drawn |= {f"wheel_{WHEELS[i]}": v_o for i in columns}
-        drawn[f"slip_{axle}"] = (v_o - v) / np.maximum(np.maximum(np.abs(v_o), np.abs(v)), V_FLOOR)  # (1)
-        factor = drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
-        drawn[f"torque_{axle}"] = factor * run[f"cur_{axle}_A"]  # (24), as if measured
-    return {name: np.asarray(np.interp(t, run.t, drawn[name])) for name in UNITS}
 
+    units: ClassVar[dict[str, str]] = UNITS
+    motion: Motion
+    run: Run
+    fit: K92Fit
+    t: Array
+    measured: dict[str, Array]
+    measured_std: dict[str, Array]
+    simulated: dict[str, Array]
+    misfits: tuple[Misfit, ...]
 
-def without_offsets(measured: Measured, simulated: dict[str, Array], t: Array) -> Measured:
-    """Shift pitch, specific force and pitch rate so that they agree with the model at standstill.
+    def __repr__(self) -> str:
+        return f"Comparison({self.motion!r}, {self.fit!r}, {len(self.misfits)} misfits)"
 
-    Before the start, tilt of the sensor and bias cannot be told from the robot's own pitch; what is
-    compared is the change since then.
-    """
-    shifted = dict(measured)
-    for name in {"pitch", "accel", "pitch_rate"} & measured.keys():
-        value, std = measured[name]
-        shifted[name] = value - _standstill_mean(t, value - simulated[name])[0], std
-    return shifted
+    def to_frame(self) -> pd.DataFrame:
+        """Return the misfits, one row a channel and phase; `unit` is that of rms, bias and peak."""
+        import pandas as pd  # noqa: PLC0415
 
-
-def _standstill_mean(t: Array, signal: Array) -> tuple[float, int]:
-    """Return the mean of a signal while the robot waits for the command, and of how many samples.
-
-    The last 50 ms before the start are left out. Without samples the mean is 0: nothing is known.
-    """
-    still = (t < -0.05) & np.isfinite(signal)
-    count = int(still.sum())
-    return (float(signal[still].mean()), count) if count else (0.0, 0)
-
-
-def _mean_known(columns: Array) -> Array:
-    known = np.isfinite(columns)
-    total = np.where(known, columns, 0.0).sum(axis=1)
-    return np.where(known.any(axis=1), total / np.maximum(1, known.sum(axis=1)), np.nan)
-
-
-def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
-    drive, sensor = robot.drive, robot.currents
-    if trial.currents is None or drive is None:
-        return {}
-    late = motion.clock_left.value if np.isfinite(motion.clock_left.value) else 0.0
-    stamps = trial.currents.t + late - (motion.t[0] - t[0])  # time since command start
-    factor = drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
-    found = {}
-    for axle, columns in AXLES.items():
-        pair = []
-        offset_std = sensor.offset
-        for current in trial.currents.current[:, columns].T:
-            good = np.isfinite(current)
-            if good.sum() < 2:
-                continue
-            offset, samples = _standstill_mean(stamps, current)
-            if samples:
-                offset_std = max(sensor.noise / np.sqrt(samples), sensor.step / np.sqrt(12))
-            pair.append(np.interp(t, stamps[good], current[good] - offset, left=np.nan, right=np.nan))
-        if pair:
-            mean = np.mean(pair, axis=0)
-            spread = np.sqrt(sensor.noise**2 + offset_std**2 + (sensor.gain * mean) ** 2)
-            found[f"torque_{axle}"] = factor * mean, factor * spread / np.sqrt(len(pair))
-    return found
-
-
-def _imu(motion: Motion, trial: Trial) -> Measured:
-    imu = trial.imu
-    if imu is None:
-        return {}
-    phase = np.array(motion.phase)
-    found = {}
-    for name, signal in (("accel", imu.specific_force[:, 0]), ("pitch_rate", imu.angular_rate[:, 1])):
-        good = np.isfinite(signal)
-        if good.sum() < 8:
-            continue
-        t, y = imu.t[good], signal[good]
-        window = max(3, round(_FAST / float(np.median(np.diff(imu.t)))))
-        noise = np.interp(motion.t, t, (y - uniform_filter1d(y, window, mode="nearest")) ** 2)
-        std = np.empty(motion.t.size)
-        for own in np.unique(phase):
-            std[phase == own] = np.sqrt(noise[phase == own].mean())
-        found[name] = np.interp(motion.t, t, y), std
-    return found
+        return pd.DataFrame([dataclasses.asdict(misfit) for misfit in self.misfits])
 
 
 def compare(
@@ -173,7 +115,7 @@ def compare(
     effects: Sequence[Active] = (),
     run: Run | None = None,
 ) -> Comparison:
-    """Hold a trial against its simulation, channel by channel and phase by phase.
+    """Hold a trial against its simulation.
 
     Args:
         motion: the estimate.
@@ -181,7 +123,7 @@ def compare(
         fit: its k_92 (by steady slip) is simulated by (5), its t_start aligns the two in time.
         robot: with chassis and drive.
         soil: the ground.
-        effects: effects added to the paper's model.
+        effects: added to the paper's model.
         run: a simulation to compare with instead.
 
     Raises:
@@ -189,7 +131,7 @@ def compare(
         InputError: the robot's file lacks chassis or drive.
     """
     if run is None:
-        run = simulate_k92(fit.variant, robot, soil, fit.k92.value, effects=effects)
+        run = fitting.simulate_k92(fit.variant, robot, soil, fit.k92.value, effects=effects)
     start = fit.t_start.value if np.isfinite(fit.t_start.value) else motion.t_start.value
     if not np.isfinite(start):
         raise EstimateError(
@@ -197,30 +139,20 @@ def compare(
             "the log must contain the beginning of the motion",
         )
     t = motion.t - start
-    simulated = simulated_channels(run, t)
-    measured = without_offsets(measured_channels(motion, trial, robot, t), simulated, t)
+    simulated = _simulated(run, t)
+    measured = _measured(motion, trial, robot, t)
+    for name in measured.keys() & {"pitch", "accel", "pitch_rate"}:
+        # tilt of the sensor and bias cannot be told from the robot's own pitch: its change is compared
+        value, std = measured[name]
+        measured[name] = value - _standstill_mean(t, value - simulated[name])[0], std
+    late = np.nan_to_num(fit.t_start.std)
     misfits: list[Misfit] = []
     for name, (value, own) in measured.items():
-        std = np.hypot(own, alignment_std(simulated[name], t, fit.t_start))
+        std = np.hypot(own, np.abs(np.gradient(simulated[name], t)) * late)
         misfits += misfits_of(name, value, std, simulated[name], np.array(motion.phase))
-    return Comparison(
-        motion=motion,
-        run=run,
-        fit=fit,
-        t=t,
-        measured={name: value for name, (value, _) in measured.items()},
-        measured_std={name: std for name, (_, std) in measured.items()},
-        simulated=simulated,
-        units=dict(UNITS),
-        misfits=tuple(misfits),
-    )
-
-
-def alignment_std(simulated: Array, t: Array, start: Estimate) -> Array:
-    """Return the std (N,) that the uncertain start of the command gives a difference, |df/dt| σ."""
-    if not np.isfinite(start.std):
-        return np.zeros(t.size)
-    return np.abs(np.gradient(simulated, t)) * start.std
+    values = {name: value for name, (value, _) in measured.items()}
+    stds = {name: std for name, (_, std) in measured.items()}
+    return Comparison(motion, run, fit, t, values, stds, simulated, tuple(misfits))
 
 
 def misfits_of(
@@ -228,11 +160,7 @@ def misfits_of(
 ) -> list[Misfit]:
     """Return the misfit over the whole trial and over each phase that has samples.
 
-    Args:
-        channel: its name.
-        measured, simulated: (N,) in the channel's unit.
-        std: (N,) of their difference.
-        phase: (N,) phase of each sample.
+    All arrays are (N,), `std` is that of the difference, values in the channel's unit.
     """
     difference = simulated - measured
     usable = np.isfinite(difference)
@@ -245,16 +173,101 @@ def misfits_of(
             continue
         d, s = difference[mask], std[mask]
         known = np.isfinite(s) & (s > 0)
-        found.append(
-            Misfit(
-                channel=channel,
-                unit=UNITS[channel],
-                phase=name,
-                rms=float(np.sqrt(np.mean(d**2))),
-                bias=float(d.mean()),
-                peak=float(np.abs(d).max()),
-                normalised=float(np.sqrt(np.mean((d[known] / s[known]) ** 2))) if known.any() else np.nan,
-                samples=int(mask.sum()),
-            )
-        )
+        normalised = float(np.sqrt(np.mean((d[known] / s[known]) ** 2))) if known.any() else np.nan
+        rms, bias, peak = float(np.sqrt(np.mean(d**2))), float(d.mean()), float(np.abs(d).max())
+        found.append(Misfit(channel, UNITS[channel], name, rms, bias, peak, normalised, int(mask.sum())))
+    return found
+
+
+def _measured(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
+    """Return what was measured, at the (N,) stamps `t` of the motion [s after command start]."""
+    found = {"velocity": (motion.v, motion.v_std), "pitch": (motion.pitch, motion.pitch_std)}
+    for i, wheel in enumerate(WHEELS):
+        found[f"wheel_{wheel}"] = motion.v_wheel[:, i], motion.v_wheel_std[:, i]
+    for axle, columns in AXLES.items():
+        # the body's velocity is common to a pair and rules the error, so a mean is no better than one
+        found[f"slip_{axle}"] = _mean_known(motion.slip[:, columns]), _mean_known(motion.slip_std[:, columns])
+    found |= _torques(motion, trial, robot, t) | _imu(motion, trial)
+    return {name: found[name] for name in UNITS if name in found and np.isfinite(found[name][0]).any()}
+
+
+def _simulated(run: Run, t: Array) -> dict[str, Array]:
+    """Return every channel of a run at `t`; at rest outside the run.
+
+    All are those of the virtual sensors, so that a sensor's fault in the model appears in them.
+    """
+    v = run["v_mps"]
+    drawn = {"velocity": v, "pitch": run["pitch_rad"]}
+    drawn |= {"accel": run["imu_ax_mps2"], "pitch_rate": run["imu_gy_radps"]}
+    for axle, columns in AXLES.items():
+        v_o = run.robot.wheels.radius * np.gradient(run[f"enc_{axle}_rad"], run.t)
+        drawn |= {f"wheel_{WHEELS[i]}": v_o for i in columns}
+        drawn[f"slip_{axle}"] = (v_o - v) / np.maximum(np.maximum(np.abs(v_o), np.abs(v)), V_FLOOR)  # (1)
+        drawn[f"torque_{axle}"] = _torque_per_ampere(run.robot) * run[f"cur_{axle}_A"]
+    return {name: np.asarray(np.interp(t, run.t, drawn[name])) for name in UNITS}
+
+
+def _torque_per_ampere(robot: Robot) -> float:
+    """Return η_d n_d k_m of (24) [N m/A]."""
+    drive = robot.drive
+    assert drive is not None
+    return drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
+
+
+def _standstill_mean(t: Array, signal: Array) -> tuple[float, int]:
+    """Return the mean of a signal up to 50 ms before the command, and of how many samples; 0 of none."""
+    still = (t < -0.05) & np.isfinite(signal)
+    count = int(still.sum())
+    return (float(signal[still].mean()), count) if count else (0.0, 0)
+
+
+def _mean_known(columns: Array) -> Array:
+    known = np.isfinite(columns)
+    total = np.where(known, columns, 0.0).sum(axis=1)
+    return np.where(known.any(axis=1), total / np.maximum(1, known.sum(axis=1)), np.nan)
+
+
+def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
+    """Return the driving torque of a wheel by (24), mean of a pair, less the offset at standstill."""
+    sensor, found = robot.currents, {}
+    if trial.currents is None or robot.drive is None:
+        return {}
+    late = motion.clock_left.value if np.isfinite(motion.clock_left.value) else 0.0
+    stamps = trial.currents.t + late - (motion.t[0] - t[0])  # time since command start
+    for axle, columns in AXLES.items():
+        pair = []
+        offset_std = sensor.offset
+        for current in trial.currents.current[:, columns].T:
+            good = np.isfinite(current)
+            if good.sum() < 2:
+                continue
+            offset, samples = _standstill_mean(stamps, current)
+            if samples:
+                offset_std = max(sensor.noise / np.sqrt(samples), sensor.step / np.sqrt(12))
+            pair.append(np.interp(t, stamps[good], current[good] - offset, left=np.nan, right=np.nan))
+        if pair:
+            factor, mean = _torque_per_ampere(robot), np.mean(pair, axis=0)
+            spread = np.sqrt(sensor.noise**2 + offset_std**2 + (sensor.gain * mean) ** 2)
+            found[f"torque_{axle}"] = factor * mean, factor * spread / np.sqrt(len(pair))
+    return found
+
+
+def _imu(motion: Motion, trial: Trial) -> Measured:
+    """Return specific force along the robot and pitch rate; the std of each phase is that of its noise."""
+    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415, heavy
+
+    imu, phase, found = trial.imu, np.array(motion.phase), {}
+    if imu is None:
+        return {}
+    for name, signal in (("accel", imu.specific_force[:, 0]), ("pitch_rate", imu.angular_rate[:, 1])):
+        good = np.isfinite(signal)
+        if good.sum() < 8:
+            continue
+        t, y = imu.t[good], signal[good]
+        window = max(3, round(_FAST / float(np.median(np.diff(imu.t)))))
+        noise = np.interp(motion.t, t, (y - uniform_filter1d(y, window, mode="nearest")) ** 2)
+        std = np.empty(motion.t.size)
+        for own in np.unique(phase):
+            std[phase == own] = np.sqrt(noise[phase == own].mean())
+        found[name] = np.interp(motion.t, t, y), std
     return found

@@ -1,17 +1,14 @@
 from .atheta import fit_a_theta, published_fit
 from .fit import AThetaFit, FitStatus, K92Fit, Law
 from .k92 import fit_k92, simulate_k92, simulated_slip, slip_interval
-from .trajectory import Trajectory, fit_trajectory
 
 __all__ = [
     "AThetaFit",
     "FitStatus",
     "K92Fit",
     "Law",
-    "Trajectory",
     "fit_a_theta",
     "fit_k92",
-    "fit_trajectory",
     "published_fit",
     "simulate_k92",
     "simulated_slip",

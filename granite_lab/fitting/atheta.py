@@ -1,14 +1,23 @@
-"""a_θ of the exponential law (27) over trials.
+r"""a_θ of the exponential law (27) over trials, and 95 % intervals where the covariance is not enough.
 
 With stated uncertainties the weighted estimate solves
 
-.. math:: \\sum_i w_i (k_i - m_i) \\, \\partial m_i/\\partial a = 0, \\quad m_i = e^{-a v_i}, \\quad
-          w_i = 1 / (\\sigma_i^2 + \\tau^2 m_i^2)
+.. math:: \sum_i w_i (k_i - m_i) \, \partial m_i/\partial a = 0, \quad m_i = e^{-a v_i}, \quad
+          w_i = 1 / (\sigma_i^2 + \tau^2 m_i^2)
 
 where the relative scatter τ of k_92 from trial to trial follows from Paule and Mandel's condition
 Σ w_i (k_i - m_i)^2 = n - 1 [1]. It works on k_92 itself, because the error of log k_92 is neither
 normal nor of known size where k_92 is near zero. Without uncertainties it is the paper's estimate,
 least squares on log k_92.
+
+What is measured is λ_R, whose error is near normal; k_92 follows from it through the curve of the model,
+which bends, and which ends at k_92 = 0. For an interval by the likelihood the deviation of a trial is in λ_R,
+
+.. math:: d_i(k) = (λ_i - λ_i(k)) / |λ_i'|
+
+in units of k_92 by the slope λ_i' at the root, so that for a straight curve d_i(k) is k less the root. The
+sand's shift of λ_R is profiled out, which adds its variance, and the scatter between trials is held at its
+estimate: both kinds of interval differ by the bend of the curve alone.
 
 References:
     [1] R. C. Paule, J. Mandel: Consensus values and weighting factors. J. Res. Natl. Bur. Stand.
@@ -18,28 +27,33 @@ References:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
-from scipy.optimize import brentq, least_squares
-from scipy.stats import f as f_distribution
-from scipy.stats import norm, t
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq, minimize_scalar
+from scipy.special import fdtrc, ndtri, stdtrit
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
-from granite_lab.fitting.fit import AThetaFit, K92Fit, PointRow
+from granite_lab.fitting.fit import K92_BOUNDS, AThetaFit, K92Fit, PointRow
 from granite_lab.fitting.laws import Points, fit_laws, gather, row_of, usable
-from granite_lab.fitting.likelihood import a_theta_interval
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import load_paper
 
 LACK_OF_FIT = 0.05
 """Significance at which the speeds are taken to disagree with (27) by more than their trials do."""
 
+DIFFERENT = 0.1
+"""An interval by the likelihood takes the place of that by the covariance where an end of it is off by more
+than this share of half its width."""
+
 _FAR = 50.0  # of a_θ [s/m]; k_92 at 0.2 m/s would be 5e-5
 _LARGEST = 3.0  # relative scatter; beyond it k_92 says nothing about a_θ
+_REACH = 8.0  # stds of a_θ within which the ends of its interval are looked for
+
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +65,8 @@ class _Weighted:
         scatter: relative std of k_92 from trial to trial beyond the stated ones.
         dof: degrees of freedom of the interval.
         parts: of the std, besides that of the points.
-        sensitivity: (n,) da_θ/dk_92 [s/m]; empty where the points have no std, as the next two.
-        own: (n,) variance of each k_92 with the scatter between trials.
-        common: (n,) variance that the trials at one speed share.
+        sensitivity: (n,) da_θ/dk_92 [s/m]; empty where the points have no std, as the next.
+        covariance: (n, n) of k_92, with the scatter between trials and what the trials at one speed share.
     """
 
     a: float
@@ -62,44 +75,41 @@ class _Weighted:
     dof: int
     parts: tuple[Part, ...]
     sensitivity: Array
-    own: Array
-    common: Array
+    covariance: Array
 
 
 def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
     """Fit a_θ over trials, the paper's way and with uncertainty, beside rival laws.
 
     Args:
-        items: fits of single trials, of which the k_92 by the steady slip is taken, or rows (trial,
-            velocity [m/s], k_92, λ_R); the velocity is the desired one of the steady part.
+        items: fits of single trials, of which the k_92 by the steady slip is taken, or rows.
 
     Raises:
         EstimateError: no k_92 that says anything about a_θ.
     """
     points, notes = gather(items)
-    inner = points.inner
-    if not inner.any():
+    inner = points.of(points.inner)
+    if not inner.v.size:
         raise EstimateError(
             "every k_92 is at a bound, so there is no a_θ",
             "the model does not reach the measured slip ratios",
         )
-    fit, more = _weighted(points) if (points.sigma > 0).all() else _unweighted(points)
+    fit, more = _weighted(points) if (points.sigma > 0).all() else _unweighted(inner)
     notes += more
-    quantile = float(t.ppf(0.975, fit.dof) if fit.dof else norm.ppf(0.975))
+    quantile = float(stdtrit(fit.dof, 0.975) if fit.dof else ndtri(0.975))
     a_theta = Estimate(fit.a, fit.std)
     ci95 = linear = a_theta.interval(quantile)
-    rows = [row_of(item) for item in items]
-    fits = [i for i, row in zip(items, rows, strict=True) if isinstance(i, K92Fit) and usable(row)]
-    if len(fits) == points.v.size and fit.own.size:
-        ci95 = a_theta_interval(fits, points.v, fit.own, fit.common, a_theta, quantile)
+    rows, weighted = [row_of(item) for item in items], fit.sensitivity.size > 0
+    fits = [item for item in items if isinstance(item, K92Fit) and usable(row_of(item))]
+    if weighted and len(fits) == points.v.size:
+        ci95 = a_theta_interval(fits, points.v, fit.covariance, a_theta, quantile)
     if ci95 != linear:
         notes.append(
             f"The interval of a_θ follows from the likelihood; from the covariance it is {linear[0]:.3f} to "
             f"{linear[1]:.3f} s/m."
         )
-    left_out = inner & (points.k <= 0)
-    if left_out.any():
-        notes.append(f"{int(left_out.sum())} values of k_92 <= 0 cannot enter the fit of log k_92.")
+    if left_out := int((inner.k <= 0).sum()):
+        notes.append(f"{left_out} values of k_92 <= 0 cannot enter the fit of log k_92.")
     laws, remarks = fit_laws(points)
     published = load_paper().a_theta
     found = iter(fit.sensitivity.tolist())
@@ -107,7 +117,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         a_theta=a_theta,
         ci95=ci95,
         log_linear=points.log_slope(),
-        ordinary=_ordinary(points),
+        ordinary=_solve(inner, lambda _, m: np.ones_like(m)),
         scatter=fit.scatter,
         published=published,
         agrees=ci95[0] <= published <= ci95[1],
@@ -115,7 +125,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         laws=laws,
         notes=(*notes, *remarks),
         parts=fit.parts,
-        sensitivity=tuple(next(found) if usable(row) else 0.0 for row in rows) if fit.own.size else (),
+        sensitivity=tuple(next(found) if usable(row) else 0.0 for row in rows) if weighted else (),
         virtual=any(isinstance(item, K92Fit) and item.virtual for item in items),
     )
 
@@ -130,65 +140,50 @@ def published_fit() -> AThetaFit:
     )
 
 
-def _start(points: Points) -> float:
-    """Return the paper's estimate of a_θ, or what it is near to in its place."""
-    a = points.log_slope()
-    return a if math.isfinite(a) else 5.0
-
-
-def _ordinary(points: Points) -> float:
-    """Return a_θ by ordinary least squares on k_92, bounds left out."""
-    v, k = points.v[points.inner], points.k[points.inner]
-
-    def residuals(a: Array) -> Array:
-        return np.asarray(np.exp(-a[0] * v) - k)
-
-    return float(least_squares(residuals, [_start(points)], xtol=1e-12).x[0])
+def _solve(points: Points, std_of: Callable[[Array, Array], Array]) -> float:
+    """Return a_θ by weighted least squares on k_92."""
+    return float(points.solve(points.exponential, points.start, std_of)[0])
 
 
 def _unweighted(points: Points) -> tuple[_Weighted, list[str]]:
     """Return the paper's estimate with the std that its own residuals give."""
-    use = points.inner & (points.k > 0)
-    if not use.any():
+    points = points.of(points.k > 0)
+    if not points.v.size:
         raise EstimateError("no k_92 above zero, so there is no a_θ", "the law (27) is positive")
-    v, y = points.v[use], np.log(points.k[use])
-    a, dof = points.log_slope(), int(use.sum()) - 1
-    scatter = math.sqrt(float(((y + a * v) ** 2).sum()) / dof) if dof else math.nan
+    v, a, dof = points.v, points.log_slope(), points.v.size - 1
+    scatter = math.sqrt(float(((np.log(points.k) + a * v) ** 2).sum()) / dof) if dof else math.nan
     std = scatter / math.sqrt(v @ v)
     parts = (Part("residuals of ln k_92", "A", "normal", "1", scatter, std),)
     note = "k_92 has no stated uncertainties: the interval follows from the residuals."
-    nothing = np.zeros(0)
-    return _Weighted(a, std, scatter, dof, parts, nothing, nothing, nothing), [note]
+    return _Weighted(a, std, scatter, dof, parts, np.zeros(0), np.zeros((0, 0))), [note]
 
 
 def _weighted(points: Points) -> tuple[_Weighted, list[str]]:
     """Return the random-effects estimate, over speeds instead of trials where (27) does not hold."""
     fit, notes = _paule_mandel(points), []
-    groups = points.by_speed(points.inner)
-    within, p_value = _scatter_and_lack_of_fit(points, groups, fit.a)
+    inner = points.of(points.inner)
+    within, p_value = _scatter_and_lack_of_fit(inner, fit.a)
     if p_value < LACK_OF_FIT:
         notes.append(
             f"The speeds deviate from (27) by more than their repetitions scatter (p = {p_value:.2g}). "
-            f"The interval of a_θ is over {len(groups)} speeds, not {points.v.size} trials."
+            f"The interval of a_θ is over {len(inner.by_speed())} speeds, not {points.v.size} trials."
         )
-        fit = _over_speeds(points, groups, fit.a, within)
+        fit = _over_speeds(points, fit.a, within)
     if not fit.dof:
         notes.append("There is one trial only: the interval holds no scatter between trials.")
     return fit, notes
 
 
-def _scatter_and_lack_of_fit(
-    points: Points, groups: Sequence[npt.NDArray[np.int64]], a: float
-) -> tuple[float, float]:
+def _scatter_and_lack_of_fit(points: Points, a: float) -> tuple[float, float]:
     """Compare k_92 between and within speeds, by its relative deviation from (27).
 
     Returns:
         the relative scatter within speeds beyond the stated std (method of moments), and the p value of the
         speeds' deviation from (27) against that within speeds; 1 if it cannot be tested.
     """
-    m = np.exp(-a * points.v)
+    groups, m = points.by_speed(), np.exp(-a * points.v)
     deviation, sigma = (points.k - m) / m, points.sigma / m
-    n, S = sum(group.size for group in groups), len(groups)
+    n, S = points.v.size, len(groups)
     excess = 0.0
     for group in groups:
         d = deviation[group] - deviation[group].mean()
@@ -203,46 +198,39 @@ def _scatter_and_lack_of_fit(
         between += w[group].sum() * mean**2
         within += float((w[group] * (deviation[group] - mean) ** 2).sum())
     within = max(within, float(n - S))  # the stated std are taken to be no exaggeration
-    return scatter, float(f_distribution.sf((between / (S - 1)) / (within / (n - S)), S - 1, n - S))
+    return scatter, float(fdtrc(S - 1, n - S, (between / (S - 1)) / (within / (n - S))))
 
 
-def _over_speeds(
-    points: Points, groups: Sequence[npt.NDArray[np.int64]], a: float, within: float
-) -> _Weighted:
+def _over_speeds(points: Points, a: float, within: float) -> _Weighted:
     """Return the fit to one point a speed, with the sensitivity of each trial in the mean of its speed.
 
     Args:
-        points: of all trials.
-        groups: places of those of each speed that are no bounds; their weighted mean is the point.
+        points: of all trials; the weighted mean of those of a speed that are no bounds is its point.
         a: by all trials, which gives the size of the scatter.
         within: relative scatter of k_92 within speeds.
     """
     spread = within * np.exp(-a * points.v)
     own = points.sigma**2 + spread**2
-    w = [1 / own[group] for group in groups]
-    v = np.array([points.v[group[0]] for group in groups])
-    k = np.array([np.average(points.k[group], weights=x) for group, x in zip(groups, w, strict=True)])
-    sigma = np.array([1 / math.sqrt(x.sum()) for x in w])
-    nothing = np.full(v.size, math.nan)
-    speeds = _paule_mandel(Points(v, k, sigma, nothing, nothing, np.zeros(v.size, np.int64)))
-    between = np.sqrt(np.maximum(speeds.own - sigma**2, 0.0))
-
-    speed_of = np.minimum(np.searchsorted(np.round(v, 4), np.round(points.v, 4)), v.size - 1)
     weight = np.where(points.inner, 1 / own, 0.0)
-    share = weight / np.bincount(speed_of, weight)[speed_of]
+    v = np.unique(np.round(points.v[points.inner], 4))
+    speed_of = np.minimum(np.searchsorted(v, np.round(points.v, 4)), v.size - 1)
+    total = np.bincount(speed_of, weight)
+    share, sigma, nothing = weight / total[speed_of], 1 / np.sqrt(total), np.full(v.size, math.nan)
+    k = np.asarray(np.bincount(speed_of, share * points.k), dtype=np.float64)
+    speeds = _paule_mandel(Points(v, k, sigma, nothing, nothing, np.zeros(v.size, np.int64)))
+    between = np.sqrt(np.maximum(np.diag(speeds.covariance) - sigma**2, 0.0))
     sensitivity = share * speeds.sensitivity[speed_of]
     departure = Part(
         "departure of the speeds from the law (27)", "A", "normal", "1", speeds.scatter,
         float(np.linalg.norm(speeds.sensitivity * between)),
     )  # fmt: skip
-    parts = (_between_trials(within, sensitivity * spread), departure)
+    shared = np.where(np.equal.outer(points.v, points.v), between[speed_of] ** 2, 0.0)
     return replace(
         speeds,
         scatter=within,
-        parts=parts,
+        parts=(_between_trials(within, sensitivity * spread), departure),
         sensitivity=sensitivity,
-        own=own,
-        common=between[speed_of] ** 2,
+        covariance=np.diag(own) + shared,
     )
 
 
@@ -253,13 +241,20 @@ def _between_trials(scatter: float, contributions: Array) -> Part:
 
 
 def _paule_mandel(points: Points) -> _Weighted:
-    """Return the random-effects estimate over the points."""
+    """Return the random-effects estimate over the points.
+
+    Raises:
+        EstimateError: the points contradict each other, or no finite a_θ fits them.
+    """
     dof = int(points.inner.sum()) - 1
 
     def solved(τ: float) -> tuple[float, Array, Array]:
         """Return a_θ, k_92 by (27) and its std for a given scatter."""
-        a = _solve(points, τ)
-        return a, *_model(points, a, τ)
+        a = _solve(points, lambda _, m: np.sqrt(points.sigma**2 + (τ * m) ** 2))
+        if not abs(a) < _FAR:
+            raise EstimateError("no finite a_θ fits the k_92 of the trials", "look at their fits")
+        m = np.exp(-a * points.v)
+        return a, m, np.sqrt(points.sigma**2 + (τ * m) ** 2)
 
     def surplus(τ: float) -> float:
         _, m, std = solved(τ)
@@ -280,28 +275,92 @@ def _paule_mandel(points: Points) -> _Weighted:
     information = float((((points.v * m / std) ** 2) * kept).sum())
     sensitivity = -np.sqrt(kept) * points.v * m / std**2 / information
     parts = (_between_trials(τ, sensitivity * τ * m),) if τ > 0 else ()
-    return _Weighted(a, 1 / math.sqrt(information), τ, dof, parts, sensitivity, std**2, np.zeros(m.size))
+    return _Weighted(a, 1 / math.sqrt(information), τ, dof, parts, sensitivity, np.diag(std**2))
 
 
-def _model(points: Points, a: float, τ: float) -> tuple[Array, Array]:
-    m = np.exp(-a * points.v)
-    return m, np.sqrt(points.sigma**2 + (τ * m) ** 2)
+def deviations(fits: Sequence[K92Fit]) -> Callable[[Array | float], Array] | None:
+    """Return d of all trials for one k_92 or one each; None where the curve of one is not known."""
+    known = []
+    for fit in fits:
+        slope = fit.slip_measured.std / fit.std_measurement if fit.std_measurement > 0 else math.nan
+        if len(fit.curve) < 4 or not (math.isfinite(slope) and slope > 0):
+            return None
+        k, slip = np.array(fit.curve).T
+        known.append((fit.slip_measured.value, PchipInterpolator(k, slip), k[0], k[-1], slope))
+
+    def d(k: Array | float) -> Array:
+        pairs = zip(known, np.broadcast_to(k, len(known)), strict=True)
+        return np.array([(λ - of(min(max(x, low), high))) / slope for (λ, of, low, high, slope), x in pairs])
+
+    return d
 
 
-def _solve(points: Points, τ: float) -> float:
-    """Return the root in a of the estimating equation, searched for outwards from the paper's estimate."""
+def k92_interval(fits: Sequence[K92Fit], linear: Interval) -> Interval:
+    """Return the interval of the mean k_92 of trials at one speed.
 
-    def equation(a: float) -> float:
-        m, std = _model(points, a, τ)
-        return float((points.v * m * (m - points.expected(m, std)) / std**2).sum())
+    It holds the k_92 within their bounds for which the mean deviation is half the width of `linear` or less.
 
-    low = high = _start(points)
-    step = 0.25
-    while equation(low) < 0 and low > -_FAR:  # a too large: k_92 lies above the law on the whole
-        low, step = low - step, 2 * step
-    step = 0.25
-    while equation(high) > 0 and high < _FAR:
-        high, step = high + step, 2 * step
-    if equation(low) < 0 or equation(high) > 0:
-        raise EstimateError("no finite a_θ fits the k_92 of the trials", "look at their fits")
-    return float(brentq(equation, low, high, xtol=1e-8)) if high > low else low
+    Args:
+        fits: of the trials.
+        linear: by the covariance; it stays where a trial's curve is not known, and where both agree.
+    """
+    d, half = deviations(fits) if fits else None, (linear[1] - linear[0]) / 2
+    if d is None or not math.isfinite(half):
+        return linear
+
+    def end(target: float, beyond: float) -> float:
+        def off(k: float) -> float:
+            return float(d(k).mean()) - target
+
+        low, high = K92_BOUNDS
+        return float(brentq(off, low, high, xtol=1e-7)) if off(low) * off(high) <= 0 else beyond
+
+    return _chosen(linear, (end(-half, K92_BOUNDS[0]), end(half, K92_BOUNDS[1])))
+
+
+def a_theta_interval(
+    fits: Sequence[K92Fit], v: Array, covariance: Array, a_theta: Estimate, quantile: float
+) -> Interval:
+    """Return the interval of a_θ for which the deviance stays within `quantile` squared of its least [s/m].
+
+    That by the covariance stays where a trial's curve is not known, where the deviance does not close the
+    interval, and where both agree.
+
+    Args:
+        fits: of n trials.
+        v: (n,) desired velocities [m/s].
+        covariance: (n, n) of their k_92.
+        a_theta: with its std by the covariance [s/m].
+        quantile: half the width of the interval in stds.
+    """
+    d, linear = deviations(fits), a_theta.interval(quantile)
+    if d is None:
+        return linear
+    precision = np.linalg.inv(covariance)
+
+    def deviance(a: float) -> float:
+        away = d(np.exp(-a * v))
+        return float(away @ precision @ away)
+
+    a, std = a_theta.value, a_theta.std
+    far = _REACH * std
+    best = minimize_scalar(
+        deviance, bounds=(a - far, a + far), method="bounded", options={"xatol": 1e-4 * std}
+    )
+    least, limit = float(best.x), float(best.fun) + quantile**2
+    ends = []
+    for step in (-quantile * std, quantile * std):
+        reach = least + step
+        while deviance(reach) < limit and abs(reach - least) < 2 * far:
+            reach += step
+        if deviance(reach) < limit:
+            return linear
+        ends.append(float(brentq(lambda x: deviance(x) - limit, least, reach, xtol=1e-6 * std)))
+    return _chosen(linear, (ends[0], ends[1]))
+
+
+def _chosen(linear: Interval, likelihood: Interval) -> Interval:
+    """Return the interval by the likelihood where it differs from that by the covariance, else the latter."""
+    off = max(abs(a - b) for a, b in zip(linear, likelihood, strict=True))
+    half = (linear[1] - linear[0]) / 2
+    return likelihood if math.isfinite(off) and off > DIFFERENT * half else linear

@@ -1,25 +1,49 @@
-"""The records of fitted numbers: k_92 of a trial, a_θ over trials, and rival laws."""
+"""Records of fitted numbers: k_92 of a trial, a_θ over trials, rival laws, and the budgets of their stds.
+
+A budget is made in the manner of GUM. Every trial brings the components of its own std (`Motion.slip_parts`,
+`K92Fit.parts`). They are independent between trials, so that the variance of a weighted sum is the sum of the
+weighted variances (JCGM 100:2008, 5.1.2); what scatters between trials beyond them is a component of type A.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from granite_lab.estimate import Estimate, Part
 from granite_lab.parameters import Variant
-from granite_lab.shown import Shown
+from granite_lab.shown import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
 
 PointRow = tuple[str, float, Estimate, Estimate]
-"""(trial, velocity [m/s], k_92, λ_R), as in `AThetaFit.points`."""
+"""(trial, velocity [m/s], k_92, λ_R); the velocity is the desired one of the steady part."""
 
 K92_BOUNDS = (0.0, 1.0)
 """The model needs k_92 >= 0 (section 5), and k_92 = 1 is the value at rest, below (4)."""
 
 FitStatus = Literal["ok", "at_lower_bound", "at_upper_bound", "not_converged", "not_evaluated"]
+
+SCATTER = "scatter between trials beyond these"
+
+SMALL = 0.002
+"""Components with a smaller share of the variance are listed as one."""
+
+_SHARED = (
+    "Not part of the stated std: errors that all trials share, of the wheel radius, of the robot's file and "
+    "of the soil's file; and effects that the model lacks."
+)
+
+LEFT_OUT: Mapping[str, str] = {
+    "slip": "Not part of the stated std: an error of the wheel radius in the robot's file, which all trials "
+    "share. 1 % of the radius moves λ_R by nearly 1 point.",
+    "k92": _SHARED,
+    "a_theta": _SHARED,
+}
+"""What the stated std does not hold and a budget does not add."""
 
 
 @dataclass(frozen=True)
@@ -27,21 +51,18 @@ class K92Fit(Shown):
     """The ratio k_92 of one trial, fitted twice.
 
     Attributes:
-        trial: name of the trial.
         virtual: the log was written by a simulator.
         variant: the trapezoid that was simulated.
-        k92: by the steady slip ratio, as in the paper.
+        k92: by the steady slip ratio, as in the paper; an inner optimum where `status` is "ok".
         k92_trajectory: by the whole time history of all sensors and the law (5), at the steady desired
-            velocity.
+            velocity; its status is `status_trajectory`.
         t_start: start of the command by the trajectory fit [s, the log's time, as the IMU stamps it].
-        slip_measured: λ_R as measured.
-        slip_simulated: λ_R simulated with `k92`.
-        status: whether `k92` is an inner optimum.
-        status_trajectory: the same for `k92_trajectory`.
+        slip_measured, slip_simulated: λ_R as measured, and as simulated with `k92`.
         notes: what a reader should know, one line each.
         std_measurement: the part of the std of `k92` that comes from the measured slip ratio.
-        parts: what the std of `k92` is made of, source by source; empty where it has none.
+        parts: what the std of `k92` is made of; empty where it has none.
         curve: (k_92, λ_R) of the simulations, by k_92: the likelihood of `k92` goes by it.
+        latency: by how much the stamps of the IMU come after those of the wheels [s].
     """
 
     trial: str
@@ -58,6 +79,7 @@ class K92Fit(Shown):
     std_measurement: float = math.nan
     parts: tuple[Part, ...] = ()
     curve: tuple[tuple[float, float], ...] = ()
+    latency: Estimate = Estimate(math.nan)  # noqa: RUF009, frozen
 
     def __repr__(self) -> str:
         return (
@@ -68,23 +90,12 @@ class K92Fit(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """Return the fit as one row, units in the column names."""
-        import pandas as pd  # noqa: PLC0415
-
-        row = {
-            "trial": self.trial,
-            "virtual": self.virtual,
-            "variant_mps": self.variant.velocity,
-            "k92": self.k92.value,
-            "k92_std": self.k92.std,
-            "k92_trajectory": self.k92_trajectory.value,
-            "k92_trajectory_std": self.k92_trajectory.std,
-            "slip_ratio": self.slip_measured.value,
-            "slip_ratio_std": self.slip_measured.std,
-            "slip_ratio_simulated": self.slip_simulated,
-            "status": self.status,
-            "status_trajectory": self.status_trajectory,
-        }
-        return pd.DataFrame([row])
+        row = {"trial": self.trial, "virtual": self.virtual, "variant_mps": self.variant.velocity}
+        for name in ("k92", "k92_trajectory", "slip_ratio"):
+            found: Estimate = getattr(self, "slip_measured" if name == "slip_ratio" else name)
+            row |= {name: found.value, f"{name}_std": found.std}
+        row |= {"slip_ratio_simulated": self.slip_simulated}
+        return frame([row | {"status": self.status, "status_trajectory": self.status_trajectory}])
 
 
 @dataclass(frozen=True)
@@ -94,8 +105,7 @@ class Law:
     Attributes:
         id: "exponential" (27), "linear_slip" (28) or "free" (a constant per speed).
         formula: as a reader writes it.
-        parameters: name to value with std.
-        units: name to unit.
+        parameters, units: name to value with std, and to unit.
         n_parameters: fitted numbers, the scatter not counted.
         rms: root mean square residual of k_92.
         aicc: corrected Akaike information criterion (smaller is better); NaN where the points are
@@ -123,9 +133,8 @@ class AThetaFit(Shown):
         log_linear: the paper's way: least squares on log k_92 through (0, 1).
         ordinary: least squares on k_92 itself.
         scatter: trial-to-trial std of log k_92 beyond the stated uncertainties [-].
-        published: the paper's value [s/m].
-        agrees: the published value lies in `ci95`.
-        points: (trial, velocity [m/s], k_92, λ_R) that went in; the velocity is the steady desired one.
+        published: the paper's value [s/m], which lies in `ci95` if it `agrees`.
+        points: what went in.
         laws: the rivals, best first.
         notes: what a reader should know, one line each.
         parts: what the std of `a_theta` is made of besides the std of the points.
@@ -156,9 +165,78 @@ class AThetaFit(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """Return the points that went in, one row a trial, units in the column names."""
-        import pandas as pd  # noqa: PLC0415
+        columns = ("trial", "variant_mps", "k92", "k92_std", "slip_ratio", "slip_ratio_std")
+        rows = [(name, v, k92.value, k92.std, slip.value, slip.std) for name, v, k92, slip in self.points]
+        return frame([dict(zip(columns, row, strict=True)) for row in rows])
 
-        rows = [(trial, v, k92.value, k92.std, slip.value, slip.std) for trial, v, k92, slip in self.points]
-        return pd.DataFrame(
-            rows, columns=["trial", "variant_mps", "k92", "k92_std", "slip_ratio", "slip_ratio_std"]
-        )
+
+@dataclass(frozen=True)
+class Budget:
+    """What the standard uncertainty of a result is made of.
+
+    Attributes:
+        speed: of the trials [m/s]; NaN for a_θ.
+        result: with the std that is stated everywhere else.
+        parts: components, largest first, the smallest ones merged into one.
+    """
+
+    speed: float
+    result: Estimate
+    parts: tuple[Part, ...]
+
+    @property
+    def combined(self) -> float:
+        """Combined standard uncertainty by the components."""
+        return math.hypot(*(part.contribution for part in self.parts))
+
+    def share(self, part: Part) -> float:
+        """Return the share of a component in the combined variance."""
+        return (part.contribution / self.combined) ** 2 if self.combined > 0 else math.nan
+
+
+def of_mean(speed: float, mean: Estimate, trials: Sequence[Sequence[Part]]) -> Budget | None:
+    """Return the budget of a mean over trials of a speed [m/s] by the components of each.
+
+    None where a trial has no components, or the mean no std: by the trials' own or by their scatter.
+    """
+    if not trials or not all(trials) or not math.isfinite(mean.std):
+        return None
+    n = len(trials)
+    parts = _pooled([(1 / n, own) for own in trials])
+    beyond = mean.std**2 - sum(part.contribution**2 for part in parts)
+    if beyond > 1e-6 * mean.std**2:
+        one = math.sqrt(beyond * n)
+        parts.append(Part(SCATTER, "A", f"Student, {n - 1} d.o.f.", "1", one, math.sqrt(beyond)))
+    return Budget(speed, mean, _ranked(parts))
+
+
+def of_a_theta(fit: AThetaFit, fits: Sequence[K92Fit]) -> Budget | None:
+    """Return the budget of a_θ; None where it was not fitted to the k_92 of these trials, in this order."""
+    weighed = [(c, own.parts) for c, own in zip(fit.sensitivity, fits, strict=False) if c]
+    if len(fit.sensitivity) != len(fits) or not all(parts for _, parts in weighed):
+        return None
+    return Budget(math.nan, fit.a_theta, _ranked([*_pooled(weighed), *fit.parts]))
+
+
+def _pooled(trials: Sequence[tuple[float, Sequence[Part]]]) -> list[Part]:
+    """Return the components of a weighted sum over trials: each source once, its std as rms over trials."""
+    by_name: dict[str, list[tuple[float, Part]]] = {}
+    for weight, parts in trials:
+        for part in parts:
+            by_name.setdefault(part.name, []).append((weight, part))
+    pooled = []
+    for found in by_name.values():
+        std = math.sqrt(sum(part.std**2 for _, part in found) / len(found))
+        whole = math.hypot(*(weight * part.contribution for weight, part in found))
+        pooled.append(replace(found[0][1], std=std, contribution=whole))
+    return pooled
+
+
+def _ranked(parts: Sequence[Part]) -> tuple[Part, ...]:
+    whole = sum(part.contribution**2 for part in parts)
+    small = [part for part in parts if part.contribution**2 < SMALL * whole]
+    ranked = sorted((part for part in parts if part not in small), key=lambda part: -part.contribution)
+    if small:
+        rest = math.hypot(*(part.contribution for part in small))
+        ranked.append(Part(f"{len(small)} smaller components", "B", "normal", "", math.nan, rest))
+    return tuple(ranked)

@@ -1,10 +1,18 @@
-"""k_92 of one trial: by the steady slip ratio (section 5, Table 3), and by the whole trajectory."""
+r"""k_92 of one trial: by the steady slip ratio (section 5, Table 3), and by the whole trajectory.
+
+The trajectory of all sensors is fitted, in bins, by the same inference as in the search for a missing effect,
+
+.. math:: k_{92}(t) = e^{-a v_d(t)}
+
+where a has a flat prior. Sand, sensors, latency and the discrepancy of the model are nuisances with the usual
+priors.
+"""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -13,14 +21,16 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92_BOUNDS, FitStatus, K92Fit
-from granite_lab.fitting.trajectory import fit_trajectory
-from granite_lab.inference.bench import RAKED, SAND
-from granite_lab.inference.constants import RAKING
+from granite_lab.inference.bench import RAKED, SAND, Bench, World
+from granite_lab.inference.constants import RAKING, SAND_STD, TOLERANCE
+from granite_lab.inference.problem import Problem
+from granite_lab.inference.setup import baseline, trial_models
 from granite_lab.logs.trial import Trial
 from granite_lab.model import Run, simulate
 from granite_lab.model.command import peak_velocity, steady_interval, steady_part
 from granite_lab.model.effect import Active
-from granite_lab.parameters import Robot, Soil, Variant
+from granite_lab.parameters import Robot, Soil, Variant, load_paper
+from granite_lab.processes import one_thread
 
 LEAST_K92 = 1e-3
 """Below it the exponential law's exponent runs away: it takes k_92 for this value."""
@@ -28,8 +38,15 @@ LEAST_K92 = 1e-3
 RAKED_AS = ("k_φ, from raking to raking", "c, from raking to raking")
 """The parameters of the sand that change with the raking besides a_θ, as a budget calls them."""
 
+WIDE = 1.0
+"""Std of the prior of log a_θ: flat beside the few percent that one trial tells."""
+
+COARSE = 0.05
+"""Least width of a bin [s]: a seventh of the time in which slip settles."""
+
 _TOLERANCE = 1e-5  # of the root; the simulated slip ratio is good to about the same
 _STEP = 0.01  # of k_92 in finite differences
+_SLACK = 0.5  # of the measured interval about the constant part of the command [s]
 
 
 def simulate_k92(
@@ -48,15 +65,15 @@ def simulate_k92(
 def simulated_slip(run: Run, interval: tuple[float, float] | None = None) -> float:
     """Return λ_R by (2) of a run: 1 - distance of the body / distance the wheels turned through.
 
-    The wheels' distance is taken from the virtual encoders, as the measured one is from the real.
+    The wheels' distance is that of the virtual encoders, as the measured one is that of the real.
 
     Args:
         run: a simulated run.
         interval: start and end [s after command start]; by default the run's steady part.
     """
-    t1, t2 = interval or run.steady
+    ends = interval or run.steady
     x, front, rear = (
-        float(np.diff(np.interp([t1, t2], run.t, run[name]))[0]) for name in ("x_m", "enc_f_rad", "enc_r_rad")
+        float(np.diff(np.interp(ends, run.t, run[name]))[0]) for name in ("x_m", "enc_f_rad", "enc_r_rad")
     )
     wheels = run.robot.wheels.radius * (front + rear) / 2
     if not wheels > 0:
@@ -65,15 +82,14 @@ def simulated_slip(run: Run, interval: tuple[float, float] | None = None) -> flo
 
 
 def slip_interval(motion: Motion) -> tuple[float, float]:
-    """Return the interval of the measured λ_R in the command's time [s after command start].
+    """Return the interval over which λ_R was measured, and is simulated [s after command start].
 
-    The simulated λ_R is taken over the same interval. Where the start is unknown, or the interval
-    lies outside the constant part of the command, it is the model's own steady part.
+    Where the start is unknown, or the interval lies outside the constant part of the command, it is the
+    model's own steady part.
     """
     t1, t2 = (t - motion.t_start.value for t in motion.steady)
     begin, end = steady_interval(motion.variant)
-    slack = 0.5
-    if math.isfinite(t1) and math.isfinite(t2) and begin - slack <= t1 < t2 <= end + slack:
+    if begin - _SLACK <= t1 < t2 <= end + _SLACK:
         return max(t1, begin), min(t2, end)
     return steady_part(motion.variant)
 
@@ -130,13 +146,24 @@ def fit_k92(
         trial: as estimation corrected it.
         robot: with chassis and drive.
         soil: the ground.
-        effects: effects added to the paper's model.
-        trajectory: also fit the whole time history.
+        effects: added to the paper's model.
+        trajectory: also fit the whole time history; where that cannot be, a note says why.
 
     Raises:
         EstimateError: the trial has no steady slip ratio, or the simulation fails.
         InputError: the robot's file lacks chassis or drive.
     """
+    found, reason = _by_slip(motion, robot, soil, effects), "not asked for"
+    if trajectory:
+        try:
+            return _with_trajectory(found, trial, motion, robot, soil, effects)
+        except EstimateError as error:
+            reason = error.message
+    return replace(found, notes=(*found.notes, f"trajectory not fitted: {reason}"))
+
+
+def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]) -> K92Fit:
+    """Fit k_92 to the steady slip ratio alone."""
     variant, interval, measured = motion.variant, slip_interval(motion), motion.slip_ratio
 
     def slip_of(k92: float, on: Soil = soil) -> float:
@@ -144,25 +171,17 @@ def fit_k92(
 
     curve = SlipCurve(slip_of)
     k92, status = curve.root(measured.value)
-    slope = curve.slope(k92)
-
-    def sand_part(name: str, shown: str, std: float) -> Part:
-        """Return what the scatter of a parameter of the sand from raking to raking adds to the std.
-
-        The mean square of the steps to either side is taken, because (10) has a kink.
-        """
-        grounds = (
-            dataclasses.replace(soil, **{name: getattr(soil, name) * math.exp(s)}) for s in (std, -std)
-        )
+    slope, sand = curve.slope(k92), []
+    for name, shown, step in zip(SAND[1:RAKED], RAKED_AS, RAKING[1:], strict=True):
+        # the mean square of the steps to either side, because (10) has a kink
+        grounds = [replace(soil, **{name: getattr(soil, name) * math.exp(s)}) for s in (step, -step)]
         shifts = [(slip_of(k92, ground) - curve[k92]) / slope for ground in grounds]
-        return Part(shown, "B", "log-normal", "1", std, math.sqrt(sum(s**2 for s in shifts) / 2))
-
-    sand = [sand_part(*of) for of in zip(SAND[1:RAKED], RAKED_AS, RAKING[1:], strict=True)]
-    std_sand = math.hypot(*(part.contribution for part in sand))
-    std_measurement = measured.std / abs(slope)
+        whole = math.sqrt(sum(s**2 for s in shifts) / 2)
+        sand.append(Part(shown, "B", "log-normal", "1", step, whole))
+    std_sand, std_measurement = math.hypot(*(part.contribution for part in sand)), measured.std / abs(slope)
     std = math.hypot(std_measurement, std_sand)
     sources = motion.slip_parts or (Part("λ_R as measured", "B", "normal", "1", measured.std, measured.std),)
-    notes = []
+    notes, known = [], math.isfinite(std)
     if status != "ok":
         low, high = curve[K92_BOUNDS[1]], curve[K92_BOUNDS[0]]
         side = "above" if status == "at_lower_bound" else "below"
@@ -171,41 +190,75 @@ def fit_k92(
             f"k_92 {status.replace('_', ' ')}: λ_R = {measured.value:.2%} is {side} the "
             f"{low:.2%} to {high:.2%} that the model attains ({beyond:.1f} std)."
         )
-    if math.isfinite(std_measurement):
-        notes.append(
-            f"Std of k_92: {std_measurement:.4f} from λ_R, {std_sand:.4f} from the scatter of the sand."
-        )
-    else:
-        notes.append("The std of k_92 is unknown: λ_R has none.")
+    notes.append(
+        f"Std of k_92: {std_measurement:.4f} from λ_R, {std_sand:.4f} from the scatter of the sand."
+        if known
+        else "The std of k_92 is unknown: λ_R has none."
+    )
     # the likelihood of k_92 needs the curve near the root
-    near = [k92 + n * std for n in (-4, -2, -1, 1, 2, 4)] if math.isfinite(std) else []
-    for_likelihood = (*curve, *(min(max(k, K92_BOUNDS[0]), K92_BOUNDS[1]) for k in near))
-    history, reason = None, "not asked for"
-    if trajectory:
-        try:
-            history = fit_trajectory(trial, motion, robot, soil, effects=effects)
-        except EstimateError as error:
-            reason = error.message
+    near = np.clip([k92 + n * std for n in (-4, -2, -1, 1, 2, 4)] if known else [], *K92_BOUNDS)
     return K92Fit(
         trial=motion.trial,
         virtual=motion.virtual,
         variant=variant,
         k92=Estimate(k92, std),
-        k92_trajectory=_k92_at(history.a_theta, variant) if history else Estimate(math.nan),
-        t_start=history.t_start if history else motion.t_start,
+        k92_trajectory=Estimate(math.nan),
+        t_start=motion.t_start,
         slip_measured=measured,
         slip_simulated=curve[k92],
         status=status,
-        status_trajectory=history.status if history else "not_evaluated",
-        notes=(*notes, *(history.notes if history else (f"trajectory not fitted: {reason}",))),
+        status_trajectory="not_evaluated",
+        notes=tuple(notes),
         std_measurement=std_measurement,
-        parts=(*(part.times(1 / slope) for part in sources), *sand) if math.isfinite(std) else (),
-        curve=tuple(sorted({k: curve[k] for k in for_likelihood}.items())),
+        parts=(*(part.times(1 / slope) for part in sources), *sand) if known else (),
+        curve=tuple(sorted({k: curve[k] for k in (*curve, *near.tolist())}.items())),
     )
 
 
-def _k92_at(a_theta: Estimate, variant: Variant) -> Estimate:
-    """Return k_92 by (5) at the steady desired velocity."""
-    v = peak_velocity(variant)
-    k = math.exp(-a_theta.value * v)
-    return Estimate(k, k * v * a_theta.std)
+def _with_trajectory(
+    found: K92Fit, trial: Trial, motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
+) -> K92Fit:
+    """Add the fit to the whole time history.
+
+    Raises:
+        EstimateError: the trial's sensors or start do not allow it, or the simulation fails.
+    """
+    if not np.isfinite(motion.t_start.value):
+        raise EstimateError(f"{motion.trial}: the start of the motion is unknown")
+    models, variants = trial_models([trial], robot, [motion], least=COARSE)
+    with one_thread(), Bench(World(robot, soil, variants, {}, tuple(effects))) as bench:
+        problem = Problem(models, bench, (WIDE, *SAND_STD[1:]))
+        fit = baseline(problem)
+    x = fit.point.vector + fit.posterior.step
+    common = fit.point.trials[0].size
+    late = common + len(SAND)
+
+    def total(*places: int) -> Estimate:
+        """Return the sum of some numbers."""
+        g = np.zeros(x.size)
+        g[list(places)] = 1.0
+        return Estimate(float(g @ x), float(np.sqrt(g @ fit.posterior.covariance @ g)))
+
+    log, start, latency = total(0, common), total(RAKED, late), total(late)
+    v, a_theta = peak_velocity(found.variant), load_paper().a_theta * float(np.exp(log.value))
+    k92 = math.exp(-a_theta * v)  # (5)
+    side = "behind" if latency.value > 0 else "ahead of"
+    off = [f"{c} {fit.scales.share_of(c):.0%}" for c in problem.counts if fit.scales.share_of(c) > TOLERANCE]
+    louder = [f"{c} {value:.2f}" for c, value in fit.scales.louder.items() if value > 1.0]
+    most = ", ".join(off) or f"less than {TOLERANCE:.0%}"
+    notes = [
+        f"discrepancy of the model, as a share of a channel's rms in motion: {most}.",
+        f"IMU {abs(1e3 * latency.value):.1f} ± {1e3 * latency.std:.1f} ms {side} the encoders.",
+    ]
+    if louder:
+        notes.append(f"residuals over the noise: {', '.join(louder)}.")
+    if not fit.converged:
+        notes.append("fit not converged.")
+    return replace(
+        found,
+        k92_trajectory=Estimate(k92, k92 * v * (a_theta * log.std)),
+        t_start=Estimate(problem.trials[0].observation.t_start + start.value, start.std),
+        latency=latency,
+        status_trajectory="ok" if fit.converged else "not_converged",
+        notes=(*found.notes, *(f"Trajectory: {note}" for note in notes)),
+    )

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,12 @@ from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import K92Fit, Law, PointRow
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import peak_velocity
+
+LEAST_SCATTER = 1e-5
+"""Of k_92; keeps the likelihood finite where a law passes through all points."""
+
+Predict = Callable[[Array], tuple[Array, Array]]
+"""Parameters (p,) of a law to k_92 (N,) and its derivatives (N, p)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,36 +58,62 @@ class Points:
         """(N,) which points are no bounds."""
         return np.asarray(self.censored == 0)
 
-    def by_speed(self, mask: npt.NDArray[np.bool_] | None = None) -> list[npt.NDArray[np.int64]]:
-        """Return the places of the chosen points of each speed, slowest first."""
+    def of(self, mask: npt.NDArray[np.bool_]) -> Points:
+        """Return some of the points."""
+        return Points(*(getattr(self, f.name)[mask] for f in fields(self)))
+
+    def by_speed(self) -> list[npt.NDArray[np.int64]]:
+        """Return the places of the points of each speed, slowest first."""
         speed = np.round(self.v, 4)
-        chosen = np.ones(speed.size, dtype=bool) if mask is None else mask
-        return [np.flatnonzero(chosen & (speed == v)) for v in np.unique(speed[chosen])]
+        return [np.flatnonzero(speed == v) for v in np.unique(speed)]
 
     def log_slope(self) -> float:
-        """Return a_θ [s/m] by least squares on log k_92 through (0, 1); bounds and k_92 <= 0 left out.
-
-        NaN where no point is left.
-        """
+        """Return a_θ [s/m] by least squares on log k_92 through (0, 1); NaN where no inner k_92 is > 0."""
         use = self.inner & (self.k > 0)
         v = self.v[use]
         return float(-(v @ np.log(self.k[use])) / (v @ v)) if use.any() else math.nan
+
+    @property
+    def start(self) -> Array:
+        """(1,) a_θ with which its fits begin."""
+        return np.array([np.nan_to_num(self.log_slope(), nan=5.0)])
 
     def beyond(self, mean: Array, std: Array) -> Array:
         """Return the mean of a standard normal error that lies beyond a point's bound, without sign."""
         z = (self.k - mean) / std
         return np.exp(-0.5 * z**2 - log_ndtr(-self.censored * z)) / math.sqrt(2 * math.pi)
 
-    def expected(self, mean: Array, std: Array) -> Array:
-        """Return k_92, and for a censored point what it is expected to be beyond its bound."""
-        side = self.censored
-        return np.where(side == 0, self.k, mean + side * std * self.beyond(mean, std))
-
     def negative_log_likelihood(self, mean: Array, std: Array) -> float:
         """Return -log L for normal errors; a censored point counts as 'beyond its bound'."""
         z, side = (self.k - mean) / std, self.censored
         known = 0.5 * z**2 + np.log(std) + 0.5 * math.log(2 * math.pi)
         return float(np.where(side == 0, known, -log_ndtr(-side * z)).sum())
+
+    def exponential(self, a: Array) -> tuple[Array, Array]:
+        """Return k_92 by (27) and its derivative by a_θ."""
+        m = np.exp(-a[0] * self.v)
+        return m, (-self.v * m)[:, None]
+
+    def solve(self, predict: Predict, start: Array, std_of: Callable[[Array, Array], Array]) -> Array:
+        """Return the parameters (p,) of a law by damped Gauss-Newton steps, the weights renewed in each.
+
+        Censored points are replaced by their expectation in every step (EM).
+
+        Args:
+            predict: the law.
+            start: (p,) parameters to begin with.
+            std_of: of the points, by parameters and k_92.
+        """
+        θ = start
+        for _ in range(200):
+            m, slopes = predict(θ)
+            std = std_of(θ, m)
+            k = np.where(self.inner, self.k, m + self.censored * std * self.beyond(m, std))
+            step = np.linalg.lstsq(slopes / std[:, None], (k - m) / std, rcond=None)[0]
+            θ = θ + np.clip(step, -1, 1)
+            if np.abs(step).max() < 1e-10:
+                break
+        return θ
 
 
 def row_of(item: K92Fit | PointRow) -> PointRow:
@@ -117,14 +150,14 @@ def gather(items: Sequence[K92Fit | PointRow]) -> tuple[Points, list[str]]:
     elif not stated.all():
         sigma = np.where(stated, sigma, np.median(sigma[stated]))
         notes.append(f"{int((~stated).sum())} values of k_92 have no std; they get the median of the others.")
-    status = [item.status if isinstance(item, K92Fit) else "ok" for item in kept]
+    side = {"at_lower_bound": -1, "at_upper_bound": 1}
     points = Points(
         v=np.array(v),
         k=np.array([k.value for k in k92]),
         sigma=sigma,
         slip=np.array([s.value for s in slip]),
         slip_std=np.nan_to_num([s.std for s in slip]),
-        censored=np.array([{"at_lower_bound": -1, "at_upper_bound": 1}.get(s, 0) for s in status]),
+        censored=np.array([side.get(getattr(item, "status", "ok"), 0) for item in kept]),
     )
     bound = [name for name, inner in zip(trials, points.inner, strict=True) if not inner]
     if bound:
@@ -135,26 +168,13 @@ def gather(items: Sequence[K92Fit | PointRow]) -> tuple[Points, list[str]]:
     return points, notes
 
 
-_LEAST_SCATTER = 1e-5  # of k_92; keeps the likelihood finite where a law passes through all points
-
-
-@dataclass(frozen=True, eq=False)
-class _Rival:
-    """A law before it is fitted.
-
-    Attributes:
-        id, names, units: as in `Law`.
-        start: parameters to begin with (P,).
-        predict: parameters to k_92 of the points and its derivative (N, P).
-        variance: parameters to the variance of each point (N,), without the scatter.
-        formula: fitted parameters to text.
-    """
+class _Rival(NamedTuple):
+    """A law before it is fitted, with the variance (N,) of the points for given parameters."""
 
     id: str
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    units: dict[str, str]
     start: Array
-    predict: Callable[[Array], tuple[Array, Array]]
+    predict: Predict
     variance: Callable[[Array], Array]
     formula: Callable[[Array], str]
 
@@ -165,18 +185,28 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
     Returns:
         the laws, and notes on what could not be compared.
     """
-    notes = []
-    rivals = [_exponential(points), _free(points)]
+    notes, groups = [], points.by_speed()
+    own = np.zeros((points.v.size, len(groups)))
+    for column, group in enumerate(groups):
+        own[group, column] = 1
+    constants = {f"k_92 at {points.v[group[0]]:.3g} m/s": "" for group in groups}
+    rivals = [
+        _Rival(
+            "exponential", {"a_theta": "s/m"}, points.start, points.exponential, lambda _: points.sigma**2,
+            lambda θ: f"k_92 = exp(-{θ[0]:.3f} v)",
+        ),
+        _linear("free", constants, points, own, 0.0, lambda _: "k_92 = a constant per speed"),
+    ]  # fmt: skip
     if np.isfinite(points.slip).all() and np.ptp(points.slip) > 1e-3:
-        rivals.append(_linear(points))
-        if any(group.size == 1 for group in points.by_speed()):
+        rivals.append(_over_slip(points))
+        if any(group.size == 1 for group in groups):
             notes.append(
                 "Some speeds have one trial. Their k_92 was computed from the λ_R that the line uses, so the "
                 "line over λ_R fits them exactly."
             )
     else:
         notes.append("The line over λ_R was not fitted: slip ratios are missing or equal.")
-    laws = [_fit(rival, points) for rival in rivals if len(rival.names) <= points.v.size]
+    laws = [_fit(rival, points) for rival in rivals if len(rival.units) <= points.v.size]
     few = [law.id for law in laws if math.isnan(law.aicc)]
     if few:
         notes.append(f"{points.v.size} values of k_92 are too few for the AICc of {len(few)} of the laws.")
@@ -188,24 +218,7 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
     return tuple(weighted), notes
 
 
-def _exponential(points: Points) -> _Rival:
-    def predict(θ: Array) -> tuple[Array, Array]:
-        m = np.exp(-θ[0] * points.v)
-        return m, (-points.v * m)[:, None]
-
-    start = points.log_slope()
-    return _Rival(
-        id="exponential",
-        names=("a_theta",),
-        units=("s/m",),
-        start=np.array([start if math.isfinite(start) else 5.0]),
-        predict=predict,
-        variance=lambda _: points.sigma**2,
-        formula=lambda θ: f"k_92 = exp(-{θ[0]:.3f} v)",
-    )
-
-
-def _linear(points: Points) -> _Rival:
+def _over_slip(points: Points) -> _Rival:
     λ, λ_std = points.slip.copy(), np.zeros(points.v.size)
     for group in points.by_speed():
         for i in group if group.size > 1 else ():
@@ -213,78 +226,55 @@ def _linear(points: Points) -> _Rival:
             λ[i] = points.slip[others].mean()
             λ_std[i] = np.sqrt((points.slip_std[others] ** 2).sum()) / others.size
     design = np.column_stack([np.ones(λ.size), 100 * λ])
-    return _Rival(
-        id="linear_slip",
-        names=("b_0", "b_1"),
-        units=("", "1/%"),
-        start=np.asarray(np.linalg.lstsq(design, points.k, rcond=None)[0], dtype=np.float64),
-        predict=lambda θ: (design @ θ, design),
-        variance=lambda θ: points.sigma**2 + (θ[1] * 100 * λ_std) ** 2,
-        formula=lambda θ: f"k_92 = {θ[0]:.4f} {'-' if θ[1] < 0 else '+'} {abs(θ[1]):.4f} λ_R (in %)",
-    )
+    return _linear(
+        "linear_slip", {"b_0": "", "b_1": "1/%"}, points, design, 100 * λ_std,
+        lambda θ: f"k_92 = {θ[0]:.4f} {'-' if θ[1] < 0 else '+'} {abs(θ[1]):.4f} λ_R (in %)",
+    )  # fmt: skip
 
 
-def _free(points: Points) -> _Rival:
-    groups = points.by_speed()
-    design = np.zeros((points.v.size, len(groups)))
-    for column, group in enumerate(groups):
-        design[group, column] = 1
-    return _Rival(
-        id="free",
-        names=tuple(f"k_92 at {points.v[group[0]]:.3g} m/s" for group in groups),
-        units=("",) * len(groups),
-        start=np.array([points.k[group].mean() for group in groups]),
-        predict=lambda θ: (design @ θ, design),
-        variance=lambda _: points.sigma**2,
-        formula=lambda _: "k_92 = a constant per speed",
-    )
+def _linear(
+    id_: str, units: dict[str, str], points: Points, design: Array, std: Array | float,
+    formula: Callable[[Array], str],
+) -> _Rival:  # fmt: skip
+    """Return a law that is linear in its parameters; `std` is that of the design's last column."""
+    start = np.asarray(np.linalg.lstsq(design, points.k, rcond=None)[0], dtype=np.float64)
 
+    def variance(θ: Array) -> Array:
+        return np.asarray(points.sigma**2 + (θ[-1] * std) ** 2)
 
-def _solve(rival: _Rival, points: Points, scatter: float) -> tuple[Array, Array]:
-    """Return parameters and the std of the points for a given scatter, by Gauss-Newton steps.
-
-    Censored points are replaced by their expectation in every step (EM).
-    """
-    θ = rival.start
-    for _ in range(200):
-        m, slopes = rival.predict(θ)
-        std = np.sqrt(rival.variance(θ) + scatter**2)
-        away = (points.expected(m, std) - m) / std
-        step = np.linalg.lstsq(slopes / std[:, None], away, rcond=None)[0]
-        θ = θ + step
-        if np.abs(step).max() < 1e-10:
-            break
-    return θ, np.sqrt(rival.variance(θ) + scatter**2)
+    return _Rival(id_, units, start, lambda θ: (design @ θ, design), variance, formula)
 
 
 def _fit(rival: _Rival, points: Points) -> Law:
-    n, p = points.v.size, len(rival.names)
+    n, p = points.v.size, len(rival.units)
+
+    def solved(log_scatter: float) -> Array:
+        more = math.exp(log_scatter) ** 2
+        return points.solve(rival.predict, rival.start, lambda θ, _: np.sqrt(rival.variance(θ) + more))
 
     def nll(log_scatter: float) -> float:
-        θ, std = _solve(rival, points, math.exp(log_scatter))
+        θ = solved(log_scatter)
+        std = np.sqrt(rival.variance(θ) + math.exp(log_scatter) ** 2)
         return points.negative_log_likelihood(rival.predict(θ)[0], std)
 
-    best = minimize_scalar(nll, bounds=(math.log(_LEAST_SCATTER), 0.0), method="bounded")
-    scatter = math.exp(float(best.x))
-    θ, _ = _solve(rival, points, scatter)
-    m, slopes = rival.predict(θ)
-    inner = points.inner
+    best = minimize_scalar(nll, bounds=(math.log(LEAST_SCATTER), 0.0), method="bounded")
+    θ = solved(float(best.x))
+    (m, slopes), inner = rival.predict(θ), points.inner
     rms = float(np.sqrt(np.mean((points.k - m)[inner] ** 2))) if inner.any() else math.nan
     # maximum likelihood understates a scatter by the parameters it fitted
-    dof = n - p
-    variance = rival.variance(θ) + scatter**2 * (n / dof if dof else math.nan)
+    dof, count = n - p, p + 1
+    variance = rival.variance(θ) + math.exp(float(best.x)) ** 2 * (n / dof if dof else math.nan)
     weighted = slopes / np.sqrt(variance)[:, None]
     spread = np.sqrt(np.diag(np.linalg.inv(weighted.T @ weighted))) if dof else np.full(p, math.nan)
-    count = p + 1
     more = 2 * count * (1 + (count + 1) / (n - count - 1)) if n > count + 1 else math.nan
     return Law(
         id=rival.id,
         formula=rival.formula(θ),
         parameters={
             name: Estimate(float(value), float(s))
-            for name, value, s in zip(rival.names, θ, spread, strict=True)
+            for name, value, s in zip(rival.units, θ, spread, strict=True)
         },
-        units=dict(zip(rival.names, rival.units, strict=True)),
+        units=rival.units,
         n_parameters=p,
         rms=rms,
         aicc=2 * float(best.fun) + more,

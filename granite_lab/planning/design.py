@@ -79,15 +79,11 @@ class Design:
     """The trials of a search without their data, and what came out.
 
     Attributes:
-        verdict, provisional: of the finding.
         named: effects in the model, the surest first; no empirical law.
         possible: log Bayes factors of the other effects, the likeliest first.
-        robot, soil: of all trials.
         sand: logarithms of the fitted sand over the soil's file, as `inference.bench.SAND`.
-        latency: of the IMU's stamps [s].
         share: discrepancy of the model as a share of each channel's rms: learnt, at least the tolerance.
         scales: std of each number that differs from trial to trial, as learnt.
-        width: of a bin [s].
         driven: per command and conditions.
         virtual: a simulator wrote all trials.
     """
@@ -108,12 +104,7 @@ class Design:
 
 
 def save_design(finding: Finding, trials: Sequence[Trial], path: Path) -> None:
-    """Write what a plan needs to a JSON file; nothing where nothing says what was commanded.
-
-    Args:
-        finding: the record of the search.
-        trials: its logs.
-        path: of the file.
+    """Write what a plan needs of a search to a file; nothing where its logs do not say what was commanded.
 
     Raises:
         LabError: the file cannot be written.
@@ -164,7 +155,7 @@ def load_design(path: Path) -> Design:
     """Read a design.
 
     Raises:
-        InputError: the file cannot be read, or is not one.
+        InputError: the file cannot be read, or is none of this version.
     """
     again = "run 'granite-lab discover' again"
     try:

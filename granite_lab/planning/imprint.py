@@ -39,13 +39,7 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class Imprint:
-    """What an effect with its size changes in one trial of each command.
-
-    Attributes:
-        active: the effect.
-        seen: per command.
-        share: of the raw change, in stds of the noise, that is left.
-    """
+    """What an effect changes in one trial of each command; the share that is left is in stds of the noise."""
 
     active: Active
     seen: tuple[Seen, ...]
@@ -61,22 +55,15 @@ class FineWorld(World):
 def imprint(
     active: Active, robot: Robot, soil: Soil, variants: Sequence[Variant], *, jobs: int = 1
 ) -> Imprint:
-    """Simulate with an effect and without, and take away what the nuisances explain.
-
-    Args:
-        active: the effect with its size.
-        robot, soil: of the model.
-        variants: the commands.
-        jobs: number of processes.
+    """Simulate commands with an effect and without it, and take away what the nuisances explain.
 
     Raises:
         EstimateError: a simulation does not converge.
         InputError: the robot cannot be simulated.
     """
     white = tuple(Noise(channel=c, rest=NOMINAL[c]) for c in CHANNELS)
-    driven = [Driven(variant=v, noise=white) for v in variants]
     with Bench(FineWorld(robot, soil, tuple(variants), {active.id: active.effect}), jobs) as bench:
-        trials = [trial_model(k, d.variant, d, robot) for k, d in enumerate(driven)]
+        trials = [trial_model(k, v, Driven(variant=v, noise=white), robot) for k, v in enumerate(variants)]
         problem = Problem(trials, bench)
         point = problem.neutral()
         slopes = problem.slopes(point)
@@ -87,25 +74,22 @@ def imprint(
         raise EstimateError(f"{active.id}: a simulation does not converge", hint)
     problem.weigh(nominal(problem), point, slopes)
     pairs = zip(runs, slopes.response, strict=True)
-    change = tuple(stacked([run - response], response) for run, response in pairs)
-    nothing = [np.zeros_like(t.measured) for t in trials]
-    normal = problem.normal(point, slopes, nothing, further=Further(change))
-    rows: dict[tuple[int, str], Array] = {}  # whitened, the change behind the nuisances
-    for part in normal.parts:
-        for c in part.channels:
-            row = rows[c.rows[0].trial, c.name] = np.zeros((c.rows[0].columns.shape[0], normal.size - 1))
-            row[:, part.place[c.rows[0].place]] = c.rows[0].columns
+    further = Further(tuple(stacked([run - response], response) for run, response in pairs))
+    local = sum(x.size for x in point.trials)
+    rows, begin = [], 0  # whitened, the change behind the nuisances
+    for k, x in enumerate(point.trials):
+        columns = problem.whiten(k, problem.columns(k, point, slopes, further))
+        row = np.zeros((columns.shape[0], point.vector.size + 1))
+        row[:, begin : begin + x.size], row[:, local:] = columns[:, : x.size], columns[:, x.size :]
+        rows.append(row)
+        begin += x.size
     precision = problem.prior(point, Scales(0.0, 0.0))[0] ** -2.0
-    gram = np.sum([row.T @ row for row in rows.values()], axis=0)
+    gram = np.sum([row.T @ row for row in rows], axis=0)
     fitted = np.linalg.solve(gram[:-1, :-1] + np.diag(precision), gram[:-1, -1])
-    left = {key: row @ np.append(-fitted, 1.0) for key, row in rows.items()}
-    seen = tuple(
-        Seen(
-            t.observation,
-            {c: NOMINAL[c] * rows[k, c][:, -1] for c in t.channels},
-            {c: NOMINAL[c] * left[k, c] for c in t.channels},
-        )
-        for k, t in enumerate(trials)
-    )
-    remaining = sum(float(np.sum(row**2)) for row in left.values())
-    return Imprint(active, seen, float(np.sqrt(remaining / max(gram[-1, -1], 1e-300))))
+    left = [row @ np.append(-fitted, 1.0) for row in rows]
+    seen = []
+    for t, bins, row, rest in zip(trials, problem.rows, rows, left, strict=True):
+        raw, gone = ({c: NOMINAL[c] * of[at] for c, at in bins.items()} for of in (row[:, -1], rest))
+        seen.append(Seen(t.observation, raw, gone))
+    remaining = sum(float(rest @ rest) for rest in left)
+    return Imprint(active, tuple(seen), float(np.sqrt(remaining / max(gram[-1, -1], 1e-300))))

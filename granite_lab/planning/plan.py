@@ -18,9 +18,9 @@ from granite_lab.model.command import duration, peak_velocity
 from granite_lab.model.effect import Effect
 from granite_lab.parameters import Variant
 from granite_lab.planning.design import Design, Driven
-from granite_lab.planning.question import DECISIVE, Question, explanations, question
-from granite_lab.planning.stage import Stage, fitted
+from granite_lab.planning.stage import DECISIVE, Question, Stage, explanations, fitted, question
 from granite_lab.processes import one_thread
+from granite_lab.shown import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,13 +52,10 @@ Outlook = dict[str, float]
 
 @dataclass(frozen=True)
 class Option:
-    """A trial that could be driven.
+    """A trial that could be driven: what it adds, and how it is done.
 
     Attributes:
-        variant, conditions: the command, and under what it is driven.
         like: the trials at hand whose channels and noise it would have.
-        why: what it adds.
-        how: what to do.
         repeats: the command was driven already under these conditions.
     """
 
@@ -75,7 +72,6 @@ class Proposal:
     """A trial that could be driven, with what would be known after it.
 
     Attributes:
-        option: the trial.
         after: with it and the trials at hand.
         improves: what it improves most.
         worth: a standard deviation falls by a fifth or more, or a Bayes factor becomes 20 times larger.
@@ -94,12 +90,9 @@ class Plan:
     """The proposals, the best first.
 
     Attributes:
-        question: what is open.
         models: the explanations with their values.
-        now: what the trials at hand tell.
-        proposals: ranked.
+        now: what the trials at hand, those of the `design`, tell.
         failed: number of commands that cannot be simulated.
-        design: the trials at hand.
     """
 
     question: Question
@@ -116,15 +109,15 @@ class Plan:
 
     def to_frame(self) -> pd.DataFrame:
         """Return the proposals, one row each, best first, with what each improves most."""
-        import pandas as pd  # noqa: PLC0415
-
+        columns = ["v_mps", "a_mps2", "distance_m", "conditions", "repeats", "improves", "before", "after"]
+        columns += ["worth", "why"]
         rows = []
         for p in self.proposals:
             o, v = p.option, p.option.variant
             figures = (p.improves, self.now[p.improves], p.after[p.improves], p.worth, o.why)
-            rows.append((v.velocity, v.acceleration, v.distance, o.conditions.words, o.repeats, *figures))
-        names = ["v_mps", "a_mps2", "distance_m", "conditions", "repeats"]
-        return pd.DataFrame(rows, columns=[*names, "improves", "before", "after", "worth", "why"])
+            row = (v.velocity, v.acceleration, v.distance, o.conditions.words, o.repeats, *figures)
+            rows.append(dict(zip(columns, row, strict=True)))
+        return frame(rows, columns)
 
 
 @one_thread()
@@ -149,8 +142,7 @@ def plan_next(
 
     Raises:
         EstimateError: the trials at hand, or the explanations, cannot be simulated.
-        InputError: the design is of another version of an effect.
-        UsageError: a named effect is not known.
+        InputError, UsageError: as in `question`.
     """
     asked = question(design, known)
     effects = {*asked.rivals, *dict(asked.named)}

@@ -85,7 +85,7 @@ class Speed:
 
 def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
     """Group the trials by desired velocity, to 0.01 m/s."""
-    from granite_lab.fitting.likelihood import k92_interval  # noqa: PLC0415, heavy
+    from granite_lab.fitting.atheta import k92_interval  # noqa: PLC0415, heavy
 
     groups: dict[float, list[TrialResult]] = {}
     for trial in result.trials:

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from granite_lab.comparison.record import Comparison
+from granite_lab.comparison.compare import Comparison
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.parameters import Paper, load_paper

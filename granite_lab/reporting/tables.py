@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.finding import Candidate, Detectable, Finding, FoundEffect, FoundParameter
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate, Part, mean_over
-from granite_lab.fitting.budget import LEFT_OUT, Budget, of_a_theta, of_mean
+from granite_lab.fitting import fit as records
 from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit, Law
 from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.reporting.answers import Answers, ChannelAnswer, Speed
@@ -173,7 +173,7 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[Table]:
 
     What has no stated std, or no components, has no budget.
     """
-    budgets: dict[str, list[Budget | None]] = {what: [] for what in BUDGETS}
+    budgets: dict[str, list[records.Budget | None]] = {what: [] for what in BUDGETS}
     for speed in speeds:
         motions = [r.comparison.motion for r in speed.results]
         known = [m for m in motions if math.isfinite(m.slip_ratio.value)]
@@ -182,14 +182,16 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[Table]:
         parts = {"slip": [m.slip_parts for m in known], "k92": [f.parts for f in inner]}
         for what, mean in (("slip", slip), ("k92", k92)):
             stated = Estimate(mean.value, mean.std)
-            budgets[what].append(of_mean(speed.velocity, stated, parts[what]))
+            budgets[what].append(records.of_mean(speed.velocity, stated, parts[what]))
     if result.a_theta is not None:
-        budgets["a_theta"].append(of_a_theta(result.a_theta, [r.comparison.fit for r in result.trials]))
+        budgets["a_theta"].append(
+            records.of_a_theta(result.a_theta, [r.comparison.fit for r in result.trials])
+        )
     there = {what: [b for b in own if b is not None] for what, own in budgets.items()}
     return [_budget_table(what, own, result.virtual) for what, own in there.items() if own]
 
 
-def _budget_table(what: str, of: Sequence[Budget], virtual: bool) -> Table:
+def _budget_table(what: str, of: Sequence[records.Budget], virtual: bool) -> Table:
     """Return the budgets of one quantity as one table, the combined uncertainty of each last."""
     title, unit, scale = BUDGETS[what]
     rows = []
@@ -210,7 +212,8 @@ def _budget_table(what: str, of: Sequence[Budget], virtual: bool) -> Table:
     each = what != "a_theta"
     return tabulate(
         f"budget_of_{what}", rows, cells, virtual=virtual, skip=() if each else ("0:g",), unit=unit,
-        quantity=title, left_out=LEFT_OUT[what], mean="Mean over the trials of a speed. " if each else "",
+        quantity=title, left_out=records.LEFT_OUT[what],
+        mean="Mean over the trials of a speed. " if each else "",
     )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from granite_lab.comparison.record import Comparison
+    from granite_lab.comparison.compare import Comparison
     from granite_lab.discovery.finding import Finding
     from granite_lab.estimation.motion import Judgement, Motion
     from granite_lab.fitting.fit import AThetaFit, K92Fit

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from granite_lab.comparison.record import Comparison
+from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.files import readable, write_text

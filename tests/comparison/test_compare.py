@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from granite_lab.comparison.compare import alignment_std, compare, misfits_of
+from granite_lab.comparison.compare import compare, misfits_of
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.fitting import fit_k92, simulate_k92
@@ -113,9 +113,14 @@ def test_a_misfit_counts_what_it_says():
 
 
 def test_an_uncertain_start_counts_where_the_signal_is_steep():
-    t = np.linspace(0.0, 1.0, 101)
-    ramp = np.minimum(1.2 * t, 0.6)
-    std = alignment_std(ramp, t, Estimate(0.0, 0.01))
-    assert std[20] == pytest.approx(0.012)
-    assert std[80] == 0.0
-    assert not alignment_std(ramp, t, Estimate(0.0)).any()
+    motion, trial, _, fit = fitted()
+    for std in (0.01, math.nan):
+        start = Estimate(fit.t_start.value, std)
+        c = compare(motion, trial, dataclasses.replace(fit, t_start=start), ROBOT, SOIL)
+        at = np.array(motion.phase) == "accelerate"
+        ramp = np.gradient(c.simulated["velocity"], c.t)[at]
+        assert np.median(ramp) > 0.5
+        late = 0.0 if math.isnan(std) else std * np.abs(ramp)
+        away = (c.simulated["velocity"] - c.measured["velocity"])[at]
+        expected = np.sqrt(np.mean((away / np.hypot(c.measured_std["velocity"][at], late)) ** 2))
+        assert misfit(c, "velocity", "accelerate").normalised == pytest.approx(expected)

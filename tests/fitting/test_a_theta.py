@@ -10,9 +10,8 @@ from scipy.optimize import curve_fit
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.fitting import fit_a_theta, published_fit
-from granite_lab.fitting.budget import SCATTER, of_a_theta, of_mean
-from granite_lab.fitting.fit import K92Fit
-from granite_lab.fitting.likelihood import a_theta_interval, k92_interval
+from granite_lab.fitting.atheta import a_theta_interval, k92_interval
+from granite_lab.fitting.fit import SCATTER, K92Fit, of_a_theta, of_mean
 from granite_lab.parameters import load_paper
 from tests.fitting.made_up import made_up_fit
 
@@ -203,7 +202,7 @@ def test_a_straight_curve_gives_the_interval_of_the_covariance():
     k = np.exp(-4.9 * v)
     trials = [fit(straight, x) for x in k]
     std = 1 / math.sqrt(float(((v * k) ** 2 / own).sum()))
-    low, high = a_theta_interval(trials, v, own, 0 * own, Estimate(4.9, std), 0.5)
+    low, high = a_theta_interval(trials, v, np.diag(own), Estimate(4.9, std), 0.5)
     assert (low, high) == pytest.approx((4.9 - 0.5 * std, 4.9 + 0.5 * std), abs=0.05 * std)
 
 
@@ -231,7 +230,8 @@ def test_the_interval_of_a_theta_holds_the_truth_as_often_as_it_says():
             trials.append(dataclasses.replace(fit(bent, root), slip_measured=Estimate(seen, STD)))
         own = np.array([t.k92.std for t in trials]) ** 2
         weight = (v * true) ** 2 / own
-        low, high = a_theta_interval(trials, v, own, 0 * own, Estimate(a, 1 / math.sqrt(weight.sum())), 1.96)
+        std = 1 / math.sqrt(weight.sum())
+        low, high = a_theta_interval(trials, v, np.diag(own), Estimate(a, std), 1.96)
         inside += low <= a <= high
     assert inside / draws == pytest.approx(0.95, abs=0.04)
 

@@ -13,11 +13,11 @@ from granite_lab.effects import get
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import correct
-from granite_lab.fitting import K92Fit, fit_k92, fit_trajectory, simulate_k92, simulated_slip, slip_interval
+from granite_lab.fitting import K92Fit, fit_k92, simulate_k92, simulated_slip, slip_interval
 from granite_lab.fitting.k92 import SlipCurve
 from granite_lab.logs.trial import Trial
 from granite_lab.model import simulate
-from granite_lab.model.command import steady_interval, steady_part
+from granite_lab.model.command import peak_velocity, steady_interval, steady_part
 from granite_lab.model.effect import activate
 from granite_lab.parameters import Robot, load_paper, load_robot, load_soil, load_variants, variant_of
 from tests.fitting.made_up import draw_soil, made_up_trial, without_currents
@@ -107,9 +107,15 @@ def test_k92_and_the_start_are_found_from_a_start_that_is_off():
     assert fit.t_start.value == pytest.approx(start, abs=0.002)
 
 
+def a_theta_of(fit):
+    """a_θ of (5) by the trajectory."""
+    k92, v = fit.k92_trajectory, peak_velocity(fit.variant)
+    return Estimate(-math.log(k92.value) / v, k92.std / (k92.value * v))
+
+
 def test_a_k92_far_from_the_papers_is_found():
     motion, trial, _, _ = trial_by_5(0.5, math.exp(-2.5 * 0.5))
-    own = fit_trajectory(trial, motion, ROBOT, SOIL).a_theta
+    own = a_theta_of(fit_k92(motion, trial, ROBOT, SOIL))
     assert own.value == pytest.approx(2.5, abs=3 * own.std)
     assert own.std < 0.3
 
@@ -125,9 +131,10 @@ def test_without_currents_the_interval_is_wider():
 def test_stamps_of_the_imu_that_come_late_are_latency_and_not_k92():
     motion, trial, _, _ = trial_by_5(0.5, 0.0855)
     late = dataclasses.replace(trial, imu=dataclasses.replace(trial.imu, t=trial.imu.t + 0.008))
-    at_once, delayed = (fit_trajectory(t, motion, ROBOT, SOIL) for t in (trial, late))
+    at_once, delayed = (fit_k92(motion, t, ROBOT, SOIL) for t in (trial, late))
     assert delayed.latency.value - at_once.latency.value == pytest.approx(0.008, abs=1e-3)
-    assert delayed.a_theta.value == pytest.approx(at_once.a_theta.value, abs=0.5 * at_once.a_theta.std)
+    k92 = at_once.k92_trajectory
+    assert delayed.k92_trajectory.value == pytest.approx(k92.value, abs=0.5 * k92.std)
 
 
 def test_effects_of_the_model_are_in_the_fit():
@@ -166,7 +173,7 @@ def test_a_theta_of_a_trial_by_the_independent_simulator(number, velocity):
     soil = draw_soil(rng)
     run = simulate_truth(variant_of(velocity), a_theta=true, soil=soil, settle=2.0, after=3.0)
     trial, motion = correct(log_run(20 + number, run).trial, robot)
-    found = fit_trajectory(trial, motion, robot, SOIL).a_theta
+    found = a_theta_of(fit_k92(motion, trial, robot, SOIL))
     assert found.value == pytest.approx(true, abs=2.5 * found.std)
     assert found.std < 0.2
 

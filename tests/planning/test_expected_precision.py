@@ -23,8 +23,7 @@ from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, Variant, load_robot, load_soil
 from granite_lab.planning.design import Design, Driven, Figure, Named, Noise
 from granite_lab.planning.plan import plan_next
-from granite_lab.planning.question import explanations, question
-from granite_lab.planning.stage import Stage, fitted, whitener_of
+from granite_lab.planning.stage import Stage, explanations, fitted, question, whitener_of
 from tests.planning.test_plan_next import design_of, driven_of
 
 ROBOT, SOIL = load_robot(), load_soil()

@@ -32,8 +32,7 @@ from granite_lab.planning.design import (
     save_design,
 )
 from granite_lab.planning.plan import options, plan_next
-from granite_lab.planning.question import question
-from granite_lab.planning.stage import trial_model, whitener_of
+from granite_lab.planning.stage import question, trial_model, whitener_of
 from tests.corpus.cli import lab, refused, told
 from tests.reporting.made_up_finding import made_up_finding
 

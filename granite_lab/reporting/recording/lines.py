@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import rerun as rr
 
-from granite_lab.comparison.record import Comparison
+from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding, Residual
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import rerun as rr
 
-from granite_lab.comparison.record import Comparison
+from granite_lab.comparison.compare import Comparison
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS, Chassis, Robot, Wheels
 from granite_lab.reporting.recording.lines import MOST_ROWS, SIMULATED, Rgb, command_start
