@@ -76,8 +76,7 @@ def correct(
         variants: motions to recognise, Table 2 by default.
         rests: standstills given by hand, in the log's time [s].
         distance_measured: measured total distance with its std [m].
-        slip_std: std of the steady slip ratio far from standstills, if it is known to be zero on the
-            long average.
+        slip_std: std of the slip ratio about its expected value far from standstills, if the ground is known.
 
     Returns:
         the trial as corrected, which later stages read in place of the log (see `clean.clean_trial`); its
