@@ -22,8 +22,7 @@ from granite_lab.files import refuse_special
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.results import StudyResult, TrialResult
 from granite_lab.running import each_trial, sifted
-from granite_lab.running.cache import code, content, digest_of, fingerprint
-from granite_lab.running.codec import encode
+from granite_lab.running.cache import code, content, digest_of, encode, fingerprint
 from granite_lab.running.options import corrected
 from granite_lab.running.output import Guard, claimed, tell
 
