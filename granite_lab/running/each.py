@@ -243,7 +243,8 @@ def run_on(client: Any, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[
     pool = client.get_executor(pure=False)
 
     def room() -> int:
-        return max(1, sum(client.nthreads().values())) * (1 + AHEAD)
+        threads: int = sum(client.nthreads().values())
+        return max(1, threads) * (1 + AHEAD)
 
     def idle() -> None:
         if not client.nthreads():
