@@ -20,13 +20,10 @@ from granite_lab.running.output import tell
 
 @dataclass(frozen=True)
 class Verification:
-    """What came out of a report that was made again.
+    """A report (``report.json``) that was made again from a number of trials.
 
-    Attributes:
-        report: its ``report.json``.
-        trials: how many were computed again.
-        differences: what differs, one line each; empty where the report can be made again byte by byte.
-        notes: what a reader should know besides, such as another version.
+    The differences, one line each, are empty where it can be made again byte by byte; notes tell of another
+    version.
     """
 
     report: Path
@@ -50,7 +47,6 @@ def verify(
     Args:
         report: a report's folder or its ``report.json``.
         logs: the logs, where they no longer lie where the report says.
-        execution: where the work is done.
         done, progress: as in `study`.
 
     Raises:
@@ -79,19 +75,17 @@ def verify(
         tell(write(result, options, folder).failures)
         was, now = _values(old, path.parent), _values(load_report(folder / "report.json"), folder)
     for place in sorted(was.keys() | now.keys()):
-        if place not in was or place not in now:
-            differences.append(
-                f"{place}: {'only in the report' if place in was else 'missing in the report'}"
-            )
+        if place not in now:
+            differences.append(f"{place}: only in the report")
+        elif place not in was:
+            differences.append(f"{place}: missing in the report")
         elif was[place] != now[place]:
             differences.append(f"{place}: {was[place]:.60} in the report, {now[place]:.60} now")
-    notes = []
-    if origin["version"] != __version__ or origin["code_sha256"] != code():
-        notes.append(
-            f"the report was made by granite-lab {origin['version']}, whose sources or libraries were not "
-            f"those of this {__version__}"
-        )
-    return Verification(path, len(files), tuple(differences), tuple(notes))
+    version = origin["version"]
+    other = f"granite-lab {version}, whose sources or libraries were not those of this {__version__}"
+    same = version == __version__ and origin["code_sha256"] == code()
+    notes = () if same else (f"the report was made by {other}",)
+    return Verification(path, len(files), tuple(differences), notes)
 
 
 def _recorded(document: dict[str, Any], left_out: Collection[str], report: Path) -> Iterator[Path]:

@@ -25,7 +25,7 @@ from granite_lab.errors import UsageError
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_KINDS: dict[Any, tuple[str, type]] = {
+_KINDS: dict[Any, tuple[str, Any]] = {
     str: ("a text", str), Path: ("a path", os.PathLike), bool: ("True or False", bool),
     float: ("a number", numbers.Real), int: ("a whole number", numbers.Integral),
     type(None): ("None", type(None)), Mapping: ("a dictionary", Mapping), Sequence: ("a list", Sequence),
@@ -184,8 +184,9 @@ def _fits(value: Any, hint: Any) -> bool:
         if not isinstance(accepted, type):  # anything
             return True
         mistaken = {bool: (float, int), str: (Sequence,)}.get(type(value), ())
-        if isinstance(value, accepted) and kind not in mistaken:
-            items = value.values() if kind is Mapping else value if kind is Sequence else ()
+        if kind not in mistaken and isinstance(value, accepted):
+            given: Any = value
+            items = given.values() if kind is Mapping else given if kind is Sequence else ()
             if not inside or all(_fits(item, inside[-1]) for item in items):
                 return True
     return False
