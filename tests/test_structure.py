@@ -31,7 +31,6 @@ STAGES = [
     {"two_studies"},
     {"running"},
     {"study"},
-    {"verify"},
     {"api"},
     {"commands"},
     {"cli"},

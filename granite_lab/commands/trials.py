@@ -208,10 +208,8 @@ def study(
 
 
 def _verify(call: Call[tuple[Written, Origin]], report: Path) -> None:
-    from granite_lab.verify import verify
-
     execution = Execution(call.said["jobs"], call.said.get("scheduler"))
-    found = call.of(verify, report, call.said.get("logs", ()), execution=execution)
+    found = call.of(api.verify, report, call.said.get("logs", ()), execution=execution)
     warn(found.notes)
     lines = found.differences
     call.json("verify/1", {"same": not lines} | vars(found))
