@@ -26,8 +26,7 @@ from pathlib import Path
 
 from granite_lab.reporting import write_report
 from granite_lab.running import Cache, Execution, Options
-from granite_lab.running.cache import trial_key
-from granite_lab.running.codec import ALIGNED, encode, sealed
+from granite_lab.running.cache import ALIGNED, encode, sealed, trial_key
 from granite_lab.study import analyse, study
 
 FIRST = "_000"

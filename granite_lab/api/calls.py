@@ -15,20 +15,23 @@ import os
 import re
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypeVar
+from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar
 
 from granite_lab.errors import UsageError
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_WORDS = {
-    str: "a text", Path: "a path", float: "a number", int: "a whole number", bool: "True or False",
-    type(None): "None", Mapping: "a dictionary", Sequence: "a list", Callable: "a function",
+_KINDS: dict[Any, tuple[str, Any]] = {
+    str: ("a text", str), Path: ("a path", os.PathLike), bool: ("True or False", bool),
+    float: ("a number", numbers.Real), int: ("a whole number", numbers.Integral),
+    type(None): ("None", type(None)), Mapping: ("a dictionary", Mapping), Sequence: ("a list", Sequence),
+    Callable: ("a function", Callable),
 }  # fmt: skip
+"""Type of an annotation to what it is called, and to the type of its values."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +50,7 @@ class Arg:
     high: float = math.inf
 
     def refuse(self, name: str, value: Any) -> None:
-        """Refuse a number that is out of its limits.
-
-        Raises:
-            UsageError: it is.
-        """
+        """Raise a UsageError for a number that is out of its limits."""
         if isinstance(value, (int, float)) and not self.low <= value <= self.high:
             option = f"--{name.replace('_', '-')} {value:g}"
             raise UsageError(f"{option} is out of range", f"expected a number of {self.limits}")
@@ -59,9 +58,7 @@ class Arg:
     @property
     def limits(self) -> str:
         """The limits in words."""
-        if self.high < math.inf:
-            return f"{self.low:g} to {self.high:g}"
-        return f"{self.low:g} or more"
+        return f"{self.low:g} to {self.high:g}" if self.high < math.inf else f"{self.low:g} or more"
 
 
 NAMED = "a name of the catalogue or a .toml file"
@@ -79,17 +76,6 @@ Jobs = Annotated[int, Arg("number of processes; 0 means one per core", 0, low=0)
 Done = Annotated[Callable[[Path], None], Arg("called with each path once it is finished", lambda _: None)]
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of a function: its name, the types that it may have, its default and what is said of it."""
-
-    name: str
-    kinds: tuple[Any, ...]
-    default: Any
-    help: str
-    arg: Arg
-
-
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Make a function raise a TypeError that names the parameter, what was expected and what was given.
 
@@ -102,19 +88,17 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     if parameters and parameters[-1].kind is inspect.Parameter.VAR_KEYWORD:
         (said,) = typing.get_args(hints.pop(parameters.pop().name))
         hints |= (shared := typing.get_type_hints(said, include_extras=True))
-        parameters += [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=_arg(hint).default)
-            for name, hint in shared.items()
-        ]
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        parameters += [inspect.Parameter(n, keyword, default=_arg(h).default) for n, h in shared.items()]
         signature = signature.replace(parameters=parameters)
 
     @functools.wraps(function)
     def called(*args: P.args, **kwargs: P.kwargs) -> R:
-        for name in kwargs:
-            if name not in signature.parameters:
-                close = difflib.get_close_matches(name, signature.parameters, n=1)
-                hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(signature.parameters)}"
-                raise TypeError(f"{function.__name__}(): unknown parameter '{name}'; {hint}")
+        known = signature.parameters
+        for name in (n for n in kwargs if n not in known):
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+            raise TypeError(f"{function.__name__}(): unknown parameter '{name}'; {hint}")
         try:
             bound = signature.bind(*args, **kwargs)
         except TypeError as error:
@@ -128,22 +112,24 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         return function(*bound.args, **bound.kwargs)
 
     vars(called).update(__signature__=signature, hints=hints)
-    called.__doc__ = _completed(inspect.getdoc(function) or "", hints)
+    parts = (inspect.getdoc(function) or "").split("\n\n")
+    if lines := [f"\n    {name}: {_arg(h).help}." for name, h in hints.items() if _arg(h).help]:
+        sections = (i for i, part in enumerate(parts) if part.startswith(("Args:", "Returns:", "Raises:")))
+        place = next(sections, len(parts))
+        parts[place:place] = [] if any(part.startswith("Args:") for part in parts) else ["Args:"]
+        parts[place] += "".join(lines)
+    called.__doc__ = "\n\n".join(parts)
     return called
 
 
-def _completed(doc: str, hints: Mapping[str, Any]) -> str:
-    """Return a docstring with the arguments that are described in their annotations."""
-    lines = [f"\n    {name}: {_arg(hint).help}." for name, hint in hints.items() if _arg(hint).help]
-    if not lines:
-        return doc
-    parts = doc.split("\n\n")
-    known = (i for i, part in enumerate(parts) if part.startswith(("Args:", "Returns:", "Raises:")))
-    place = next(known, len(parts))
-    if not any(part.startswith("Args:") for part in parts):
-        parts.insert(place, "Args:")
-    parts[place] += "".join(lines)
-    return "\n\n".join(parts)
+class Parameter(NamedTuple):
+    """A parameter of a function: its name, the types that it may have, its default and what is said of it."""
+
+    name: str
+    kinds: tuple[Any, ...]
+    default: Any
+    help: str
+    arg: Arg
 
 
 def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
@@ -160,9 +146,8 @@ def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
 
 def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
     """Return the annotations of a function; names in them that it does not import may be anything."""
-    return typing.get_type_hints(
-        function, localns=_Known(vars(typing) | function.__globals__), include_extras=True
-    )
+    known = _Known(vars(typing) | function.__globals__)
+    return typing.get_type_hints(function, localns=known, include_extras=True)
 
 
 class _Known(dict[str, Any]):
@@ -182,28 +167,26 @@ def _alternatives(hint: Any) -> tuple[Any, ...]:
     return (hint,)
 
 
-def _words(hint: Any) -> str:
-    words = []
+def _parts(hint: Any) -> Iterator[tuple[Any, tuple[Any, ...], str, Any]]:
+    """Yield of each alternative its kind, what is inside, what it is called and the type of its values."""
     for part in _alternatives(hint):
-        kind, inside = typing.get_origin(part) or part, typing.get_args(part)
-        word = _WORDS.get(kind, getattr(kind, "__name__", str(kind)))
-        words.append(f"{word} of ({_words(inside[0])})" if kind is Sequence and inside else word)
+        kind = typing.get_origin(part) or part
+        yield kind, typing.get_args(part), *_KINDS.get(kind, (getattr(kind, "__name__", str(kind)), kind))
+
+
+def _words(hint: Any) -> str:
+    words = [f"{w} of ({_words(k[0])})" if kind is Sequence and k else w for kind, k, w, _ in _parts(hint)]
     return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    return any(_is(value, typing.get_origin(x) or x, typing.get_args(x)) for x in _alternatives(hint))
-
-
-def _is(value: Any, kind: Any, inside: tuple[Any, ...]) -> bool:
-    if kind in (float, int):
-        number = numbers.Real if kind is float else numbers.Integral
-        return isinstance(value, number) and not isinstance(value, bool)
-    if kind is Path:
-        return isinstance(value, os.PathLike)
-    if kind is Sequence:
-        listed = isinstance(value, Sequence) and not isinstance(value, str)
-        return listed and (not inside or all(_fits(item, inside[0]) for item in value))
-    if kind is Mapping:
-        return isinstance(value, Mapping) and all(_fits(v, inside[1]) for v in value.values())
-    return isinstance(value, kind) if isinstance(kind, type) else True
+    for kind, inside, _, accepted in _parts(hint):
+        if not isinstance(accepted, type):  # anything
+            return True
+        mistaken = {bool: (float, int), str: (Sequence,)}.get(type(value), ())
+        if kind not in mistaken and isinstance(value, accepted):
+            given: Any = value
+            items = given.values() if kind is Mapping else given if kind is Sequence else ()
+            if not inside or all(_fits(item, inside[-1]) for item in items):
+                return True
+    return False

@@ -32,12 +32,7 @@ TRIALS, FINDING = "trials", "finding"
 
 @dataclass(frozen=True)
 class HiddenSet:
-    """Virtual trials in which something is hidden, or nothing.
-
-    Attributes:
-        trials: the logs.
-        sealed: the file with the sealed answer.
-    """
+    """Virtual trials in which something is hidden, or nothing, and the file with the sealed answer."""
 
     trials: tuple[Path, ...]
     sealed: Path
@@ -50,13 +45,7 @@ class HiddenSet:
 
 @dataclass(frozen=True)
 class Revealed:
-    """The answer of a hidden set, and what it says of a discovery.
-
-    Attributes:
-        answer: as it was sealed.
-        score: the judgement; None where no discovery was given.
-        warnings: trials that are missing or have changed since they were written.
-    """
+    """The answer of a hidden set, the score of a discovery if one was given, and trials that have changed."""
 
     answer: Mapping[str, Any]
     score: Score | None
@@ -179,12 +168,7 @@ def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
 
 @dataclass(frozen=True)
 class Kit:
-    """An empty kit.
-
-    Attributes:
-        folder: where it lies.
-        files: what is in it.
-    """
+    """An empty kit: its folder and what is in it."""
 
     folder: Path
     files: tuple[Path, ...]
@@ -241,12 +225,7 @@ def kit(out: str | Path) -> Kit:
 
 
 def _searched_kit(folder: Path, jobs: int) -> Path:
-    """Return the folder with the discovery of a kit; where there is none, search for it.
-
-    Raises:
-        InputError: there is no log, or one cannot be used.
-        EstimateError: the search is impossible.
-    """
+    """Return the folder with the discovery of a kit; where there is none, search for it."""
     from granite_lab.api.trials import discover  # noqa: PLC0415, heavy, and nothing to `hide`
 
     trials, found = folder / TRIALS, folder / FINDING

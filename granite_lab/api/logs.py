@@ -48,14 +48,7 @@ SHARE = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Ingested(Shown):
-    """One log and the motion in it.
-
-    Attributes:
-        trial: the samples as they were logged, in SI.
-        robot: whose log it is.
-        motion: the estimate with its uncertainty.
-        judgement: how the estimate stands against the log's reference; None where nobody asked.
-    """
+    """The trial of a log, its robot and its motion; if asked for, the judgement by the log's reference."""
 
     trial: Trial
     robot: Robot
@@ -218,33 +211,20 @@ def view(
 
 
 def _recording_in(folder: Path, trial: str | None) -> Path:
-    """Return the recording of a trial in a report folder, or that of the whole study.
-
-    Raises:
-        InputError: there is none.
-    """
+    """Return the recording of a trial in a report folder, or that of the whole study."""
     found = {path.stem: path for path in sorted(folder.rglob("*.rrd"), reverse=True)}
     if not found:
-        raise InputError(
-            f"{folder}: no recording in it", "make one with 'granite-lab study TRIALS --out DIR'"
-        )
+        hint = "make one with 'granite-lab study TRIALS --out DIR'"
+        raise InputError(f"{folder}: no recording in it", hint)
     if trial is not None and trial not in found:
-        raise InputError(
-            f"{folder}: no recording of trial '{trial}'", f"there are: {', '.join(sorted(found))}"
-        )
+        hint = f"there are: {', '.join(sorted(found))}"
+        raise InputError(f"{folder}: no recording of trial '{trial}'", hint)
     return found[trial] if trial else found.get("study", found[min(found)])
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was checked.
-
-    Attributes:
-        name: of the check.
-        good: it passed.
-        found: what was found, in one line.
-        advice: what to do where it failed.
-    """
+    """One thing that was checked, whether it passed, what was found, and what to do where it failed."""
 
     name: str
     good: bool
@@ -333,7 +313,9 @@ def _log(trial: Trial, path: Path) -> Check:
 def _sensors(trial: Trial) -> Iterator[Check]:
     """Say of each sensor whether its channels hold numbers that change."""
     imu, wheels, currents = trial.imu, trial.wheels, trial.currents
-    if imu is not None:
+    if imu is None:
+        yield Check("IMU", False, "not in the log", "check plug, driver and topic of the IMU")
+    else:
         names = [f"{kind} {axis}" for kind in ("acceleration", "rate") for axis in "xyz"]
         values = np.hstack([imu.specific_force, imu.angular_rate]).T
         dead = [n for n, x in zip(names, values, strict=True) if np.isfinite(x).any() and not _travel(x)]
@@ -342,16 +324,14 @@ def _sensors(trial: Trial) -> Iterator[Check]:
         found = f"constant: {', '.join(dead)}" if dead else f"{_rate(imu.t)}, all channels change"
         found += "" if heavy else f"; magnitude at rest {size:.2f} m/s², not 9.81"
         yield Check("IMU", not dead and heavy, found, "check plug, range and unit of the IMU")
+    if wheels is None:
+        yield Check("encoders", False, "not in the log", "check plugs and driver of the encoders")
     else:
-        yield Check("IMU", False, "not in the log", "check plug, driver and topic of the IMU")
-    if wheels is not None:
         travel = {n: _travel(angle) for n, angle in zip(WHEELS, wheels.angle.T, strict=True)}
         still = [n for n, x in travel.items() if not x > SHARE * max(travel.values())]
         found = f"no motion: {', '.join(still)}" if still else f"{_rate(wheels.t)}, all four wheels turn"
         advice = "check plugs of the encoders, and whether the robot drove"
         yield Check("encoders", not still, found, advice)
-    else:
-        yield Check("encoders", False, "not in the log", "check plugs and driver of the encoders")
     if currents is not None:
         flat = [n for n, c in zip(WHEELS, currents.current.T, strict=True) if not _travel(c)]
         found = f"constant: {', '.join(flat)}" if flat else f"{_rate(currents.t)}, all four motors draw"
@@ -373,36 +353,25 @@ def _motion(motion: Motion, trial: Trial) -> Iterator[Check]:
     ends = (motion.t[0], motion.t[-1])
     first = sum(b - a for a, b in motion.health.rests if b <= motion.steady[0] or a <= ends[0] + REST)
     last = sum(b - a for a, b in motion.health.rests if a >= motion.steady[1] or b >= ends[1] - REST)
-    yield Check(
-        "standstills",
-        min(first, last) >= REST,
-        f"{first:.1f} s before the run, {last:.1f} s after it, {REST:g} s are needed",
-        "let the robot stand still for 2 s before and after the run",
-    )
+    found = f"{first:.1f} s before the run, {last:.1f} s after it, {REST:g} s are needed"
+    advice = "let the robot stand still for 2 s before and after the run"
+    yield Check("standstills", min(first, last) >= REST, found, advice)
     speeds = motion.v_wheel[(motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])]
     speeds = speeds[np.isfinite(speeds)]
     speed = float(speeds.mean()) if speeds.size else math.nan
-    wanted = trial.info.v_desired or (
-        motion.variant.velocity if motion.variant_source != "measured" else None
-    )
+    measured = motion.variant_source == "measured"
+    wanted = trial.info.v_desired or (None if measured else motion.variant.velocity)
     said = f", desired {wanted:g} m/s" if wanted else "; the log does not say which is desired"
-    yield Check(
-        "speed",
-        math.isfinite(speed) and (wanted is None or abs(speed - wanted) <= SPEED * wanted),
-        f"wheels {speed:.3f} m/s{said}, for {motion.steady[1] - motion.steady[0]:.1f} s"
-        if math.isfinite(speed)
-        else "no part at constant speed",
-        "check the command, the battery and the current limit",
-    )
+    found = f"wheels {speed:.3f} m/s{said}, for {motion.steady[1] - motion.steady[0]:.1f} s"
+    good = math.isfinite(speed) and (wanted is None or abs(speed - wanted) <= SPEED * wanted)
+    advice = "check the command, the battery and the current limit"
+    yield Check("speed", good, found if math.isfinite(speed) else "no part at constant speed", advice)
     slip = motion.slip_ratio
     low, high = slip.interval()
     usual = f"usual: {100 * SLIP[0]:.0f} to {100 * SLIP[1]:.0f} %"
     known = f"λ_R {100 * slip.value:.1f} ± {100 * slip.std:.1f} %, {usual}"
-    yield Check(
-        "slip",
-        bool(low <= SLIP[1] and high >= SLIP[0]),
-        known if math.isfinite(slip.value) else "not known",
-        "check wheel radius, unit of the encoders and mounting of the IMU",
-    )
+    advice = "check wheel radius, unit of the encoders and mounting of the IMU"
+    good = bool(low <= SLIP[1] and high >= SLIP[0])
+    yield Check("slip", good, known if math.isfinite(slip.value) else "not known", advice)
     health = motion.health
     yield Check("estimate", health.grade != "poor", health.verdict, "look at the report of granite-lab study")

@@ -72,12 +72,7 @@ class _Model(NamedTuple):
 
 
 def _model(said: Said) -> _Model:
-    """Return the model that was asked for; what is given wins over the model file.
-
-    Raises:
-        UsageError: k_92 and a_θ together, or an unknown name.
-        InputError: a file cannot be used.
-    """
+    """Return the model that was asked for; what is given wins over the model file."""
     k92, a_theta, own, file = said["k92"], said["a_theta"], said["effects"], said["model"]
     if k92 is not None and a_theta is not None:
         raise UsageError("--k92 and --a-theta exclude each other", "give one of the two")
@@ -148,12 +143,7 @@ def simulate(
 def _trapezoid(
     variant: float | Variant | None, v: float | None, a: float | None, distance: float | None
 ) -> Variant:
-    """Return the motion that was asked for: a row of Table 2, or one given by its three numbers.
-
-    Raises:
-        UsageError: nothing or too much was given, or no such variant.
-        InputError: a number is out of its bounds.
-    """
+    """Return the motion that was asked for: a row of Table 2, or one given by its three numbers."""
     given: dict[str, Any] = {"velocity_mps": v, "acceleration_mps2": a, "distance_m": distance}
     if variant is not None:
         if any(value is not None for value in given.values()):
@@ -166,14 +156,7 @@ def _trapezoid(
 
 @dataclass(frozen=True, eq=False)
 class WheelRun:
-    """One wheel at one or more slips.
-
-    Attributes:
-        points: the wheel at each slip, in the order of the slips.
-        wheels, soil: what rolls on what.
-        effects: effects that act on the wheel, with their values.
-        left_out: ids of effects that cannot act on a single wheel.
-    """
+    """One wheel at one or more slips; `left_out` are ids of effects that cannot act on a single wheel."""
 
     points: tuple[WheelPoint, ...]
     wheels: Wheels
@@ -282,14 +265,8 @@ def params(robot: calls.RobotFile = None, soil: calls.SoilFile = None) -> Record
 def chosen_in(
     folder: Path, robot: str | Path | None = None, soil: str | Path | None = None
 ) -> dict[str, dict[str, str]]:
-    """Return which robot and soil hold for the logs of a folder, and who says so.
-
-    Args:
-        folder: of logs.
-        robot, soil: that win over its `granite-lab.toml`.
-
-    Raises:
-        InputError: that file is wrong.
+    """Return which robot and soil hold for the logs of a folder, and who says so: what is given wins over its
+    `granite-lab.toml`.
     """
     project, chosen = project_in(folder), {}
     for key, given, default in (("robot", robot, "granite"), ("soil", soil, "dry_sand")):

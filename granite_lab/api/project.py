@@ -91,12 +91,7 @@ class Chain(Fit, Search, total=False):
 
 @dataclass(frozen=True)
 class Excluded:
-    """A trial that is left out.
-
-    Attributes:
-        trial: its name, that of the log without the ending.
-        reason: why, one sentence.
-    """
+    """A trial that is left out, by the name of its log without the ending, and why."""
 
     trial: str
     reason: str
@@ -121,15 +116,7 @@ class Project:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Trials, what is said about all of them, and how the work is done.
-
-    Attributes:
-        files: the logs that are taken.
-        options: what holds for all of them; what is None is left to the log and the catalogue.
-        out: folder for folders of results.
-        excluded: trials that are excluded.
-        execution: where the work is done and what is remembered.
-    """
+    """Logs that are taken, what is said of all, the folder for results, and how the work is done."""
 
     files: tuple[Path, ...]
     options: Options

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import inspect
 import json as json_text
 import re
@@ -16,7 +15,7 @@ import typer
 
 from granite_lab import reporting
 from granite_lab.api.calls import hints_of, parameters_of
-from granite_lab.commands.options import FLAGS, Flag, names_of, options_of, said_for, said_of
+from granite_lab.commands.options import FLAGS, Flag, options_of, said_for, said_of
 from granite_lab.errors import printable
 from granite_lab.files import write_bytes
 from granite_lab.shown import jsonable
@@ -38,32 +37,20 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress display.
 class Call(Generic[T]):
     """The call of the API that a command stands for, and what is printed of it.
 
-    Args:
-        function: of the API.
-        said: its keywords.
-        told: keywords by which it tells how far it is.
-        busy: what is being done; an empty text shows no progress.
-        as_json: JSON is asked for, and nothing else is printed.
-
-    Attributes:
-        said, as_json: as given.
+    `said` are its keywords, `told` those by which it tells how far it is; `busy` is shown as progress, unless
+    it is empty. If JSON is asked for, nothing else is printed.
     """
 
     def __init__(
         self,
         function: Callable[..., T],
-        said: Mapping[str, Any],
+        said: dict[str, Any],
         told: Collection[str],
         busy: str,
         as_json: bool,
     ) -> None:
-        self.said, self.as_json = dict(said), as_json
+        self.said, self.as_json, self.shown = said, as_json, console(quiet=as_json)
         self._function, self._told, self._busy = function, told, busy
-
-    @functools.cached_property
-    def shown(self) -> Console:
-        """Where to print for a reader."""
-        return console(quiet=self.as_json)
 
     def __call__(self, **changes: Any) -> T:
         """Call it, with further keywords."""
@@ -83,12 +70,7 @@ class Call(Generic[T]):
         return Path(given) if given else choose(logs, self.said).out / name
 
     def json(self, schema: str, document: Mapping[str, Any]) -> None:
-        """Print one JSON document on stdout where it is asked for.
-
-        Args:
-            schema: its name and version.
-            document: the rest of it.
-        """
+        """Print one JSON document on stdout where it is asked for; `schema` is its name and version."""
         if not self.as_json:
             return
         whole = jsonable({"schema": f"granite-lab/{schema}"} | dict(document))
@@ -130,6 +112,7 @@ def command(
     """
     known = FLAGS | flags
     parameters = parameters_of(function)
+    names = {p.name: known.get(p.name, Flag()).named(p.name) for p in parameters}
     told = [p.name for p in parameters if p.name in ("done", "progress")]
 
     def decorate(show: Callable[..., None]) -> Callable[..., None]:
@@ -147,14 +130,14 @@ def command(
         common = [("quiet", Quiet)] * bool(busy) + [("as_json", Json)] * json
         called.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
             [
-                *options_of(parameters, known),
+                *options_of(parameters, known, names),
                 *extra,
                 *(inspect.Parameter(n, keyword, default=False, annotation=kind) for n, kind in common),
             ]
         )
         called.__annotations__ = {}
         about = re.split(r"\n\n(?:Args|Returns|Raises):", inspect.getdoc(function) or "")[0]
-        called.__doc__ = said_for(f"{about}\n\n{show.__doc__}", names_of(parameters, known))
+        called.__doc__ = said_for(f"{about}\n\n{show.__doc__}", names)
         return called
 
     return decorate
@@ -200,9 +183,8 @@ def warn_of(origin: Origin) -> dict[str, Any]:
 def progress(text: str) -> Iterator[dict[str, Callable[..., None]]]:
     """Show progress on stderr where it is a terminal, and nothing elsewhere or without a text.
 
-    Yields:
-        what functions of the API call: ``done`` after each step, ``progress`` with what is being done and how
-        often it was done, or with how many steps are done and of how many.
+    Yields what functions of the API call: ``done`` after each step, ``progress`` with what is being done and
+    how often it was done, or with how many steps are done and of how many.
     """
     from rich import progress as rich
 

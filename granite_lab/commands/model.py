@@ -21,7 +21,7 @@ from granite_lab.effects import get
 from granite_lab.errors import UsageError
 from granite_lab.files import ending_of, write_table
 from granite_lab.hidden.scoring import MEANING, Score
-from granite_lab.parameters import load_paper, load_variants, names
+from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, names
 from granite_lab.shown import picked
 
 if TYPE_CHECKING:
@@ -113,7 +113,6 @@ def params(
         "paper": load_paper(),
         "catalogue": {kind: names(kind) for kind in ("robots", "soils", "loggers")},
     }
-
     call.json("params/1", document)
     for key, value in chosen.items():
         call.line(f"{key}: {value['value']} ({value['origin']})")
@@ -195,13 +194,8 @@ def check_effect(call: Call[dict[str, tuple[Effect, list[Check]]]]) -> None:
 
 
 def _draw(effect: Effect, path: Path) -> str:
-    """Write the picture of an effect's signature at a typical size, and return what to see in it.
-
-    Raises:
-        EstimateError: a simulation does not converge.
-    """
+    """Write the picture of an effect's signature at a typical size, and return what to see in it."""
     from granite_lab.effects.contract import typical
-    from granite_lab.parameters import load_robot, load_soil, load_variants
     from granite_lab.planning.imprint import imprint
 
     jobs = min(4, os.cpu_count() or 1)

@@ -11,7 +11,7 @@ import math
 import re
 import typing
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -57,53 +57,25 @@ class Flag:
     default: Any = None
     shown: str | None = None
 
-    def annotated(self, parameter: Parameter, names: Mapping[str, str]) -> Any:
-        """Return the annotation by which typer makes an argument or option; `names` as in `said_for`."""
-        kinds = [kind for kind in parameter.kinds if kind in (bool, int, float, str, Path)]
-        kind = self.kind or (Path if Path in kinds else kinds[0])
-        text = self.help or parameter.help
-        if re.match(r"[a-z]+[ ,;:]", text):  # a word, no symbol or value
-            text = text[0].upper() + text[1:]
-        text = said_for(text, names)
-        if parameter.arg.low > 0 or parameter.arg.high < math.inf:
-            text = f"{text.rstrip('.')} ({parameter.arg.limits})."
-        if self.metavar is not None:
-            about: Any = typer.Argument(metavar=self.metavar, help=text, show_default=False)
-        else:
-            name, shown = names[parameter.name], self.shown or True
-            own = self.names or ((f"{name}/--no-{name[2:]}" if parameter.default is True else name),)
-            about = typer.Option(*own, help=text, show_default=shown)
-        optional = parameter.default is None or self.kind is not None
-        return Annotated[kind | None if optional else kind, about]
+    def named(self, name: str) -> str:
+        """Return what a parameter is called on the command line."""
+        return self.metavar or (*self.names, f"--{name.replace('_', '-')}")[0]
 
     def value_of(self, option: str, given: Any) -> Any:
-        """Return the parameter's value for what was given.
-
-        Raises:
-            UsageError: it cannot be understood.
-        """
+        """Return the parameter's value for what was given, or raise a UsageError."""
         if self.read is None:
             return given
         texts = given if isinstance(given, list) else [given]
         try:
             found = [self.read(text) for text in texts]
             return self.gather(found) if isinstance(given, list) else found[0]
-        except ValueError:
+        except (KeyError, ValueError):
             shown = " ".join(map(str, texts))
             raise UsageError(f"{option} {shown}: cannot be understood", self.hint) from None
 
 
-def names_of(parameters: Sequence[Parameter], flags: Mapping[str, Flag]) -> dict[str, str]:
-    """Return what parameters are called on the command line, by their names."""
-    found = {}
-    for p in parameters:
-        flag = flags.get(p.name, Flag())
-        found[p.name] = flag.metavar or (*flag.names, f"--{p.name.replace('_', '-')}")[0]
-    return found
-
-
 def said_for(text: str, names: Mapping[str, str]) -> str:
-    """Return a text of the API for the command line: `names` in place of parameters, and no backticks."""
+    """Return a text of the API as the command line has it: `names` in place of parameters, no backticks."""
     return re.sub(r"(?<!`)`(\w+)`(?!`)", lambda m: names.get(m[1], m[1]), text).replace("`", "")
 
 
@@ -150,12 +122,6 @@ def _measured(text: str) -> Estimate:
     return measured
 
 
-def _reference(text: str) -> bool:
-    if text != "ref":
-        raise ValueError
-    return True
-
-
 def _slips(text: str) -> list[float]:
     """Return the slip ratios that a text asks for: one, or start:end:step with both ends."""
     parts = [float(part) for part in text.split(":")]
@@ -168,12 +134,7 @@ def _slips(text: str) -> list[float]:
 
 
 def picture(text: str, **more: Any) -> Any:
-    """Return the option for the file of a picture, whose ending says the format.
-
-    Args:
-        text: of its help.
-        **more: as of `typer.Option`.
-    """
+    """Return the option for the file of a picture; `more` as of `typer.Option`."""
 
     def checked(option: typer.CallbackParam, path: Path | None) -> Path | None:
         if path and path.suffix.lower() not in (".png", ".svg", ".pdf"):
@@ -209,7 +170,7 @@ FLAGS: dict[str, Flag] = {
         hint="write 2.03 or 2.03±0.01 [m]",
     ),
     "against_reference": Flag(
-        ("--against",), str, _reference, hint="use --against ref",
+        ("--against",), str, {"ref": True}.__getitem__, hint="use --against ref",
         help="'ref': judge the estimate by the log's reference, which the filter does not use.",
     ),
     "slip": Flag(
@@ -236,20 +197,40 @@ FLAGS: dict[str, Flag] = {
 FROM, TO = "--from", "--to"
 
 
-def options_of(parameters: Sequence[Parameter], flags: Mapping[str, Flag]) -> list[inspect.Parameter]:
-    """Return the options of a command that stand for parameters of the API; a window is two of them."""
-    called = names_of(parameters, flags)
+def options_of(
+    parameters: Sequence[Parameter], flags: Mapping[str, Flag], names: Mapping[str, str]
+) -> list[inspect.Parameter]:
+    """Return the options of a command that stand for parameters of the API; a window is two of them.
+
+    `names` says what all are called on the command line.
+    """
     found: list[tuple[str, Any, Any]] = []
     for p in parameters:
         flag = flags.get(p.name, Flag())
         if p.name == "window":
             for name, what in ((FROM, "Start"), (TO, "End")):
                 text = f"{what} of the part to use [s, the log's time]."
-                option = Annotated[float | None, typer.Option(name, help=text)]
-                found.append((name[2:] + "_", option, None))
-        elif typing.get_origin(p.kinds[0]) is not Callable:
-            default = flag.default if flag.default is not None else None if flag.kind else p.default
-            found.append((p.name, flag.annotated(p, called), default))
+                found.append((name[2:] + "_", Annotated[float | None, typer.Option(name, help=text)], None))
+            continue
+        if typing.get_origin(p.kinds[0]) is Callable:
+            continue
+        kinds = [kind for kind in p.kinds if kind in (bool, int, float, str, Path)]
+        kind: Any = flag.kind or (Path if Path in kinds else kinds[0])
+        text = flag.help or p.help
+        if re.match(r"[a-z]+[ ,;:]", text):  # a word, no symbol or value
+            text = text[0].upper() + text[1:]
+        text = said_for(text, names)
+        if p.arg.low > 0 or p.arg.high < math.inf:
+            text = f"{text.rstrip('.')} ({p.arg.limits})."
+        if flag.metavar is not None:
+            about: Any = typer.Argument(metavar=flag.metavar, help=text, show_default=False)
+        else:
+            name = names[p.name]
+            own = flag.names or ((f"{name}/--no-{name[2:]}" if p.default is True else name),)
+            about = typer.Option(*own, help=text, show_default=flag.shown or True)
+        kind = kind | None if p.default is None or flag.kind is not None else kind
+        default = flag.default if flag.default is not None else None if flag.kind else p.default
+        found.append((p.name, Annotated[kind, about], default))
     keyword = inspect.Parameter.KEYWORD_ONLY
     return [inspect.Parameter(name, keyword, annotation=kind, default=d) for name, kind, d in found]
 
@@ -262,13 +243,10 @@ def said_of(values: Mapping[str, Any], flags: Mapping[str, Flag]) -> dict[str, A
     """
     said: dict[str, Any] = {"logs": []} if "logs" in values else {}
     for name, value in values.items():
-        if value is None or value == []:
-            continue
-        flag = flags.get(name, Flag())
-        said[name] = flag.value_of((*flag.names, f"--{name.replace('_', '-')}")[0], value)
+        if value is not None and value != []:
+            flag = flags.get(name, Flag())
+            said[name] = flag.value_of(replace(flag, metavar=None).named(name), value)
     begin, end = said.pop("from_", -math.inf), said.pop("to_", math.inf)
     if not begin < end:
         raise UsageError(f"{FROM} {begin:g} {TO} {end:g}: not a window", f"{FROM} comes before {TO}")
-    if (begin, end) != (-math.inf, math.inf):
-        said["window"] = (begin, end)
-    return said
+    return said if (begin, end) == (-math.inf, math.inf) else said | {"window": (begin, end)}

@@ -109,9 +109,9 @@ def view(call: Call[None]) -> None:
 
 
 def _origin(origin: Origin) -> dict[str, Any]:
-    """Warn of what there is to know, and return where results come from, as it stands in JSON."""
-    excluded, source = warn_of(origin), origin.source
-    return {"provenance": source and reporting.json_report.provenance_as_json(source)} | excluded
+    """Warn as `warn_of`; return provenance and what is excluded, for JSON."""
+    source = origin.source
+    return {"provenance": source and reporting.json_report.provenance_as_json(source)} | warn_of(origin)
 
 
 @command(api.fit_k92, busy="fitting")
@@ -141,7 +141,6 @@ def fit_atheta(call: Call[tuple[AThetaFit, Origin]], out: Table = None) -> None:
     if out is not None:
         table = fit.to_frame()
         write_table(out, table.assign(data="virtual") if fit.virtual else table)
-
     document = (reporting.json_report.a_theta_as_json(fit) or {}) | _origin(origin)
     call.json("fit-atheta/2", document | {"agrees": reporting.answers.a_theta_of(fit)[1]})
     reporting.terminal.show_a_theta(fit, call.shown)
@@ -161,7 +160,6 @@ def compare(call: Call[Records[Comparison]]) -> None:
         | {"misfits": c.misfits}
         for c in found
     ]
-
     document = {"trials": rows, "files": found.origin.written}
     call.json("compare/1", document | _origin(found.origin))
     reporting.terminal.show_misfits(list(found), call.shown)
@@ -208,10 +206,8 @@ def study(
 
 
 def _verify(call: Call[tuple[Written, Origin]], report: Path) -> None:
-    from granite_lab.verify import verify
-
     execution = Execution(call.said["jobs"], call.said.get("scheduler"))
-    found = call.of(verify, report, call.said.get("logs", ()), execution=execution)
+    found = call.of(api.verify, report, call.said["logs"], execution=execution)
     warn(found.notes)
     lines = found.differences
     call.json("verify/1", {"same": not lines} | vars(found))
@@ -242,7 +238,6 @@ def compare_studies(
     """For example of sand A and B, or before and after a change."""
     found = call()
     page = two_studies.write_compared(found, out) if out is not None else None
-
     call.json("compare-studies/1", two_studies.compared_as_json(found) | {"page": page})
     call.say(f"A: {found.names[0]}; B: {found.names[1]}")
     columns = ("quantity", "unit", "B − A, 95 %", "detectable", "verdict")
@@ -280,28 +275,22 @@ def discover(call: Call[tuple[Written, Origin]]) -> None:
 def plan_next(call: Call[Plan]) -> None:
     """Proposals are ranked, the best first."""
     found = call()
-    call.json("plan/2", _document(found))
+    kind = found.question.kind
+    proposals = [
+        picked(p.option, "variant", "conditions", "repeats", "why", "how")
+        | picked(p, "after", "improves", "worth")
+        | {"log_lines": p.option.conditions.lines}
+        for p in found.proposals
+    ]
+    measure = "relative standard deviation" if kind == "sharpen" else "expected log Bayes factor"
+    document: dict[str, Any] = {
+        "question": asked(found),
+        "kind": kind,
+        "models": [dict(model) for model in found.models],
+    }
+    document |= {"virtual": found.design.virtual, "measure": measure, "proposals": proposals}
+    call.json("plan/2", document | picked(found, "now", "worth", "failed"))
     show_plan(found, call.shown)
-
-
-def _document(plan: Plan) -> dict[str, Any]:
-    """Return a plan as it stands in JSON."""
-    return {
-        "question": asked(plan),
-        "kind": plan.question.kind,
-        "models": [dict(model) for model in plan.models],
-        "virtual": plan.design.virtual,
-        "measure": MEASURE[plan.question.kind == "sharpen"],
-        "proposals": [
-            picked(p.option, "variant", "conditions", "repeats", "why", "how")
-            | picked(p, "after", "improves", "worth")
-            | {"log_lines": p.option.conditions.lines}
-            for p in plan.proposals
-        ],
-    } | picked(plan, "now", "worth", "failed")
-
-
-MEASURE = ("expected log Bayes factor", "relative standard deviation")
 
 
 def show_plan(plan: Plan, shown: Console) -> None:

@@ -1,26 +1,32 @@
-"""The same work on each of many trials: what is remembered is not done again."""
+"""The same work on each of many trials, here or on a Dask cluster: what is remembered is not done again.
+
+Workers of a cluster must have this version of granite-lab and see the same files under the same paths. Dask
+talks in pickles: use a cluster that you trust.
+"""
 
 from __future__ import annotations
 
 import os
+import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from granite_lab.errors import LabError
+from granite_lab.errors import LabError, UsageError
 from granite_lab.logs.named import name_of
 from granite_lab.parameters.catalogue import CATALOGUE, forget
 from granite_lab.parameters.quantity import noting_files
 from granite_lab.processes import SHORT_OF_MEMORY, crowd, disperse, one_thread, starting
 from granite_lab.results import Failure
-from granite_lab.running.cache import Cache, trial_key
-from granite_lab.running.codec import Arena, decode, encode
+from granite_lab.running import cache as remembered
+from granite_lab.running.cache import Arena, Cache, decode, encode, trial_key
 from granite_lab.running.options import Options
 
 T = TypeVar("T")
@@ -31,7 +37,9 @@ AHEAD = 2
 """Items per worker that wait in its queue; finished results never pile up beyond that."""
 
 PATIENCE = 10
-"""Time after which a pool that finishes nothing is looked at [s]."""
+"""Time after which a pool that finishes nothing is looked at, and that a scheduler has to answer [s]."""
+
+_alone = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -69,20 +77,14 @@ def each_trial(
     execution: Execution = HERE,
     done: Callable[[Path], None] = lambda _: None,
 ) -> list[T | LabError]:
-    """Apply `work` to each trial and keep the order of the trials.
+    """Apply `work` to each trial; return results and errors in the order of the trials.
 
     Results come out of the same bytes whether they were just made, in whichever process, or
     remembered. Their larger arrays wait on the disk, so that memory does not grow with the trials.
 
     Args:
         work: a module-level function of path and options that returns records.
-        paths: the logs.
-        options: for all of them.
-        execution: where the work is done and what is remembered.
         done: called with each path once it is finished.
-
-    Returns:
-        results and errors, in the order of `paths`.
     """
     cache, name = execution.cache, work.__qualname__
     arena = Arena(cache.folder if cache is not None else None)
@@ -93,7 +95,7 @@ def each_trial(
             results[path] = found
             done(path)
     left = [path for path in dict.fromkeys(paths) if path not in results]
-    for index, outcome in run(partial(_guarded, work, options), left, execution):
+    for index, outcome in _run(partial(_guarded, work, options), left, execution):
         path = left[index]
         if isinstance(outcome, LabError):
             results[path] = outcome
@@ -141,26 +143,15 @@ def _guarded(work: Callable[[Path, Options], Any], options: Options, path: Path)
     return encode((depends, result))
 
 
-def run(
+def _run(
     call: Callable[[X], Y], items: Sequence[X], execution: Execution
 ) -> Iterator[tuple[int, Y | LabError]]:
     """Yield (index, result) of each item, in the order in which they are finished.
 
     A process that dies takes its items with it; these are tried once more, one at a time, so that only
     the one that kills its process fails.
-
-    Args:
-        call: a module-level function of this package, or a partial of one.
-        items: its arguments.
-        execution: where the work is done.
-
-    Raises:
-        UsageError: the cluster cannot be used.
-        LabError: all its workers are gone.
     """
     if execution.scheduler is not None and items:
-        from granite_lab.running.cluster import connected, run_on  # noqa: PLC0415, an extra
-
         with connected(execution.scheduler) as client:
             yield from run_on(client, call, items)
         return
@@ -168,17 +159,14 @@ def run(
     if workers <= 1:
         yield from ((i, call(item)) for i, item in enumerate(items))
         return
-    queue, suspects, alone = deque(enumerate(items)), deque[tuple[int, X]](), False
-
-    def room() -> int:
-        return 1 if alone else workers * (1 + AHEAD)
-
+    queue, suspects = deque(enumerate(items)), deque[tuple[int, X]]()
     while queue or suspects:
         alone, ended = not queue, False
         inside: dict[Future[Y], tuple[int, X]] = {}
         pool = crowd(1 if alone else workers)
+        room = 1 if alone else workers * (1 + AHEAD)
         try:
-            for index, future in finished(pool, call, queue or suspects, inside, room):
+            for index, future in _finished(pool, call, queue or suspects, inside, partial(int, room)):
                 yield index, future.result()
             ended = True
         except BrokenProcessPool:
@@ -190,7 +178,7 @@ def run(
             disperse(pool, kill=not ended)
 
 
-def finished(
+def _finished(
     pool: Executor,
     call: Callable[[X], Y],
     queue: deque[tuple[int, X]],
@@ -198,24 +186,93 @@ def finished(
     room: Callable[[], int],
     idle: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[int, Future[Y]]]:
-    """Yield (index, future) as a pool finishes the items of a queue.
+    """Yield (index, future) as a pool finishes the items of a queue; `inside` holds what it works on.
 
-    Args:
-        pool: does the work.
-        call: applied to each item.
-        queue: (index, item); emptied.
-        inside: items that are in the pool, by future; one leaves when the next is asked for.
-        room: how many items may be in the pool at once.
-        idle: called where nothing was finished for a while; may raise.
+    `room` says how many items it may hold; `idle` is called where nothing was finished for a while.
     """
     while queue or inside:
         with starting():
             while queue and len(inside) < room():
                 inside[pool.submit(call, queue[0][1])] = queue[0]
                 queue.popleft()
-        done = wait(inside, PATIENCE, FIRST_COMPLETED).done
-        if not done:
+        if not (done := wait(inside, PATIENCE, FIRST_COMPLETED).done):
             idle()
         for future in done:
             yield inside[future][0], future
             del inside[future]
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Any]:
+    """Connect to a scheduler, which has `PATIENCE` to answer and to have workers.
+
+    Raises:
+        UsageError: dask.distributed is not installed, or nothing answers at the address.
+    """
+    try:
+        from distributed import Client  # noqa: PLC0415, an extra
+    except ImportError:
+        raise UsageError(
+            "--scheduler needs dask.distributed, which is not installed",
+            "install it: pip install 'granite-lab[cluster]'",
+        ) from None
+    try:
+        client = Client(address, timeout=PATIENCE)
+    except (OSError, ValueError, TypeError) as error:
+        reason = (str(error).splitlines() or [""])[0]
+        raise UsageError(
+            f"scheduler '{address}' cannot be reached: {reason}", "an address is like tcp://10.0.0.5:8786"
+        ) from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError:
+            raise UsageError(
+                f"scheduler '{address}' has no workers", f"start some: dask worker {address}"
+            ) from None
+        yield client
+
+
+def run_on(client: Any, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[tuple[int, Y | LabError]]:
+    """Yield (index, result) of each item as the cluster of `connected` finishes them.
+
+    Raises:
+        LabError: all workers are gone.
+    """
+    there = partial(on_worker, call, folder=str(Path.cwd()), code=remembered.code())
+    pool = client.get_executor(pure=False)
+
+    def room() -> int:
+        threads: int = sum(client.nthreads().values())
+        return max(1, threads) * (1 + AHEAD)
+
+    def idle() -> None:
+        if not client.nthreads():
+            hint = "start new ones; finished trials are remembered"
+            raise LabError("the cluster has lost all its workers", hint)
+
+    try:
+        for index, future in _finished(pool, there, deque(enumerate(items)), {}, room, idle):
+            if (error := future.exception()) is None:
+                yield index, future.result()
+                continue
+            what = (str(error).splitlines() or [""])[0]
+            message = f"{items[index]}: the cluster could not work on it: {type(error).__name__}: {what}"
+            yield index, LabError(message, "see the logs of its workers; is granite-lab installed there?")
+    finally:
+        pool.shutdown(wait=False)
+
+
+def on_worker(call: Callable[[X], Y], item: X, folder: str, code: str) -> Y | LabError:
+    """Do one item on a worker, in the folder of the caller; the threads of a worker take turns with it."""
+    if remembered.code() != code:
+        return LabError(
+            f"{item}: a worker runs another version of granite-lab, or other libraries",
+            "install the same ones on all workers and start them again",
+        )
+    with _alone:
+        try:
+            os.chdir(folder)
+        except OSError:
+            return LabError(f"{item}: a worker cannot see the folder {folder}", "share it with the workers")
+        return call(item)

@@ -96,11 +96,7 @@ class Options:
 
 
 def read(path: Path, options: Options) -> tuple[Trial, Robot]:
-    """Read a log; return the trial as it was logged, and its robot.
-
-    Raises:
-        InputError: the log cannot be used.
-    """
+    """Return the trial of a log as it was logged, and its robot; raise an InputError if it cannot be used."""
     names = ("imu", "encoders", "currents", "reference", "rows", "robot", "info", "window")
     said: dict[str, Any] = {name: getattr(options, name) for name in names}
     trial = logs.read_trial(path, map=options.column_map, topics=dict(options.topics), **said)
@@ -108,7 +104,7 @@ def read(path: Path, options: Options) -> tuple[Trial, Robot]:
 
 
 def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
-    """Read a log; return the trial as estimation corrected it, its robot and its motion.
+    """Return the trial of a log as estimation corrected it, its robot and its motion.
 
     Raises:
         InputError: the log cannot be used.

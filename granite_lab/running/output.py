@@ -21,8 +21,7 @@ T = TypeVar("T")
 def claimed(folder: Path) -> Iterator[None]:
     """Keep other runs out of a folder during the block, and remove what a killed one left behind.
 
-    The lock is on the folder itself, so that it leaves no file there. The folder is made; if it is still
-    empty after the block it is removed again.
+    The lock is on the folder itself and leaves no file. The folder is made, and removed if it stays empty.
 
     Raises:
         LabError: another run writes into it, or it cannot be made.
@@ -66,29 +65,19 @@ def _sweep(folder: Path) -> None:
 
 
 class Guard:
-    """Runs the parts of an output one after the other; one that fails is told and the rest goes on.
-
-    Args:
-        folder: of the output; tracebacks are written into it as ``failure-<part>.txt``.
-
-    Attributes:
-        lines: what failed, one line each.
-    """
+    """Runs the parts of an output one after the other; one that fails becomes one of `lines`."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.lines: list[str] = []
 
     def run(self, part: str, call: Callable[[], T]) -> T | None:
-        """Return what a part gives, None where it fails.
-
-        Args:
-            part: its name, a word.
-            call: does it; known trouble becomes its own line, any other exception one with a traceback.
-        """
+        """Return what a part of that name gives; None where it fails, by a defect with its traceback."""
         path = self.folder / f"failure-{part}.txt"
+        with suppress(OSError):
+            path.unlink(missing_ok=True)  # that of an earlier run would be wrong
         try:
-            found = call()
+            return call()
         except LabError as error:
             self.lines.append(f"{part}: {error.message}" + (f" ({error.hint})" if error.hint else ""))
         except Exception as error:  # a defect of this package
@@ -99,10 +88,6 @@ class Guard:
             except LabError as full:
                 line += f"; {full.message}"
             self.lines.append(line)
-        else:
-            with suppress(OSError):
-                path.unlink(missing_ok=True)  # that of an earlier run would be wrong
-            return found
         return None
 
 

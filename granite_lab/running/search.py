@@ -24,10 +24,9 @@ from granite_lab.files import write_text
 from granite_lab.inference.bench import Respond, Task, World
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.effect import Effect
-from granite_lab.parameters import Variant, load_paper, load_robot, load_soil
-from granite_lab.running.cache import code, content, digest_of, fingerprint
-from granite_lab.running.codec import decode, encode
-from granite_lab.running.each import HERE, Execution
+from granite_lab.parameters import load_paper, load_robot, load_soil
+from granite_lab.running.cache import code, content, decode, digest_of, encode, fingerprint
+from granite_lab.running.each import HERE, Execution, connected, run_on
 from granite_lab.running.options import Options
 from granite_lab.running.output import Guard
 
@@ -44,9 +43,7 @@ def search(
 
     Args:
         trials: of one robot on one soil, as estimation corrected them.
-        options: robot, soil, the user's own effect file, tolerance and latency.
         motions: estimates of the trials.
-        execution: where the simulations are done.
         progress: as in `discovery.discover`.
 
     Raises:
@@ -66,8 +63,7 @@ def search(
     trials, motions = [trials[i] for i in order], [motions[i] for i in order]
     effects, cache = _effects(options.effects), execution.cache
     key = search_key((*trials, *motions, robot, soil), options)
-    found = cache.get(key, effects) if cache is not None else None
-    if isinstance(found, Finding):
+    if cache is not None and isinstance(found := cache.get(key, effects), Finding):
         return found
     with _respond(execution, options.effects) as respond:
         finding = discover(
@@ -78,9 +74,8 @@ def search(
     data = encode(((), finding))
     if cache is not None and not finding.failures:
         cache.put(key, data)
-    remembered = decode(data, effects)[1]
-    assert isinstance(remembered, Finding)
-    return remembered
+    same: Finding = decode(data, effects)[1]
+    return same
 
 
 def names_of(trials: Sequence[Trial], options: Options) -> tuple[str, str]:
@@ -101,12 +96,7 @@ def names_of(trials: Sequence[Trial], options: Options) -> tuple[str, str]:
 
 
 def search_key(inputs: Sequence[Any], options: Options) -> str:
-    """Return the name under which a finding is remembered.
-
-    Args:
-        inputs: records that the search works on.
-        options: of the search: the user's own effect file, tolerance and latency.
-    """
+    """Return the key of a finding in certain inputs."""
     own = fingerprint(options.effects) if options.effects else None
     hashes = [content(record) for record in inputs]
     return digest_of(code(), hashes, own, options.tolerance, options.latency)
@@ -121,21 +111,17 @@ def save_found(
 ) -> Path | None:
     """Write the baseline with the physical effects that were named, and beside it what a plan needs.
 
-    Args:
-        finding: the record.
-        options: of the search.
-        trials: that were searched.
-        motions: their estimates, which know what was commanded.
-        guard: of the folder; told what fails.
-
-    Returns:
-        path of the model file, None where it could not be written.
+    The motions of the trials know what was commanded. Returns the path of the model file, None where it could
+    not be written.
     """
     from granite_lab.planning.design import save_design  # noqa: PLC0415, a defect there is guarded
 
     path = guard.folder / MODEL
     saved = guard.run("model", lambda: _save_model(finding, options, trials, path))
-    said = [_saying(trial, motion.variant) for trial, motion in zip(trials, motions, strict=True)]
+    said = []  # trials whose metadata say what was commanded
+    for trial, motion in zip(trials, motions, strict=True):
+        v, a, d = motion.variant.velocity, motion.variant.acceleration, motion.variant.distance
+        said.append(replace(trial, info=replace(trial.info, v_desired=v, a_max=a, distance=d)))
     guard.run("design", lambda: save_design(finding, said, guard.folder / DESIGN))
     if finding.tracebacks:
         text = "\n".join(finding.tracebacks)
@@ -164,20 +150,12 @@ def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], pat
     return path
 
 
-def _saying(trial: Trial, variant: Variant) -> Trial:
-    """Return a trial whose metadata say what was commanded."""
-    v, a, d = variant.velocity, variant.acceleration, variant.distance
-    return replace(trial, info=replace(trial.info, v_desired=v, a_max=a, distance=d))
-
-
 @contextmanager
 def _respond(execution: Execution, effects: Path | None) -> Iterator[Respond | None]:
     """Give what simulates on the cluster, or None where this machine does it."""
     if execution.scheduler is None:
         yield None
         return
-    from granite_lab.running.cluster import connected, run_on  # noqa: PLC0415, an extra
-
     sha = fingerprint(effects) if effects else ""
     with connected(execution.scheduler) as client:
 

@@ -16,7 +16,7 @@ import pytest
 from granite_lab.errors import LabError
 from granite_lab.inference.bench import SIGNALS
 from granite_lab.running import cache
-from granite_lab.running.cluster import _on_worker
+from granite_lab.running.each import on_worker
 from tests.corpus.cli import SAMPLES, lab, refused
 from tests.running.processes import begin, results, trials
 from tests.soak import SOAK
@@ -73,7 +73,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("granite_lab.running.cluster.PATIENCE", 0.5)
+    monkeypatch.setattr("granite_lab.running.each.PATIENCE", 0.5)
     done = lab("fit-k92", SAMPLES / f"{NAMES[0]}.csv", "--scheduler", "tcp://127.0.0.1:9", "--no-cache")
     refused(done, 2, "scheduler 'tcp://127.0.0.1:9' cannot be reached")
 
@@ -139,12 +139,12 @@ def test_the_same_report_although_a_worker_dies_and_a_log_is_broken(cluster: Clu
 def test_a_worker_that_cannot_see_the_folder_says_so(tmp_path: Path) -> None:
     before = Path.cwd()
     try:
-        lost = _on_worker(len, "x.csv", str(tmp_path / "nowhere"), cache.code())
+        lost = on_worker(len, "x.csv", str(tmp_path / "nowhere"), cache.code())
         assert isinstance(lost, LabError)
         assert "cannot see the folder" in lost.message
-        other = _on_worker(len, "x.csv", str(tmp_path), "other code")
+        other = on_worker(len, "x.csv", str(tmp_path), "other code")
         assert isinstance(other, LabError)
         assert "another version" in other.message
-        assert _on_worker(len, "x.csv", str(tmp_path), cache.code()) == 5
+        assert on_worker(len, "x.csv", str(tmp_path), cache.code()) == 5
     finally:
         os.chdir(before)

@@ -23,8 +23,7 @@ from granite_lab.files import write_text
 from granite_lab.logs.trial import ImuStream, Trial, TrialInfo
 from granite_lab.model.effect import activate
 from granite_lab.running import Cache, Execution, Options, each_trial
-from granite_lab.running.cache import content
-from granite_lab.running.codec import ALIGNED, Arena, decode, encode, sealed
+from granite_lab.running.cache import ALIGNED, Arena, content, decode, encode, sealed
 from tests.reporting.made_up import made_up_study
 
 plain = st.recursive(
