@@ -100,7 +100,10 @@ class SlipCurve(dict[float, float]):
             EstimateError: `measured` is not a number.
         """
         if not math.isfinite(measured):
-            raise EstimateError("no k_92 without a measured slip ratio", "the trial needs a steady part")
+            raise EstimateError(
+                "no slip ratio, so k_92 cannot be fitted",
+                "the trial needs a part at constant speed; see granite-lab check",
+            )
         low, high = K92_BOUNDS
         if measured >= self[low]:
             return low, "at_lower_bound"

@@ -207,13 +207,7 @@ def law_formulas(finding: Finding) -> tuple[str, ...]:
 
 
 def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple[str, ...]:
-    """Say what to do with a finding, most useful first; a command ends its sentence.
-
-    Args:
-        finding: the record.
-        model: path of the model file, as the report names it.
-        folder: of the report.
-    """
+    """Say what to do with a finding, most useful first; a command ends its sentence."""
     plan = f"granite-lab plan-next {_pasted(folder)}"
     steps = [said("steps", "again")] if finding.provisional else []
     if finding.verdict == "none":

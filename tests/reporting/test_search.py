@@ -114,12 +114,12 @@ def test_histories_are_means_over_the_repetitions_with_gaps_left_out(findings: d
 def test_histories_show_measured_and_both_models(findings: dict[str, Finding]) -> None:
     drawn = next(f for f in history_figures(findings["unknown"]) if f.name == "found_history_0p30").draw()
     axis = next(a for a in drawn.axes if a.texts[0].get_text() == "pitch rate")
-    assert axis.get_ylabel() == "[mrad/s]"
+    assert axis.get_ylabel() == "[°/s]"
     _, before, after = (x for x in axis.get_lines() if len(np.asarray(x.get_xdata())) > 2)
     t, with_law = (np.asarray(v, dtype=float) for v in after.get_data())
     _, without = (np.asarray(v, dtype=float) for v in before.get_data())
     bump = np.interp(np.mean(BUMP), t, with_law - without)
-    assert bump == pytest.approx(3 * STRENGTH * (1 - LEFT), rel=0.01)
+    assert bump == pytest.approx(np.degrees(3e-3 * STRENGTH * (1 - LEFT)), rel=0.01)
 
 
 def test_intervals_stand_at_their_seconds(findings: dict[str, Finding]) -> None:
@@ -147,9 +147,9 @@ def test_tables_hold_size_twins_probability_share_and_fate(findings: dict[str, F
     for table, *expected in (
         (tables.effects_table(finding, finding.effects),
          {"effect": "multi pass", "value ± std": "0.300 ± 0.004", "cannot be told from": "slip sinkage",
-          "probability": "97 %", "gap lost without it": "93.0 ± 2.0 %"}),
+          "probability": "97 %", "share of the gap": "93.0 ± 2.0 %"}),
         (tables.effects_table(finding, finding.small, small=True),
-         {"effect": "clock offset", "gap lost without it": "2.0 ± 1.0 %"}),
+         {"effect": "clock offset", "share of the gap": "2.0 ± 1.0 %"}),
         (tables.detectable_table(finding),
          {"candidate": "payload mass", "limited by": "tolerance"},
          {"candidate": "bulldozing", "limited by": "noise"},
@@ -159,7 +159,7 @@ def test_tables_hold_size_twins_probability_share_and_fate(findings: dict[str, F
           "taken for": "centre-of-mass offset (10 %)"}),
         (tables.candidates_table(finding),
          {"candidate": "multi pass", "probability": "97 %", "closes alone": "93 %",
-          "ln Bayes factor [–]": "300", "result": "named"},
+          "ln Bayes factor, alone [–]": "300", "result": "named"},
          {"candidate": "gear backlash", "result": "ended at a limit (backlash)"},
          {"candidate": "payload mass", "closes alone": "–"}),
     ):  # fmt: skip
