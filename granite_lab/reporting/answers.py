@@ -23,7 +23,6 @@ from granite_lab.reporting.names import (
     next_steps,
     plain,
     together,
-    with_found,
 )
 from granite_lab.reporting.rounding import (
     Number,
@@ -450,12 +449,11 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         doubts += [f"{plain(e.id)} has a twin" for e in finding.effects if e.twins]
         if finding.dropped:
             doubts.append(f"{plural(len(finding.dropped), 'trial')} left out because no model fits")
-        grounds.append(f"Posterior probability of the finding: {chance(finding.probability)}.")
+        grounds.append(f"Probability of the finding: {chance(finding.probability)}.")
         left = ((finding.trials_left_out, "trials"), (finding.speeds_left_out, "speeds"))
         counts = [f"{sum(x.after < x.before for x in f)} of {len(f)} {what}" for f, what in left if f]
         if finding.effects and counts:
-            better = f"{listed(counts)} left out of the fit are predicted better"
-            grounds.append(f"{capital(with_found(finding))}, {better}.")
+            grounds.append(f"{listed(counts)} left out of the fit are predicted better.")
         elif finding.effects:
             doubts.append(said("answers", "no_prediction"))
     doubt = [f"Doubts: {'; '.join(doubts)}."] if doubts else []

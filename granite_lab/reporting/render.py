@@ -36,7 +36,7 @@ _SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _TOKEN = re.compile("|".join([*map(re.escape, sorted(_SYMBOLS, key=len, reverse=True)), "[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+"]))
 
 
-_SYMBOL = re.compile(r"\b(k_92|k_c|k_φ|a_θ|λ_R|μ_s|b_0|b_1)\b")
+_SYMBOL = re.compile(r"\b(k_92|k_c|k_φ|a_θ|λ_R|μ_s|b_0|b_1|J_t)\b")
 _MARKDOWN = {c: f"\\{c}" for c in "\\`*_[]|~#$"} | {"&": "&amp;", "<": "&lt;", ">": "&gt;"}
 _BREAKS = re.compile(r"[\r\n\t\v\f\x00-\x1f]+")
 

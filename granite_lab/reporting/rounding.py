@@ -12,7 +12,7 @@ NONE = "–"
 """What stands where a number could not be had."""
 
 _SPACE = "\u00a0"  # no line break between a number and its unit
-_UNIT = re.compile(r"(?<=\d) (?=[%°]|(?:m/s|mm/s|s/m|N m|ms|points)\b)")
+_UNIT = re.compile(r"(?<=\d) (?=[%°±]|(?:m/s|mm/s|s/m|N m|ms|mrad|points)\b)|(?<=±) ")
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
