@@ -82,9 +82,10 @@ def fit_trajectory(
     a_theta = load_paper().a_theta * float(np.exp(log.value))
     status: FitStatus = "ok" if fit.converged else "not_converged"
     side = "behind" if latency.value > 0 else "ahead of"
-    off = [f"{c} {fit.scales.share_of(c):.0%}" for c in problem.counts if fit.scales.share_of(c) > TOLERANCE]
+    shares = {c: fit.scales.share_of(c) for c in problem.counts}
+    off = [f"{c} {100 * share:.0f} %" for c, share in shares.items() if share > TOLERANCE]
     louder = [f"{c} {value:.2f}" for c, value in fit.scales.louder.items() if value > 1.0]
-    most = ", ".join(off) or f"less than {TOLERANCE:.0%}"
+    most = ", ".join(off) or f"less than {100 * TOLERANCE:.0f} %"
     notes = [
         f"Trajectory: discrepancy of the model, as a share of a channel's rms in motion: {most}.",
         f"Trajectory: IMU {abs(1e3 * latency.value):.1f} ± {1e3 * latency.std:.1f} ms {side} the encoders.",

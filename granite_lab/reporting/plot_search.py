@@ -71,7 +71,7 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
             y, np.fmin(before, after), np.fmax(before, after), color=canvas.FAINT, linewidth=1.6, zorder=1
         )
         axis.plot(after, y, "D", color=AFTER, markersize=4, label=with_found(finding))
-    axis.set(xscale="log", xlim=(0.85 * zero, high), xlabel="gap [–]; 1 means explained")
+    axis.set(xscale="log", xlim=(0.85 * zero, high), xlabel="gap, 1 means explained [–]")
     marks = LogLocator(subs=(1, 2, 5) if high < 60 * zero else (1,), numticks=5).tick_values(zero, high)
     ticks = [x for x in marks if 2 * zero < x < high]
     axis.set_xticks([zero, *ticks], ["0", *(f"{x:g}" for x in ticks)])

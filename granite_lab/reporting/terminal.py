@@ -124,7 +124,7 @@ def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = Fal
     show_table(reporting.tables.k92_table(fits), console)
     said = reporting.names.shared([(fit.trial, fit.notes) for fit in fits])
     for note in said if notes else ():
-        say(console, note, "yellow")
+        say(console, reporting.names.sensors_in_words(note), "yellow")
     if said and not notes:
         say(console, f"{len(said)} notes of the fits: --verbose lists them", "dim")
 
