@@ -369,7 +369,7 @@ def _motion(motion: Motion, trial: Trial) -> Iterator[Check]:
     slip = motion.slip_ratio
     low, high = slip.interval()
     usual = f"usual: {100 * SLIP[0]:.0f} to {100 * SLIP[1]:.0f} %"
-    known = f"λ_R {100 * slip.value:.1f} ± {100 * slip.std:.1f} %, {usual}"
+    known = f"λ_R {reporting.rounding.percent_of(slip)}, {usual}"
     advice = "check wheel radius, unit of the encoders and mounting of the IMU"
     good = bool(low <= SLIP[1] and high >= SLIP[0])
     yield Check("slip", good, known if math.isfinite(slip.value) else "not known", advice)

@@ -22,7 +22,7 @@ def provisional(problem: Problem) -> tuple[str, ...]:
     if max(len(own) for own in problem.commands) < 2:
         reasons.append("no command was repeated, so noise and discrepancy cannot be separated")
     if speeds < FEWEST_SPEEDS:
-        reasons.append(f"{speeds} of at least {FEWEST_SPEEDS} speeds were driven")
+        reasons.append(f"{speeds} of at least {FEWEST_SPEEDS} speeds driven")
     return tuple(reasons)
 
 
@@ -88,8 +88,8 @@ def notes(
     found = []
     if len({t.variant for t in problem.trials}) == 1:
         found.append(
-            "Only one speed was driven. Effects that differ in how they grow with speed cannot be told "
-            "apart, nor from sand that differs from its file."
+            "At one speed, effects that differ in how they grow with speed cannot be told apart, nor from "
+            "sand that differs from its file."
         )
     channels = {c for t in problem.trials for c in t.channels}
     for kind, name, lost in (
@@ -107,8 +107,8 @@ def notes(
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:
             found.append(
-                f"{n.id} closes {100 * n.closes.value:.1f} % of the whole gap, "
-                f"and makes {100 * n.channel[1]:.0f} % of what all effects change in {n.channel[0]}."
+                f"{n.id} closes {100 * n.closes.value:.1f} % of the whole gap; of the change of "
+                f"{n.channel[0]} by all effects, it makes {100 * n.channel[1]:.0f} %."
             )
     for e in effects:
         for p in e.parameters:

@@ -18,6 +18,7 @@ class ContactAngleActualSpeed(Effect):
     """The contact arc depends on the speed at which the wheel made its rut, not on the commanded one."""
 
     id = "contact_angle_actual_speed"
+    name = "contact angle by speed"
     title = "rear contact angle set by the actual speed"
     equation = "(5) with v = v_d + weight · (u − v_d), du/dt = (|v_R| − u) |v_R| / length"
     source = (

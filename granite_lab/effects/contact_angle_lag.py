@@ -24,6 +24,7 @@ class ContactAngleLag(Effect):
     """The rut behind the wheel needs a time, or a distance, to take its new shape."""
 
     id = "contact_angle_lag"
+    name = "contact-angle lag"
     title = "rear contact angle with a time lag"
     equation = "T dϑ2/dt + ϑ2 = k_92(v_d) ϑ1, T = time · (0.4 m/s / |v|)^exponent"
     source = (

@@ -19,6 +19,7 @@ class MultiPass(Effect):
     """From one wheelbase of travel on, the rear wheels run where the front wheels have been."""
 
     id = "multi_pass"
+    name = "multi-pass compaction"
     title = "rear wheels in the compacted rut"
     equation = (
         "rear wheels, x > L: k_c, k_φ times 1 + pressure · g, K divided by 1 + shear · g, "

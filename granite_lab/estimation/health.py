@@ -157,7 +157,8 @@ def judge_health(
         anchored = f"no standstill at the {' and '.join(loose)}: velocity drifts there, as its std shows"
     else:
         anchored = (
-            f"velocity is anchored at both ends, by {len(rests)} standstills and the wheels' coming to rest"
+            f"velocity is anchored at both ends, by {len(rests)} standstill{'s' * (len(rests) > 1)} and the "
+            "wheels' coming to rest"
         )
     if not rests or middle > VAGUE * max(pace, SLOW):
         if rests:

@@ -134,7 +134,7 @@ def published_fit() -> AThetaFit:
     """Return the fit to Table 3, whose k_92 and λ_R come without uncertainties."""
     return fit_a_theta(
         [
-            (f"Table 3, {row.velocity:g} m/s", row.velocity, Estimate(row.k92), Estimate(row.slip_measured))
+            (f"{row.velocity:g} m/s in Table 3", row.velocity, Estimate(row.k92), Estimate(row.slip_measured))
             for row in load_paper().table3
         ]
     )

@@ -116,7 +116,10 @@ class SlipCurve(dict[float, float]):
             EstimateError: `measured` is not a number.
         """
         if not math.isfinite(measured):
-            raise EstimateError("no k_92 without a measured slip ratio", "the trial needs a steady part")
+            raise EstimateError(
+                "no slip ratio, so k_92 cannot be fitted",
+                "the trial needs a part at constant speed; see granite-lab check",
+            )
         low, high = K92_BOUNDS
         if measured >= self[low]:
             return low, "at_lower_bound"
@@ -243,9 +246,10 @@ def _with_trajectory(
     v, a_theta = peak_velocity(found.variant), load_paper().a_theta * float(np.exp(log.value))
     k92 = math.exp(-a_theta * v)  # (5)
     side = "behind" if latency.value > 0 else "ahead of"
-    off = [f"{c} {fit.scales.share_of(c):.0%}" for c in problem.counts if fit.scales.share_of(c) > TOLERANCE]
+    shares = {c: fit.scales.share_of(c) for c in problem.counts}
+    off = [f"{c} {100 * share:.0f} %" for c, share in shares.items() if share > TOLERANCE]
     louder = [f"{c} {value:.2f}" for c, value in fit.scales.louder.items() if value > 1.0]
-    most = ", ".join(off) or f"less than {TOLERANCE:.0%}"
+    most = ", ".join(off) or f"less than {100 * TOLERANCE:.0f} %"
     notes = [
         f"discrepancy of the model, as a share of a channel's rms in motion: {most}.",
         f"IMU {abs(1e3 * latency.value):.1f} ± {1e3 * latency.std:.1f} ms {side} the encoders.",

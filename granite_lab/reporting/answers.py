@@ -23,10 +23,10 @@ from granite_lab.reporting.names import (
     next_steps,
     plain,
     together,
-    with_found,
 )
 from granite_lab.reporting.rounding import (
     Number,
+    chance,
     decided,
     percent,
     shown_as,
@@ -161,10 +161,10 @@ def _judge(gap: Gap, noise: float) -> tuple[str, str]:
         return "not judged, noise not known", ""
     if gap.normalised <= NOISE:
         if gap.size > 0 and noise > UNSEEN * gap.size:
-            return "not judged, noise too large", ""
+            return "not judged, too noisy", ""
         return "agrees", "good"
     if gap.size > 0 and gap.rms < SMALL * gap.size:
-        return f"differs by less than {with_unit(significant(100 * SMALL, 1), '%')}", "good"
+        return f"differs by under {with_unit(significant(100 * SMALL, 1), '%')}", "good"
     return ("differs", "fair") if gap.normalised <= CLEAR else ("differs clearly", "bad")
 
 
@@ -223,10 +223,7 @@ class Answers:
 def of_study(result: StudyResult, model: Path | str | None = None, folder: str = "") -> Answers:
     """Decide what a study answers; without trials and with a finding, what the search alone does.
 
-    Args:
-        result: the study.
-        model: path of the model file with what was found, as the report names it.
-        folder: of the report, as a shell takes it; the name of the study by default.
+    `model` and `folder` are named in commands, the folder by default by the name of the study.
     """
     paper, finding = load_paper(), result.finding
     speeds = by_speed(result, paper)
@@ -313,6 +310,8 @@ def _slip(speeds: Sequence[Speed]) -> Answer:
     else:
         every = " at every speed" if len(inside) + len(outside) > 1 else ""
         text = said("answers", "slip", place="outside" if outside else "in", every=every)
+    if alone := [f"{s.velocity:g}" for s in known if s.trials == 1]:
+        text += said("answers", "one_trial", speeds=listed(alone))
     return Answer("slip", said("questions", "slip"), verdict, text, tone)
 
 
@@ -423,7 +422,8 @@ def closes_answer(finding: Finding) -> Answer:
     )  # fmt: skip
     closes = 1 - finding.remainder
     verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
-    return Answer("closes", question, verdict, text, "good" if finding.remainder <= MUCH else "fair")
+    known = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])
+    return Answer("closes", question, verdict, text, "good" if known else "fair")
 
 
 def _trust(result: StudyResult, finding: Finding | None) -> Answer:
@@ -436,7 +436,8 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         named = ", ".join(doubtful[:3])
         doubts.append(f"{len(doubtful)} of {plural(n, 'estimate')} doubtful ({named}{more})")
     elif n:
-        grounds.append("The motion estimate is good." if n == 1 else f"All {n} motion estimates are good.")
+        which = {1: "The motion estimate is", 2: "Both motion estimates are"}
+        grounds.append(f"{which.get(n, f'All {n} motion estimates are')} good.")
     if failed := sum(not f.excluded for f in result.failures):
         doubts.append(f"{plural(failed, 'trial')} could not be used")
     if finding is None or not finding.provisional:
@@ -448,16 +449,15 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         doubts += [f"{plain(e.id)} has a twin" for e in finding.effects if e.twins]
         if finding.dropped:
             doubts.append(f"{plural(len(finding.dropped), 'trial')} left out because no model fits")
-        grounds.append(f"Posterior probability of the finding: {percent(finding.probability)}.")
+        grounds.append(f"Probability of the finding: {chance(finding.probability)}.")
         left = ((finding.trials_left_out, "trials"), (finding.speeds_left_out, "speeds"))
         counts = [f"{sum(x.after < x.before for x in f)} of {len(f)} {what}" for f, what in left if f]
         if finding.effects and counts:
-            better = f"{listed(counts)} left out of the fit are predicted better"
-            grounds.append(f"{capital(with_found(finding))}, {better}.")
+            grounds.append(f"{listed(counts)} left out of the fit are predicted better.")
         elif finding.effects:
             doubts.append(said("answers", "no_prediction"))
     doubt = [f"Doubts: {'; '.join(doubts)}."] if doubts else []
-    text = " ".join([*grounds, *doubt, said("answers", "valid")])
+    text = " ".join([*grounds, *doubt, said("answers", "valid")]) + (said("answers", "radius") if n else "")
     verdict, tone = ("With care", "fair") if doubts else ("Well, for trials like these", "good")
     return Answer("trust", said("questions", "trust"), verdict, text, tone)
 
@@ -465,9 +465,14 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
 def _next(steps: Sequence[str]) -> tuple[Answer, ...]:
     if not steps:
         return ()
-    text, _, command = steps[0].partition(": granite-lab ")
-    command = f"granite-lab {command.rstrip('.')}" if command else ""
-    return (Answer("next", said("questions", "next"), "", f"{text.rstrip('.')}.", command=command),)
+    text, command = parted(steps[0])
+    return (Answer("next", said("questions", "next"), "", text, command=command),)
+
+
+def parted(step: str) -> tuple[str, str]:
+    """Return the sentence of a step and its command, empty where there is none."""
+    text, _, command = step.partition(": granite-lab ")
+    return f"{text.rstrip('.')}.", f"granite-lab {command.rstrip('.')}" if command else ""
 
 
 def plural(n: int, what: str) -> str:

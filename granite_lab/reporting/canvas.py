@@ -185,13 +185,13 @@ def named_rows(
     return figure, axes
 
 
-def legend(axis: Axes, columns: int = 3, *, left: float = LEFT - 0.08) -> None:
-    """Put the legend of a panel above it, from `left` [in] of the figure on, where it covers nothing."""
+def legend(axis: Axes, columns: int = 3, *, left: float = LEFT - 0.08, points: float = 1.0) -> None:
+    """Put the legend of a panel above it, from `left` [in] of the figure on; its points times `points`."""
     handles, labels = axis.get_legend_handles_labels()
     if handles:
         axis.legend(
             handles, labels, loc="lower left", ncols=columns, bbox_to_anchor=(left, 1.0),
-            bbox_transform=_inches_along(axis),
+            bbox_transform=_inches_along(axis), markerscale=points,
         )  # fmt: skip
 
 
@@ -261,15 +261,7 @@ def converted(figure: Canvas, kinds: Sequence[str], dpi: int) -> dict[str, bytes
 
 
 def typeset(source: bytes, files: Mapping[str, bytes], kind: str, dpi: int = DPI, **inputs: str) -> bytes:
-    """Return a Typst document as "png" or "pdf".
-
-    Args:
-        source: the document.
-        files: that it names.
-        kind: of the output.
-        dpi: resolution of a PNG.
-        **inputs: its ``sys.inputs``.
-    """
+    """Return a Typst document as "png" or "pdf", with the files and the ``sys.inputs`` that it names."""
     import typst  # noqa: PLC0415, only where something is written
 
     given: Any = {"main.typ": source, **files}

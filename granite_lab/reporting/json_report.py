@@ -36,13 +36,7 @@ _TYPES = {".md": "text/markdown", ".toml": "application/toml", ".tex": "text/x-t
 
 
 def to_json(result: StudyResult, report: Report, model: Path | str | None = None) -> str:
-    """Return the report as one JSON document; the same study gives the same bytes.
-
-    Args:
-        result: the study.
-        report: its report.
-        model: path of the model file with what was found, as the document shall name it.
-    """
+    """Return the report as one JSON document, which names `model`; the same study gives the same bytes."""
     finding = result.finding
     document = {
         "schema": SCHEMA,
@@ -157,13 +151,7 @@ def dumps(document: Mapping[str, Any]) -> str:
 
 
 def crate(report: Report, source: Source, root: Path) -> str:
-    """Return the metadata of a report as JSON-LD.
-
-    Args:
-        report: the report.
-        source: where it comes from.
-        root: folder with its other files.
-    """
+    """Return the metadata of a report, whose other files are in `root`, as JSON-LD."""
     versions = {name: metadata.version(name) for name in LIBRARIES} | {"Python": platform.python_version()}
     text = rendered(
         CRATE, report=report, source=source, date=today(),

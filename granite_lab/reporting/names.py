@@ -156,10 +156,12 @@ def in_plain_words(note: str, finding: Finding) -> str:
         ids |= {e.id, *e.twins}
     for id_ in sorted((i for i in ids if "_" in i), key=len, reverse=True):
         note = re.sub(rf"\b{re.escape(id_)}\b", plain(id_), note)
-    for channel, name in SENSORS.items():
-        if "_" in channel:
-            note = re.sub(rf"\b{channel}\b", name, note)
-    return capital(note)
+    return capital(sensors_in_words(note))
+
+
+def sensors_in_words(note: str) -> str:
+    """Return a sentence with the channels in it as words."""
+    return re.sub(r"\b\w+_\w+\b", lambda m: SENSORS.get(m[0], m[0]), note)
 
 
 def scale_of(effect_id: str, name: str, unit: str, size: float) -> tuple[str, float]:
@@ -207,13 +209,7 @@ def law_formulas(finding: Finding) -> tuple[str, ...]:
 
 
 def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple[str, ...]:
-    """Say what to do with a finding, most useful first; a command ends its sentence.
-
-    Args:
-        finding: the record.
-        model: path of the model file, as the report names it.
-        folder: of the report.
-    """
+    """Say what to do with a finding, most useful first; a command ends its sentence."""
     plan = f"granite-lab plan-next {_pasted(folder)}"
     steps = [said("steps", "again")] if finding.provisional else []
     if finding.verdict == "none":

@@ -257,7 +257,7 @@ def _health(motion: Motion, ratio: Array) -> Canvas:
     limit = min(max(3.2, 1.1 * highest), 8.0)
     axes[1].set_ylim(-limit, limit)
     for axis in axes:
-        canvas.legend(axis)
+        canvas.legend(axis, points=2.5)
     axes[0].set_xlim(float(motion.t[0]), float(motion.t[-1]))
     axes[-1].ticklabel_format(axis="x", useOffset=False)
     return figure

@@ -17,7 +17,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.parameters import Paper, load_paper
 from granite_lab.reporting import canvas
-from granite_lab.reporting.answers import Answers, Speed, plural
+from granite_lab.reporting.answers import Answers, Speed
 from granite_lab.reporting.canvas import Figure, drawing
 from granite_lab.reporting.rounding import significant
 
@@ -44,16 +44,21 @@ def slip_figure(answers: Answers, paper: Paper) -> Figure:
     judged = [s for s in known if s.agrees is not None]
     if judged:
         inside = sum(bool(s.agrees) for s in judged)
-        title += f"; the paper's experiment is in the interval at {inside} of {plural(len(judged), 'speed')}"
+        where = f"in the interval at {inside} of {len(judged)} speeds"
+        if len(judged) == 1:
+            where = f"{'in' if inside else 'outside'} the interval"
+        title += f"; the paper's experiment is {where}"
 
     def draw(axis: Axes) -> None:
+        alone = all(s.trials == 1 for s in known)
         points = _over_speed(answers.speeds, lambda c: c.motion.slip_ratio)
-        _trials(axis, points, (1.0, 100.0), color=canvas.MEASURED_LIGHT)
+        _trials(axis, [] if alone else points, (1.0, 100.0), color=canvas.MEASURED_LIGHT)
+        label = f"{'one trial' if alone else 'mean'}, 95 %"
         for k, s in enumerate(known):
             bars = [[_bar(s.slip.value - s.slip.low)], [_bar(s.slip.high - s.slip.value)]]
             axis.errorbar(
                 s.velocity, s.slip.value, yerr=bars, color=canvas.MEASURED, marker="D", markersize=4.5,
-                capsize=4, linewidth=1.4, label="mean, 95 %" if k == 0 else None,
+                capsize=4, linewidth=1.4, label=label if k == 0 else None,
             )  # fmt: skip
         _published(axis, [(p.velocity, 100 * p.slip_measured) for p in paper.table3])
         axis.set_xlim(left=0)
@@ -81,13 +86,7 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
 def fits_figure(
     fits: Sequence[tuple[float, Estimate]], virtual: bool, law: AThetaFit | None = None
 ) -> Figure:
-    """Draw k_92 over velocity beside the paper, with a fitted law where there is one.
-
-    Args:
-        fits: desired velocity [m/s] and k_92 of each trial.
-        virtual: some of the logs were written by a simulator.
-        law: a_θ that was fitted to them.
-    """
+    """Draw (velocity [m/s], k_92) of each trial beside the paper, with a fitted law where there is one."""
     points = [(Estimate(v, 0.0), k92, 1) for v, k92 in fits]
     draw = partial(_k92_panel, points, [v for v, _ in fits], law, load_paper())
     return drawing("k92", "k_92 by trial", virtual, _panel, draw, VELOCITY, RATIO)
@@ -124,9 +123,9 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
     def draw(axis: Axes) -> None:
         if line is not None:
             axis.plot(100 * x, line[0] + line[1] * x, color=canvas.FITTED, label="fitted line")
-        axis.plot(100 * x, paper.fig4_intercept + paper.fig4_slope * x, color=canvas.PAPER, linestyle=DASHED)
         fits = [(r.comparison.fit, len(s.results)) for s in answers.speeds for r in s.results]
         _trials(axis, [(f.slip_measured, f.k92, n) for f, n in fits], (100.0, 1.0))
+        axis.plot(100 * x, paper.fig4_intercept + paper.fig4_slope * x, color=canvas.PAPER, linestyle=DASHED)
         _published(axis, [(100 * p.slip_measured, p.k92) for p in paper.table3])
         axis.axhline(0, color=canvas.INK, linewidth=0.6)
         axis.set_xlim(0, 100 * x[-1])
@@ -164,10 +163,10 @@ def _trials(
 
 
 def _published(axis: Axes, points: Sequence[tuple[float, float]]) -> None:
-    x, y = zip(*points, strict=True)
+    """Draw values of the paper, below what was measured."""
     axis.plot(
-        x, y, color=canvas.PAPER, marker="+", markersize=10, markeredgewidth=1.8, linestyle=DASHED,
-        linewidth=0, label="paper", zorder=5,
+        *zip(*points, strict=True), color=canvas.PAPER, marker="+", markersize=10, markeredgewidth=1.8,
+        linestyle="none", label="paper", zorder=1.9,
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from granite_lab.reporting.names import (
     shown_candidates,
     with_found,
 )
-from granite_lab.reporting.rounding import places, significant, tidy_unit, times
+from granite_lab.reporting.rounding import places, shown_as, significant, tidy_unit, times
 from granite_lab.reporting.words import WORDS, sensor
 from granite_lab.results import mean_of_known
 
@@ -58,10 +58,11 @@ def gap_figure(finding: Finding) -> Figure:
 
 def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas:
     """Draw before and after of each row; a thin line stands above row number `rule`."""
-    known = [v for pair in lines.values() for v in pair if math.isfinite(v) and v > 0]
-    low, high = 0.8 * min([*known, 0.9]), 1.25 * max([*known, 2.0])
+    pairs = np.array(list(lines.values())).T
+    known = pairs[pairs > 0]
+    zero, high = 0.4 * min([*known, 0.9]), 1.25 * max([*known, 2.0])  # place of 0 on the logarithmic axis
     figure, (axis,) = canvas.named_rows(list(lines), row=0.2)
-    before, after = np.maximum(np.array(list(lines.values())).T, 1.05 * low)
+    before, after = np.where(pairs == 0, zero, pairs)
     y = np.arange(len(lines))
     axis.axvline(1.0, color=canvas.INK, linewidth=1.0, linestyle=(0, (4, 1.5)))
     axis.plot(before, y, "o", color=BEFORE, markersize=4.5, label="paper's model")
@@ -70,11 +71,11 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
             y, np.fmin(before, after), np.fmax(before, after), color=canvas.FAINT, linewidth=1.6, zorder=1
         )
         axis.plot(after, y, "D", color=AFTER, markersize=4, label=with_found(finding))
-    axis.set(xscale="log", xlim=(low, high))
-    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 30 * low else (1,), numticks=5))
-    axis.xaxis.set_major_formatter("{x:g}")
+    axis.set(xscale="log", xlim=(0.85 * zero, high), xlabel="gap, 1 means explained [–]")
+    marks = LogLocator(subs=(1, 2, 5) if high < 60 * zero else (1,), numticks=5).tick_values(zero, high)
+    ticks = [x for x in marks if 2 * zero < x < high]
+    axis.set_xticks([zero, *ticks], ["0", *(f"{x:g}" for x in ticks)])
     axis.xaxis.set_minor_locator(NullLocator())
-    axis.set_xlabel("gap over noise and tolerance [–]")
     axis.axhline(rule - 0.5, color=canvas.FAINT, linewidth=0.6)
     canvas.legend(axis, left=KEYS_LEFT)
     return figure
@@ -86,11 +87,10 @@ MARKERS = {"named": "o", "twin": "s", "small": "v", "less likely": "D", "screene
 def candidates_figure(finding: Finding) -> Figure | None:
     """Draw probability and closed share of the candidates that were fitted in full; None without any."""
     every = shown_candidates(finding)
-    if not every:
+    shown = [c for c in every if math.isfinite(c.closes) or c.status == "named"][:FITTED]
+    if not shown:
         return None
-    fitted = [c for c in every if math.isfinite(c.closes) or c.status == "named"]
-    shown = (fitted or every)[:FITTED]
-    named = [plain(c.id) for c in every if c.status == "named"]
+    named = [plain(e.id) for e in finding.effects]
     unknown = finding.verdict == "unknown"
     title = "No candidate explains the disagreement" if unknown else "No candidate is needed"
     if named and finding.verdict == "named":
@@ -189,11 +189,10 @@ def mean_of(group: Sequence[Residual]) -> Residual:
 
 
 def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
-    milli = {unit: unit in ("rad", "rad/s") for unit in (m.unit for m in drawn.values())}
-    units = [f"[{'m' if milli[m.unit] else ''}{tidy_unit(m.unit)}]" for m in drawn.values()]
+    units = [f"[{tidy_unit(shown_as(m.unit)[0])}]" for m in drawn.values()]
     figure, axes = canvas.panels([1.1] * len(drawn), head=0.46, y=units, x=canvas.TIME)
     for axis, (name, mean) in zip(axes, drawn.items(), strict=True):
-        scale = 1e3 if milli[mean.unit] else 1.0
+        scale = shown_as(mean.unit)[1]
         zero = mean.before if mean.unit == "rad" else np.zeros_like(mean.before)
         for d in finding.where:
             if d.channel == name and d.variant == mean.variant:

@@ -16,8 +16,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from granite_lab.reporting.canvas import typeset
+from granite_lab.reporting.rounding import kept
 from granite_lab.reporting.table import Table
-from granite_lab.reporting.words import WORDS
+from granite_lab.reporting.words import WORDS, said
 from granite_lab.shown import jsonable
 
 if TYPE_CHECKING:
@@ -35,8 +36,7 @@ _SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _TOKEN = re.compile("|".join([*map(re.escape, sorted(_SYMBOLS, key=len, reverse=True)), "[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+"]))
 
 
-_SYMBOL = re.compile(r"\b(k_92|a_θ|λ_R|b_0|b_1)\b")
-_UNIT = re.compile(r"(?<=\d) (?=[%°]|(?:m/s|mm/s|s/m|N m|ms)\b)")
+_SYMBOL = re.compile(r"\b(k_92|k_c|k_φ|a_θ|λ_R|μ_s|b_0|b_1|J_t)\b")
 _MARKDOWN = {c: f"\\{c}" for c in "\\`*_[]|~#$"} | {"&": "&amp;", "<": "&lt;", ">": "&gt;"}
 _BREAKS = re.compile(r"[\r\n\t\v\f\x00-\x1f]+")
 
@@ -53,8 +53,7 @@ def to_markdown(template: str, **content: object) -> str:
 
 def marked(text: object) -> Markup:
     """Escape a text, keep numbers on the line of their units, and set λ_R with its index low."""
-    safe = _UNIT.sub("\u00a0", str(escape(text)))
-    return Markup(_SYMBOL.sub(lambda m: m[1].replace("_", "<sub>", 1) + "</sub>", safe))
+    return Markup(_SYMBOL.sub(lambda m: m[1].replace("_", "<sub>", 1) + "</sub>", kept(str(escape(text)))))
 
 
 def plain_markdown(value: object) -> str:
@@ -88,16 +87,13 @@ def to_latex(table: Table) -> str:
 def to_pdf(result: StudyResult, report: Report, made: str, figures: Mapping[str, str]) -> bytes:
     """Return the report as four pages of A4, set by Typst; the same study gives the same bytes.
 
-    Args:
-        result: the study.
-        report: its report, whose answers, figures and tables are set.
-        made: version, date and libraries, one phrase.
-        figures: SVG of each figure of the report by its name.
+    `made` says with which version, when; `figures` are their SVG by name.
     """
     answers = report.answers
     content = {
         "name": report.name, "made": made, "lead": answers.lead, "virtual": answers.virtual,
         "questions": answers.questions, "command": result.source.command, "tables": report.tables,
+        "model": said("page", "model"),
         "figures": {f.name: {"title": f.title, "virtual": f.virtual} for f in report.figures},
     }  # fmt: skip
     files = {f"figures/{name}.svg": svg.encode() for name, svg in figures.items()}

@@ -72,7 +72,7 @@ class Report:
 
     Attributes:
         name: of the study.
-        kind: what the page is, such as "Report of a study".
+        kind: what the page is, with its date.
         answers: the first screen.
         first: table beside the answers; None where there is none.
         sections: the evidence.
@@ -125,10 +125,7 @@ def _gallery(*figures: Figure | None) -> Gallery | None:
 def study_report(result: StudyResult, *, model: Path | str | None = None, folder: str = "") -> Report:
     """Lay out the report of a study, or of a search alone, which is a study without trials.
 
-    Args:
-        result: the study.
-        model: path of the model file with what was found, as the report names it.
-        folder: of the report, as its commands name it.
+    `model` and `folder` are named in commands.
     """
     decided = decide.of_study(result, model, folder)
     sections = []
@@ -146,8 +143,8 @@ def study_report(result: StudyResult, *, model: Path | str | None = None, folder
     sections.append(_provenance(result.source, decided.steps[1:]))
     if result.trials or result.finding is None:
         first = tables.slip_table(decided) if decided.speeds else None
-        return Report(result.name, "Report of a study", decided, first, tuple(sections))
-    kind = "Report of a search for a missing effect"
+        return Report(result.name, f"Report of a study, {today()}", decided, first, tuple(sections))
+    kind = f"Report of a search for a missing effect, {today()}"
     return Report(result.name, kind, decided, None, tuple(sections), "finding.json")
 
 
@@ -215,10 +212,11 @@ def _failures(result: StudyResult) -> list[str]:
 def _quality(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     n = len(result.trials)
     doubtful = [r for r in result.trials if not r.comparison.motion.health.good]
-    text = f"All {n} estimates of the motion are good." if n > 1 else "The estimate of the motion is good."
+    which = {1: "The estimate of the motion is", 2: "Both estimates of the motion are"}
+    text = f"{which.get(n, f'All {n} estimates of the motion are')} good."
     if doubtful:
         text = f"{n - len(doubtful)} of {n} estimates of the motion are good. Exceptions:"
-    yield f"{text} Good: velocity is fixed at both ends and the measurements agree with their noise."
+    yield f"{text} {said('page', 'good')}"
     yield [f"{r.trial.name}: {r.comparison.motion.health.verdict}" for r in doubtful]
     yield "Trials that were left out:" if result.failures else None
     yield _failures(result)
@@ -242,14 +240,14 @@ def _provenance(source: Source, steps: Sequence[str]) -> Section:
         command = f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
     read: Cells = {"shown": shown_path}  # of an absolute path only the name
     blocks = (
-        "Further steps:" if steps else None,
-        list(steps),
+        *(Code(p) if p.startswith("granite-lab ") else p for s in steps for p in decide.parted(s)),
         f"Made by {made_by(source)}. This command repeats it:",
         Code(command),
         _fold("Parameters in force", tabulate("parameters", source.parameters)),
         _fold("Files that were read", tabulate("inputs", source.inputs, read)),
     )
-    return Section("provenance", "How to repeat this", _kept(blocks))
+    title = "Further steps, and how to repeat this" if steps else "How to repeat this"
+    return Section("provenance", title, _kept(blocks))
 
 
 def today() -> str:

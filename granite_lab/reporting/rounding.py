@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 from granite_lab.estimate import Estimate
@@ -11,6 +12,7 @@ NONE = "–"
 """What stands where a number could not be had."""
 
 _SPACE = "\u00a0"  # no line break between a number and its unit
+_UNIT = re.compile(r"(?<=\d) (?=[%°±]|(?:m/s|mm/s|s/m|N m|ms|mrad|points)\b)|(?<=±) ")
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -54,6 +56,11 @@ def significant(value: float, digits: int = 3) -> str:
 def with_unit(text: str, unit: str) -> str:
     """Put a unit behind a printed number; ``-`` and the empty unit add nothing."""
     return text if text == NONE or unit in ("", "-") else f"{text}{_SPACE}{tidy_unit(unit)}"
+
+
+def kept(text: str) -> str:
+    """Return a text in which no line ends between a number and its unit."""
+    return _UNIT.sub(_SPACE, text)
 
 
 def tidy_unit(unit: str) -> str:
@@ -101,6 +108,11 @@ def percent(share: float) -> str:
     if 0.99 < share < 1:
         return with_unit("over 99", "%")
     return with_unit(significant(100 * share, 3 if share > 0.1 else 2).removesuffix(".0"), "%")
+
+
+def chance(probability: float) -> str:
+    """Return a probability in percent; never 0 % or 100 %, which no data give."""
+    return with_unit("below 1", "%") if probability < 0.01 else percent(min(probability, 0.999))
 
 
 def percent_of(share: Estimate) -> str:

@@ -16,11 +16,21 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from granite_lab.estimate import Estimate
-from granite_lab.reporting.rounding import NONE, percent, plus_minus, significant, tidy_unit, with_unit
+from granite_lab.reporting.rounding import (
+    NONE,
+    chance,
+    kept,
+    percent,
+    plus_minus,
+    significant,
+    tidy_unit,
+    with_unit,
+)
 from granite_lab.reporting.words import WORDS
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table as Grid
     from rich.text import Text
 
 Raw = float | int | bool | str | None
@@ -165,7 +175,8 @@ def _by_attribute(how: str, own: Cells, item: Any) -> Cell:
         return number(value, int(form), scale=scale)
     if value in (None, "") or (isinstance(value, float) and math.isnan(value)):
         return Cell(NONE, (value,))
-    return Cell(format(scale * value if factor else value, form), (value,))
+    text = format(scale * value if factor else value, form)
+    return Cell(text if isinstance(value, str) else text.replace("-", "−"), (value,))
 
 
 def words(text: str, tone: str = "") -> Cell:
@@ -177,6 +188,11 @@ def number(value: float, digits: int = 3, unit: str = "", scale: float = 1.0) ->
     """Return a cell that holds a number without uncertainty; the raw value stays in the record's unit."""
     text = with_unit(significant(value * scale, digits), unit) if math.isfinite(value) else NONE
     return Cell(text, (value,))
+
+
+def probable(value: float) -> Cell:
+    """Return a cell with a probability in percent."""
+    return Cell(chance(value), (value,))
 
 
 def share(value: float) -> Cell:
@@ -214,7 +230,7 @@ TONES = {"good": "green", "fair": "yellow", "bad": "red", "faint": "dim"}
 
 VIRTUAL = "virtual data: written by a simulator"
 SHORT, WHOLE = 9, 27
-"""Lengths up to which a heading stays on one line, and up to which no word and no number is broken."""
+"""Lengths up to which a heading stays on one line where there is room, and no word or number is broken."""
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]+")
 
@@ -226,45 +242,60 @@ def clean(text: str, style: str = "") -> Text:
     return Text(_CONTROL.sub(" ", text), style)
 
 
-def say(console: Console, text: str, style: str = "") -> None:
-    """Print a sentence."""
-    console.print(clean(text, style))
+def say(console: Console, sentence: str | Text, style: str = "") -> None:
+    """Print a sentence; no line ends between a number and its unit, or inside a path."""
+    text = clean(sentence, style) if isinstance(sentence, str) else sentence
+    plain, starts, place = kept(text.plain), [], 0
+    for part in textwrap.wrap(plain, console.width, break_long_words=False, break_on_hyphens=False):
+        place = plain.index(part, place)
+        starts.append(place)
+    for line in text.divide(starts[1:]):
+        line.rstrip()
+        console.print(line, soft_wrap=True)
 
 
 def show_table(table: Table, console: Console, *, only: Sequence[str] = ()) -> None:
-    """Print a table; words are flush left and may be wrapped, numbers flush right on one line.
+    """Print a table, or `only` the columns of some names; words may be wrapped, numbers are not."""
+    from rich.measure import Measurement  # noqa: PLC0415, for terminals alone
 
-    Args:
-        table: the table.
-        console: where to print.
-        only: names of the columns to print, in the order of the table; all by default.
-    """
-    from rich import box  # noqa: PLC0415, for terminals alone
+    grid, anyhow = _grid(table, only, SHORT), console.options.update(width=1000)
+    if Measurement.get(console, anyhow, grid).minimum > console.width:
+        grid = _grid(table, only, 1)
+    console.print(grid)
+    if table.virtual:
+        say(console, f"{VIRTUAL}.", "yellow")
+
+
+def _grid(table: Table, only: Sequence[str], short: int) -> Grid:
+    """Lay out a table; a heading longer than its column and than `short` is wrapped."""
+    from rich import box  # noqa: PLC0415
     from rich import table as rich  # noqa: PLC0415
     from rich.text import Text  # noqa: PLC0415
 
+    # padding at the right would cut the last column by its width
     grid = rich.Table(
-        box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False, header_style="bold"
+        box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 0, 0, 1), show_edge=False, header_style="bold"
     )
     kept = [(k, c) for k, c in enumerate(table.columns) if not only or c.name in only]
     for k, column in kept:
         texts = [row[k].text for row in table.rows]
         longest = max(map(len, texts), default=0)
         head = [column.title.replace(" %", "\u00a0%")]
-        if len(head[0]) > max(SHORT, longest):
-            width = max(SHORT, longest, len(column.name) // 2)
+        if len(head[0]) > max(short, longest):
+            width = max(short, longest, len(column.name) // 2)
             head = textwrap.wrap(column.name.replace(" %", "\u00a0%"), width, break_long_words=False)
             head += [f"[{column.unit}]"] * bool(column.unit)
-        whole = [word for text in (*head, *texts) for word in text.split() if len(word) <= WHOLE]
+        fixed = column.number and longest <= WHOLE
+        words = [
+            w for text in (*head, *texts) for w in ([text] if fixed else text.split()) if len(w) <= WHOLE
+        ]
         grid.add_column(
             Text("\n".join(head)), justify="right" if column.number else "left", overflow="fold",
-            no_wrap=column.number and longest <= WHOLE, min_width=max(map(len, whole), default=0),
+            no_wrap=fixed, min_width=max(map(len, words), default=0),
         )  # fmt: skip
     for row in table.rows:
         grid.add_row(*(clean(row[k].text, TONES.get(row[k].tone, "")) for k, _ in kept))
-    console.print(grid)
-    if table.virtual:
-        say(console, f"{VIRTUAL}.", "yellow")
+    return grid
 
 
 def show_rows(

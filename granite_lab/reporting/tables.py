@@ -13,7 +13,7 @@ from granite_lab.estimate import Estimate, Part, mean_over
 from granite_lab.fitting import fit as records
 from granite_lab.fitting.fit import AThetaFit, FitStatus, K92Fit, Law
 from granite_lab.inference.constants import FORMULA_ERROR
-from granite_lab.reporting.answers import Answers, ChannelAnswer, Speed
+from granite_lab.reporting.answers import Answers, ChannelAnswer, Speed, gap_pair
 from granite_lab.reporting.names import (
     amount,
     channels_of,
@@ -34,8 +34,8 @@ from granite_lab.reporting.rounding import (
     significant,
     tidy_unit,
 )
-from granite_lab.reporting.table import Cell, Cells, Table, number, share, tabulate, words
-from granite_lab.reporting.words import WORDS, quantity, sensor
+from granite_lab.reporting.table import Cell, Cells, Table, number, probable, share, tabulate, words
+from granite_lab.reporting.words import PHASES, WORDS, quantity, sensor
 from granite_lab.results import Gap, StudyResult, TrialResult
 
 AGREES = {True: ("yes", "good"), False: ("no", "fair"), None: (NONE, "")}
@@ -79,6 +79,7 @@ def misfit_table(found: dict[tuple[str, str], Gap], virtual: bool) -> Table:
 
     cells: Cells = {
         "quantity": quantity,
+        "phase": lambda phase: PHASES.get(phase, "whole trial"),
         "shown": lambda unit: tidy_unit(shown_as(unit)[0]),
         "rms": lambda g: size(g.rms, g),
         "bias": lambda g: size(g.bias, g),
@@ -96,7 +97,7 @@ def law_table(fit: AThetaFit, virtual: bool) -> Table:
         clear = "clearly better than" if lead > 10 else "better than" if lead > 2 else "hardly better than"
         caption = (
             f"By the corrected Akaike criterion AICc, {first} is {clear} {second} (ΔAICc "
-            f"{significant(lead, 2)}; above 10 is decisive)."
+            f"{places(lead, 1)}; above 10 is decisive)."
         )
         if not math.isfinite(lead):
             caption = "Too few values of k_92 for an information criterion of every law."
@@ -222,13 +223,7 @@ SURE = 0.95
 
 
 def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bool = False) -> Table:
-    """List effects, each number with its interval; what holds for the whole effect stands in its first row.
-
-    Args:
-        finding: the record.
-        effects: of the finding, those that were named or the small ones.
-        small: they are the small ones.
-    """
+    """List named effects, or `small` ones, and their numbers; what holds for an effect stands once."""
     Row = tuple[FoundEffect, FoundParameter, bool]
 
     def what(r: Row) -> str:
@@ -252,7 +247,7 @@ def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bo
         "value": value,
         "interval": ends,
         "twins": lambda r: ", ".join(plain(t) for t in r[0].twins) or "none",
-        "probability": lambda r: once(r, share(r[0].probability)),
+        "probability": lambda r: once(r, probable(r[0].probability)),
         "closes": lambda r: once(r, Cell(percent_of(r[0].closes), (r[0].closes.value, r[0].closes.std))),
     }
     no_number = FoundParameter(NONE, "", Estimate(math.nan))
@@ -260,6 +255,7 @@ def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bo
     return tabulate(
         "found_small" if small else "found_effects", rows, cells, virtual=finding.virtual,
         skip=() if any(e.twins for e in effects) else ("twins",), formula=percent(FORMULA_ERROR[0]),
+        where=gap_pair(finding)[2],
     )  # fmt: skip
 
 
@@ -305,7 +301,8 @@ def candidates_table(finding: Finding) -> Table:
 
     cells: Cells = {
         "plain": plain,
-        "meaning": lambda c: getattr(met(c.id), "title", NONE),
+        "probability": lambda c: words(NONE) if c.status == "screened" else probable(c.probability),
+        "meaning": lambda c: getattr(met(c.id), "title", "term of an empirical law"),
         # a fit to the noise closes no more than all of the gap
         "closes": lambda c: Cell(percent(min(c.closes, 1.0)), (c.closes,)),
         "result": result,

@@ -47,11 +47,7 @@ def show_study(
 ) -> None:
     """Print the answers of a study, as on the first screen of its report; of a search alone its tables, too.
 
-    Args:
-        result: the study; of a search alone one without trials.
-        console: where to print.
-        folder: of the report, as commands name it.
-        model: path of the model file with what was found.
+    `folder` and `model` are named in commands.
     """
     decided = reporting.answers.of_study(result, model, folder)
     say(console, decided.lead)
@@ -89,7 +85,7 @@ def _search(finding: Finding, console: Console) -> None:
 def _answers(questions: Sequence[Answer], console: Console) -> None:
     for answer in questions:
         verdict = clean(f"{answer.verdict}. " if answer.verdict else "", TONES.get(answer.tone, ""))
-        console.print(Text.assemble(clean(f"{answer.question} ", "bold"), verdict, clean(answer.text)))
+        say(console, Text.assemble(clean(f"{answer.question} ", "bold"), verdict, clean(answer.text)))
         if answer.command:
             console.print(clean(f"  {answer.command}"), soft_wrap=True)
 
@@ -128,7 +124,7 @@ def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = Fal
     show_table(reporting.tables.k92_table(fits), console)
     said = reporting.names.shared([(fit.trial, fit.notes) for fit in fits])
     for note in said if notes else ():
-        say(console, note, "yellow")
+        say(console, reporting.names.sensors_in_words(note), "yellow")
     if said and not notes:
         say(console, f"{len(said)} notes of the fits: --verbose lists them", "dim")
 
@@ -219,7 +215,7 @@ def show_parameters(known: Sequence[Provenance], variants: Sequence[Variant], co
     for group in dict.fromkeys(row.group for row in known):
         members = [row for row in known if row.group == group]
         common = Counter(row.origin for row in members).most_common(1)[0][0]
-        console.print(Text.assemble((group, "bold"), (f"  from {common}", "dim")))
+        say(console, Text.assemble((group, "bold"), (f"  from {common}", "dim")))
         value = {"value": lambda p: f"{p.value:g}" if isinstance(p.value, (int, float)) else str(p.value)}
         others = [p for p in members if p.origin != common]
         show_rows("in_force", members, console, {**value, **ENDS}, skip=() if others else ("origin",))
@@ -239,7 +235,8 @@ def show_effects(effects: Sequence[Effect], console: Console) -> None:
     """Print one line per effect."""
 
     def named(effect: Effect) -> str:
-        return ", ".join(f"{p.name} [{tidy_unit(p.unit)}]" if p.unit else p.name for p in effect.parameters)
+        units = {p.name: "" if p.unit in ("", "-") else f" [{tidy_unit(p.unit)}]" for p in effect.parameters}
+        return ", ".join(f"{name}{unit}" for name, unit in units.items())
 
     show_rows("effects", effects, console, {"parameters": named})
 
@@ -249,5 +246,5 @@ def show_effect(effect: Effect, console: Console) -> None:
     say(console, f"{effect.id}: {effect.title}", "bold")
     texts = {"equation": effect.equation, "source": effect.source, "signature": effect.signature}
     for label, text in texts.items():
-        console.print(Text.assemble(clean(f"{label}: ", "dim"), clean(text)))
+        say(console, Text.assemble(clean(f"{label}: ", "dim"), clean(text)))
     show_rows("effect", effect.parameters, console, ENDS)

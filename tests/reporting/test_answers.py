@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from pypdf import PdfReader
 from rich.console import Console
 
+from granite_lab.effects.library import get
 from granite_lab.estimate import Estimate, mean_over
 from granite_lab.parameters import load_paper, load_variants
 from granite_lab.parameters.catalogue import in_force
@@ -23,6 +24,7 @@ from granite_lab.reporting import terminal
 from granite_lab.reporting.answers import Answers, by_speed, channels_of, of_study
 from granite_lab.reporting.report import Fold, Gallery, study_report
 from granite_lab.reporting.rounding import decided, decimals_for, interval, percent, plus_minus, significant
+from granite_lab.reporting.table import say, show_table
 from granite_lab.reporting.tables import slip_table, trial_table
 from granite_lab.reporting.terminal import show_study
 from granite_lab.results import Gap, StudyResult, gaps
@@ -162,10 +164,10 @@ def gap(normalised: float, rms: float = 0.05, phase: str = "all") -> Gap:
         (1.4, 0.05, "agrees"),
         (2.0, 0.05, "differs"),
         (50.0, 0.05, "differs clearly"),
-        (50.0, 0.009, "differs by less than 1\u00a0%"),
+        (50.0, 0.009, "differs by under 1\u00a0%"),
         (NAN, 0.05, "not judged, noise not known"),
         # a difference of 74 % of the largest value, hidden in the noise, is no agreement
-        (0.61, 0.74, "not judged, noise too large"),
+        (0.61, 0.74, "not judged, too noisy"),
     ],
 )
 def test_a_quantity_is_judged_by_noise_and_largest_value(normalised: float, rms: float, verdict: str) -> None:
@@ -290,6 +292,21 @@ def test_tables_fit_eighty_columns_and_are_marked_where_virtual(name: str, study
     assert "nan" not in text.lower()
     assert "…" not in text.replace(" … ", "")  # nothing was cut
     assert ("virtual" in text) is (name not in ("a_theta", "parameters"))
+
+
+def test_wide_tables_wrap_their_headings_and_lose_nothing() -> None:
+    answers, out = of_study(made_up_study(speeds=SPEEDS, repetitions=3)), io.StringIO()
+    slip, k92 = decided(22.435, 0.123, 22.087, 22.788, unit="%"), decided(0.0825, 0.0026)
+    speeds = tuple(replace(s, slip=slip, k92=k92) for s in answers.speeds)
+    console = Console(file=out, width=80, highlight=False)
+    show_table(slip_table(replace(answers, speeds=speeds)), console)
+    lines = [line.split() for line in out.getvalue().splitlines()]
+    assert sum(line[-1:] == ["3"] for line in lines) == len(SPEEDS)
+    assert any(line[-1:] == ["trials"] for line in lines)
+    terminal.show_effects([get("encoder_eccentricity"), get("contact_angle_actual_speed")], console)
+    assert "sin_front [rad]," in " ".join(out.getvalue().split())
+    say(console, "a number and its unit, such as one of these, stay on the one line: 95 % or 4.919 s/m")
+    assert "95 %" in out.getvalue()
 
 
 def test_notes_and_trials_left_out_stand_beside_the_answers_in_colours(study: StudyResult) -> None:

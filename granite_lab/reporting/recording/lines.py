@@ -111,12 +111,7 @@ def command_start(comparison: Comparison) -> float:
 
 
 def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = None) -> list[Line]:
-    """Return every line of a trial as shown; one without a single finite sample is left out.
-
-    Args:
-        trial, comparison: what was logged, and measured beside simulated.
-        finding: of the search for the missing effect; its simulations join the plots.
-    """
+    """Return every line of a trial as shown, with simulations of a finding; none without a finite sample."""
     motion, start = comparison.motion, command_start(comparison)
     run, t = comparison.run, motion.t - start
     wheels = mean_of_known(motion.v_wheel, 1)

@@ -146,17 +146,9 @@ def blueprint(content: Any) -> Any:
 
 
 def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: Finding | None = None) -> Path:
-    """Write the Rerun recording of one trial, layout included.
+    """Write the Rerun recording of one trial, layout included; whole or not at all; return its path.
 
-    Args:
-        trial: as logged.
-        comparison: measured beside simulated.
-        path: of the ``.rrd`` file; written whole or not at all.
-        finding: of the search for the missing effect: where the simulation differs is shown as bars, and
-            its simulations without and with the effect are drawn beside what was measured.
-
-    Returns:
-        `path`.
+    With a finding, bars show where the simulation differs, and its simulations are drawn, too.
 
     Raises:
         LabError: the file cannot be written.
