@@ -224,6 +224,10 @@ def load_report(path: Path) -> dict[str, Any]:
     file = path / "report.json" if path.is_dir() else path
     try:
         document = json.loads(file.read_bytes())
+    except FileNotFoundError:
+        raise InputError(
+            f"{file}: cannot be read: does not exist", "give a folder that 'granite-lab study' wrote"
+        ) from None
     except OSError as error:
         raise readable(error, file) from None
     except ValueError:

@@ -64,8 +64,12 @@ class Arg:
 NAMED = "a name of the catalogue or a .toml file"
 File = str | Path | None
 
-RobotFile = Annotated[File, Arg(f"the robot: {NAMED}; by default the log's if it names one, else granite")]
-SoilFile = Annotated[File, Arg(f"the soil: {NAMED}; by default the log's if it names one, else dry_sand")]
+RobotFile = Annotated[
+    File, Arg(f"the robot: {NAMED}; by default as granite-lab.toml or the log says, else granite")
+]
+SoilFile = Annotated[
+    File, Arg(f"the soil: {NAMED}; by default as granite-lab.toml or the log says, else dry_sand")
+]
 MapFile = Annotated[File, Arg(f"column map: {NAMED}, or a folder of these")]
 ModelFile = Annotated[File, Arg("file (model.toml) of the paper's model with effects switched on")]
 EffectFile = Annotated[File, Arg("your own effect file (.py). It is executed: use only code you trust")]
