@@ -7,9 +7,9 @@ reads the same whether it is evaluated or differentiated.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from functools import cache, lru_cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import casadi as ca
 
@@ -87,7 +87,7 @@ def _names(kind: type) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=256)
-def _floats(record: Any) -> tuple[float, ...]:
+def _floats(record: Hashable) -> tuple[float, ...]:
     """Return the numbers of a record; many runs share their robot."""
     return tuple(float(value) for value in _numbers(record))
 
@@ -100,7 +100,7 @@ def vector_of(record: Any) -> list[float]:
         if isinstance(value, (int, float)):
             found.append(float(value))
         elif dataclasses.is_dataclass(value):
-            found += _floats(value)
+            found += _floats(cast(Hashable, value))
     return found
 
 
