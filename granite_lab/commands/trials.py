@@ -272,9 +272,12 @@ def discover(call: Call[tuple[Written, Origin]]) -> None:
 
 
 @command(api.plan_next, busy="looking at trials")
-def plan_next(call: Call[Plan]) -> None:
+def plan_next(call: Call[Plan], out: Table = None) -> None:
     """Proposals are ranked, the best first."""
     found = call()
+    if out is not None:
+        table = found.to_frame()
+        write_table(out, table.assign(data="virtual") if found.design.virtual else table)
     kind = found.question.kind
     proposals = [
         picked(p.option, "variant", "conditions", "repeats", "why", "how")
