@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -30,6 +31,7 @@ def behave() -> None:
     A parent that was killed cannot tell its workers; without the watch they would wait for work
     for ever.
     """
+    gc.freeze()  # no collection looks at what was inherited, so that its memory stays shared
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

@@ -11,7 +11,7 @@ from granite_lab.discovery.candidates import Score, Screen, scores, screen
 from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.constants import EFFECT_ODDS, LEFT, LOUD, SPREAD, TOLERANCE, WORTH
+from granite_lab.inference.constants import EFFECT_ODDS, LEFT, SPREAD, TOLERANCE, WORTH
 from granite_lab.inference.fit import Fit, fit, under
 from granite_lab.inference.gap import moved, shares
 from granite_lab.inference.normal import Scales
@@ -150,7 +150,7 @@ def search(
             )
         promises = _promises(looks[model.effects])
         promising = _promising({c: p for c, p in promises.items() if wanted(c, p.gain)}, most)
-        fitted([(_with(problem, o.point, score), model.fit) for p in promising for o, score in p.scores])
+        fitted([(_with(problem, o.point, score), model.fit) for p in promising for o, score in p.starts])
         return [p.score for p in promising]
 
     def settled(model: Model) -> bool:
@@ -260,7 +260,7 @@ def left_open(model: Model, base: Fit, own: Collection[str]) -> Callable[[str, f
 
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:
     """Tell whether a fit leaves no discrepancy beyond the tolerance and no louder noise."""
-    return max(shares(problem, result).values(), default=0.0) <= tolerance and not _loud(result)
+    return max(shares(problem, result).values(), default=0.0) <= tolerance and not result.scales.loud
 
 
 def strained(problem: Problem, result: Fit) -> bool:
@@ -278,16 +278,12 @@ def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:
     return changed > tolerance or not good(problem, under(problem, alone, best.scales), tolerance)
 
 
-def _loud(result: Fit) -> bool:
-    return max(result.scales.louder.values(), default=1.0) > LOUD
-
-
 def _origins(problem: Problem, result: Fit) -> list[Fit]:
     """Return where candidates are screened: at the fit, and at the files' sand where the fit is bad.
 
     Where much is missing, the sand has moved to stand in for it.
     """
-    if not _loud(result) and result.scales.largest <= 2 * TOLERANCE:
+    if not result.scales.loud and result.scales.largest <= 2 * TOLERANCE:
         return [result]
     trials = []
     for x in result.point.trials:
@@ -310,15 +306,16 @@ def _screened(
 
 @dataclass(frozen=True, eq=False)
 class _Promise:
-    """What a candidate would bring at most over some screens: its gain, its score there, and all its scores.
+    """What a candidate would bring at most over some screens: its gain, its score there, and where to start.
 
     A gain is linear about its screen's origin and does not tell from where a fit ends best: from sand that
-    stands in for what is missing it may end a thousand units of log evidence lower.
+    stands in for what is missing it may end a thousand units of log evidence lower. A term of the empirical
+    law starts where it promises most: it only shows that no effect of the library will do.
     """
 
     gain: float
     score: Score
-    scores: tuple[tuple[Fit, Score], ...]
+    starts: tuple[tuple[Fit, Score], ...]
 
 
 def _promises(looks: Sequence[Look]) -> dict[str, _Promise]:
@@ -332,7 +329,8 @@ def _promises(looks: Sequence[Look]) -> dict[str, _Promise]:
     for id_, own in every.items():
         gains = [origin.posterior.evidence + score.gain - first for origin, score in own]
         best = int(np.argmax(gains))
-        found[id_] = _Promise(gains[best], own[best][1], tuple(own))
+        starts = own[best : best + 1] if is_empirical(id_) else own
+        found[id_] = _Promise(gains[best], own[best][1], tuple(starts))
     return found
 
 

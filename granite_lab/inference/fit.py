@@ -19,6 +19,10 @@ from granite_lab.logs.trial import Array
 LEAST = 0.5
 """Drop of the objective at which an iteration ends: a quarter of a unit of log likelihood."""
 
+LEAST_OF_LOUD = 0.01
+"""The same as a share of the objective where the noise is found louder than repetitions show: the model is
+wrong, and half a percent of its rms does not change that."""
+
 TRUSTED = 0.6
 """Share of the promised drop above which the derivatives are kept."""
 
@@ -121,8 +125,9 @@ def fit(
         here = M[-1, -1] + float(np.sum(((state.point.vector - mean) / std) ** 2))
         aim = _aim(problem, state.point, M, std, mean - state.point.vector, damping)
         promised = here - _linear(M, std, mean, state.point, aim)
+        least = LEAST_OF_LOUD * here if scales.loud else LEAST
         drop = np.nan
-        if promised >= LEAST:
+        if promised >= least:
             drop = -np.inf
             tried = simulated(problem, aim)
             if tried is not None:
@@ -133,7 +138,7 @@ def fit(
             if tried is not None and drop > 0:
                 state = _State(aim, state.slopes, tried, residuals, state.normal.at(white))
                 damping, fresh = damping / 10 if damping > 0.02 else 0.0, False
-                if drop < LEAST and renew <= 0:  # at a kink of the model a step never brings what is promised
+                if drop < least and renew <= 0:  # at a kink of the model a step never brings what is promised
                     converged = True
                     break
             else:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
+from granite_lab.inference.constants import LOUD
 from granite_lab.inference.discrepancy import variances
 from granite_lab.logs.trial import Array
 
@@ -53,6 +54,11 @@ class Scales:
     def largest(self) -> float:
         """The largest share that was learnt."""
         return max(self.shares.values(), default=self.share)
+
+    @property
+    def loud(self) -> bool:
+        """Whether the noise of a channel is so much louder than its repetitions show that the fit is bad."""
+        return max(self.louder.values(), default=1.0) > LOUD
 
 
 @dataclass(frozen=True, eq=False)
