@@ -157,6 +157,7 @@ def write(
     folder: Path,
     searched: Sequence[tuple[Trial, Motion]] = (),
     failures: Sequence[str] = (),
+    jobs: int = 1,
 ) -> Written:
     """Write the report of a study, and the model with what was found; what fails costs nothing of the others.
 
@@ -166,6 +167,7 @@ def write(
         folder: to write into.
         searched: trials of a search alone, with their motion.
         failures: what could not be written before.
+        jobs: number of processes that draw figures.
     """
     guard, model = Guard(folder), None
     library(options.effects)  # the report takes words from the user's own effects, too
@@ -179,7 +181,7 @@ def write(
     def told() -> StudyResult:
         return replace(result, finding=found and replace(found, failures=(*found.failures, *guard.lines)))
 
-    page = guard.run("report", lambda: reporting.write_report(told(), folder, model=name))
+    page = guard.run("report", lambda: reporting.write_report(told(), folder, model=name, jobs=jobs))
     if page is None and (finding := told().finding):
         guard.run("finding", lambda: reporting.write_finding(finding, folder, name))
         alone = replace(result, finding=None, unsearched="the search could not be shown; see finding.json")

@@ -150,12 +150,12 @@ def studied(logs: Logs, **said: Unpack[Chain]) -> tuple[Written, Origin]:
         if known and all(fingerprint(folder / name) == sha for name, sha in known.items()):
             model = folder / MODEL if MODEL in known else None
             return Written(result, folder / "index.html", model, unchanged=True), origin
-        guard = Guard(folder)
+        guard, jobs = Guard(folder), execution.jobs
         if said["recordings"]:
-            place, jobs = folder / "recordings", execution.jobs
+            place = folder / "recordings"
             guard.run("recordings", lambda: record(result, place, jobs=jobs, progress=progress))
         progress("report", 0)
-        written = write(result, options, folder, failures=guard.lines)
+        written = write(result, options, folder, failures=guard.lines, jobs=jobs)
         if cache is not None and not written.failures:
             files = sorted(path for path in folder.rglob("*") if path.is_file())
             known = {path.relative_to(folder).as_posix(): fingerprint(path) for path in files}
@@ -225,7 +225,8 @@ def discovered(logs: Logs, *, out: calls.File = None, **said: Unpack[Search]) ->
     if out is not None:
         progress("writing the report", 0)
         with claimed(Path(out)):
-            written = write(written.result, options, Path(out), list(zip(trials, motions, strict=True)))
+            pairs = list(zip(trials, motions, strict=True))
+            written = write(written.result, options, Path(out), pairs, jobs=execution.jobs)
     lines = (f"{trial.name}: {line}" for trial in trials for line in trial.warnings)
     return written, Origin(source, left_out, (*lines, *execution.tidied()))
 

@@ -12,6 +12,7 @@ from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.files import readable, write_text
+from granite_lab.processes import shared_out
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import channels_of
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, on_page
@@ -24,7 +25,9 @@ from granite_lab.reporting.tables import channel_table, misfit_table
 from granite_lab.results import StudyResult, gaps
 
 
-def write_report(result: StudyResult, folder: Path, *, model: Path | str | None = None) -> Path:
+def write_report(
+    result: StudyResult, folder: Path, *, model: Path | str | None = None, jobs: int = 1
+) -> Path:
     """Write ``index.html``, ``report.md``, ``report.json``, ``report.pdf``, ``figures/``, ``tables/``
     and ``ro-crate-metadata.json``.
 
@@ -36,6 +39,7 @@ def write_report(result: StudyResult, folder: Path, *, model: Path | str | None 
         result: the study, with what a search found.
         folder: of the report; made if it does not exist.
         model: path of the model file, as the numbers shall name it.
+        jobs: number of processes that draw figures, as in `processes.shared_out`.
 
     Returns:
         path of ``index.html``.
@@ -46,7 +50,7 @@ def write_report(result: StudyResult, folder: Path, *, model: Path | str | None 
     beside = Path(model).name if model is not None else None
     report = study_report(result, model=beside, folder=_named(folder))
     with _replacing(folder) as new:
-        drawn = _write_figures(report.figures, new)
+        drawn = _write_figures(report.figures, new, jobs)
         _write_tables(report.tables, new)
         _write(new / "report.md", to_markdown("report.md", report=report))
         pictures = {f.name: on_page(f, drawn[f.name]) for f in report.figures}
@@ -115,16 +119,20 @@ def _write(path: Path, text: str) -> None:
     path.write_bytes(text.encode("utf-8", errors="replace"))
 
 
-def _write_figures(figures: Sequence[Figure], folder: Path) -> dict[str, str]:
+def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, str]:
     """Write each figure in all formats; return their SVG by name."""
     (folder / "figures").mkdir()
     drawn: dict[str, str] = {}
-    for figure in figures:
-        files = converted(figure.draw(), FORMATS, canvas.DPI)
+    files_of = shared_out(_converted, figures, len(figures), "drew figures", jobs=jobs, few=2)
+    for figure, files in zip(figures, files_of, strict=True):
         drawn[figure.name] = files["svg"].decode()
         for kind, data in files.items():
             (folder / "figures" / f"{figure.name}.{kind}").write_bytes(data)
     return drawn
+
+
+def _converted(figures: Sequence[Figure], k: int) -> dict[str, bytes]:
+    return converted(figures[k].draw(), FORMATS, canvas.DPI)
 
 
 def _write_tables(tables: Sequence[Table], folder: Path) -> None:
