@@ -14,7 +14,7 @@ from granite_lab.estimation.error_model import TAU
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Problem, build
 from granite_lab.estimation.rest import Interval, wheels_still
-from granite_lab.estimation.smoother import forward, merged, nominal_of, solve
+from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.trial import Array
 
@@ -163,12 +163,12 @@ def find_offset(problem: Problem) -> tuple[Estimate, Estimate, float]:
     likely = found.value * LATENCY**2 / (LATENCY**2 + found.std**2)
     if abs(found.value) < LATEST:
         return usual, found, likely
-    other = solve(problem, unusual, robust=False)
+    other = settle(problem, unusual, robust=False)
     lags = found.value > 0.0 and other.compliance > problem.compliance
     if abs(found.value) < FAR:
         return usual, found, 0.0 if lags else likely
-    one = solve(problem, usual, robust=False).smoothed.innovations
-    if other.smoothed.innovations.log_likelihood - one.log_likelihood < UNUSUAL:
+    one = settle(problem, usual, robust=False).found.innovations
+    if other.found.innovations.log_likelihood - one.log_likelihood < UNUSUAL:
         return usual, found, 0.0
     return (usual, usual, 0.0) if lags else (unusual, found, found.value)
 
@@ -247,15 +247,16 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
         known = (0.5 * spacing) ** -2.0
         precision, pull = np.full(offsets.size, known), np.zeros(offsets.size)
         for part in tuple(parts):
-            solved = [forward(merged(build(*part, float(c), Estimate(0.0, 0.5 * spacing)))) for c in offsets]
-            likely = np.array([came.log_likelihood for _, _, came in solved])
+            known_left = Estimate(0.0, 0.5 * spacing)
+            solved = [forward(build(*part, float(c), known_left)) for c in offsets]
+            likely = np.array([found.innovations.log_likelihood for found in solved])
             telling = TEMPER * (likely - likely.max())
             score += np.logaddexp(telling, -UNUSUAL)
             if telling.min() > -1.0:  # by this change all offsets are alike
                 parts.remove(part)
-            after = 1.0 / np.array([P[-1, TAU, TAU] for _, P, _ in solved])
+            after = 1.0 / np.array([found.P[-1, TAU, TAU] for found in solved])
             precision += TEMPER * (after - known)
-            pull += TEMPER * after * np.array([x[-1, TAU] for x, _, _ in solved])
+            pull += TEMPER * after * np.array([found.x[-1, TAU] for found in solved])
         weight, offsets = softmax(score), offsets + pull / precision
         mean = float(weight @ offsets)
         return mean, float(np.sqrt(weight @ ((offsets - mean) ** 2 + 1.0 / precision)))

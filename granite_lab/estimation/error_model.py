@@ -22,7 +22,8 @@ the wheels turn, and no slip velocity at rest. It is not assumed to be small.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -129,8 +130,7 @@ def transitions(
     wheel speed `w` by which the slip ratio is multiplied [m/s], the velocity that the accelerometer adds,
     `gain` [m/s]. `omega` [rad/s] and `zeta` are those of the vibration.
     """
-    F = np.zeros((dt.size, SIZE, SIZE))
-    F[:] = np.eye(SIZE)
+    F = np.tile(np.eye(SIZE), (dt.size, 1, 1))
     on = moving.astype(float)
     F[:, X, V] = on * dt
     F[:, X, TH] = on * coupling * dt**2 / 2
@@ -172,8 +172,7 @@ def noises(
     gyro_walk: float,
 ) -> Array:
     """(K, 14, 14) process noise of the inertial states over each step, by white noise densities (K,)."""
-    Q = np.zeros((dt.size, SIZE, SIZE))
-    Q[:, range(SIZE), range(SIZE)] = TINY**2
+    Q = np.tile(np.diag(TINY**2), (dt.size, 1, 1))
     on = moving.astype(float)
     a2, g2 = on * accel**2, on * gyro**2
     Q[:, V, V] += a2 * dt + coupling**2 * g2 * dt**3 / 3
@@ -227,58 +226,81 @@ def std_of(P: Array, parts: dict[int, float]) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Update:
-    """One scalar measurement: z = H state + noise of variance R."""
+class Updates:
+    """Scalar measurements z = H state + noise of variance R (U in all), in the order the filter takes them.
 
-    kind: str
-    z: float
+    Attributes:
+        node: (U,) at which node, never falling.
+        kind: (U,) which measurement, by name.
+        z, H, R: (U,), (U, 14) and (U,).
+    """
+
+    node: np.ndarray
+    kind: np.ndarray
+    z: Array
     H: Array
-    R: float
+    R: Array
+
+    def counts(self, n: int) -> list[int]:
+        """Return how many there are at each of n nodes."""
+        return [int(count) for count in np.bincount(self.node, minlength=n)]
 
 
-def add_rest(
-    updates: list[list[Update]], imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults,
-    index: np.ndarray, rest: np.ndarray, speed: Array, shaken: Array,
-) -> None:  # fmt: skip
+def updates_of(
+    kind: str, node: np.ndarray, z: Array | float, H: Mapping[int, Array | float], R: Array | float
+) -> Updates:
+    """Measurements of one kind at the nodes (U,); H holds the states' factors that are not 0."""
+    rows = np.zeros((node.size, SIZE))
+    for state, factor in H.items():
+        rows[:, state] = factor
+    full = np.zeros(node.size)
+    return Updates(node, np.full(node.size, kind), full + z, rows, full + R)
+
+
+def in_order(parts: Sequence[Updates]) -> Updates:
+    """Put measurements together, by node, and at one node as given."""
+    node, kind, z, H, R = (np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Updates))
+    order = np.argsort(node, kind="stable")
+    return Updates(node[order], kind[order], z[order], H[order], R[order])
+
+
+def rest_updates(
+    imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults, index: np.ndarray, rest: np.ndarray,
+    speed: Array, shaken: Array,
+) -> list[Updates]:  # fmt: skip
     """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill.
 
     The body may still have the velocity `speed` (K,) [m/s]; wheels that turn shake it by the rms `shaken`
     (K,) [m/s].
     """
-    h_velocity, h_rate = np.zeros((2, 1, SIZE))
-    h_velocity[0, V] = 1.0
-    h_rate[0, BG] = 1.0
+    k = np.flatnonzero(rest)
+    i = index[k]
+    # v_nominal is frozen but for the lever's part, which is zero at rest
+    found = [updates_of("zero_velocity", k, -nominal.v[i], {V: 1.0}, ZERO_VELOCITY**2 + speed[k] ** 2)]
     usable = nominal.rest & ~faults.doubt & np.isfinite(imu.forward)
-    period, has_pitch_rate = imu.period, imu.has_pitch_rate
-    force = np.concatenate([[0.0], np.cumsum(np.where(usable, imu.forward, 0.0))])
-    rate = np.concatenate([[0.0], np.cumsum(np.where(usable, np.nan_to_num(imu.pitch_rate), 0.0))])
-    count = np.concatenate([[0], np.cumsum(usable)])
-    for k in np.flatnonzero(rest):
-        i = index[k]
-        first = index[k - 1] + 1 if k and rest[k - 1] else i
-        # v_nominal is frozen but for the lever's part, which is zero at rest
-        R = ZERO_VELOCITY**2 + float(speed[k]) ** 2
-        updates[k].append(Update("zero_velocity", -float(nominal.v[i]), h_velocity, R))
-        n = count[i + 1] - count[first]
-        if n == 0:
-            continue
-        if has_pitch_rate:
-            mean = (rate[i + 1] - rate[first]) / n
-            R = noise.gyro**2 / (n * period)
-            updates[k].append(Update("zero_rate", mean - nominal.gyro_bias, h_rate, R))
-        mean = (force[i + 1] - force[first]) / n
-        h = np.zeros((1, SIZE))
-        h[0, [BA, TH]] = 1.0, -nominal.coupling[i]
-        z = mean + imu.gravity * np.sin(nominal.pitch[i]) - nominal.accel_bias
-        R = noise.accel**2 / (n * period) + 2.0 * (float(shaken[k]) / (n * period)) ** 2
-        updates[k].append(Update("specific_force", float(z), h, R))
+    first = np.where((k > 0) & rest[k - 1], index[k - 1] + 1, i)
+
+    def total(values: Array | np.ndarray) -> Array:
+        """Sum over the usable samples since the node before."""
+        sums = np.concatenate([[0.0], np.cumsum(np.where(usable, values, 0.0))])
+        return np.asarray(sums[i + 1] - sums[first])
+
+    n, force, rate = (total(v) for v in (np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)))
+    seen = n > 0
+    k, i = k[seen], i[seen]
+    n, force, rate = n[seen], force[seen], rate[seen]
+    if imu.has_pitch_rate:
+        R = noise.gyro**2 / (n * imu.period)
+        found.append(updates_of("zero_rate", k, rate / n - nominal.gyro_bias, {BG: 1.0}, R))
+    z = force / n + imu.gravity * np.sin(nominal.pitch[i]) - nominal.accel_bias
+    R = noise.accel**2 / (n * imu.period) + 2.0 * (shaken[k] / (n * imu.period)) ** 2
+    return [*found, updates_of("specific_force", k, z, {BA: 1.0, TH: -nominal.coupling[i]}, R)]
 
 
-def add_wheels(
-    updates: list[list[Update]], rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray,
-    spinning: np.ndarray, offset: float, lost: Array, loss: Array, w: Array, growth: Array,
-    thrust: Array,
-) -> float:  # fmt: skip
+def wheel_updates(
+    rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray, spinning: np.ndarray,
+    offset: float, lost: Array, loss: Array, w: Array, growth: Array, thrust: Array,
+) -> tuple[Updates, float]:  # fmt: skip
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 
     Rolled distance counts from the first sample, which is no measurement then; its std [m] is returned. At
@@ -290,38 +312,29 @@ def add_wheels(
     known = np.isfinite(rolling.mean) & np.isfinite(rolling.speed)
     known &= (stamps >= t[0] - 1e-3) & (stamps <= t[-1] + 1e-3)
     samples = np.flatnonzero(known)
-    if samples.size == 0:
-        return 0.0
     place = np.clip(np.searchsorted(t, stamps[samples]), 1, t.size - 1)
     place -= (stamps[samples] - t[place - 1]) < (t[place] - stamps[samples])
     distance = np.abs(t[place] - stamps[samples])
     order = np.lexsort((distance, place))
-    first = np.concatenate([[True], np.diff(place[order]) > 0])
-    still = rest & np.concatenate([[True], rest[:-1]]) & np.concatenate([rest[1:], [True]])
+    first = np.diff(place[order], prepend=-1) > 0
     acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
-    jerk = np.gradient(thrust, t)
     chosen = np.sort(order[first])
     k, m = place[chosen], samples[chosen]
     speed, gained = rolling.speed[m], acceleration[m]
-    H = np.zeros((k.size, 1, SIZE))
     ahead = t[k] - stamps[m]
     if rolling.by_rate:
-        rows = (1.0, -1.0, growth[k], w[k], w[k], jerk[k])
-        for state, row in zip((V, PD, TAU, S, G, C), rows, strict=True):
-            H[:, 0, state] = row
+        jerk = np.gradient(thrust, t)
+        H = {V: 1.0, PD: -1.0, TAU: growth[k], S: w[k], G: w[k], C: jerk[k]}
         z = speed + gained * ahead - nominal.v[index[k]] - loss[k]
-        R = rolling.speed_std[m] ** 2
-        start, told = 0.0, np.ones(k.size, dtype=bool)
-    else:
-        # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
-        # is the noise of z as well, or every update would pull the velocity down a little
-        z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained - (nominal.x[index[k]] + lost[k])
-        R = rolling.mean_std[m] ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
-        z, start = z - z[0], float(np.sqrt(R[0]))
-        H[:, 0, [X, D, P]], H[:, 0, C] = (1.0, 1.0, -1.0), thrust[k]
-        H[:, 0, TAU] = speed - loss[k]  # an offset also moves the wheel speed that the mean slip goes by
-        told = ~(still | spinning)[k]  # a constant reading at rest says nothing new
-        told[0] = False
-    for j in np.flatnonzero(told):
-        updates[k[j]].append(Update("wheel", float(z[j]), H[j], float(R[j])))
-    return start
+        return updates_of("wheel", k, z, H, rolling.speed_std[m] ** 2), 0.0
+    # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
+    # is the noise of z as well, or every update would pull the velocity down a little
+    z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained - (nominal.x[index[k]] + lost[k])
+    R = rolling.mean_std[m] ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
+    start = float(np.sqrt(R[0])) if k.size else 0.0
+    still = rest & np.concatenate([[True], rest[:-1]]) & np.concatenate([rest[1:], [True]])
+    told = ~(still | spinning)[k]  # a constant reading at rest says nothing new
+    told[:1] = False
+    # an offset also moves the wheel speed that the mean slip goes by
+    H = {X: 1.0, D: 1.0, P: -1.0, C: thrust[k][told], TAU: (speed - loss[k])[told]}
+    return updates_of("wheel", k[told], (z - z[:1])[told], H, R[told]), start

@@ -55,10 +55,10 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     came = found.innovations
     sigma = np.sqrt(came.variance)
     kinds: dict[str, Consistency] = {}
-    for kind in dict.fromkeys(came.kind):
+    for kind in dict.fromkeys(came.kind.tolist()):
         of_kind = came.fresh(kind)
         if not of_kind.any():
-            of_kind = np.array([k == kind for k in came.kind])
+            of_kind = came.kind == kind
         ratio = (came.value / sigma)[of_kind]
         kinds[kind] = Consistency(
             float(np.mean(ratio**2)), ratio.size, correlation(ratio), ljung_box(ratio),
@@ -77,7 +77,7 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     )  # fmt: skip
     return Health(
         t=nodes.t[came.node],
-        kind=came.kind,
+        kind=tuple(came.kind.tolist()),
         innovation=came.value,
         innovation_std=sigma,
         nis={kind: one.nis for kind, one in kinds.items()},

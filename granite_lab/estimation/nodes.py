@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, D, P, S, SlipModel, Update, V, X
+from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, D, P, S, SlipModel, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise, slope
@@ -118,7 +118,7 @@ class Nodes:
         mean_slip: (K,) that slip ratio, to which S and G are deviations.
         w: (K,) signed wheel speed [m/s], floor included, that turns slip ratio into slip velocity.
         F, Q: (K, 14, 14) transition and noise into each node.
-        updates: (K,) lists of measurements.
+        updates: the measurements.
         x0, P0: (14, 1) and (14, 14) initial state and covariance.
     """
 
@@ -130,7 +130,7 @@ class Nodes:
     w: Array
     F: Array
     Q: Array
-    updates: tuple[tuple[Update, ...], ...]
+    updates: model.Updates
     x0: Array
     P0: Array
 
@@ -295,29 +295,29 @@ def build(
     model.add_vibration(Q, F, dt, moving, size, omega)
     Q[onset, BM, BM] += noise.motion_bias**2
     inflate(Q, t, moving, problem.faults, imu, nominal.rest, None if rolling is None else pace.growth)
-    updates: list[list[Update]] = [[] for _ in range(t.size)]
     # a standstill that was named: the wheels may spin while the body stands
     spinning = rest & (np.abs(speed) > MOVING) & problem.spins
     Q[spinning, D, D] += FREE**2
     still_speed, shaken = np.where(spinning, 0.0, speed), np.where(spinning, size / omega, 0.0)
-    model.add_rest(updates, imu, nominal, noise, problem.faults, index, rest, still_speed, shaken)
+    told = model.rest_updates(imu, nominal, noise, problem.faults, index, rest, still_speed, shaken)
     start = 0.0
     if rolling is not None:
         pull = thrust(imu, nominal.rest, index, pace)
         Q[:, D, D] += moving * (problem.compliance * np.gradient(pull, t)) ** 2 * LOOSE_TIME * dt
-        start = model.add_wheels(
-            updates, rolling, nominal, index, rest, spinning, offset, lost, loss, w,
-            np.sign(speed) * pace.growth, pull,
-        )  # fmt: skip
+        wheels, start = model.wheel_updates(
+            rolling, nominal, index, rest, spinning, offset, lost, loss, w, np.sign(speed) * pace.growth, pull
+        )
+        told.append(wheels)
+    last = np.array([t.size - 1])
     if problem.coasts:  # then the body is as slow as the wheels
-        H = np.zeros((1, SIZE))
-        H[0, [V, PD]] = 1.0, -1.0
         R = model.ZERO_VELOCITY**2 + float(speed[-1]) ** 2
-        updates[-1].append(Update("zero_velocity", -float(nominal.v[-1]), H, R))
+        told.append(model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R))
     if distance is not None:
-        H = np.zeros((1, SIZE))
-        H[0, [X, P]] = 1.0, -1.0
-        updates[-1].append(Update("distance", distance.value - float(nominal.x[-1]), H, distance.std**2))
+        missed = distance.value - float(nominal.x[-1])
+        told.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
+    updates = model.in_order(told)
+    for kind, factor in problem.louder.items():
+        updates = replace(updates, R=np.where(updates.kind == kind, factor, 1.0) * updates.R)
     x0 = np.zeros((SIZE, 1))
     x0[[TH, BA, BG, TAU], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias, left.value
     std = np.array([
@@ -327,11 +327,9 @@ def build(
         1e-6 if rest[0] else slip.scatter, left.std, noise.accel_scale,
         1e-8 if slip.far else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
-    if problem.louder:
-        updates = [[replace(u, R=u.R * problem.louder.get(u.kind, 1.0)) for u in some] for some in updates]
     return Nodes(
         index=index, t=t, moving=moving, lost=lost, mean_slip=mean_slip, w=w, F=F, Q=Q,
-        updates=tuple(tuple(u) for u in updates), x0=x0, P0=np.diag(std**2),
+        updates=updates, x0=x0, P0=np.diag(std**2),
     )  # fmt: skip
 
 

@@ -257,7 +257,7 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
         total = 0.0
         for none, one in pairs:
             Q, P0 = none.Q + variance * (one.Q - none.Q), none.P0 + variance * (one.P0 - none.P0)
-            total += forward(replace(none, Q=Q, P0=P0))[2].log_likelihood
+            total += forward(replace(none, Q=Q, P0=P0)).innovations.log_likelihood
         return total
 
     best = 0

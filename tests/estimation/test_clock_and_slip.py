@@ -183,7 +183,7 @@ def test_innovations_that_are_too_large_say_by_how_much() -> None:
     value = rng.normal(0.0, 3.0, 2000)
     value[:5] = 1e3  # a few wild ones say nothing of the rest
     ones = np.ones(2000)
-    kind = ("wheel",) * 1000 + ("zero_rate",) * 1000
+    kind = np.repeat(["wheel", "zero_rate"], 1000)
     sizes = np.where(np.arange(2000) < 1000, value, value / 3.0)
     came = Innovations(np.arange(2000), kind, sizes, ones, ones, np.zeros((2000, SIZE)))
     found = mismatch(came)
