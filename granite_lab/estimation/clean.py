@@ -11,7 +11,7 @@ import numpy as np
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import BA
 from granite_lab.estimation.faults import Faults, Restart
-from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.motion import NAN, Motion
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
 from granite_lab.estimation.smoother import Solution
@@ -19,8 +19,6 @@ from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.trial import Correction, CurrentStream, ImuStream, Series, Trial, WheelStream
 from granite_lab.logs.wheels import opposed
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
-
-NAN = float("nan")
 
 AMISS = 0.05
 """A wheel that was silent and comes back off the others' rotation by this share is put level with them."""
@@ -94,7 +92,7 @@ def _signs(logged: WheelStream | None, wheels: WheelStream | None) -> list[Corre
 
 def _imu(
     made: list[Correction], imu: BodyImu, faults: Faults, solution: Solution, motion: Motion, *,
-    put_back: bool,
+    put_back: bool
 ) -> ImuStream:  # fmt: skip
     """Return the IMU's samples put right, and add to `made` what was done."""
     force = np.stack([imu.forward, imu.left, imu.up], axis=1)
@@ -188,7 +186,7 @@ def _level(made: list[Correction], wheels: WheelStream, rolling: Rolling, robot:
 
 def _turn_currents(
     made: list[Correction], currents: CurrentStream, rolling: Rolling, rests: Sequence[Interval],
-    offset: Estimate,
+    offset: Estimate
 ) -> CurrentStream:  # fmt: skip
     """Turn the currents that flow against the wheels' rotation: motors deliver power in sand.
 
@@ -196,11 +194,10 @@ def _turn_currents(
     against the wheels' acceleration. What was done is added to `made`.
     """
     t = currents.t
-    known = np.isfinite(rolling.speed)
     live = np.flatnonzero(np.isfinite(currents.current).sum(axis=0) > 20)
-    if known.sum() < 20 or live.size == 0:
+    if np.isfinite(rolling.speed).sum() < 20 or live.size == 0:
         return currents
-    speed = np.interp(t, rolling.t[known], rolling.speed[known])
+    speed = rolling.speed_at(t)
     shift = offset.value if np.isfinite(offset.value) else 0.0
     still = inside(t + shift, rests) & (np.abs(speed) < MOVING)
     going = np.abs(speed) > max(0.3 * float(np.abs(speed).max()), MOVING)

@@ -91,9 +91,8 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
         return Estimate(0.0)
     grid = np.arange(begin, end, STEP)
     smooth = max(round(0.08 / STEP), 1)
-    known, good = np.isfinite(rolling.speed), np.isfinite(imu.forward)
-    speed = np.interp(grid, rolling.t[known], rolling.speed[known])
-    wheel = uniform_filter1d(np.gradient(speed, STEP), smooth)
+    good = np.isfinite(imu.forward)
+    wheel = uniform_filter1d(np.gradient(rolling.speed_at(grid), STEP), smooth)
     force = uniform_filter1d(np.interp(grid, imu.t[good], imu.forward[good]), smooth)
     # a slow drift of pitch must not outweigh the ramps
     force -= uniform_filter1d(force, round(3.0 / STEP), mode="nearest")
@@ -119,12 +118,12 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
         the body's usual lag behind the wheels explains the correlation as well.
     """
     begin, end = max(imu.t[0], rolling.t[0]), min(imu.t[-1], rolling.t[-1])
-    known, good = np.isfinite(rolling.speed), np.isfinite(imu.forward)
-    if end - begin < 8.0 * FARTHEST or known.sum() < 32 or good.sum() < 32:
+    good = np.isfinite(imu.forward)
+    if end - begin < 8.0 * FARTHEST or np.isfinite(rolling.speed).sum() < 32 or good.sum() < 32:
         return Estimate(0.0)
     step = 2.0 * STEP
     grid = np.arange(begin, end, step)
-    speed = np.interp(grid, rolling.t[known], rolling.speed[known])
+    speed = rolling.speed_at(grid)
     force = np.interp(grid, imu.t[good], imu.forward[good])
     if imu.has_pitch_rate:
         turned = np.cumsum(np.nan_to_num(imu.pitch_rate) * np.diff(imu.t, prepend=imu.t[0]))
@@ -232,8 +231,8 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     windows = changes(problem, coarse.value)
     if not windows:
         return None
-    hidden = (*problem.faults.gaps, *problem.faults.plateaus)  # there the moment itself is not seen
-    clear = [(a, b) for a, b in windows if not any(begin < b and end > a for begin, end in hidden)]
+    # where samples are missing the moment itself is not seen
+    clear = [window for window in windows if not problem.faults.touch(*window)]
     windows, doubt = (clear, 0.0) if clear else (windows, HIDDEN)
     # these moments alone would take a part of any offset for compliance, or for wheels that spin
     problem = replace(problem, soft=problem.compliance, spins=False)

@@ -216,7 +216,7 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
     Raises:
         EstimateError: the trial has no reference, or it does not overlap the motion.
     """
-    wheels = _mean_wheel(motion)
+    wheels = mean_known(motion.v_wheel)
     found = []
     if trial.reference_v is not None:
         spread = np.hypot(motion.v_std, reference_std)
@@ -236,16 +236,16 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
     return tuple(found)
 
 
-def _mean_wheel(motion: Motion) -> Array:
-    known = np.isfinite(motion.v_wheel)
-    count = known.sum(axis=1)
-    total = np.where(known, motion.v_wheel, 0.0).sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), NAN)
+def mean_known(values: Array) -> Array:
+    """Mean over the wheels, NaN where none is known, without a warning."""
+    n = np.isfinite(values).sum(axis=1)
+    total = np.where(np.isfinite(values), values, 0.0).sum(axis=1)
+    return np.where(n > 0, total / np.maximum(n, 1), NAN)
 
 
 def _compare(
     quantity: str, t: Array, value: Array, std: Array, wheels: Array, reference: Series, *,
-    from_start: bool = False,
+    from_start: bool = False
 ) -> Judgement:  # fmt: skip
     """Compare at the reference's own stamps; a distance counts from the first common stamp."""
     inside = (reference.t >= t[0]) & (reference.t <= t[-1]) & np.isfinite(reference.value)

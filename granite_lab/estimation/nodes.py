@@ -335,7 +335,7 @@ def build(
 
 def inflate(
     Q: Array, t: Array, moving: np.ndarray, faults: Faults, imu: BodyImu, rest: np.ndarray,
-    growth: Array | None,
+    growth: Array | None
 ) -> None:  # fmt: skip
     """Let velocity, pitch and biases drift over the faults, in place, by as much as may go unseen.
 

@@ -240,13 +240,10 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
     shows. A level of slip, on the contrary, stays free. Windows with faults tell nothing; the slip model is
     unchanged where nothing can be told.
     """
-    imu, faults = problem.imu, problem.faults
+    imu = problem.imu
     if problem.rolling is None or problem.slip.far or not imu.has_pitch_rate or not imu.gravity:
         return problem.slip
-    broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
-    windows = [
-        (a, b) for a, b in listen_to(problem) if not any(begin < b and end > a for begin, end in broken)
-    ]
+    windows = [window for window in listen_to(problem) if not problem.faults.touch(*window)]
     if not windows:
         return problem.slip
     pairs = [_with_and_without(problem.cut(begin, end, offset), offset) for begin, end in windows]

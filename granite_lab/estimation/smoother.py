@@ -245,8 +245,7 @@ def first_velocity(problem: Problem, offset: float) -> float:
     t0 = problem.imu.t[0]
     if problem.rolling is None or any(begin <= t0 + 0.05 for begin, _ in problem.rests):
         return 0.0
-    known = np.isfinite(problem.rolling.speed)
-    return float(np.interp(t0, problem.rolling.t[known] + offset, problem.rolling.speed[known]))
+    return float(problem.rolling.speed_at(t0, offset))
 
 
 def nominal_of(problem: Problem, offset: float) -> Nominal:
@@ -267,7 +266,7 @@ class Settled:
 
 def settle(
     problem: Problem, offset: Estimate, *, near: float | None = None, distance: Estimate | None = None,
-    robust: bool = True,
+    robust: bool = True
 ) -> Settled:  # fmt: skip
     """Filter, each pass about the last one's result.
 
@@ -315,7 +314,7 @@ def settle(
 
 def solve(
     problem: Problem, offset: Estimate, *, near: float | None = None, distance: Estimate | None = None,
-    robust: bool = True,
+    robust: bool = True
 ) -> Solution:  # fmt: skip
     """Filter as `settle` does, and smooth; what is too large in the last pass too widens the std of all."""
     last = settle(problem, offset, near=near, distance=distance, robust=robust)
