@@ -19,24 +19,7 @@ import numpy as np
 
 from granite_lab.estimate import Kind, Part
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import (
-    BA,
-    BG,
-    BM,
-    PD,
-    SIZE,
-    TAU,
-    TH,
-    UNKNOWN,
-    C,
-    D,
-    G,
-    K,
-    P,
-    S,
-    V,
-    X,
-)
+from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, P, S, V, X
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.smoother import Smoothed, adjoint, widening
@@ -79,7 +62,7 @@ def slip_parts(
     if not math.isfinite(slip):
         return ()
     length = float(rolled[j] - rolled[i])
-    towards = np.zeros(SIZE)  # λ = slipped / rolled: its gradient towards the difference of the states
+    towards = np.zeros(model.SIZE)  # λ = slipped / rolled: its gradient towards the difference of the states
     towards[[D, X, P]] = (1.0 - slip) / length, -slip / length, slip / length
     widened = widening(found.innovations)  # as `solve` did
     variances = {name: widened * v for name, v in _shares(nodes, found, towards, i, j).items()}
@@ -107,7 +90,7 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
         RATE: ("A", "rad/s/√Hz", math.hypot(noise.gyro, noise.gyro_motion)),
         COUNTS: ("B", "m", float(np.median(ticks)) if ticks.size else 0.0),
         VARYING: ("A", "1", scatter),
-        STEADY: ("B", "1", UNKNOWN),
+        STEADY: ("B", "1", model.UNKNOWN),
         SHAKING: ("A", "m/s²", noise.vibration),
         LATE: ("B", "s", float(start[TAU])),
         SOFT: ("B", "s²", float(start[C])),
@@ -121,9 +104,19 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
 
 
 def _shares(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> dict[str, float]:
-    """Return the variance of ``towards @ (x_j - x_i)`` by source, before any widening."""
-    weights, behind = _smoother_adjoint(nodes, found, towards, i, j)
-    updates = nodes.updates
+    """Return the variance of ``towards @ (x_j - x_i)`` by source, before any widening.
+
+    With the noise w of the step that leads to the next node, the error of the smoothed state is
+    e_k + A_k (e_s,k+1 + w - F e_k), e the filter's: weights pass forwards in time.
+    """
+    n, updates = nodes.t.size, nodes.updates
+    weights, behind = np.zeros((2, n, model.SIZE))
+    weights[i] -= towards
+    weights[j] += towards
+    for k in range(n - 1):
+        behind[k + 1] = weights[k].dot(found.gains[k])
+        weights[k + 1] += behind[k + 1]
+    weights[:-1] -= (behind[1:, None] @ nodes.F[1:])[:, 0]
     _, c, told = adjoint(nodes, found.innovations.gain, np.zeros(updates.R.size), weights)
     shares: dict[str, float] = defaultdict(float)
     for kind in dict.fromkeys(updates.kind.tolist()):
@@ -133,23 +126,6 @@ def _shares(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> di
         shares[BEGUN[place]] += float(c[0, place] ** 2 * variance)
     _add_steps(shares, nodes, (behind - c)[1:])
     return shares
-
-
-def _smoother_adjoint(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> tuple[Array, Array]:
-    """Return the weights (K, 14) of the errors of the filtered states, and those of the steps' noise.
-
-    With the noise w of the step that leads to the next node, the error of the smoothed state is
-    e_k + A_k (e_s,k+1 + w - F e_k): weights pass forwards in time.
-    """
-    n = nodes.t.size
-    own, behind = np.zeros((2, n, SIZE))
-    own[i] -= towards
-    own[j] += towards
-    for k in range(n - 1):
-        behind[k + 1] = own[k].dot(found.gains[k])
-        own[k + 1] += behind[k + 1]
-    own[:-1] -= (behind[1:, None] @ nodes.F[1:])[:, 0]
-    return own, behind
 
 
 def _add_steps(shares: dict[str, float], nodes: Nodes, c: Array) -> None:

@@ -22,7 +22,7 @@ from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.slip import identify_scatter, with_jumps
-from granite_lab.estimation.smoother import solve, with_steady_slip
+from granite_lab.estimation.smoother import settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
@@ -144,7 +144,7 @@ def correct(
             problem = replace(problem, noise=with_motion_noise(problem, near))
         slip = identify_scatter(problem, near)
         problem = replace(problem, slip=replace(slip, walk=max(slip.walk, least)))
-    solution = solve(problem, offset, near=near, distance=distance_measured)
+    solution = smooth(settle(problem, offset, near=near, distance=distance_measured))
     seen = offset if found is offset else agreed(found, solution.offset, solution.compliance)
     solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
     if far and slip_std is None:

@@ -55,10 +55,10 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     came = found.innovations
     sigma = np.sqrt(came.variance)
     kinds: dict[str, Consistency] = {}
-    for kind in dict.fromkeys(came.kind.tolist()):
+    for kind in dict.fromkeys(came.updates.kind.tolist()):
         of_kind = came.fresh(kind)
         if not of_kind.any():
-            of_kind = came.kind == kind
+            of_kind = came.updates.kind == kind
         ratio = (came.value / sigma)[of_kind]
         kinds[kind] = Consistency(
             float(np.mean(ratio**2)), ratio.size, correlation(ratio), ljung_box(ratio),
@@ -76,8 +76,8 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         shaken=noise.gyro_motion / noise.gyro if noise.gyro > 0 else 0.0,
     )  # fmt: skip
     return Health(
-        t=nodes.t[came.node],
-        kind=tuple(came.kind.tolist()),
+        t=nodes.t[came.updates.node],
+        kind=tuple(came.updates.kind.tolist()),
         innovation=came.value,
         innovation_std=sigma,
         nis={kind: one.nis for kind, one in kinds.items()},

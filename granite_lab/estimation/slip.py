@@ -26,7 +26,7 @@ from granite_lab.estimation.error_model import BA, BM, TH, P, SlipModel, V, X, s
 from granite_lab.estimation.nodes import Nodes, Problem, build
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST, Interval
-from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, solve
+from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, settle, smooth
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
@@ -99,7 +99,8 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
     rolling = problem.rolling
     assert rolling is not None
     while True:
-        alone = solve(replace(problem, rolling=None, spacing=BIN / STEPS), Estimate(offset), robust=False)
+        without = replace(problem, rolling=None, spacing=BIN / STEPS)
+        alone = smooth(settle(without, Estimate(offset), robust=False))
         changes = slip_changes(alone, rolling, offset)
         found = stuck(changes, problem.rests)
         if not found:

@@ -10,7 +10,7 @@ from scipy.linalg.blas import daxpy, ddot, dgemm, dgemv, dsymm, dsymv, dsyr
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, S
+from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, S, Updates
 from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
 from granite_lab.estimation.nominal import Nominal, integrate, quieten
 from granite_lab.logs.trial import Array
@@ -31,22 +31,18 @@ prediction is to blame."""
 
 @dataclass(frozen=True, eq=False)
 class Innovations:
-    """What each scalar measurement (U in all) brought, in the order the filter took them.
+    """What each scalar measurement (U in all) brought.
 
     Attributes:
-        node: (U,) at which node.
-        kind: (U,) which measurement.
+        updates: the measurements.
         value: (U,) measurement minus prediction.
         variance: (U,) predicted variance of it.
-        noise: (U,) variance of the measurement alone.
         gain: (U, 14) of the filter.
     """
 
-    node: np.ndarray
-    kind: np.ndarray
+    updates: Updates
     value: Array
     variance: Array
-    noise: Array
     gain: Array
 
     @property
@@ -56,15 +52,15 @@ class Innovations:
         Then filters over slightly different sets of measurements can be compared.
         """
         ratio = self.value**2 / self.variance
-        return float(-0.5 * np.sum(ratio - 1.0 + np.log(self.variance / self.noise)))
+        return float(-0.5 * np.sum(ratio - 1.0 + np.log(self.variance / self.updates.R)))
 
     def fresh(self, kind: str) -> np.ndarray:
         """(U,) True for the measurements of a kind that tell anything new.
 
         At rest the state is frozen: zero-velocity updates after the first repeat it.
         """
-        new = (kind != "zero_velocity") | (self.variance > 4.0 * self.noise)
-        return np.asarray((self.kind == kind) & new)
+        new = (kind != "zero_velocity") | (self.variance > 4.0 * self.updates.R)
+        return np.asarray((self.updates.kind == kind) & new)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,30 +92,47 @@ class Smoothed:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """The last pass: nominal motion, nodes and smoothed drift.
-
-    Attributes:
-        offset: of the encoders' clock [s].
-        applied: how much of it was known beforehand [s]; the rest was left to the filter.
-        compliance: by which the displacement between wheels and body walked [s^2].
-    """
-
-    nominal: Nominal
-    nodes: Nodes
-    smoothed: Smoothed
-    offset: Estimate
-    applied: float
-    compliance: float
-
-
-@dataclass(frozen=True, eq=False)
 class Filtered:
     """States (K, 14) and covariances (K, 14, 14) after the measurements of each node; the innovations."""
 
     x: Array
     P: Array
     innovations: Innovations
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """The last pass, not smoothed yet.
+
+    Attributes:
+        nominal, nodes, found: nominal motion, nodes about it, and what the filter found.
+        near: by which the wheels' stamps were moved [s].
+        compliance: by which the displacement between wheels and body walked [s^2].
+    """
+
+    nominal: Nominal
+    nodes: Nodes
+    found: Filtered
+    near: float
+    compliance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The last pass: nominal motion, nodes and smoothed drift.
+
+    Attributes:
+        offset: of the encoders' clock [s].
+        compliance: by which the displacement between wheels and body walked [s^2].
+        applied: how much of the offset was known beforehand [s]; the rest was left to the filter.
+    """
+
+    nominal: Nominal
+    nodes: Nodes
+    smoothed: Smoothed
+    offset: Estimate
+    compliance: float
+    applied: float = 0.0
 
 
 def forward(nodes: Nodes) -> Filtered:
@@ -149,8 +162,7 @@ def forward(nodes: Nodes) -> Filtered:
     one, other = np.tril_indices(SIZE, -1)
     Ps[:, other, one] = Ps[:, one, other]
     value, variance = np.array(came, dtype=float).reshape(-1, 2).T
-    gain = lifted / variance[:, None]
-    return Filtered(xs, Ps, Innovations(updates.node, updates.kind, value, variance, updates.R, gain))
+    return Filtered(xs, Ps, Innovations(updates, value, variance, lifted / variance[:, None]))
 
 
 def merged(nodes: Nodes) -> Nodes:
@@ -254,16 +266,6 @@ def nominal_of(problem: Problem, offset: float) -> Nominal:
     return integrate(problem.imu, problem.robot, problem.rests, problem.faults, velocity=velocity)
 
 
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """The last pass, not smoothed yet: see `Solution`, but for `found`, what the filter found."""
-
-    nominal: Nominal
-    nodes: Nodes
-    found: Filtered
-    compliance: float
-
-
 def settle(
     problem: Problem, offset: Estimate, *, near: float | None = None, distance: Estimate | None = None,
     robust: bool = True
@@ -309,20 +311,15 @@ def settle(
             accel_bias += float(middle[BA])
             gyro_bias = nominal.gyro_bias + float(middle[BG])
             pitch += float(x[0, TH])
-    return Settled(nominal, nodes, found, problem.compliance)
+    return Settled(nominal, nodes, found, at, problem.compliance)
 
 
-def solve(
-    problem: Problem, offset: Estimate, *, near: float | None = None, distance: Estimate | None = None,
-    robust: bool = True
-) -> Solution:  # fmt: skip
-    """Filter as `settle` does, and smooth; what is too large in the last pass too widens the std of all."""
-    last = settle(problem, offset, near=near, distance=distance, robust=robust)
+def smooth(last: Settled) -> Solution:
+    """Smooth the last pass; what is too large in it too widens the std of everything."""
     found = backward(last.nodes, last.found)
     found = replace(found, P=found.P * widening(found.innovations))
-    at = offset.value if near is None else near
-    refined = Estimate(at + float(found.x[-1, TAU]), float(np.sqrt(found.P[-1, TAU, TAU])))
-    return Solution(last.nominal, last.nodes, found, refined, offset.value, last.compliance)
+    offset = Estimate(last.near + float(found.x[-1, TAU]), float(np.sqrt(found.P[-1, TAU, TAU])))
+    return Solution(last.nominal, last.nodes, found, offset, last.compliance)
 
 
 def mismatch(came: Innovations) -> dict[str, float]:
@@ -332,7 +329,7 @@ def mismatch(came: Innovations) -> dict[str, float]:
     correlate, so one in ten counts.
     """
     found = {}
-    for kind in dict.fromkeys(came.kind.tolist()):
+    for kind in dict.fromkeys(came.updates.kind.tolist()):
         counts = came.fresh(kind)
         ratio = np.sort(came.value[counts] ** 2 / came.variance[counts])
         ratio = ratio[: ratio.size - ratio.size // 100]
