@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 
@@ -165,9 +165,9 @@ def _level(made: list[Correction], wheels: WheelStream, rolling: Rolling, robot:
         if kept.size < 3:
             angle[:, i] = NAN
             continue
-        for a, b in pairwise(kept):
-            if wheels.t[b] - wheels.t[a] <= 3.5 * period and not dead[a:b].any():
-                continue
+        # a gap, or dead meanwhile
+        broken = (np.diff(wheels.t[kept]) > 3.5 * period) | (np.diff(np.cumsum(dead)[kept]) > 0)
+        for a, b in zip(kept[:-1][broken], kept[1:][broken], strict=True):
             # the others' rotation meanwhile
             way = np.delete(turned[b] - turned[a], i)
             way = way[np.isfinite(way)]

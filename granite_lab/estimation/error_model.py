@@ -113,22 +113,14 @@ LOST_PITCH = 0.005
 
 
 def transitions(
-    dt: Array,
-    coupling: Array,
-    moving: np.ndarray,
-    w: Array,
-    slip: SlipModel,
-    *,
+    dt: Array, coupling: Array, moving: np.ndarray, w: Array, gain: Array, slip: SlipModel, noise: Noise, *,
     pitch_gyro: bool,
-    omega: float,
-    zeta: float,
-    gain: Array,
-) -> Array:
+) -> Array:  # fmt: skip
     """(K, 14, 14) transition matrices into each node from the one before.
 
     For each of the K steps dt [s]: `coupling` g cos(pitch) [m/s^2], `moving` False within a standstill, the
-    wheel speed `w` by which the slip ratio is multiplied [m/s], the velocity that the accelerometer adds,
-    `gain` [m/s]. `omega` [rad/s] and `zeta` are those of the vibration.
+    wheel speed `w` by which the slip ratio is multiplied [m/s], the velocity `gain` that the accelerometer
+    adds [m/s].
     """
     F = np.tile(np.eye(SIZE), (dt.size, 1, 1))
     on = moving.astype(float)
@@ -145,14 +137,15 @@ def transitions(
     F[:, BM, BM] = on
     F[:, S, S] = on * (np.exp(-dt / RETURN) if slip.far else 1.0)
     F[:, G, G] = on * np.exp(-dt / slip.time)
-    F[:, P:, P:] = on[:, None, None] * resonator(dt, omega, zeta)
+    F[:, P:, P:] = on[:, None, None] * resonator(dt, noise)
     if not pitch_gyro:
         F[:, TH, BG] = F[:, V, BG] = F[:, X, BG] = 0.0
     return F
 
 
-def resonator(dt: Array, omega: float, zeta: float) -> Array:
-    """(K, 2, 2) exact transition of displacement and velocity of a damped oscillator (zeta < 1)."""
+def resonator(dt: Array, noise: Noise) -> Array:
+    """(K, 2, 2) exact transition of displacement and velocity of the vibration (zeta < 1)."""
+    omega, zeta = noise.vibration_omega, noise.vibration_damping
     damped = omega * np.sqrt(1 - zeta**2)
     decay, c, s = np.exp(-zeta * omega * dt), np.cos(damped * dt), np.sin(damped * dt)
     k = zeta * omega / damped
@@ -162,41 +155,28 @@ def resonator(dt: Array, omega: float, zeta: float) -> Array:
 
 
 def noises(
-    dt: Array,
-    coupling: Array,
-    moving: np.ndarray,
-    *,
-    accel: Array,
-    gyro: Array,
-    accel_walk: float,
-    gyro_walk: float,
-) -> Array:
-    """(K, 14, 14) process noise of the inertial states over each step, by white noise densities (K,)."""
+    F: Array, dt: Array, coupling: Array, moving: np.ndarray, onset: np.ndarray, w: Array, gyro: Array,
+    size: Array, unrest: Array, slip: SlipModel, noise: Noise,
+) -> Array:  # fmt: skip
+    """(K, 14, 14) process noise over each step of `transitions` F.
+
+    `onset` is True for the step that leaves a standstill. At the nodes: white noise `gyro` of the pitch rate
+    [rad/s sqrt(s)]; rms `size` of the acceleration by vibration [m/s^2], at which the oscillator is kept;
+    relative change `unrest` of the wheel speed [1/s].
+    """
     Q = np.tile(np.diag(TINY**2), (dt.size, 1, 1))
     on = moving.astype(float)
-    a2, g2 = on * accel**2, on * gyro**2
+    a2, g2 = on * np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps)) ** 2, on * gyro**2
     Q[:, V, V] += a2 * dt + coupling**2 * g2 * dt**3 / 3
     Q[:, X, X] += a2 * dt**3 / 3 + coupling**2 * g2 * dt**5 / 20
     Q[:, X, V] += a2 * dt**2 / 2 + coupling**2 * g2 * dt**4 / 8
     Q[:, TH, TH] += g2 * dt
     Q[:, V, TH] += coupling * g2 * dt**2 / 2
     Q[:, X, TH] += coupling * g2 * dt**3 / 6
-    Q[:, BA, BA] += accel_walk**2 * dt
-    Q[:, BG, BG] += gyro_walk**2 * dt
+    Q[:, BA, BA] += noise.accel_walk**2 * dt
+    Q[:, BG, BG] += noise.gyro_walk**2 * dt
     for i, j in ((X, V), (V, TH), (X, TH)):
         Q[:, j, i] = Q[:, i, j]
-    return Q
-
-
-def add_slip(
-    Q: Array, dt: Array, moving: np.ndarray, onset: np.ndarray, w: Array, unrest: Array, slip: SlipModel
-) -> None:
-    """Add the noise of the slip ratio to Q in place.
-
-    `onset` is True for the step that leaves a standstill, `unrest` the relative change of the wheel speed
-    [1/s].
-    """
-    on = moving.astype(float)
     walk = slip.walk**2 + 2 * slip.limit**2 / RETURN * slip.far + slip.ramp**2 * unrest
     s2 = on * np.minimum(walk * dt, slip.limit**2) + onset * slip.onset**2
     g2 = on * (1 - np.exp(-2 * dt / slip.time)) * slip.scatter**2
@@ -208,15 +188,13 @@ def add_slip(
     Q[:, D, G] += 0.5 * on * g2 * ~onset * dt * w
     Q[:, S, D], Q[:, G, D] = Q[:, D, S], Q[:, D, G]
     Q[:, D, D] += both * dt * w / 3
-
-
-def add_vibration(Q: Array, F: Array, dt: Array, moving: np.ndarray, size: Array, omega: float) -> None:
-    """Add the noise that keeps the oscillator at the rms (K,) `size` of its acceleration [m/s^2] to Q."""
+    Q[onset, BM, BM] += noise.motion_bias**2
     stationary = np.zeros((dt.size, 2, 2))
-    stationary[:, 0, 0] = (size / omega**2) ** 2
-    stationary[:, 1, 1] = (size / omega) ** 2
+    stationary[:, 0, 0] = (size / noise.vibration_omega**2) ** 2
+    stationary[:, 1, 1] = (size / noise.vibration_omega) ** 2
     A = F[:, P:, P:]
     Q[:, P:, P:] += np.where(moving[:, None, None], stationary - A @ stationary @ A.transpose(0, 2, 1), 0.0)
+    return Q
 
 
 def std_of(P: Array, parts: dict[int, float]) -> Array:

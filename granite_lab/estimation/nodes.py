@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, D, P, S, SlipModel, V, X
+from granite_lab.estimation.error_model import BA, BG, PD, SIZE, TAU, TH, D, P, S, SlipModel, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise, slope
@@ -274,26 +274,17 @@ def build(
     lost = np.cumsum(loss * dt)
     # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
     going = speed - (loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
-    omega = 2 * np.pi * noise.vibration_frequency
-    F = model.transitions(
-        dt, coupling, moving, w, slip, pitch_gyro=imu.has_pitch_rate, omega=omega,
-        zeta=noise.vibration_damping, gain=np.diff(going, prepend=going[0]),
-    )  # fmt: skip
-    accel = np.full(t.size, np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps)))
+    gain, omega = np.diff(going, prepend=going[0]), noise.vibration_omega
+    F = model.transitions(dt, coupling, moving, w, gain, slip, noise, pitch_gyro=imu.has_pitch_rate)
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
     turn = nominal.roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
-    Q = model.noises(
-        dt, coupling, moving, accel=accel, gyro=gyro, accel_walk=noise.accel_walk, gyro_walk=noise.gyro_walk
-    )
-    model.add_slip(Q, dt, moving, onset, w, pace.unrest, slip)
-    if problem.jumps is not None:
-        Q[:, S, S] += moving * problem.jumps[index] * dt / w**2
     size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
     if nominal.vibration_left is not None:
         size = size * nominal.vibration_left[index]
-    model.add_vibration(Q, F, dt, moving, size, omega)
-    Q[onset, BM, BM] += noise.motion_bias**2
+    Q = model.noises(F, dt, coupling, moving, onset, w, gyro, size, pace.unrest, slip, noise)
+    if problem.jumps is not None:
+        Q[:, S, S] += moving * problem.jumps[index] * dt / w**2
     inflate(Q, t, moving, problem.faults, imu, nominal.rest, None if rolling is None else pace.growth)
     # a standstill that was named: the wheels may spin while the body stands
     spinning = rest & (np.abs(speed) > MOVING) & problem.spins

@@ -56,7 +56,7 @@ def motion_of(
     sparse &= ~nominal.rest
     v = nominal.v + spread(found.x[:, V]) - np.where(sparse, 0.0, spread(found.x[:, PD]))
     x = nominal.x + spread(found.x[:, X]) - np.where(sparse, 0.0, spread(found.x[:, P]))
-    omega = 2 * np.pi * problem.noise.vibration_frequency
+    omega = problem.noise.vibration_omega
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
     v_std = np.hypot(spread(std_of(found.P, {V: 1.0, PD: -1.0})), extra)
     x_std = np.hypot(spread(std_of(found.P, {X: 1.0, P: -1.0})), extra / omega)
