@@ -176,13 +176,12 @@ def _roll(
 
 def _clock(trial: Trial, problem: Problem, far: bool) -> tuple[Estimate, Estimate, float]:
     """Return the clock offset as `find_offset` does, or as it is given, or as it shows far from any rest."""
-    if trial.info.clock_offset is None and not (far and problem.rolling is not None):
-        return find_offset(problem)
     if trial.info.clock_offset is not None:
         known = Estimate(trial.info.clock_offset, 1e-3)
-    else:
-        assert problem.rolling is not None
+    elif far and problem.rolling is not None:
         known = slow_offset(problem.imu, problem.rolling)
+    else:
+        return find_offset(problem)
     return known, known, known.value
 
 

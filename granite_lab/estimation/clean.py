@@ -92,7 +92,7 @@ def _signs(logged: WheelStream | None, wheels: WheelStream | None) -> list[Corre
 
 def _imu(
     made: list[Correction], imu: BodyImu, faults: Faults, solution: Solution, motion: Motion, *,
-    put_back: bool
+    put_back: bool,
 ) -> ImuStream:  # fmt: skip
     """Return the IMU's samples put right, and add to `made` what was done."""
     force = np.stack([imu.forward, imu.left, imu.up], axis=1)
@@ -186,7 +186,7 @@ def _level(made: list[Correction], wheels: WheelStream, rolling: Rolling, robot:
 
 def _turn_currents(
     made: list[Correction], currents: CurrentStream, rolling: Rolling, rests: Sequence[Interval],
-    offset: Estimate
+    offset: Estimate,
 ) -> CurrentStream:  # fmt: skip
     """Turn the currents that flow against the wheels' rotation: motors deliver power in sand.
 

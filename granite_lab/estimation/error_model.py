@@ -244,7 +244,7 @@ def in_order(parts: Sequence[Updates]) -> Updates:
 
 def rest_updates(
     imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults, index: np.ndarray, rest: np.ndarray,
-    speed: Array, shaken: Array
+    speed: Array, shaken: Array,
 ) -> list[Updates]:  # fmt: skip
     """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill.
 
@@ -277,7 +277,7 @@ def rest_updates(
 
 def wheel_updates(
     rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray, spinning: np.ndarray,
-    offset: float, lost: Array, loss: Array, w: Array, growth: Array, thrust: Array
+    offset: float, lost: Array, loss: Array, w: Array, growth: Array, thrust: Array,
 ) -> tuple[Updates, float]:  # fmt: skip
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 

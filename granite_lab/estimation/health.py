@@ -116,7 +116,7 @@ def ljung_box(ratio: Array, lags: int = 10) -> float:
 
 def judge_health(
     kinds: dict[str, Consistency], rests: tuple[Interval, ...], faults: Faults, *,
-    ends: tuple[float, float], pace: float, middle: float, shaken: float
+    ends: tuple[float, float], pace: float, middle: float, shaken: float,
 ) -> tuple[Grade, str]:  # fmt: skip
     """Return a grade, and one sentence that says why.
 

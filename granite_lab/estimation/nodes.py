@@ -326,13 +326,15 @@ def build(
 
 def inflate(
     Q: Array, t: Array, moving: np.ndarray, faults: Faults, imu: BodyImu, rest: np.ndarray,
-    growth: Array | None
+    growth: Array | None,
 ) -> None:  # fmt: skip
     """Let velocity, pitch and biases drift over the faults, in place, by as much as may go unseen.
 
     Q and the wheels' `growth` [m/s^2] (None without wheels) are at the nodes t (K,), `rest` at the samples
     (N,).
     """
+    if not (faults.doubt.any() or faults.gaps or faults.restarts):
+        return
     dt, period = np.diff(t, prepend=t[0]), imu.period
     active = ~rest & ~faults.doubt
     enough = active.sum() > 2

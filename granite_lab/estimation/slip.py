@@ -178,8 +178,7 @@ def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
     pull = std_of(found.P, {TH: GRAVITY, BA: -1.0, BM: -1.0})
     known = np.isfinite(rolling.mean)
     stamps, rolled = rolling.t[known] + offset, rolling.mean[known]
-    none, pair = np.empty(0), np.empty((0, 2))
-    parts = [Changes(none, none, pair, pair, none, none)]
+    parts = [np.empty((8, 0))]
     for a, b in runs(nodes.moving):
         begin, end = nodes.t[max(a - 1, 0)], nodes.t[b - 1]
         edges = np.linspace(begin, end, max(round((end - begin) / BIN), 1) + 1)
@@ -187,15 +186,12 @@ def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
         pace = np.diff(np.interp(edges, stamps, rolled)) / width
         slip = pace - np.diff(np.interp(edges, nodes.t, travelled)) / width
         wheel = np.where(pace < 0.0, -1.0, 1.0) * np.maximum(np.abs(pace), COAST)
-        parts.append(
-            Changes(
-                edges[:-2], edges[2:], np.stack([slip[:-1], slip[1:]], axis=1),
-                np.stack([wheel[:-1], wheel[1:]], axis=1), np.interp(edges[1:-1], nodes.t, spread),
-                width * np.interp(edges[1:-1], nodes.t, pull),
-            )
-        )  # fmt: skip
-    names = ("begin", "end", "slip", "wheel", "unsure", "drift")
-    return Changes(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        unsure, drift = (np.interp(edges[1:-1], nodes.t, std) for std in (spread, pull))
+        two = (edges[:-2], edges[2:], slip[:-1], slip[1:], wheel[:-1], wheel[1:], unsure, width * drift)
+        parts.append(np.array(two))
+    begin, end, slip_1, slip_2, wheel_1, wheel_2, unsure, drift = np.concatenate(parts, axis=1)
+    slip, wheel = np.stack([slip_1, slip_2], axis=1), np.stack([wheel_1, wheel_2], axis=1)
+    return Changes(begin, end, slip, wheel, unsure, drift)
 
 
 def usual_size(problem: Problem, changes: Changes) -> Array:

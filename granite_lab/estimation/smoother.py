@@ -268,7 +268,7 @@ def nominal_of(problem: Problem, offset: float) -> Nominal:
 
 def settle(
     problem: Problem, offset: Estimate, *, near: float | None = None, distance: Estimate | None = None,
-    robust: bool = True
+    robust: bool = True,
 ) -> Settled:  # fmt: skip
     """Filter, each pass about the last one's result.
 
