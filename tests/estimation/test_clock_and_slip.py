@@ -182,10 +182,9 @@ def test_innovations_that_are_too_large_say_by_how_much() -> None:
     rng = np.random.default_rng(0)
     value = rng.normal(0.0, 3.0, 2000)
     value[:5] = 1e3  # a few wild ones say nothing of the rest
-    ones = np.ones(2000)
+    ones, none = np.ones(2000), np.zeros((2000, SIZE))
     kind = np.repeat(["wheel", "zero_rate"], 1000)
     sizes = np.where(np.arange(2000) < 1000, value, value / 3.0)
-    none = np.zeros((2000, SIZE))
     came = Innovations(Updates(np.arange(2000), kind, sizes, none, ones), sizes, ones, none)
     found = mismatch(came)
     assert found["wheel"] == pytest.approx(9.0, rel=0.15)
