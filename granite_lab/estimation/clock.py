@@ -246,8 +246,8 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
         known = (0.5 * spacing) ** -2.0
         precision, pull = np.full(offsets.size, known), np.zeros(offsets.size)
         for part in tuple(parts):
-            known_left = Estimate(0.0, 0.5 * spacing)
-            solved = [forward(build(*part, float(c), known_left)) for c in offsets]
+            left = Estimate(0.0, 0.5 * spacing)
+            solved = [forward(build(*part, float(c), left)) for c in offsets]
             likely = np.array([found.innovations.log_likelihood for found in solved])
             telling = TEMPER * (likely - likely.max())
             score += np.logaddexp(telling, -UNUSUAL)

@@ -60,10 +60,9 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         if not of_kind.any():
             of_kind = came.updates.kind == kind
         ratio = (came.value / sigma)[of_kind]
-        kinds[kind] = Consistency(
-            float(np.mean(ratio**2)), ratio.size, correlation(ratio), ljung_box(ratio),
-            float(np.mean(np.abs(ratio) > 4.0)),
-        )  # fmt: skip
+        wild = float(np.mean(np.abs(ratio) > 4.0))
+        nis = float(np.mean(ratio**2))
+        kinds[kind] = Consistency(nis, ratio.size, correlation(ratio), ljung_box(ratio), wild)
     std = np.sqrt(np.maximum(np.diagonal(found.P, axis1=1, axis2=2), 0.0))
 
     def spread(values: Array) -> Array:

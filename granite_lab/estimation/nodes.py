@@ -219,21 +219,17 @@ def lasting_speed(t: Array, speed: Array, moving: np.ndarray) -> Array:
     return np.where(speed < 0, -1.0, 1.0) * np.maximum(np.interp(t, grid, pace), model.V_FLOOR)
 
 
-def push(imu: BodyImu, width: float = 0.1) -> Array:
-    """(N,) specific force along x without what changes within `width` [s]: a tenth of a second [m/s^2]."""
-    known = np.isfinite(imu.forward)
-    force = np.interp(imu.t, imu.t[known], imu.forward[known])
-    return np.asarray(uniform_filter1d(force, max(round(width / imu.period), 1)))
-
-
 def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Array:
     """(K,) thrust over mass at the nodes, against that at standstill [m/s^2].
 
     Specific force along x is thrust less the ground's resistance, over mass; resistance in sand is about a
     tenth of the weight, against the motion. While the wheels turn steadily, what is fast is vibration.
     """
-    force = np.where(pace.steady, push(imu, CALM)[index], push(imu, QUICK)[index])
-    level = np.mean(imu.forward[rest & np.isfinite(imu.forward)]) if rest.any() else np.mean(force)
+    known = np.isfinite(imu.forward)
+    force = np.interp(imu.t, imu.t[known], imu.forward[known])
+    calm, quick = (uniform_filter1d(force, max(round(s / imu.period), 1))[index] for s in (CALM, QUICK))
+    force = np.where(pace.steady, calm, quick)
+    level = np.mean(imu.forward[rest & known]) if rest.any() else np.mean(force)
     return np.asarray(force - float(level) + RESISTANCE * np.tanh(pace.speed / model.V_FLOOR))
 
 
