@@ -221,7 +221,8 @@ class Updates:
 
     def counts(self, n: int) -> list[int]:
         """Return how many there are at each of n nodes."""
-        return [int(count) for count in np.bincount(self.node, minlength=n)]
+        counts: list[int] = np.bincount(self.node, minlength=n).tolist()
+        return counts
 
 
 def updates_of(

@@ -243,15 +243,15 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
     windows = [window for window in listen_to(problem) if not problem.faults.touch(*window)]
     if not windows:
         return problem.slip
-    pairs = [_with_and_without(problem.cut(begin, end, offset), offset) for begin, end in windows]
+    parts = [_without_scatter(problem.cut(begin, end, offset), offset) for begin, end in windows]
 
     @cache
     def score(place: int) -> float:
         variance = (REFERENCE * FACTOR**place) ** 2  # in which all noise is linear
         total = 0.0
-        for none, one in pairs:
-            Q, P0 = none.Q + variance * (one.Q - none.Q), none.P0 + variance * (one.P0 - none.P0)
-            total += forward(replace(none, Q=Q, P0=P0)).innovations.log_likelihood
+        for none, Q, P0 in parts:
+            scattering = replace(none, Q=none.Q + variance * Q, P0=none.P0 + variance * P0)
+            total += forward(scattering).innovations.log_likelihood
         return total
 
     best = 0
@@ -263,13 +263,13 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
     return with_scatter(problem.slip, expected(best, score(best - 1), score(best), score(best + 1)))
 
 
-def _with_and_without(part: Problem, offset: float) -> tuple[Nodes, Nodes]:
-    """Return the nodes of a window whose slip ratio does not scatter, and of one where it does by 1."""
+def _without_scatter(part: Problem, offset: float) -> tuple[Nodes, Array, Array]:
+    """Return the nodes of a window without scatter of slip, and what a scatter of 1 adds to Q and P0."""
     nominal = nominal_of(part, offset)
     slips = (with_scatter(part.slip, 0.0), with_scatter(part.slip, 1.0))
     known = Estimate(0.0, 1e-3)
     none, one = (merged(build(replace(part, slip=slip), nominal, offset, known)) for slip in slips)
-    return none, one
+    return none, one.Q - none.Q, one.P0 - none.P0
 
 
 def expected(best: int, below: float, here: float, above: float) -> float:

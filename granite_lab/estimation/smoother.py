@@ -15,8 +15,8 @@ from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
 from granite_lab.estimation.nominal import Nominal, integrate, quieten
 from granite_lab.logs.trial import Array
 
-BLOCK = 2000
-"""Nodes whose matrices are inverted at once."""
+BLOCK = 200
+"""Nodes whose matrices are inverted at once: so many stay in the cache."""
 
 SETTLED = 0.02
 """Pitch corrections below this need no other pass: its sine is linear to 2e-6 of g [rad]."""
