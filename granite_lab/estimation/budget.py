@@ -19,27 +19,10 @@ import numpy as np
 
 from granite_lab.estimate import Kind, Part
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import (
-    BA,
-    BG,
-    BM,
-    PD,
-    SIZE,
-    TAU,
-    TH,
-    UNKNOWN,
-    C,
-    D,
-    G,
-    K,
-    P,
-    S,
-    V,
-    X,
-)
+from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, P, S, V, X
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.noise import Noise
-from granite_lab.estimation.smoother import Smoothed, widening
+from granite_lab.estimation.smoother import Smoothed, adjoint, widening
 from granite_lab.logs.trial import Array
 
 LEVEL, TURN, ONLY = "accelerometer bias with mounting tilt", "gyro bias", "bias that is there only in motion"
@@ -79,7 +62,7 @@ def slip_parts(
     if not math.isfinite(slip):
         return ()
     length = float(rolled[j] - rolled[i])
-    towards = np.zeros(SIZE)  # λ = slipped / rolled: its gradient towards the difference of the states
+    towards = np.zeros(model.SIZE)  # λ = slipped / rolled: its gradient towards the difference of the states
     towards[[D, X, P]] = (1.0 - slip) / length, -slip / length, slip / length
     widened = widening(found.innovations)  # as `solve` did
     variances = {name: widened * v for name, v in _shares(nodes, found, towards, i, j).items()}
@@ -98,16 +81,16 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
     """Return how each source was evaluated, its unit, and its std in the filter."""
     start = np.sqrt(np.diagonal(nodes.P0))
     accel = math.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps))
-    ticks = [math.sqrt(u.R) for several in nodes.updates for u in several if u.kind == "wheel"]
+    ticks = np.sqrt(nodes.updates.R[nodes.updates.kind == "wheel"])
     return {
         LEVEL: ("B", "m/s²", float(start[BA])),
         TURN: ("B", "rad/s", float(start[BG])),
         ONLY: ("B", "m/s²", noise.motion_bias),
         WHITE: ("A", "m/s²/√Hz", accel),
         RATE: ("A", "rad/s/√Hz", math.hypot(noise.gyro, noise.gyro_motion)),
-        COUNTS: ("B", "m", float(np.median(ticks)) if ticks else 0.0),
+        COUNTS: ("B", "m", float(np.median(ticks)) if ticks.size else 0.0),
         VARYING: ("A", "1", scatter),
-        STEADY: ("B", "1", UNKNOWN),
+        STEADY: ("B", "1", model.UNKNOWN),
         SHAKING: ("A", "m/s²", noise.vibration),
         LATE: ("B", "s", float(start[TAU])),
         SOFT: ("B", "s²", float(start[C])),
@@ -121,49 +104,33 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
 
 
 def _shares(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> dict[str, float]:
-    """Return the variance of ``towards @ (x_j - x_i)`` by source, before any widening."""
-    weights, behind = _smoother_adjoint(nodes, found, towards, i, j)
-    came = found.innovations
-    last = came.node.size
+    """Return the variance of ``towards @ (x_j - x_i)`` by source, before any widening.
+
+    With the noise w of the step that leads to the next node, the error of the smoothed state is
+    e_k + A_k (e_s,k+1 + w - F e_k), e the filter's: weights pass forwards in time.
+    """
+    n, updates = nodes.t.size, nodes.updates
+    weights, behind = np.zeros((2, n, model.SIZE))
+    weights[i] -= towards
+    weights[j] += towards
+    for k in range(n - 1):
+        behind[k + 1] = weights[k].dot(found.gains[k])
+        weights[k + 1] += behind[k + 1]
+    weights[:-1] -= (behind[1:, None] @ nodes.F[1:])[:, 0]
+    _, c, told = adjoint(nodes, found.innovations.gain, np.zeros(updates.R.size), weights)
     shares: dict[str, float] = defaultdict(float)
-    c = np.zeros(SIZE)  # weight of the error of the filtered state
-    noise = np.zeros((nodes.t.size, SIZE))  # and of the noise of the step that leads to each node
-    for k in range(nodes.t.size - 1, -1, -1):
-        c = c + weights[k]
-        for update in reversed(nodes.updates[k]):
-            last -= 1
-            w = float(came.gain[last] @ c)
-            shares[MEASURED[update.kind]] += w * w * update.R
-            c = c - update.H[0] * w
-        if k:
-            noise[k] = behind[k] - c
-            c = nodes.F[k].T @ c
+    for kind in dict.fromkeys(updates.kind.tolist()):
+        of_kind = updates.kind == kind
+        shares[MEASURED[kind]] += float(np.sum(told[of_kind] ** 2 * updates.R[of_kind]))
     for place, variance in enumerate(np.diagonal(nodes.P0)):
-        shares[BEGUN[place]] += float(c[place] ** 2 * variance)
-    _add_steps(shares, nodes, noise)
+        shares[BEGUN[place]] += float(c[0, place] ** 2 * variance)
+    _add_steps(shares, nodes, (behind - c)[1:])
     return shares
 
 
-def _smoother_adjoint(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> tuple[Array, Array]:
-    """Return the weights (K, 14) of the errors of the filtered states, and those of the steps' noise.
-
-    With the noise w of the step that leads to the next node, the error of the smoothed state is
-    e_k + A_k (e_s,k+1 + w - F e_k): weights pass forwards in time.
-    """
-    n = nodes.t.size
-    weights, behind = np.zeros((n, SIZE)), np.zeros((n, SIZE))
-    for k in range(n):
-        own = behind[k] + towards * (float(k == j) - float(k == i))
-        weights[k] = own
-        if k < n - 1:
-            behind[k + 1] = found.gains[k].T @ own
-            weights[k] -= nodes.F[k + 1].T @ behind[k + 1]
-    return weights, behind
-
-
 def _add_steps(shares: dict[str, float], nodes: Nodes, c: Array) -> None:
-    """Add the shares of the noise of all steps, of weights c (K, 14); its blocks are independent."""
-    Q, dt = nodes.Q, np.diff(nodes.t, prepend=nodes.t[0])
+    """Add the shares of the noise of all steps, of weights c (K - 1, 14); its blocks are independent."""
+    F, Q, w, dt = nodes.F[1:], nodes.Q[1:], nodes.w[1:], np.diff(nodes.t)
 
     def share(*states: int) -> float:
         own = c[:, states]
@@ -173,12 +140,12 @@ def _add_steps(shares: dict[str, float], nodes: Nodes, c: Array) -> None:
         shares[name] += share(place)
     shares[SHAKING] += share(P, PD)
     # the distance that wheels turn ahead of the body is independent of the slip ratio
-    by_slip = (np.abs(Q[:, D, S]) + np.abs(Q[:, D, G])) * 2.0 / 3.0 * np.abs(nodes.w) * dt
+    by_slip = (np.abs(Q[:, D, S]) + np.abs(Q[:, D, G])) * 2.0 / 3.0 * np.abs(w) * dt
     ahead = float(np.sum(c[:, D] ** 2 * np.fmax(Q[:, D, D] - by_slip, 0.0)))
     shares[SOFT] += ahead
     shares[VARYING] += share(D, S, G) - ahead
     own = c[:, [X, V, TH]]
-    by_gyro = float(np.einsum("ki,kij,kj->", own, _gyro(Q, nodes.F, dt), own))
+    by_gyro = float(np.einsum("ki,kij,kj->", own, _gyro(Q, F, dt), own))
     shares[RATE] += by_gyro
     shares[WHITE] += share(X, V, TH) - by_gyro
 

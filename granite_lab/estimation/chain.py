@@ -22,7 +22,7 @@ from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.slip import identify_scatter, with_jumps
-from granite_lab.estimation.smoother import solve, with_steady_slip
+from granite_lab.estimation.smoother import settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
@@ -144,7 +144,7 @@ def correct(
             problem = replace(problem, noise=with_motion_noise(problem, near))
         slip = identify_scatter(problem, near)
         problem = replace(problem, slip=replace(slip, walk=max(slip.walk, least)))
-    solution = solve(problem, offset, near=near, distance=distance_measured)
+    solution = smooth(settle(problem, offset, near=near, distance=distance_measured))
     seen = offset if found is offset else agreed(found, solution.offset, solution.compliance)
     solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
     if far and slip_std is None:
@@ -176,13 +176,12 @@ def _roll(
 
 def _clock(trial: Trial, problem: Problem, far: bool) -> tuple[Estimate, Estimate, float]:
     """Return the clock offset as `find_offset` does, or as it is given, or as it shows far from any rest."""
-    if trial.info.clock_offset is None and not (far and problem.rolling is not None):
-        return find_offset(problem)
     if trial.info.clock_offset is not None:
         known = Estimate(trial.info.clock_offset, 1e-3)
-    else:
-        assert problem.rolling is not None
+    elif far and problem.rolling is not None:
         known = slow_offset(problem.imu, problem.rolling)
+    else:
+        return find_offset(problem)
     return known, known, known.value
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import BA
 from granite_lab.estimation.faults import Faults, Restart
-from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.motion import NAN, Motion
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
 from granite_lab.estimation.smoother import Solution
@@ -19,8 +19,6 @@ from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.trial import Correction, CurrentStream, ImuStream, Series, Trial, WheelStream
 from granite_lab.logs.wheels import opposed
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
-
-NAN = float("nan")
 
 AMISS = 0.05
 """A wheel that was silent and comes back off the others' rotation by this share is put level with them."""
@@ -167,9 +165,9 @@ def _level(made: list[Correction], wheels: WheelStream, rolling: Rolling, robot:
         if kept.size < 3:
             angle[:, i] = NAN
             continue
-        for a, b in pairwise(kept):
-            if wheels.t[b] - wheels.t[a] <= 3.5 * period and not dead[a:b].any():
-                continue
+        # a gap, or dead meanwhile
+        broken = (np.diff(wheels.t[kept]) > 3.5 * period) | (np.diff(np.cumsum(dead)[kept]) > 0)
+        for a, b in zip(kept[:-1][broken], kept[1:][broken], strict=True):
             # the others' rotation meanwhile
             way = np.delete(turned[b] - turned[a], i)
             way = way[np.isfinite(way)]
@@ -196,11 +194,10 @@ def _turn_currents(
     against the wheels' acceleration. What was done is added to `made`.
     """
     t = currents.t
-    known = np.isfinite(rolling.speed)
     live = np.flatnonzero(np.isfinite(currents.current).sum(axis=0) > 20)
-    if known.sum() < 20 or live.size == 0:
+    if np.isfinite(rolling.speed).sum() < 20 or live.size == 0:
         return currents
-    speed = np.interp(t, rolling.t[known], rolling.speed[known])
+    speed = rolling.speed_at(t)
     shift = offset.value if np.isfinite(offset.value) else 0.0
     still = inside(t + shift, rests) & (np.abs(speed) < MOVING)
     going = np.abs(speed) > max(0.3 * float(np.abs(speed).max()), MOVING)

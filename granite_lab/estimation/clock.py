@@ -14,7 +14,7 @@ from granite_lab.estimation.error_model import TAU
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Problem, build
 from granite_lab.estimation.rest import Interval, wheels_still
-from granite_lab.estimation.smoother import forward, merged, nominal_of, solve
+from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.trial import Array
 
@@ -91,9 +91,8 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
         return Estimate(0.0)
     grid = np.arange(begin, end, STEP)
     smooth = max(round(0.08 / STEP), 1)
-    known, good = np.isfinite(rolling.speed), np.isfinite(imu.forward)
-    speed = np.interp(grid, rolling.t[known], rolling.speed[known])
-    wheel = uniform_filter1d(np.gradient(speed, STEP), smooth)
+    good = np.isfinite(imu.forward)
+    wheel = uniform_filter1d(np.gradient(rolling.speed_at(grid), STEP), smooth)
     force = uniform_filter1d(np.interp(grid, imu.t[good], imu.forward[good]), smooth)
     # a slow drift of pitch must not outweigh the ramps
     force -= uniform_filter1d(force, round(3.0 / STEP), mode="nearest")
@@ -119,12 +118,12 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
         the body's usual lag behind the wheels explains the correlation as well.
     """
     begin, end = max(imu.t[0], rolling.t[0]), min(imu.t[-1], rolling.t[-1])
-    known, good = np.isfinite(rolling.speed), np.isfinite(imu.forward)
-    if end - begin < 8.0 * FARTHEST or known.sum() < 32 or good.sum() < 32:
+    good = np.isfinite(imu.forward)
+    if end - begin < 8.0 * FARTHEST or np.isfinite(rolling.speed).sum() < 32 or good.sum() < 32:
         return Estimate(0.0)
     step = 2.0 * STEP
     grid = np.arange(begin, end, step)
-    speed = np.interp(grid, rolling.t[known], rolling.speed[known])
+    speed = rolling.speed_at(grid)
     force = np.interp(grid, imu.t[good], imu.forward[good])
     if imu.has_pitch_rate:
         turned = np.cumsum(np.nan_to_num(imu.pitch_rate) * np.diff(imu.t, prepend=imu.t[0]))
@@ -163,12 +162,12 @@ def find_offset(problem: Problem) -> tuple[Estimate, Estimate, float]:
     likely = found.value * LATENCY**2 / (LATENCY**2 + found.std**2)
     if abs(found.value) < LATEST:
         return usual, found, likely
-    other = solve(problem, unusual, robust=False)
+    other = settle(problem, unusual, robust=False)
     lags = found.value > 0.0 and other.compliance > problem.compliance
     if abs(found.value) < FAR:
         return usual, found, 0.0 if lags else likely
-    one = solve(problem, usual, robust=False).smoothed.innovations
-    if other.smoothed.innovations.log_likelihood - one.log_likelihood < UNUSUAL:
+    one = settle(problem, usual, robust=False).found.innovations
+    if other.found.innovations.log_likelihood - one.log_likelihood < UNUSUAL:
         return usual, found, 0.0
     return (usual, usual, 0.0) if lags else (unusual, found, found.value)
 
@@ -232,8 +231,8 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     windows = changes(problem, coarse.value)
     if not windows:
         return None
-    hidden = (*problem.faults.gaps, *problem.faults.plateaus)  # there the moment itself is not seen
-    clear = [(a, b) for a, b in windows if not any(begin < b and end > a for begin, end in hidden)]
+    # where samples are missing the moment itself is not seen
+    clear = [window for window in windows if not problem.faults.touch(*window)]
     windows, doubt = (clear, 0.0) if clear else (windows, HIDDEN)
     # these moments alone would take a part of any offset for compliance, or for wheels that spin
     problem = replace(problem, soft=problem.compliance, spins=False)
@@ -247,15 +246,16 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
         known = (0.5 * spacing) ** -2.0
         precision, pull = np.full(offsets.size, known), np.zeros(offsets.size)
         for part in tuple(parts):
-            solved = [forward(merged(build(*part, float(c), Estimate(0.0, 0.5 * spacing)))) for c in offsets]
-            likely = np.array([came.log_likelihood for _, _, came in solved])
+            left = Estimate(0.0, 0.5 * spacing)
+            solved = [forward(build(*part, float(c), left)) for c in offsets]
+            likely = np.array([found.innovations.log_likelihood for found in solved])
             telling = TEMPER * (likely - likely.max())
             score += np.logaddexp(telling, -UNUSUAL)
             if telling.min() > -1.0:  # by this change all offsets are alike
                 parts.remove(part)
-            after = 1.0 / np.array([P[-1, TAU, TAU] for _, P, _ in solved])
+            after = 1.0 / np.array([found.P[-1, TAU, TAU] for found in solved])
             precision += TEMPER * (after - known)
-            pull += TEMPER * after * np.array([x[-1, TAU] for x, _, _ in solved])
+            pull += TEMPER * after * np.array([found.x[-1, TAU] for found in solved])
         weight, offsets = softmax(score), offsets + pull / precision
         mean = float(weight @ offsets)
         return mean, float(np.sqrt(weight @ ((offsets - mean) ** 2 + 1.0 / precision)))

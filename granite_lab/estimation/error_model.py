@@ -22,7 +22,8 @@ the wheels turn, and no slip velocity at rest. It is not assumed to be small.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -112,25 +113,16 @@ LOST_PITCH = 0.005
 
 
 def transitions(
-    dt: Array,
-    coupling: Array,
-    moving: np.ndarray,
-    w: Array,
-    slip: SlipModel,
-    *,
+    dt: Array, coupling: Array, moving: np.ndarray, w: Array, gain: Array, slip: SlipModel, noise: Noise, *,
     pitch_gyro: bool,
-    omega: float,
-    zeta: float,
-    gain: Array,
-) -> Array:
+) -> Array:  # fmt: skip
     """(K, 14, 14) transition matrices into each node from the one before.
 
     For each of the K steps dt [s]: `coupling` g cos(pitch) [m/s^2], `moving` False within a standstill, the
-    wheel speed `w` by which the slip ratio is multiplied [m/s], the velocity that the accelerometer adds,
-    `gain` [m/s]. `omega` [rad/s] and `zeta` are those of the vibration.
+    wheel speed `w` by which the slip ratio is multiplied [m/s], the velocity `gain` that the accelerometer
+    adds [m/s].
     """
-    F = np.zeros((dt.size, SIZE, SIZE))
-    F[:] = np.eye(SIZE)
+    F = np.tile(np.eye(SIZE), (dt.size, 1, 1))
     on = moving.astype(float)
     F[:, X, V] = on * dt
     F[:, X, TH] = on * coupling * dt**2 / 2
@@ -145,14 +137,15 @@ def transitions(
     F[:, BM, BM] = on
     F[:, S, S] = on * (np.exp(-dt / RETURN) if slip.far else 1.0)
     F[:, G, G] = on * np.exp(-dt / slip.time)
-    F[:, P:, P:] = on[:, None, None] * resonator(dt, omega, zeta)
+    F[:, P:, P:] = on[:, None, None] * resonator(dt, noise)
     if not pitch_gyro:
         F[:, TH, BG] = F[:, V, BG] = F[:, X, BG] = 0.0
     return F
 
 
-def resonator(dt: Array, omega: float, zeta: float) -> Array:
-    """(K, 2, 2) exact transition of displacement and velocity of a damped oscillator (zeta < 1)."""
+def resonator(dt: Array, noise: Noise) -> Array:
+    """(K, 2, 2) exact transition of displacement and velocity of the vibration (zeta < 1)."""
+    omega, zeta = noise.vibration_omega, noise.vibration_damping
     damped = omega * np.sqrt(1 - zeta**2)
     decay, c, s = np.exp(-zeta * omega * dt), np.cos(damped * dt), np.sin(damped * dt)
     k = zeta * omega / damped
@@ -162,42 +155,28 @@ def resonator(dt: Array, omega: float, zeta: float) -> Array:
 
 
 def noises(
-    dt: Array,
-    coupling: Array,
-    moving: np.ndarray,
-    *,
-    accel: Array,
-    gyro: Array,
-    accel_walk: float,
-    gyro_walk: float,
-) -> Array:
-    """(K, 14, 14) process noise of the inertial states over each step, by white noise densities (K,)."""
-    Q = np.zeros((dt.size, SIZE, SIZE))
-    Q[:, range(SIZE), range(SIZE)] = TINY**2
+    F: Array, dt: Array, coupling: Array, moving: np.ndarray, onset: np.ndarray, w: Array, gyro: Array,
+    size: Array, unrest: Array, slip: SlipModel, noise: Noise,
+) -> Array:  # fmt: skip
+    """(K, 14, 14) process noise over each step of `transitions` F.
+
+    `onset` is True for the step that leaves a standstill. At the nodes: white noise `gyro` of the pitch rate
+    [rad/s sqrt(s)]; rms `size` of the acceleration by vibration [m/s^2], at which the oscillator is kept;
+    relative change `unrest` of the wheel speed [1/s].
+    """
+    Q = np.tile(np.diag(TINY**2), (dt.size, 1, 1))
     on = moving.astype(float)
-    a2, g2 = on * accel**2, on * gyro**2
+    a2, g2 = on * np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps)) ** 2, on * gyro**2
     Q[:, V, V] += a2 * dt + coupling**2 * g2 * dt**3 / 3
     Q[:, X, X] += a2 * dt**3 / 3 + coupling**2 * g2 * dt**5 / 20
     Q[:, X, V] += a2 * dt**2 / 2 + coupling**2 * g2 * dt**4 / 8
     Q[:, TH, TH] += g2 * dt
     Q[:, V, TH] += coupling * g2 * dt**2 / 2
     Q[:, X, TH] += coupling * g2 * dt**3 / 6
-    Q[:, BA, BA] += accel_walk**2 * dt
-    Q[:, BG, BG] += gyro_walk**2 * dt
+    Q[:, BA, BA] += noise.accel_walk**2 * dt
+    Q[:, BG, BG] += noise.gyro_walk**2 * dt
     for i, j in ((X, V), (V, TH), (X, TH)):
         Q[:, j, i] = Q[:, i, j]
-    return Q
-
-
-def add_slip(
-    Q: Array, dt: Array, moving: np.ndarray, onset: np.ndarray, w: Array, unrest: Array, slip: SlipModel
-) -> None:
-    """Add the noise of the slip ratio to Q in place.
-
-    `onset` is True for the step that leaves a standstill, `unrest` the relative change of the wheel speed
-    [1/s].
-    """
-    on = moving.astype(float)
     walk = slip.walk**2 + 2 * slip.limit**2 / RETURN * slip.far + slip.ramp**2 * unrest
     s2 = on * np.minimum(walk * dt, slip.limit**2) + onset * slip.onset**2
     g2 = on * (1 - np.exp(-2 * dt / slip.time)) * slip.scatter**2
@@ -209,15 +188,13 @@ def add_slip(
     Q[:, D, G] += 0.5 * on * g2 * ~onset * dt * w
     Q[:, S, D], Q[:, G, D] = Q[:, D, S], Q[:, D, G]
     Q[:, D, D] += both * dt * w / 3
-
-
-def add_vibration(Q: Array, F: Array, dt: Array, moving: np.ndarray, size: Array, omega: float) -> None:
-    """Add the noise that keeps the oscillator at the rms (K,) `size` of its acceleration [m/s^2] to Q."""
+    Q[onset, BM, BM] += noise.motion_bias**2
     stationary = np.zeros((dt.size, 2, 2))
-    stationary[:, 0, 0] = (size / omega**2) ** 2
-    stationary[:, 1, 1] = (size / omega) ** 2
+    stationary[:, 0, 0] = (size / noise.vibration_omega**2) ** 2
+    stationary[:, 1, 1] = (size / noise.vibration_omega) ** 2
     A = F[:, P:, P:]
     Q[:, P:, P:] += np.where(moving[:, None, None], stationary - A @ stationary @ A.transpose(0, 2, 1), 0.0)
+    return Q
 
 
 def std_of(P: Array, parts: dict[int, float]) -> Array:
@@ -227,58 +204,82 @@ def std_of(P: Array, parts: dict[int, float]) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Update:
-    """One scalar measurement: z = H state + noise of variance R."""
+class Updates:
+    """Scalar measurements z = H state + noise of variance R (U in all), in the order the filter takes them.
 
-    kind: str
-    z: float
+    Attributes:
+        node: (U,) at which node, never falling.
+        kind: (U,) which measurement, by name.
+        z, H, R: (U,), (U, 14) and (U,).
+    """
+
+    node: np.ndarray
+    kind: np.ndarray
+    z: Array
     H: Array
-    R: float
+    R: Array
+
+    def counts(self, n: int) -> list[int]:
+        """Return how many there are at each of n nodes."""
+        counts: list[int] = np.bincount(self.node, minlength=n).tolist()
+        return counts
 
 
-def add_rest(
-    updates: list[list[Update]], imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults,
-    index: np.ndarray, rest: np.ndarray, speed: Array, shaken: Array,
-) -> None:  # fmt: skip
+def updates_of(
+    kind: str, node: np.ndarray, z: Array | float, H: Mapping[int, Array | float], R: Array | float
+) -> Updates:
+    """Measurements of one kind at the nodes (U,); H holds the states' factors that are not 0."""
+    rows = np.zeros((node.size, SIZE))
+    for state, factor in H.items():
+        rows[:, state] = factor
+    full = np.zeros(node.size)
+    return Updates(node, np.full(node.size, kind), full + z, rows, full + R)
+
+
+def in_order(parts: Sequence[Updates]) -> Updates:
+    """Put measurements together, by node, and at one node as given."""
+    node, kind, z, H, R = (np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Updates))
+    order = np.argsort(node, kind="stable")
+    return Updates(node[order], kind[order], z[order], H[order], R[order])
+
+
+def rest_updates(
+    imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults, index: np.ndarray, rest: np.ndarray,
+    speed: Array, shaken: Array,
+) -> list[Updates]:  # fmt: skip
     """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill.
 
     The body may still have the velocity `speed` (K,) [m/s]; wheels that turn shake it by the rms `shaken`
     (K,) [m/s].
     """
-    h_velocity, h_rate = np.zeros((2, 1, SIZE))
-    h_velocity[0, V] = 1.0
-    h_rate[0, BG] = 1.0
+    k = np.flatnonzero(rest)
+    i = index[k]
+    # v_nominal is frozen but for the lever's part, which is zero at rest
+    found = [updates_of("zero_velocity", k, -nominal.v[i], {V: 1.0}, ZERO_VELOCITY**2 + speed[k] ** 2)]
     usable = nominal.rest & ~faults.doubt & np.isfinite(imu.forward)
-    period, has_pitch_rate = imu.period, imu.has_pitch_rate
-    force = np.concatenate([[0.0], np.cumsum(np.where(usable, imu.forward, 0.0))])
-    rate = np.concatenate([[0.0], np.cumsum(np.where(usable, np.nan_to_num(imu.pitch_rate), 0.0))])
-    count = np.concatenate([[0], np.cumsum(usable)])
-    for k in np.flatnonzero(rest):
-        i = index[k]
-        first = index[k - 1] + 1 if k and rest[k - 1] else i
-        # v_nominal is frozen but for the lever's part, which is zero at rest
-        R = ZERO_VELOCITY**2 + float(speed[k]) ** 2
-        updates[k].append(Update("zero_velocity", -float(nominal.v[i]), h_velocity, R))
-        n = count[i + 1] - count[first]
-        if n == 0:
-            continue
-        if has_pitch_rate:
-            mean = (rate[i + 1] - rate[first]) / n
-            R = noise.gyro**2 / (n * period)
-            updates[k].append(Update("zero_rate", mean - nominal.gyro_bias, h_rate, R))
-        mean = (force[i + 1] - force[first]) / n
-        h = np.zeros((1, SIZE))
-        h[0, [BA, TH]] = 1.0, -nominal.coupling[i]
-        z = mean + imu.gravity * np.sin(nominal.pitch[i]) - nominal.accel_bias
-        R = noise.accel**2 / (n * period) + 2.0 * (float(shaken[k]) / (n * period)) ** 2
-        updates[k].append(Update("specific_force", float(z), h, R))
+    first = np.where((k > 0) & rest[k - 1], index[k - 1] + 1, i)
+
+    def total(values: Array | np.ndarray) -> Array:
+        """Sum over the usable samples since the node before."""
+        sums = np.concatenate([[0.0], np.cumsum(np.where(usable, values, 0.0))])
+        return np.asarray(sums[i + 1] - sums[first])
+
+    n, force, rate = (total(v) for v in (np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)))
+    seen = n > 0
+    k, i = k[seen], i[seen]
+    n, force, rate = n[seen], force[seen], rate[seen]
+    if imu.has_pitch_rate:
+        R = noise.gyro**2 / (n * imu.period)
+        found.append(updates_of("zero_rate", k, rate / n - nominal.gyro_bias, {BG: 1.0}, R))
+    z = force / n + imu.gravity * np.sin(nominal.pitch[i]) - nominal.accel_bias
+    R = noise.accel**2 / (n * imu.period) + 2.0 * (shaken[k] / (n * imu.period)) ** 2
+    return [*found, updates_of("specific_force", k, z, {BA: 1.0, TH: -nominal.coupling[i]}, R)]
 
 
-def add_wheels(
-    updates: list[list[Update]], rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray,
-    spinning: np.ndarray, offset: float, lost: Array, loss: Array, w: Array, growth: Array,
-    thrust: Array,
-) -> float:  # fmt: skip
+def wheel_updates(
+    rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray, spinning: np.ndarray,
+    offset: float, lost: Array, loss: Array, w: Array, growth: Array, thrust: Array,
+) -> tuple[Updates, float]:  # fmt: skip
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 
     Rolled distance counts from the first sample, which is no measurement then; its std [m] is returned. At
@@ -290,38 +291,29 @@ def add_wheels(
     known = np.isfinite(rolling.mean) & np.isfinite(rolling.speed)
     known &= (stamps >= t[0] - 1e-3) & (stamps <= t[-1] + 1e-3)
     samples = np.flatnonzero(known)
-    if samples.size == 0:
-        return 0.0
     place = np.clip(np.searchsorted(t, stamps[samples]), 1, t.size - 1)
     place -= (stamps[samples] - t[place - 1]) < (t[place] - stamps[samples])
     distance = np.abs(t[place] - stamps[samples])
     order = np.lexsort((distance, place))
-    first = np.concatenate([[True], np.diff(place[order]) > 0])
-    still = rest & np.concatenate([[True], rest[:-1]]) & np.concatenate([rest[1:], [True]])
+    first = np.diff(place[order], prepend=-1) > 0
     acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
-    jerk = np.gradient(thrust, t)
     chosen = np.sort(order[first])
     k, m = place[chosen], samples[chosen]
     speed, gained = rolling.speed[m], acceleration[m]
-    H = np.zeros((k.size, 1, SIZE))
     ahead = t[k] - stamps[m]
     if rolling.by_rate:
-        rows = (1.0, -1.0, growth[k], w[k], w[k], jerk[k])
-        for state, row in zip((V, PD, TAU, S, G, C), rows, strict=True):
-            H[:, 0, state] = row
+        jerk = np.gradient(thrust, t)
+        H = {V: 1.0, PD: -1.0, TAU: growth[k], S: w[k], G: w[k], C: jerk[k]}
         z = speed + gained * ahead - nominal.v[index[k]] - loss[k]
-        R = rolling.speed_std[m] ** 2
-        start, told = 0.0, np.ones(k.size, dtype=bool)
-    else:
-        # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
-        # is the noise of z as well, or every update would pull the velocity down a little
-        z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained - (nominal.x[index[k]] + lost[k])
-        R = rolling.mean_std[m] ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
-        z, start = z - z[0], float(np.sqrt(R[0]))
-        H[:, 0, [X, D, P]], H[:, 0, C] = (1.0, 1.0, -1.0), thrust[k]
-        H[:, 0, TAU] = speed - loss[k]  # an offset also moves the wheel speed that the mean slip goes by
-        told = ~(still | spinning)[k]  # a constant reading at rest says nothing new
-        told[0] = False
-    for j in np.flatnonzero(told):
-        updates[k[j]].append(Update("wheel", float(z[j]), H[j], float(R[j])))
-    return start
+        return updates_of("wheel", k, z, H, rolling.speed_std[m] ** 2), 0.0
+    # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
+    # is the noise of z as well, or every update would pull the velocity down a little
+    z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained - (nominal.x[index[k]] + lost[k])
+    R = rolling.mean_std[m] ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
+    start = float(np.sqrt(R[0])) if k.size else 0.0
+    still = rest & np.concatenate([[True], rest[:-1]]) & np.concatenate([rest[1:], [True]])
+    told = ~(still | spinning)[k]  # a constant reading at rest says nothing new
+    told[:1] = False
+    # an offset also moves the wheel speed that the mean slip goes by
+    H = {X: 1.0, D: 1.0, P: -1.0, C: thrust[k][told], TAU: (speed - loss[k])[told]}
+    return updates_of("wheel", k[told], (z - z[:1])[told], H, R[told]), start

@@ -42,6 +42,11 @@ class Faults:
     thrown: Array
     restarts: tuple[Restart, ...] = ()
 
+    def touch(self, begin: float, end: float) -> bool:
+        """Whether samples are missing or at their limit, or biases change, in an interval [s]."""
+        changes = [(restart.begin, restart.end) for restart in self.restarts]
+        return any(a < end and b > begin for a, b in (*self.gaps, *self.plateaus, *changes))
+
 
 def find_faults(
     imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.ndarray, thrown: Array

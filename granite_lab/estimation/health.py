@@ -55,15 +55,14 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     came = found.innovations
     sigma = np.sqrt(came.variance)
     kinds: dict[str, Consistency] = {}
-    for kind in dict.fromkeys(came.kind):
+    for kind in dict.fromkeys(came.updates.kind.tolist()):
         of_kind = came.fresh(kind)
         if not of_kind.any():
-            of_kind = np.array([k == kind for k in came.kind])
+            of_kind = came.updates.kind == kind
         ratio = (came.value / sigma)[of_kind]
-        kinds[kind] = Consistency(
-            float(np.mean(ratio**2)), ratio.size, correlation(ratio), ljung_box(ratio),
-            float(np.mean(np.abs(ratio) > 4.0)),
-        )  # fmt: skip
+        wild = float(np.mean(np.abs(ratio) > 4.0))
+        nis = float(np.mean(ratio**2))
+        kinds[kind] = Consistency(nis, ratio.size, correlation(ratio), ljung_box(ratio), wild)
     std = np.sqrt(np.maximum(np.diagonal(found.P, axis1=1, axis2=2), 0.0))
 
     def spread(values: Array) -> Array:
@@ -76,8 +75,8 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         shaken=noise.gyro_motion / noise.gyro if noise.gyro > 0 else 0.0,
     )  # fmt: skip
     return Health(
-        t=nodes.t[came.node],
-        kind=came.kind,
+        t=nodes.t[came.updates.node],
+        kind=tuple(came.updates.kind.tolist()),
         innovation=came.value,
         innovation_std=sigma,
         nis={kind: one.nis for kind, one in kinds.items()},

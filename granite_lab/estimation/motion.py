@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -216,18 +216,17 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
     Raises:
         EstimateError: the trial has no reference, or it does not overlap the motion.
     """
-    wheels = _mean_wheel(motion)
+    wheels = mean_known(motion.v_wheel)
     found = []
     if trial.reference_v is not None:
         spread = np.hypot(motion.v_std, reference_std)
-        judged = _compare("velocity", motion.t, motion.v, spread, wheels, trial.reference_v)
-        found.append(replace(judged, reference_std=reference_std))
+        found.append(
+            _compare("velocity", motion.t, motion.v, spread, wheels, trial.reference_v, reference_std)
+        )
     if trial.reference_x is not None:
         steps = np.diff(motion.t, prepend=motion.t[0])
         rolled = np.cumsum(np.nan_to_num(wheels) * steps)
-        found.append(
-            _compare("distance", motion.t, motion.x, motion.x_std, rolled, trial.reference_x, from_start=True)
-        )
+        found.append(_compare("distance", motion.t, motion.x, motion.x_std, rolled, trial.reference_x))
     if not found:
         raise EstimateError(
             f"{motion.trial}: there is no external reference to judge by",
@@ -236,18 +235,19 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
     return tuple(found)
 
 
-def _mean_wheel(motion: Motion) -> Array:
-    known = np.isfinite(motion.v_wheel)
-    count = known.sum(axis=1)
-    total = np.where(known, motion.v_wheel, 0.0).sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), NAN)
+def mean_known(values: Array) -> Array:
+    """Mean over the wheels, NaN where none is known, without a warning."""
+    n = np.isfinite(values).sum(axis=1)
+    total = np.where(np.isfinite(values), values, 0.0).sum(axis=1)
+    return np.where(n > 0, total / np.maximum(n, 1), NAN)
 
 
 def _compare(
-    quantity: str, t: Array, value: Array, std: Array, wheels: Array, reference: Series, *,
-    from_start: bool = False,
+    quantity: str, t: Array, value: Array, std: Array, wheels: Array, reference: Series,
+    reference_std: float = 0.0,
 ) -> Judgement:  # fmt: skip
     """Compare at the reference's own stamps; a distance counts from the first common stamp."""
+    from_start = quantity == "distance"
     inside = (reference.t >= t[0]) & (reference.t <= t[-1]) & np.isfinite(reference.value)
     stamps, truth = reference.t[inside], reference.value[inside]
     if stamps.size < 2:
@@ -267,7 +267,7 @@ def _compare(
         improvement=rmse_wheels / rmse if rmse > 0 else NAN,
         nees=float(np.mean(ratio**2)) if known.any() else NAN,
         coverage=float(np.mean(ratio <= 2.0)) if known.any() else NAN,
-        slip=1.0 - way / rolled if abs(rolled) > SHORTEST else NAN,
+        slip=1.0 - way / rolled if abs(rolled) > SHORTEST else NAN, reference_std=reference_std,
     )  # fmt: skip
 
 

@@ -117,19 +117,18 @@ def lost_pitch(problem: Problem, offset: float) -> float:
     acceleration, far beyond its noise at rest. Motion over faults, whose noise grows anyway, is left out.
     What is returned is beyond the noise known from the standstills; 0 within chance.
     """
-    imu, noise, faults = problem.imu, problem.noise, problem.faults
+    imu, noise = problem.imu, problem.noise
     if not imu.has_pitch_rate or not imu.gravity:
         return 0.0
     nominal = nominal_of(problem, offset)
     rested = sum(end - begin for begin, end in problem.rests)
-    broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
     places = [(imu.t >= begin) & (imu.t <= end) for begin, end in problem.rests]
     white = noise.accel**2 / imu.period / imu.gravity**2
     levels = [level(imu.forward[at] / imu.gravity, white) for at in places]
     found = []
     for i, ((_, begin), (end, _)) in enumerate(pairwise(problem.rests)):
         length = end - begin
-        if length < SHAKEN or any(one < end and other > begin for one, other in broken):
+        if length < SHAKEN or problem.faults.touch(begin, end):
             continue
         (before, before_variance), (after, after_variance) = levels[i], levels[i + 1]
         turned = float(np.mean(nominal.pitch[places[i + 1]]) - np.mean(nominal.pitch[places[i]]))

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, D, P, S, SlipModel, Update, V, X
+from granite_lab.estimation.error_model import BA, BG, PD, SIZE, TAU, TH, D, P, S, SlipModel, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise, slope
@@ -118,7 +118,7 @@ class Nodes:
         mean_slip: (K,) that slip ratio, to which S and G are deviations.
         w: (K,) signed wheel speed [m/s], floor included, that turns slip ratio into slip velocity.
         F, Q: (K, 14, 14) transition and noise into each node.
-        updates: (K,) lists of measurements.
+        updates: the measurements.
         x0, P0: (14, 1) and (14, 14) initial state and covariance.
     """
 
@@ -130,7 +130,7 @@ class Nodes:
     w: Array
     F: Array
     Q: Array
-    updates: tuple[tuple[Update, ...], ...]
+    updates: model.Updates
     x0: Array
     P0: Array
 
@@ -219,21 +219,17 @@ def lasting_speed(t: Array, speed: Array, moving: np.ndarray) -> Array:
     return np.where(speed < 0, -1.0, 1.0) * np.maximum(np.interp(t, grid, pace), model.V_FLOOR)
 
 
-def push(imu: BodyImu, width: float = 0.1) -> Array:
-    """(N,) specific force along x without what changes within `width` [s]: a tenth of a second [m/s^2]."""
-    known = np.isfinite(imu.forward)
-    force = np.interp(imu.t, imu.t[known], imu.forward[known])
-    return np.asarray(uniform_filter1d(force, max(round(width / imu.period), 1)))
-
-
 def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Array:
     """(K,) thrust over mass at the nodes, against that at standstill [m/s^2].
 
     Specific force along x is thrust less the ground's resistance, over mass; resistance in sand is about a
     tenth of the weight, against the motion. While the wheels turn steadily, what is fast is vibration.
     """
-    force = np.where(pace.steady, push(imu, CALM)[index], push(imu, QUICK)[index])
-    level = np.mean(imu.forward[rest & np.isfinite(imu.forward)]) if rest.any() else np.mean(force)
+    known = np.isfinite(imu.forward)
+    force = np.interp(imu.t, imu.t[known], imu.forward[known])
+    calm, quick = (uniform_filter1d(force, max(round(s / imu.period), 1))[index] for s in (CALM, QUICK))
+    force = np.where(pace.steady, calm, quick)
+    level = np.mean(imu.forward[rest & known]) if rest.any() else np.mean(force)
     return np.asarray(force - float(level) + RESISTANCE * np.tanh(pace.speed / model.V_FLOOR))
 
 
@@ -274,50 +270,41 @@ def build(
     lost = np.cumsum(loss * dt)
     # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
     going = speed - (loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
-    omega = 2 * np.pi * noise.vibration_frequency
-    F = model.transitions(
-        dt, coupling, moving, w, slip, pitch_gyro=imu.has_pitch_rate, omega=omega,
-        zeta=noise.vibration_damping, gain=np.diff(going, prepend=going[0]),
-    )  # fmt: skip
-    accel = np.full(t.size, np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps)))
+    gain, omega = np.diff(going, prepend=going[0]), noise.vibration_omega
+    F = model.transitions(dt, coupling, moving, w, gain, slip, noise, pitch_gyro=imu.has_pitch_rate)
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
     turn = nominal.roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
-    Q = model.noises(
-        dt, coupling, moving, accel=accel, gyro=gyro, accel_walk=noise.accel_walk, gyro_walk=noise.gyro_walk
-    )
-    model.add_slip(Q, dt, moving, onset, w, pace.unrest, slip)
-    if problem.jumps is not None:
-        Q[:, S, S] += moving * problem.jumps[index] * dt / w**2
     size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
     if nominal.vibration_left is not None:
         size = size * nominal.vibration_left[index]
-    model.add_vibration(Q, F, dt, moving, size, omega)
-    Q[onset, BM, BM] += noise.motion_bias**2
+    Q = model.noises(F, dt, coupling, moving, onset, w, gyro, size, pace.unrest, slip, noise)
+    if problem.jumps is not None:
+        Q[:, S, S] += moving * problem.jumps[index] * dt / w**2
     inflate(Q, t, moving, problem.faults, imu, nominal.rest, None if rolling is None else pace.growth)
-    updates: list[list[Update]] = [[] for _ in range(t.size)]
     # a standstill that was named: the wheels may spin while the body stands
     spinning = rest & (np.abs(speed) > MOVING) & problem.spins
     Q[spinning, D, D] += FREE**2
     still_speed, shaken = np.where(spinning, 0.0, speed), np.where(spinning, size / omega, 0.0)
-    model.add_rest(updates, imu, nominal, noise, problem.faults, index, rest, still_speed, shaken)
+    told = model.rest_updates(imu, nominal, noise, problem.faults, index, rest, still_speed, shaken)
     start = 0.0
     if rolling is not None:
         pull = thrust(imu, nominal.rest, index, pace)
         Q[:, D, D] += moving * (problem.compliance * np.gradient(pull, t)) ** 2 * LOOSE_TIME * dt
-        start = model.add_wheels(
-            updates, rolling, nominal, index, rest, spinning, offset, lost, loss, w,
-            np.sign(speed) * pace.growth, pull,
-        )  # fmt: skip
+        wheels, start = model.wheel_updates(
+            rolling, nominal, index, rest, spinning, offset, lost, loss, w, np.sign(speed) * pace.growth, pull
+        )
+        told.append(wheels)
+    last = np.array([t.size - 1])
     if problem.coasts:  # then the body is as slow as the wheels
-        H = np.zeros((1, SIZE))
-        H[0, [V, PD]] = 1.0, -1.0
         R = model.ZERO_VELOCITY**2 + float(speed[-1]) ** 2
-        updates[-1].append(Update("zero_velocity", -float(nominal.v[-1]), H, R))
+        told.append(model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R))
     if distance is not None:
-        H = np.zeros((1, SIZE))
-        H[0, [X, P]] = 1.0, -1.0
-        updates[-1].append(Update("distance", distance.value - float(nominal.x[-1]), H, distance.std**2))
+        missed = distance.value - float(nominal.x[-1])
+        told.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
+    updates = model.in_order(told)
+    for kind, factor in problem.louder.items():
+        updates = replace(updates, R=np.where(updates.kind == kind, factor, 1.0) * updates.R)
     x0 = np.zeros((SIZE, 1))
     x0[[TH, BA, BG, TAU], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias, left.value
     std = np.array([
@@ -327,11 +314,9 @@ def build(
         1e-6 if rest[0] else slip.scatter, left.std, noise.accel_scale,
         1e-8 if slip.far else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
-    if problem.louder:
-        updates = [[replace(u, R=u.R * problem.louder.get(u.kind, 1.0)) for u in some] for some in updates]
     return Nodes(
         index=index, t=t, moving=moving, lost=lost, mean_slip=mean_slip, w=w, F=F, Q=Q,
-        updates=tuple(tuple(u) for u in updates), x0=x0, P0=np.diag(std**2),
+        updates=updates, x0=x0, P0=np.diag(std**2),
     )  # fmt: skip
 
 
@@ -344,6 +329,8 @@ def inflate(
     Q and the wheels' `growth` [m/s^2] (None without wheels) are at the nodes t (K,), `rest` at the samples
     (N,).
     """
+    if not (faults.doubt.any() or faults.gaps or faults.restarts):
+        return
     dt, period = np.diff(t, prepend=t[0]), imu.period
     active = ~rest & ~faults.doubt
     enough = active.sum() > 2

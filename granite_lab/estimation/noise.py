@@ -69,6 +69,11 @@ class Noise:
     vibration_damping: float
     gyro_motion: float = 0.0
 
+    @property
+    def vibration_omega(self) -> float:
+        """Angular frequency of the vibration [rad/s]."""
+        return 2 * np.pi * self.vibration_frequency
+
     def as_dict(self) -> dict[str, float]:
         """Return the figures by name, unit in the name, as the motion record keeps them."""
         return {

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.rest import Interval, cumulate, inside
 from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
@@ -115,12 +115,6 @@ def integrate(
         t=t, rest=rest, x=x, v=v, pitch=angle, heading_rate=yaw_rate, accel_bias=accel_bias,
         gyro_bias=gyro_bias, coupling=imu.gravity * np.cos(angle), roll_std=roll_std,
     )  # fmt: skip
-
-
-def cumulate(t: Array, rate: Array, rest: np.ndarray) -> Array:
-    """(N,) integral by the trapezoidal rule from the first sample on; it stops between two at rest."""
-    step = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
-    return np.concatenate([[0.0], np.cumsum(np.where(rest[1:] & rest[:-1], 0.0, step))])
 
 
 def _patched(t: Array, signal: Array, doubt: np.ndarray) -> Array:

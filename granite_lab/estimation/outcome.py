@@ -14,7 +14,7 @@ from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.budget import slip_parts
 from granite_lab.estimation.clock import LATENCY
 from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X, std_of
-from granite_lab.estimation.motion import Health, Motion, PhaseName
+from granite_lab.estimation.motion import NAN, Health, Motion, PhaseName
 from granite_lab.estimation.nodes import QUICK, Problem
 from granite_lab.estimation.rest import Interval, find_rests, inside
 from granite_lab.estimation.smoother import Smoothed, Solution
@@ -22,8 +22,6 @@ from granite_lab.estimation.wheels import MOVING, Rolling, bridged
 from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant
-
-NAN = float("nan")
 
 PHASES: tuple[PhaseName, ...] = ("rest", "accelerate", "steady", "brake")
 UP, STEADY, DOWN = 1, 2, 3
@@ -58,7 +56,7 @@ def motion_of(
     sparse &= ~nominal.rest
     v = nominal.v + spread(found.x[:, V]) - np.where(sparse, 0.0, spread(found.x[:, PD]))
     x = nominal.x + spread(found.x[:, X]) - np.where(sparse, 0.0, spread(found.x[:, P]))
-    omega = 2 * np.pi * problem.noise.vibration_frequency
+    omega = problem.noise.vibration_omega
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
     v_std = np.hypot(spread(std_of(found.P, {V: 1.0, PD: -1.0})), extra)
     x_std = np.hypot(spread(std_of(found.P, {X: 1.0, P: -1.0})), extra / omega)
@@ -75,8 +73,7 @@ def motion_of(
     rest = inside(t, health.rests)
     ratio[rest], ratio_std[rest] = NAN, NAN
     if rolling is not None:
-        known = np.isfinite(rolling.speed)
-        pace = np.interp(t, rolling.t[known] + offset.value, rolling.speed[known])
+        pace = rolling.speed_at(t, offset.value)
     else:
         pace, u, u_std = v, np.full(u.shape, NAN), np.full(u.shape, NAN)
     course = find_phases(t, pace, health.rests)
@@ -117,8 +114,7 @@ def motion_without_imu(
     t = rolling.t
     assert robot.imu_grade is not None
     rests = find_rests(None, rolling, robot.imu_grade, by_hand=by_hand)
-    known = np.isfinite(rolling.speed)
-    course = find_phases(t, np.interp(t, t[known], rolling.speed[known]), rests)
+    course = find_phases(t, rolling.speed_at(t), rests)
     variant, source, doubt = recognise(course, trial.info, variants)
     blank, four, none = np.full(t.size, NAN), np.full((t.size, 4), NAN), np.zeros(0)
     health = Health(
@@ -126,13 +122,14 @@ def motion_without_imu(
         accel_bias_std=blank, gyro_bias=blank, gyro_bias_std=blank, rests=rests,
         verdict="No IMU: only the wheels are known, neither body velocity nor slip.", good=False,
     )  # fmt: skip
-    rolled = float(rolling.mean[known][-1] - rolling.mean[known][0])
+    first, last = rolling.mean[np.isfinite(rolling.speed)][[0, -1]]
+    rolled = Estimate(float(last - first), rolling.step)
     said = "no IMU: body velocity and slip cannot be estimated, only wheel velocities"
     return Motion(
         trial=trial.name, virtual=trial.info.virtual, t=t, x=blank, x_std=blank, v=blank, v_std=blank,
         pitch=blank, pitch_std=blank, v_wheel=rolling.velocity, v_wheel_std=rolling.velocity_std, slip=four,
         slip_std=four, slip_velocity=blank, slip_velocity_std=blank, phase=course.name,
-        slip_ratio=Estimate(NAN), distance=Estimate(NAN), distance_wheels=Estimate(rolled, rolling.step),
+        slip_ratio=Estimate(NAN), distance=Estimate(NAN), distance_wheels=rolled,
         steady=course.steady, t_start=command_start(trial.command, Estimate(0.0), course.onset),
         clock_offset=Estimate(0.0), variant=variant, variant_source=source, noise={}, health=health,
         warnings=(*trial.warnings, *rolling.warnings, said, *([doubt] if doubt else [])),

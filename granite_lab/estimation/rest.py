@@ -196,14 +196,14 @@ def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:
         if np.count_nonzero(at) < 4:
             continue
         t = imu.t[at]
-        turned = _gained(t, np.nan_to_num(imu.pitch_rate[at]))
+        turned = cumulate(t, np.nan_to_num(imu.pitch_rate[at]))
         # it settles, which shows as gravity's share; the mean is bias and slope
-        speed = _gained(t, np.nan_to_num(imu.forward[at]) + imu.gravity * turned)
+        speed = cumulate(t, np.nan_to_num(imu.forward[at]) + imu.gravity * turned)
         speed -= np.interp(t, t[[0, -1]], speed[[0, -1]])
         for gained, limit, what in (
             (speed, GAINED, "its velocity along x changes by {:.2f} m/s"),
             (turned, TURNED, "it turns about y by {:.2f} rad"),
-            (_gained(t, np.nan_to_num(imu.yaw_rate[at])), TURNED, "it turns about z by {:.2f} rad"),
+            (cumulate(t, np.nan_to_num(imu.yaw_rate[at])), TURNED, "it turns about z by {:.2f} rad"),
         ):
             if np.ptp(gained) > limit * max(1.0, float(np.sqrt(t[-1] - t[0]))):
                 raise EstimateError(
@@ -213,9 +213,12 @@ def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:
                 )
 
 
-def _gained(t: Array, rate: Array) -> Array:
-    """(N,) integral by the trapezoidal rule."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+def cumulate(t: Array, rate: Array, rest: np.ndarray | None = None) -> Array:
+    """(N,) integral by the trapezoidal rule from the first sample on; it stops between two at rest."""
+    step = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
+    return np.concatenate(
+        [[0.0], np.cumsum(step if rest is None else np.where(rest[1:] & rest[:-1], 0.0, step))]
+    )
 
 
 def inside(t: Array, intervals: Sequence[Interval]) -> np.ndarray:

@@ -26,7 +26,7 @@ from granite_lab.estimation.error_model import BA, BM, TH, P, SlipModel, V, X, s
 from granite_lab.estimation.nodes import Nodes, Problem, build
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST, Interval
-from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, solve
+from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, settle, smooth
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
@@ -99,7 +99,8 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
     rolling = problem.rolling
     assert rolling is not None
     while True:
-        alone = solve(replace(problem, rolling=None, spacing=BIN / STEPS), Estimate(offset), robust=False)
+        without = replace(problem, rolling=None, spacing=BIN / STEPS)
+        alone = smooth(settle(without, Estimate(offset), robust=False))
         changes = slip_changes(alone, rolling, offset)
         found = stuck(changes, problem.rests)
         if not found:
@@ -177,8 +178,7 @@ def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
     pull = std_of(found.P, {TH: GRAVITY, BA: -1.0, BM: -1.0})
     known = np.isfinite(rolling.mean)
     stamps, rolled = rolling.t[known] + offset, rolling.mean[known]
-    none, pair = np.empty(0), np.empty((0, 2))
-    parts = [Changes(none, none, pair, pair, none, none)]
+    parts = [np.empty((8, 0))]
     for a, b in runs(nodes.moving):
         begin, end = nodes.t[max(a - 1, 0)], nodes.t[b - 1]
         edges = np.linspace(begin, end, max(round((end - begin) / BIN), 1) + 1)
@@ -186,15 +186,12 @@ def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
         pace = np.diff(np.interp(edges, stamps, rolled)) / width
         slip = pace - np.diff(np.interp(edges, nodes.t, travelled)) / width
         wheel = np.where(pace < 0.0, -1.0, 1.0) * np.maximum(np.abs(pace), COAST)
-        parts.append(
-            Changes(
-                edges[:-2], edges[2:], np.stack([slip[:-1], slip[1:]], axis=1),
-                np.stack([wheel[:-1], wheel[1:]], axis=1), np.interp(edges[1:-1], nodes.t, spread),
-                width * np.interp(edges[1:-1], nodes.t, pull),
-            )
-        )  # fmt: skip
-    names = ("begin", "end", "slip", "wheel", "unsure", "drift")
-    return Changes(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        unsure, drift = (np.interp(edges[1:-1], nodes.t, std) for std in (spread, pull))
+        two = (edges[:-2], edges[2:], slip[:-1], slip[1:], wheel[:-1], wheel[1:], unsure, width * drift)
+        parts.append(np.array(two))
+    begin, end, slip_1, slip_2, wheel_1, wheel_2, unsure, drift = np.concatenate(parts, axis=1)
+    slip, wheel = np.stack([slip_1, slip_2], axis=1), np.stack([wheel_1, wheel_2], axis=1)
+    return Changes(begin, end, slip, wheel, unsure, drift)
 
 
 def usual_size(problem: Problem, changes: Changes) -> Array:
@@ -240,24 +237,21 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
     shows. A level of slip, on the contrary, stays free. Windows with faults tell nothing; the slip model is
     unchanged where nothing can be told.
     """
-    imu, faults = problem.imu, problem.faults
+    imu = problem.imu
     if problem.rolling is None or problem.slip.far or not imu.has_pitch_rate or not imu.gravity:
         return problem.slip
-    broken = [*faults.gaps, *faults.plateaus, *((r.begin, r.end) for r in faults.restarts)]
-    windows = [
-        (a, b) for a, b in listen_to(problem) if not any(begin < b and end > a for begin, end in broken)
-    ]
+    windows = [window for window in listen_to(problem) if not problem.faults.touch(*window)]
     if not windows:
         return problem.slip
-    pairs = [_with_and_without(problem.cut(begin, end, offset), offset) for begin, end in windows]
+    parts = [_without_scatter(problem.cut(begin, end, offset), offset) for begin, end in windows]
 
     @cache
     def score(place: int) -> float:
         variance = (REFERENCE * FACTOR**place) ** 2  # in which all noise is linear
         total = 0.0
-        for none, one in pairs:
-            Q, P0 = none.Q + variance * (one.Q - none.Q), none.P0 + variance * (one.P0 - none.P0)
-            total += forward(replace(none, Q=Q, P0=P0))[2].log_likelihood
+        for none, Q, P0 in parts:
+            scattering = replace(none, Q=none.Q + variance * Q, P0=none.P0 + variance * P0)
+            total += forward(scattering).innovations.log_likelihood
         return total
 
     best = 0
@@ -269,13 +263,13 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
     return with_scatter(problem.slip, expected(best, score(best - 1), score(best), score(best + 1)))
 
 
-def _with_and_without(part: Problem, offset: float) -> tuple[Nodes, Nodes]:
-    """Return the nodes of a window whose slip ratio does not scatter, and of one where it does by 1."""
+def _without_scatter(part: Problem, offset: float) -> tuple[Nodes, Array, Array]:
+    """Return the nodes of a window without scatter of slip, and what a scatter of 1 adds to Q and P0."""
     nominal = nominal_of(part, offset)
     slips = (with_scatter(part.slip, 0.0), with_scatter(part.slip, 1.0))
     known = Estimate(0.0, 1e-3)
     none, one = (merged(build(replace(part, slip=slip), nominal, offset, known)) for slip in slips)
-    return none, one
+    return none, one.Q - none.Q, one.P0 - none.P0
 
 
 def expected(best: int, below: float, here: float, above: float) -> float:

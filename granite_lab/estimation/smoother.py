@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
+from scipy.linalg.blas import daxpy, ddot, dgemm, dgemv, dsymm, dsymv, dsyr
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, S
+from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, S, Updates
 from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
 from granite_lab.estimation.nominal import Nominal, integrate, quieten
 from granite_lab.logs.trial import Array
 
-BLOCK = 2000
-"""Nodes whose matrices are inverted at once."""
+BLOCK = 200
+"""Nodes whose matrices are inverted at once: so many stay in the cache."""
 
 SETTLED = 0.02
 """Pitch corrections below this need no other pass: its sine is linear to 2e-6 of g [rad]."""
@@ -29,22 +31,18 @@ prediction is to blame."""
 
 @dataclass(frozen=True, eq=False)
 class Innovations:
-    """What each scalar measurement (U in all) brought, in the order the filter took them.
+    """What each scalar measurement (U in all) brought.
 
     Attributes:
-        node: (U,) at which node.
-        kind: (U,) which measurement.
+        updates: the measurements.
         value: (U,) measurement minus prediction.
         variance: (U,) predicted variance of it.
-        noise: (U,) variance of the measurement alone.
         gain: (U, 14) of the filter.
     """
 
-    node: np.ndarray
-    kind: tuple[str, ...]
+    updates: Updates
     value: Array
     variance: Array
-    noise: Array
     gain: Array
 
     @property
@@ -54,16 +52,15 @@ class Innovations:
         Then filters over slightly different sets of measurements can be compared.
         """
         ratio = self.value**2 / self.variance
-        return float(-0.5 * np.sum(ratio - 1.0 + np.log(self.variance / self.noise)))
+        return float(-0.5 * np.sum(ratio - 1.0 + np.log(self.variance / self.updates.R)))
 
     def fresh(self, kind: str) -> np.ndarray:
         """(U,) True for the measurements of a kind that tell anything new.
 
         At rest the state is frozen: zero-velocity updates after the first repeat it.
         """
-        return np.array([k == kind for k in self.kind], dtype=bool) & (
-            (kind != "zero_velocity") | (self.variance > 4.0 * self.noise)
-        )
+        new = (kind != "zero_velocity") | (self.variance > 4.0 * self.updates.R)
+        return np.asarray((self.updates.kind == kind) & new)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,58 +92,77 @@ class Smoothed:
 
 
 @dataclass(frozen=True, eq=False)
+class Filtered:
+    """States (K, 14) and covariances (K, 14, 14) after the measurements of each node; the innovations."""
+
+    x: Array
+    P: Array
+    innovations: Innovations
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """The last pass, not smoothed yet.
+
+    Attributes:
+        nominal, nodes, found: nominal motion, nodes about it, and what the filter found.
+        near: by which the wheels' stamps were moved [s].
+        compliance: by which the displacement between wheels and body walked [s^2].
+    """
+
+    nominal: Nominal
+    nodes: Nodes
+    found: Filtered
+    near: float
+    compliance: float
+
+
+@dataclass(frozen=True, eq=False)
 class Solution:
     """The last pass: nominal motion, nodes and smoothed drift.
 
     Attributes:
         offset: of the encoders' clock [s].
-        applied: how much of it was known beforehand [s]; the rest was left to the filter.
         compliance: by which the displacement between wheels and body walked [s^2].
+        applied: how much of the offset was known beforehand [s]; the rest was left to the filter.
     """
 
     nominal: Nominal
     nodes: Nodes
     smoothed: Smoothed
     offset: Estimate
-    applied: float
     compliance: float
+    applied: float = 0.0
 
 
-def forward(nodes: Nodes) -> tuple[Array, Array, Innovations]:
-    """Filter over all nodes; states (K, 14) and covariances (K, 14, 14) after each, innovations as they came.
+def forward(nodes: Nodes) -> Filtered:
+    """Filter over all nodes.
 
-    Measurements are scalar, so no matrix is inverted. Rounding makes the covariance unsymmetric, more
-    so with each node, and after half an hour indefinite, unless it is made symmetric again.
+    Measurements are scalar, so no matrix is inverted. BLAS works on one triangle of each covariance, in
+    place; the other is filled in at the end, so that rounding cannot make a covariance unsymmetric.
     """
-    n = nodes.t.size
-    x, P = nodes.x0[:, 0].copy(), nodes.P0.copy()
-    xs, Ps = np.empty((n, SIZE)), np.empty((n, SIZE, SIZE))
-    places: list[tuple[int, str]] = []
-    came: list[tuple[float, float, float]] = []
-    gains: list[Array] = []
-    for k, (F, Q, updates) in enumerate(zip(nodes.F, nodes.Q, nodes.updates, strict=True)):
-        if k:
-            x = F.dot(x)
-            P = F.dot(P).dot(F.T)
-            P += Q
-            P = P + P.T
-            P *= 0.5
-        for update in updates:
-            h = update.H[0]
-            Ph = P.dot(h)
-            variance = float(h.dot(Ph)) + update.R
-            innovation = update.z - float(h.dot(x))
-            gain = Ph / variance
-            x = x + gain * innovation
-            P = P - Ph[:, None] * gain
-            places.append((k, update.kind))
-            came.append((innovation, variance, update.R))
-            gains.append(gain)
-        xs[k], Ps[k] = x, P
-    node, kind = np.array([k for k, _ in places], dtype=int), tuple(kind for _, kind in places)
-    value, variances, noise = np.array(came, dtype=float).reshape(-1, 3).T
-    gained = np.array(gains, dtype=float).reshape(-1, SIZE)
-    return xs, Ps, Innovations(node, kind, value, variances, noise, gained)
+    n, updates = nodes.t.size, nodes.updates
+    xs, Ps, lifted = np.zeros((n, SIZE)), nodes.Q.copy(), np.empty_like(updates.H)
+    xs[0], Ps[0] = nodes.x0[:, 0], nodes.P0
+    came = []
+    measured = zip(updates.H, updates.z.tolist(), updates.R.tolist(), lifted, strict=True)
+    steps = zip(xs, *(m.transpose(0, 2, 1) for m in (Ps, nodes.F)), updates.counts(n), strict=True)
+    x0, P0 = xs[0], Ps[0].T
+    for k, (x, P, F, count) in enumerate(steps):
+        if k:  # BLAS counts columns first: F is the transpose of the transition
+            dgemv(1.0, F, x0, 0.0, x, 0, 1, 0, 1, 1, 1)  # F x
+            dgemm(1.0, F, dsymm(1.0, P0, F), 1.0, P, 1, 0, 1)  # F P F^T + Q
+        for h, z, R, Ph in islice(measured, count):
+            dsymv(1.0, P, h, 0.0, Ph, 0, 1, 0, 1, 0, 1)
+            variance, innovation = ddot(h, Ph) + R, z - ddot(h, x)
+            daxpy(Ph, x, SIZE, innovation / variance)
+            dsyr(-1.0 / variance, Ph, 0, 1, 0, SIZE, P, 1)
+            came.append((innovation, variance))
+        x0, P0 = x, P
+    one, other = np.tril_indices(SIZE, -1)
+    Ps[:, other, one] = Ps[:, one, other]
+    value, variance = np.array(came, dtype=float).reshape(-1, 2).T
+    return Filtered(xs, Ps, Innovations(updates, value, variance, lifted / variance[:, None]))
 
 
 def merged(nodes: Nodes) -> Nodes:
@@ -154,7 +170,7 @@ def merged(nodes: Nodes) -> Nodes:
 
     The filter finds the same in them, sooner.
     """
-    ends = np.flatnonzero([k == 0 or len(updates) > 0 for k, updates in enumerate(nodes.updates)])
+    ends, place = np.unique(np.concatenate([[0], nodes.updates.node]), return_inverse=True)
     begins = np.concatenate([[0], ends[:-1] + 1])
     F, Q = nodes.F[begins], nodes.Q[begins]
     for j in range(1, int(np.max(ends - begins)) + 1):
@@ -164,12 +180,43 @@ def merged(nodes: Nodes) -> Nodes:
         Q[longer] = step @ Q[longer] @ step.transpose(0, 2, 1) + nodes.Q[begins[longer] + j]
     names = ("index", "t", "moving", "lost", "mean_slip", "w")
     kept = {name: getattr(nodes, name)[ends] for name in names}
-    return replace(nodes, F=F, Q=Q, updates=tuple(nodes.updates[k] for k in ends), **kept)
+    return replace(nodes, F=F, Q=Q, updates=replace(nodes.updates, node=place[1:]), **kept)
 
 
-def run(nodes: Nodes) -> Smoothed:
-    """Filter forwards, smooth backwards (Rauch, Tung & Striebel 1965); F and Q lead *into* each node."""
-    x, P, innovations = forward(nodes)
+def adjoint(nodes: Nodes, gain: Array, given: Array, added: Array) -> tuple[Array, Array, Array]:
+    """Pass weights backwards through the filter, from each node to the one before.
+
+    Of the measurements `gain` (U, 14) is the filter's, `given` (U,) a weight beside that by their gain.
+
+    Returns:
+        (K, 14) weights of the states after the measurements of each node, with those that are `added`
+        (K, 14) there, and of the states before them; (U,) weights of the measurements.
+    """
+    after, told = added.copy(), given.copy()
+    before = np.empty_like(after)
+    measured = zip(range(told.size - 1, -1, -1), nodes.updates.H[::-1], gain[::-1], strict=True)
+    turned, counts = nodes.F.transpose(0, 2, 1), nodes.updates.counts(len(after))
+    for k in range(len(after) - 1, -1, -1):
+        weight = before[k]
+        weight[:] = after[k]
+        for j, h, own in islice(measured, counts[k]):
+            told[j] += ddot(own, weight)
+            daxpy(h, weight, SIZE, -told[j])
+        if k:
+            dgemv(1.0, turned[k], weight, 1.0, after[k - 1], 0, 1, 0, 1, 0, 1)  # F^T
+    return after, before, told
+
+
+def smoothed_states(nodes: Nodes, found: Filtered) -> Array:
+    """(K, 14) smoothed states alone, without inverting a matrix (Bryson & Frazier 1963)."""
+    came = found.innovations
+    weights, _, _ = adjoint(nodes, came.gain, came.value / came.variance, np.zeros_like(found.x))
+    return np.asarray(found.x - (found.P @ weights[:, :, None])[:, :, 0])
+
+
+def backward(nodes: Nodes, found: Filtered) -> Smoothed:
+    """Smooth backwards (Rauch, Tung & Striebel 1965); F and Q lead *into* each node."""
+    x, P = found.x.copy(), found.P.copy()
     n = x.shape[0]
     gains = np.zeros_like(P)
     for end in range(n - 1, 0, -BLOCK):
@@ -181,12 +228,12 @@ def run(nodes: Nodes) -> Smoothed:
         scale = 1.0 / np.sqrt(np.diagonal(ahead, axis1=1, axis2=2))
         weight = scale[:, :, None] * scale[:, None, :]
         gains[begin:end] = lifted @ (np.linalg.inv(ahead * weight) * weight)
-        predicted = (F @ x[begin:end, :, None])[:, :, 0]
+        x[begin:end] -= (gains[begin:end] @ (F @ x[begin:end, :, None]))[:, :, 0]
         for k in range(end - 1, begin - 1, -1):
-            gain = gains[k]
-            x[k] += gain.dot(x[k + 1] - predicted[k - begin])
-            P[k] += gain.dot(P[k + 1] - ahead[k - begin]).dot(gain.T)
-    return Smoothed(x=x, P=P, gains=gains, innovations=innovations, common=np.zeros_like(x))
+            gain, more = gains[k].T, P[k + 1] - ahead[k - begin]
+            x[k] += gains[k].dot(x[k + 1])
+            dgemm(1.0, gain, more.dot(gain), 1.0, P[k].T, 1, 0, 1)
+    return Smoothed(x=x, P=P, gains=gains, innovations=found.innovations, common=np.zeros_like(x))
 
 
 def with_steady_slip(nodes: Nodes, found: Smoothed) -> Smoothed:
@@ -199,11 +246,9 @@ def with_steady_slip(nodes: Nodes, found: Smoothed) -> Smoothed:
     error[:, S] = UNKNOWN
     slipped = np.where(nodes.moving, nodes.w, 0.0) * np.diff(nodes.t, prepend=nodes.t[0])
     error[:, D] = UNKNOWN * np.cumsum(slipped)
-    updates = tuple(
-        tuple(replace(update, z=float(update.H[0] @ state)) for update in several)
-        for several, state in zip(nodes.updates, error, strict=True)
-    )
-    missed = run(replace(nodes, updates=updates, x0=np.zeros((SIZE, 1)))).x - error
+    given = nodes.updates
+    updates = replace(given, z=np.vecdot(given.H, error[given.node]))
+    missed = smoothed_states(nodes, forward(replace(nodes, updates=updates, x0=np.zeros((SIZE, 1))))) - error
     return replace(found, P=found.P + missed[:, :, None] * missed[:, None, :], common=missed)
 
 
@@ -212,8 +257,7 @@ def first_velocity(problem: Problem, offset: float) -> float:
     t0 = problem.imu.t[0]
     if problem.rolling is None or any(begin <= t0 + 0.05 for begin, _ in problem.rests):
         return 0.0
-    known = np.isfinite(problem.rolling.speed)
-    return float(np.interp(t0, problem.rolling.t[known] + offset, problem.rolling.speed[known]))
+    return float(problem.rolling.speed_at(t0, offset))
 
 
 def nominal_of(problem: Problem, offset: float) -> Nominal:
@@ -222,16 +266,15 @@ def nominal_of(problem: Problem, offset: float) -> Nominal:
     return integrate(problem.imu, problem.robot, problem.rests, problem.faults, velocity=velocity)
 
 
-def solve(
+def settle(
     problem: Problem, offset: Estimate, *, near: float | None = None, distance: Estimate | None = None,
     robust: bool = True,
-) -> Solution:  # fmt: skip
-    """Filter and smooth, each pass about the last one's result.
+) -> Settled:  # fmt: skip
+    """Filter, each pass about the last one's result.
 
     Relinearising matters for gravity's share of a large pitch; one or two passes settle it. Another one
     follows where the first shows that the wheels turn ahead of the body as thrust grows, or that a kind of
-    measurement misses its prediction by more than its noise, which then grows by as much. What is too large
-    in the last pass too widens the std of everything.
+    measurement misses its prediction by more than its noise, which then grows by as much.
 
     `offset` of the wheels' clock is as expected; what is left of it is a state of the filter (nothing by a
     std of NaN). All stamps of the wheels are moved by `near` [s], by default as expected. Without `robust` no
@@ -240,7 +283,7 @@ def solve(
     accel_bias, gyro_bias, pitch = 0.0, None, 0.0
     at, std = offset.value if near is None else near, offset.std if np.isfinite(offset.std) else 1e-6
     velocity = first_velocity(problem, at)
-    for i in range(PASSES):
+    for last in (False,) * (PASSES - 1) + (True,):
         nominal = integrate(
             problem.imu, problem.robot, problem.rests, problem.faults, accel_bias=accel_bias,
             gyro_bias=gyro_bias, pitch=pitch, velocity=velocity,
@@ -249,27 +292,34 @@ def solve(
             steady = pace_of(problem.rolling, at, nominal.t).steady
             nominal = quieten(nominal, steady, problem.noise.vibration_frequency)
         nodes = build(problem, nominal, at, Estimate(offset.value - at, std), distance)
-        found = run(nodes)
-        level = float(np.max(np.abs(found.x[:, TH]))) < SETTLED
+        found = forward(nodes)
+        x = smoothed_states(nodes, found)
+        level = float(np.max(np.abs(x[:, TH]))) < SETTLED
         # a compliance beyond what the walk allows for calls for another pass
-        compliance = abs(float(found.x[-1, C]))
+        compliance = abs(float(x[-1, C]))
         stiff = compliance < problem.compliance
         sizes = mismatch(found.innovations) if robust else {}
         too_large = {kind: sizes[kind] for kind in NOISY if sizes.get(kind, 1.0) > 1.0}
-        if i == PASSES - 1 or (level and stiff and not too_large):
+        if last or (level and stiff and not too_large):
             break
         louder = {kind: nis * problem.louder.get(kind, 1.0) for kind, nis in too_large.items()}
         problem = replace(problem, louder={**problem.louder, **louder})
         if not stiff:
             problem = replace(problem, compliance=compliance)
         if not level:
-            middle = found.x[found.x.shape[0] // 2]
+            middle = x[x.shape[0] // 2]
             accel_bias += float(middle[BA])
             gyro_bias = nominal.gyro_bias + float(middle[BG])
-            pitch += float(found.x[0, TH])
+            pitch += float(x[0, TH])
+    return Settled(nominal, nodes, found, at, problem.compliance)
+
+
+def smooth(last: Settled) -> Solution:
+    """Smooth the last pass; what is too large in it too widens the std of everything."""
+    found = backward(last.nodes, last.found)
     found = replace(found, P=found.P * widening(found.innovations))
-    refined = Estimate(at + float(found.x[-1, TAU]), float(np.sqrt(found.P[-1, TAU, TAU])))
-    return Solution(nominal, nodes, found, refined, offset.value, problem.compliance)
+    offset = Estimate(last.near + float(found.x[-1, TAU]), float(np.sqrt(found.P[-1, TAU, TAU])))
+    return Solution(last.nominal, last.nodes, found, offset, last.compliance)
 
 
 def mismatch(came: Innovations) -> dict[str, float]:
@@ -279,7 +329,7 @@ def mismatch(came: Innovations) -> dict[str, float]:
     correlate, so one in ten counts.
     """
     found = {}
-    for kind in dict.fromkeys(came.kind):
+    for kind in dict.fromkeys(came.updates.kind.tolist()):
         counts = came.fresh(kind)
         ratio = np.sort(came.value[counts] ** 2 / came.variance[counts])
         ratio = ratio[: ratio.size - ratio.size // 100]

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import EstimateError
+from granite_lab.estimation.motion import mean_known
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array, WheelStream
@@ -71,6 +72,11 @@ class Rolling:
     by_rate: bool
     step: float
     warnings: tuple[str, ...] = ()
+
+    def speed_at(self, t: Array | float, offset: float = 0.0) -> Array:
+        """Return `speed` at instants of a clock that the encoders' lies behind by `offset` [s]."""
+        known = np.isfinite(self.speed)
+        return np.asarray(np.interp(t, self.t[known] + offset, self.speed[known]))
 
 
 def bridged(t: np.ndarray, mask: np.ndarray, longest: float) -> np.ndarray:
@@ -198,23 +204,14 @@ def mask_dead(t: Array, distance: Array) -> tuple[Array, list[str]]:
 def _median(values: Array) -> Array:
     """Median over the wheels, NaN where none is known, without a warning."""
     ordered = np.sort(values, axis=1)  # NaN last
-    n = np.isfinite(values).sum(axis=1)
-    rows = np.arange(values.shape[0])
-    low = ordered[rows, np.maximum((n - 1) // 2, 0)]
-    high = ordered[rows, np.minimum(n // 2, values.shape[1] - 1)]
-    return np.where(n > 0, 0.5 * (low + high), np.nan)
-
-
-def _mean(values: Array) -> Array:
-    """Mean over the wheels, NaN where none is known, without a warning."""
-    n = np.isfinite(values).sum(axis=1)
-    total = np.where(np.isfinite(values), values, 0.0).sum(axis=1)
-    return np.where(n > 0, total / np.maximum(n, 1), np.nan)
+    n = np.isfinite(values).sum(axis=1)[:, None]
+    middle = np.take_along_axis(ordered, np.concatenate([np.maximum(n - 1, 0) // 2, n // 2], axis=1), axis=1)
+    return np.asarray(np.where(n[:, 0] > 0, 0.5 * (middle[:, 0] + middle[:, 1]), np.nan))
 
 
 def side_mean(values: Array) -> Array:
     """Mean of the left and right sides' means, so that a missing wheel does not look like a turn."""
-    return _mean(np.stack([_mean(values[:, side::2]) for side in (0, 1)], axis=1))
+    return mean_known(np.stack([mean_known(values[:, side::2]) for side in (0, 1)], axis=1))
 
 
 def slope(t: Array, y: Array, sigma: Array) -> tuple[Array, Array]:
@@ -361,7 +358,7 @@ def _relative_signs(speed: Array, live: np.ndarray) -> Array:
 
 def _turn(speed: Array, robot: Robot) -> Array:
     """(K,) yaw rate by the difference of the sides [rad/s], positive to the left."""
-    left, right = (np.nan_to_num(_mean(speed[:, side::2])) for side in (0, 1))
+    left, right = (np.nan_to_num(mean_known(speed[:, side::2])) for side in (0, 1))
     return np.asarray((right - left) / (robot.chassis.track if robot.chassis else 0.5))
 
 
@@ -370,7 +367,7 @@ def _choose_side(sign: Array, live: np.ndarray, speed: Array, imu: BodyImu | Non
     ahead = int((sign[live] > 0).sum())
     if 2 * ahead != live.size:
         return sign if 2 * ahead > live.size else -sign
-    common = np.nan_to_num(_mean(speed * sign))
+    common = np.nan_to_num(mean_known(speed * sign))
     if imu is not None:
         gain, clearness = _forward_gain(imu, grid, common)
         if clearness > CLEAR:
@@ -380,7 +377,7 @@ def _choose_side(sign: Array, live: np.ndarray, speed: Array, imu: BodyImu | Non
 
 def _against(imu: BodyImu, grid: Array, speed: Array) -> bool:
     """Say whether all encoders count backwards; refuse an IMU whose x axis is not the robot's."""
-    common = np.nan_to_num(_mean(speed))
+    common = np.nan_to_num(mean_known(speed))
     gain, clearness = _forward_gain(imu, grid, common)
     heading = np.degrees(np.arctan2(gain[1], gain[0]))
     if clearness < CLEAR or abs(heading) < 45 or not 0.3 < np.hypot(*gain) < 3.0:

@@ -11,7 +11,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import Motion, correct, estimate
 from granite_lab.estimation.clock import bridged_rests
-from granite_lab.estimation.error_model import SIZE
+from granite_lab.estimation.error_model import SIZE, Updates
 from granite_lab.estimation.smoother import Innovations, mismatch
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
@@ -182,10 +182,10 @@ def test_innovations_that_are_too_large_say_by_how_much() -> None:
     rng = np.random.default_rng(0)
     value = rng.normal(0.0, 3.0, 2000)
     value[:5] = 1e3  # a few wild ones say nothing of the rest
-    ones = np.ones(2000)
-    kind = ("wheel",) * 1000 + ("zero_rate",) * 1000
+    ones, none = np.ones(2000), np.zeros((2000, SIZE))
+    kind = np.repeat(["wheel", "zero_rate"], 1000)
     sizes = np.where(np.arange(2000) < 1000, value, value / 3.0)
-    came = Innovations(np.arange(2000), kind, sizes, ones, ones, np.zeros((2000, SIZE)))
+    came = Innovations(Updates(np.arange(2000), kind, sizes, none, ones), sizes, ones, none)
     found = mismatch(came)
     assert found["wheel"] == pytest.approx(9.0, rel=0.15)
     assert found["zero_rate"] == 1.0
