@@ -117,11 +117,9 @@ def compare(
     """Hold a trial against its simulation.
 
     Args:
-        motion: the estimate.
-        trial: as estimation corrected it; currents and IMU are compared as well.
+        motion, trial: the estimate, and the trial as it was corrected.
         fit: its k_92 (by steady slip) is simulated by (5), its t_start aligns the two in time.
-        robot: with chassis and drive.
-        soil: the ground.
+        robot, soil: the robot with chassis and drive, and the ground.
         effects: added to the paper's model.
         run: a simulation to compare with instead.
 

@@ -145,10 +145,8 @@ def fit_k92(
     """Fit the k_92 of a trial: a constant by the slip ratio, the value of (5) by the trajectory.
 
     Args:
-        motion: the estimate.
-        trial: as estimation corrected it.
-        robot: with chassis and drive.
-        soil: the ground.
+        motion, trial: the estimate, and the trial as it was corrected.
+        robot, soil: the robot with chassis and drive, and the ground.
         effects: added to the paper's model.
         trajectory: also fit the whole time history; where that cannot be, a note says why.
 

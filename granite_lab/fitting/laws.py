@@ -1,12 +1,10 @@
 """Rival laws for k_92, fitted to the same points with the same kind of error.
 
-Every law predicts k_92 of each point; the errors are normal with the point's own variance and a
-scatter s of the law's own, by maximum likelihood. A point at a bound of k_92 counts with the
-probability of lying beyond it. AICc compares what is left over.
+The errors are normal with the point's own variance and a scatter of the law's own, by maximum likelihood. A
+point at a bound of k_92 counts with the probability of lying beyond it. AICc compares what is left over.
 
-k_92 is computed from λ_R, so a line over a trial's own λ_R fits by construction. Where a speed was
-repeated the line is therefore given the mean λ_R of the *other* trials at that speed, whose errors
-have nothing to do with the trial's k_92.
+k_92 is computed from λ_R, so a line over a trial's own λ_R fits by construction. Where a speed was repeated
+the line is therefore given the mean λ_R of the *other* trials, whose errors are independent of its k_92.
 """
 
 from __future__ import annotations
@@ -98,14 +96,10 @@ class Points:
         return float(self.solve(self.exponential, self.start, lambda _, m: std_of(m))[0])
 
     def solve(self, predict: Predict, start: Array, std_of: Callable[[Array, Array], Array]) -> Array:
-        """Return the parameters (p,) of a law by damped Gauss-Newton steps, the weights renewed in each.
+        """Return the parameters (p,) of a law by damped Gauss-Newton steps from `start`.
 
-        Censored points are replaced by their expectation in every step (EM).
-
-        Args:
-            predict: the law.
-            start: (p,) parameters to begin with.
-            std_of: of the points, by parameters and k_92.
+        In each step the weights are renewed, by the std of the points at given parameters and k_92, and
+        censored points are replaced by their expectation (EM).
         """
         θ = start
         for _ in range(200):
@@ -178,9 +172,8 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
         the laws, and notes on what could not be compared.
     """
     notes, groups = [], points.by_speed()
-    own = np.zeros((points.v.size, len(groups)))
-    for column, group in enumerate(groups):
-        own[group, column] = 1
+    speed = np.round(points.v, 4)
+    own = np.equal.outer(speed, np.unique(speed)).astype(np.float64)
     constants = {f"k_92 at {points.v[group[0]]:.3g} m/s": "" for group in groups}
     laws = [
         _fit(

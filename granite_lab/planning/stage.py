@@ -140,10 +140,7 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
 class Stage:
     """The trials at hand, then those that are proposed, numbered as the bench's commands.
 
-    Args:
-        design: of the trials at hand.
-        bench: runs the simulations.
-        likes: per proposed trial those whose channels and noise it has.
+    `likes` are per proposed trial those whose channels and noise it has.
     """
 
     def __init__(self, design: Design, bench: Bench, likes: Sequence[Driven] = ()) -> None:
@@ -169,16 +166,11 @@ class Stage:
         return point
 
     def information(self, number: int, count: int, model: Setting, others: Sequence[Setting] = ()) -> Array:
-        """Return what `count` trials of one command tell.
-
-        Args:
-            number, count: of the command, and of its repetitions.
-            model: effects that are switched on, whose shared parameters are fitted.
-            others: effects of k other models.
+        """Return what `count` trials of one command tell, if the effects of `model` are switched on.
 
         Returns:
             (p + k, p + k) information of the p shared parameters, which end like `Point.vector`, then of the
-            differences that the other models make.
+            differences that the k other models make.
 
         Raises:
             EstimateError: a simulation has no solution.
