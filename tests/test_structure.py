@@ -125,10 +125,10 @@ def test_what_a_command_does_not_need_is_not_imported(code: str, heavy: tuple[st
 
 
 EARLY = (
-    "simulate --variant 9", "wheel --k92 2", "params --robot nope", "effects show nope",
-    "hide --effect nope --out nope", "reveal nope", "check nope", "ingest nope", "fit-k92 nope",
-    "fit-atheta nope", "fit-k92 . --soil nope", "compare . --model nope", "discover . --map nope",
-    "study --verify nope", "plan-next nope", "view nope", "compare-studies nope nope",
+    "simulate --variant 9", "wheel --k92 2", "params --robot nope", "params nope", "effects show nope",
+    "hide --effect nope --out nope", "reveal nope", "check nope", "ingest nope", "plan-next nope",
+    "fit-k92 nope", "fit-atheta nope", "fit-k92 . --soil nope", "compare . --model nope",
+    "discover . --map nope", "study --verify nope", "view nope", "compare-studies nope nope",
 )  # fmt: skip
 
 

@@ -17,7 +17,8 @@ from granite_lab.api.project import FILE, project_in
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library
 from granite_lab.effects.model_file import load_model
-from granite_lab.errors import UsageError
+from granite_lab.errors import InputError, UsageError
+from granite_lab.files import is_folder
 from granite_lab.logs import write_canonical
 from granite_lab.model import Accuracy, Run
 from granite_lab.model import simulate as run_model
@@ -267,7 +268,13 @@ def chosen_in(
 ) -> dict[str, dict[str, str]]:
     """Return which robot and soil hold for the logs of a folder, and who says so: what is given wins over its
     `granite-lab.toml`.
+
+    Raises:
+        InputError: there is no such folder, or its file is wrong.
     """
+    if not is_folder(folder):
+        problem = "is not a folder" if folder.exists() else "does not exist"
+        raise InputError(f"{folder}: {problem}", "give the folder in which the logs lie")
     project, chosen = project_in(folder), {}
     for key, given, default in (("robot", robot, "granite"), ("soil", soil, "dry_sand")):
         beside = getattr(project, key)

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from granite_lab.model.run import Run
     from granite_lab.parameters.catalogue import Provenance
 
+PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
+"""Parts of the trials that a discovery tells of, as they are printed."""
+
 
 @command(api.simulate)
 def simulate(
@@ -239,9 +242,9 @@ def _show_answer(answer: Mapping[str, Any], call: Call[Any]) -> None:
         rows = []
         for effect in answer["effects"]:
             named = effect["id"] + ("" if effect["library"] else " (not in the library)")
-            values = [(name, p["value"], p["unit"]) for name, p in effect["parameters"].items()]
+            values = [(k, p["value"], _unit(p["unit"])) for k, p in effect["parameters"].items()]
             rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
-        call.rows("hidden", rows, {"0": lambda row: row[0]})
+        call.rows("hidden", rows, {"0": lambda row: row[0], "3": lambda row: row[3]})
         for effect in answer["effects"]:
             told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
             call.say(f"{effect['id']}: {told}.")
@@ -266,10 +269,16 @@ def _show_score(judged: Score, call: Call[Any]) -> None:
     named = ", ".join(judged.named) or judged.verdict
     call.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
     if judged.parameters:
-        call.rows("scored", judged.parameters, {"parameter": lambda p: f"{p.name} [{p.unit}]"})
+        cells = {"parameter": lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")}
+        call.rows("scored", judged.parameters, cells)
     for part, share in judged.gap_closed.items():
         if share is not None:
-            call.say(f"gap closed, {part.replace('_', ' ')} trials: {100 * share:.1f} %")
+            call.say(f"gap closed, {PARTS[part]}: {100 * share:.1f} %")
+
+
+def _unit(unit: str) -> str:
+    """Return a unit as it is printed: nothing for a number without one."""
+    return "" if unit == "-" else reporting.rounding.tidy_unit(unit)
 
 
 @command(hidden.kit, out=Flag(metavar="OUT", help="New folder of the kit."))

@@ -60,7 +60,7 @@ class Misfit:
         phase: one of `PHASES`.
         rms, bias, peak: root mean square, mean and largest absolute difference (simulated minus measured).
         normalised: root mean square of the difference over its std (1 is the noise floor); NaN if unknown.
-        samples: how many samples.
+        samples: number of them.
     """
 
     channel: str
@@ -82,7 +82,6 @@ class Comparison(Shown):
         t: (N,) time since the start of the command [s].
         measured, measured_std, simulated: channel of `units` to (N,) values in its unit; NaN where nothing
             was measured.
-        misfits: per channel and phase.
     """
 
     units: ClassVar[dict[str, str]] = UNITS
@@ -118,11 +117,9 @@ def compare(
     """Hold a trial against its simulation.
 
     Args:
-        motion: the estimate.
-        trial: as estimation corrected it; currents and IMU are compared as well.
+        motion, trial: the estimate, and the trial as it was corrected.
         fit: its k_92 (by steady slip) is simulated by (5), its t_start aligns the two in time.
-        robot: with chassis and drive.
-        soil: the ground.
+        robot, soil: the robot with chassis and drive, and the ground.
         effects: added to the paper's model.
         run: a simulation to compare with instead.
 
@@ -146,12 +143,11 @@ def compare(
         value, std = measured[name]
         measured[name] = value - _standstill_mean(t, value - simulated[name])[0], std
     late = np.nan_to_num(fit.t_start.std)
-    misfits: list[Misfit] = []
+    values, stds, misfits = {}, {}, []
     for name, (value, own) in measured.items():
+        values[name], stds[name] = value, own
         std = np.hypot(own, np.abs(np.gradient(simulated[name], t)) * late)
         misfits += misfits_of(name, value, std, simulated[name], np.array(motion.phase))
-    values = {name: value for name, (value, _) in measured.items()}
-    stds = {name: std for name, (_, std) in measured.items()}
     return Comparison(motion, run, fit, t, values, stds, simulated, tuple(misfits))
 
 
@@ -222,9 +218,8 @@ def _standstill_mean(t: Array, signal: Array) -> tuple[float, int]:
 
 
 def _mean_known(columns: Array) -> Array:
-    known = np.isfinite(columns)
-    total = np.where(known, columns, 0.0).sum(axis=1)
-    return np.where(known.any(axis=1), total / np.maximum(1, known.sum(axis=1)), np.nan)
+    """Return the (N,) mean over the columns of what is known."""
+    return np.asarray(np.ma.masked_invalid(columns).mean(axis=1).filled(np.nan))
 
 
 def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:

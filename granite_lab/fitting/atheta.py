@@ -6,22 +6,17 @@ With stated uncertainties the weighted estimate solves
           w_i = 1 / (\sigma_i^2 + \tau^2 m_i^2)
 
 where the relative scatter τ of k_92 from trial to trial follows from Paule and Mandel's condition
-Σ w_i (k_i - m_i)^2 = n - 1 [1]. It works on k_92 itself, because the error of log k_92 is neither
-normal nor of known size where k_92 is near zero. Without uncertainties it is the paper's estimate,
-least squares on log k_92.
+Σ w_i (k_i - m_i)^2 = n - 1 (J. Res. Natl. Bur. Stand. 87 (1982) 377-385). It works on k_92 itself: the error
+of log k_92 is neither normal nor of known size near k_92 = 0. Without uncertainties it is the paper's
+estimate, least squares on log k_92.
 
 What is measured is λ_R, whose error is near normal; k_92 follows from it through the curve of the model,
 which bends, and which ends at k_92 = 0. For an interval by the likelihood the deviation of a trial is in λ_R,
 
 .. math:: d_i(k) = (λ_i - λ_i(k)) / |λ_i'|
 
-in units of k_92 by the slope λ_i' at the root, so that for a straight curve d_i(k) is k less the root. The
-sand's shift of λ_R is profiled out, which adds its variance, and the scatter between trials is held at its
-estimate: both kinds of interval differ by the bend of the curve alone.
-
-References:
-    [1] R. C. Paule, J. Mandel: Consensus values and weighting factors. J. Res. Natl. Bur. Stand.
-        87 (1982) 377-385.
+in units of k_92 by the slope λ_i' at the root. The sand's shift of λ_R is profiled out, which adds its
+variance, and the scatter between trials is held: both kinds of interval differ by the bend alone.
 """
 
 from __future__ import annotations
@@ -58,15 +53,14 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class _Weighted:
-    """A fit of a_θ to n points.
+    """A fit of a_θ [s/m] to n points.
 
     Attributes:
-        a, std: a_θ [s/m].
         scatter: relative std of k_92 from trial to trial beyond the stated ones.
         dof: degrees of freedom of the interval.
         parts: of the std, besides that of the points.
-        sensitivity: (n,) da_θ/dk_92 [s/m]; empty where the points have no std, as the next.
-        covariance: (n, n) of k_92, with the scatter between trials and what the trials at one speed share.
+        sensitivity, covariance: (n,) da_θ/dk_92 [s/m], and (n, n) of k_92 with the scatter between trials and
+            what the trials at one speed share; empty where the points have no std.
     """
 
     a: float
@@ -87,21 +81,20 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
     Raises:
         EstimateError: no k_92 that says anything about a_θ.
     """
-    points, notes = gather(items)
-    inner = points.of(points.inner)
+    kept, points, notes = gather(items)
+    inner, stated = points.of(points.inner), bool((points.sigma > 0).all())
     if not inner.v.size:
         raise EstimateError(
             "every k_92 is at a bound, so there is no a_θ",
             "the model does not reach the measured slip ratios",
         )
-    fit, more = _weighted(points) if (points.sigma > 0).all() else _unweighted(inner)
+    fit, more = _weighted(points) if stated else _unweighted(inner)
     notes += more
     quantile = float(stdtrit(fit.dof, 0.975) if fit.dof else ndtri(0.975))
     a_theta = Estimate(fit.a, fit.std)
     ci95 = linear = a_theta.interval(quantile)
-    rows, weighted = [row_of(item) for item in items], fit.sensitivity.size > 0
-    fits = [item for item in items if isinstance(item, K92Fit) and usable(row_of(item))]
-    if weighted and len(fits) == points.v.size:
+    fits = [item for item in kept if isinstance(item, K92Fit)]
+    if stated and len(fits) == len(kept):
         ci95 = a_theta_interval(fits, points.v, fit.covariance, a_theta, quantile)
     if ci95 != linear:
         notes.append(
@@ -111,13 +104,12 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
     if left_out := int((inner.k <= 0).sum()):
         notes.append(f"{left_out} values of k_92 <= 0 cannot enter the fit of log k_92.")
     laws, remarks = fit_laws(points)
-    published = load_paper().a_theta
-    found = iter(fit.sensitivity.tolist())
+    published, rows, found = load_paper().a_theta, list(map(row_of, items)), iter(fit.sensitivity.tolist())
     return AThetaFit(
         a_theta=a_theta,
         ci95=ci95,
         log_linear=points.log_slope(),
-        ordinary=_solve(inner, lambda _, m: np.ones_like(m)),
+        ordinary=inner.a_theta(np.ones_like),
         scatter=fit.scatter,
         published=published,
         agrees=ci95[0] <= published <= ci95[1],
@@ -125,7 +117,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         laws=laws,
         notes=(*notes, *remarks),
         parts=fit.parts,
-        sensitivity=tuple(next(found) if usable(row) else 0.0 for row in rows) if weighted else (),
+        sensitivity=tuple(next(found) if usable(row) else 0.0 for row in rows) if stated else (),
         virtual=any(isinstance(item, K92Fit) and item.virtual for item in items),
     )
 
@@ -138,11 +130,6 @@ def published_fit() -> AThetaFit:
             for row in load_paper().table3
         ]
     )
-
-
-def _solve(points: Points, std_of: Callable[[Array, Array], Array]) -> float:
-    """Return a_θ by weighted least squares on k_92."""
-    return float(points.solve(points.exponential, points.start, std_of)[0])
 
 
 def _unweighted(points: Points) -> tuple[_Weighted, list[str]]:
@@ -178,8 +165,8 @@ def _scatter_and_lack_of_fit(points: Points, a: float) -> tuple[float, float]:
     """Compare k_92 between and within speeds, by its relative deviation from (27).
 
     Returns:
-        the relative scatter within speeds beyond the stated std (method of moments), and the p value of the
-        speeds' deviation from (27) against that within speeds; 1 if it cannot be tested.
+        the scatter within speeds beyond the stated std (method of moments), and the p value of the speeds'
+        deviation against it; 1 if it cannot be tested.
     """
     groups, m = points.by_speed(), np.exp(-a * points.v)
     deviation, sigma = (points.k - m) / m, points.sigma / m
@@ -204,10 +191,8 @@ def _scatter_and_lack_of_fit(points: Points, a: float) -> tuple[float, float]:
 def _over_speeds(points: Points, a: float, within: float) -> _Weighted:
     """Return the fit to one point a speed, with the sensitivity of each trial in the mean of its speed.
 
-    Args:
-        points: of all trials; the weighted mean of those of a speed that are no bounds is its point.
-        a: by all trials, which gives the size of the scatter.
-        within: relative scatter of k_92 within speeds.
+    The point is the weighted mean of the trials that are no bounds. Their relative scatter `within` speeds is
+    that of k_92 by `a`, which is fitted to all trials.
     """
     spread = within * np.exp(-a * points.v)
     own = points.sigma**2 + spread**2
@@ -250,11 +235,15 @@ def _paule_mandel(points: Points) -> _Weighted:
 
     def solved(τ: float) -> tuple[float, Array, Array]:
         """Return a_θ, k_92 by (27) and its std for a given scatter."""
-        a = _solve(points, lambda _, m: np.sqrt(points.sigma**2 + (τ * m) ** 2))
+
+        def std_of(m: Array) -> Array:
+            return np.asarray(np.sqrt(points.sigma**2 + (τ * m) ** 2))
+
+        a = points.a_theta(std_of)
         if not abs(a) < _FAR:
             raise EstimateError("no finite a_θ fits the k_92 of the trials", "look at their fits")
         m = np.exp(-a * points.v)
-        return a, m, np.sqrt(points.sigma**2 + (τ * m) ** 2)
+        return a, m, std_of(m)
 
     def surplus(τ: float) -> float:
         _, m, std = solved(τ)
@@ -283,14 +272,14 @@ def deviations(fits: Sequence[K92Fit]) -> Callable[[Array | float], Array] | Non
     known = []
     for fit in fits:
         slope = fit.slip_measured.std / fit.std_measurement if fit.std_measurement > 0 else math.nan
-        if len(fit.curve) < 4 or not (math.isfinite(slope) and slope > 0):
+        if len(fit.curve) < 4 or not 0 < slope < math.inf:
             return None
         k, slip = np.array(fit.curve).T
-        known.append((fit.slip_measured.value, PchipInterpolator(k, slip), k[0], k[-1], slope))
+        known.append((fit.slip_measured.value, PchipInterpolator(k, slip), slope))
 
     def d(k: Array | float) -> Array:
         pairs = zip(known, np.broadcast_to(k, len(known)), strict=True)
-        return np.array([(λ - of(min(max(x, low), high))) / slope for (λ, of, low, high, slope), x in pairs])
+        return np.array([(λ - of(np.clip(x, *of.x[[0, -1]]))) / slope for (λ, of, slope), x in pairs])
 
     return d
 
@@ -299,21 +288,18 @@ def k92_interval(fits: Sequence[K92Fit], linear: Interval) -> Interval:
     """Return the interval of the mean k_92 of trials at one speed.
 
     It holds the k_92 within their bounds for which the mean deviation is half the width of `linear` or less.
-
-    Args:
-        fits: of the trials.
-        linear: by the covariance; it stays where a trial's curve is not known, and where both agree.
+    That, by the covariance, stays where a trial's curve is not known, and where both agree.
     """
     d, half = deviations(fits) if fits else None, (linear[1] - linear[0]) / 2
     if d is None or not math.isfinite(half):
         return linear
 
-    def end(target: float, beyond: float) -> float:
+    def end(target: float, bound: float) -> float:
         def off(k: float) -> float:
             return float(d(k).mean()) - target
 
         low, high = K92_BOUNDS
-        return float(brentq(off, low, high, xtol=1e-7)) if off(low) * off(high) <= 0 else beyond
+        return float(brentq(off, low, high, xtol=1e-7)) if off(low) * off(high) <= 0 else bound
 
     return _chosen(linear, (end(-half, K92_BOUNDS[0]), end(half, K92_BOUNDS[1])))
 

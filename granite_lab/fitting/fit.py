@@ -8,13 +8,13 @@ weighted variances (JCGM 100:2008, 5.1.2); what scatters between trials beyond t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from granite_lab.estimate import Estimate, Part
 from granite_lab.parameters import Variant
-from granite_lab.shown import Shown, frame
+from granite_lab.shown import Shown, frame, picked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,16 +32,13 @@ SCATTER = "scatter between trials beyond these"
 SMALL = 0.002
 """Components with a smaller share of the variance are listed as one."""
 
-_SHARED = (
+LEFT_OUT: Mapping[str, str] = dict.fromkeys(
+    ("k92", "a_theta"),
     "Not part of the stated std: errors that all trials share, of the wheel radius, of the robot's file and "
-    "of the soil's file; and effects that the model lacks."
-)
-
-LEFT_OUT: Mapping[str, str] = {
+    "of the soil's file; and effects that the model lacks.",
+) | {
     "slip": "Not part of the stated std: an error of the wheel radius in the robot's file, which all trials "
     "share. 1 % of the radius moves λ_R by nearly 1 point.",
-    "k92": _SHARED,
-    "a_theta": _SHARED,
 }
 """What the stated std does not hold and a budget does not add."""
 
@@ -58,7 +55,6 @@ class K92Fit(Shown):
             velocity; its status is `status_trajectory`.
         t_start: start of the command by the trajectory fit [s, the log's time, as the IMU stamps it].
         slip_measured, slip_simulated: λ_R as measured, and as simulated with `k92`.
-        notes: what a reader should know, one line each.
         std_measurement: the part of the std of `k92` that comes from the measured slip ratio.
         parts: what the std of `k92` is made of; empty where it has none.
         curve: (k_92, λ_R) of the simulations, by k_92: the likelihood of `k92` goes by it.
@@ -91,11 +87,11 @@ class K92Fit(Shown):
     def to_frame(self) -> pd.DataFrame:
         """Return the fit as one row, units in the column names."""
         row = {"trial": self.trial, "virtual": self.virtual, "variant_mps": self.variant.velocity}
-        for name in ("k92", "k92_trajectory", "slip_ratio"):
-            found: Estimate = getattr(self, "slip_measured" if name == "slip_ratio" else name)
-            row |= {name: found.value, f"{name}_std": found.std}
+        found = {"k92": self.k92, "k92_trajectory": self.k92_trajectory, "slip_ratio": self.slip_measured}
+        for name, number in found.items():
+            row |= {name: number.value, f"{name}_std": number.std}
         row |= {"slip_ratio_simulated": self.slip_simulated}
-        return frame([row | {"status": self.status, "status_trajectory": self.status_trajectory}])
+        return frame([row | picked(self, "status", "status_trajectory")])
 
 
 @dataclass(frozen=True)
@@ -104,12 +100,10 @@ class Law:
 
     Attributes:
         id: "exponential" (27), "linear_slip" (28) or "free" (a constant per speed).
-        formula: as a reader writes it.
         parameters, units: name to value with std, and to unit.
         n_parameters: fitted numbers, the scatter not counted.
         rms: root mean square residual of k_92.
-        aicc: corrected Akaike information criterion (smaller is better); NaN where the points are
-            too few for the law.
+        aicc: corrected Akaike information criterion, NaN where the points are too few for the law.
         weight: Akaike weight among the laws that have an `aicc`; NaN for the others, and where it is one.
     """
 
@@ -136,7 +130,6 @@ class AThetaFit(Shown):
         published: the paper's value [s/m], which lies in `ci95` if it `agrees`.
         points: what went in.
         laws: the rivals, best first.
-        notes: what a reader should know, one line each.
         parts: what the std of `a_theta` is made of besides the std of the points.
         sensitivity: da_θ/dk_92 of each point [s/m]; 0 for those that were left out. The squares of
             sensitivity times std of the points and of `parts` add up to the variance of `a_theta`.
@@ -202,7 +195,7 @@ def of_mean(speed: float, mean: Estimate, trials: Sequence[Sequence[Part]]) -> B
     if not trials or not all(trials) or not math.isfinite(mean.std):
         return None
     n = len(trials)
-    parts = _pooled([(1 / n, own) for own in trials])
+    parts = _pooled(part.times(1 / n) for own in trials for part in own)
     beyond = mean.std**2 - sum(part.contribution**2 for part in parts)
     if beyond > 1e-6 * mean.std**2:
         one = math.sqrt(beyond * n)
@@ -215,21 +208,23 @@ def of_a_theta(fit: AThetaFit, fits: Sequence[K92Fit]) -> Budget | None:
     weighed = [(c, own.parts) for c, own in zip(fit.sensitivity, fits, strict=False) if c]
     if len(fit.sensitivity) != len(fits) or not all(parts for _, parts in weighed):
         return None
-    return Budget(math.nan, fit.a_theta, _ranked([*_pooled(weighed), *fit.parts]))
+    trials = _pooled(part.times(c) for c, parts in weighed for part in parts)
+    return Budget(math.nan, fit.a_theta, _ranked([*trials, *fit.parts]))
 
 
-def _pooled(trials: Sequence[tuple[float, Sequence[Part]]]) -> list[Part]:
-    """Return the components of a weighted sum over trials: each source once, its std as rms over trials."""
-    by_name: dict[str, list[tuple[float, Part]]] = {}
-    for weight, parts in trials:
-        for part in parts:
-            by_name.setdefault(part.name, []).append((weight, part))
-    pooled = []
-    for found in by_name.values():
-        std = math.sqrt(sum(part.std**2 for _, part in found) / len(found))
-        whole = math.hypot(*(weight * part.contribution for weight, part in found))
-        pooled.append(replace(found[0][1], std=std, contribution=whole))
-    return pooled
+def _pooled(parts: Iterable[Part]) -> list[Part]:
+    """Return the components of a sum over trials: each source once, its std as rms over trials."""
+    by_name: dict[str, list[Part]] = {}
+    for part in parts:
+        by_name.setdefault(part.name, []).append(part)
+    return [
+        replace(
+            own[0],
+            std=math.sqrt(sum(part.std**2 for part in own) / len(own)),
+            contribution=math.hypot(*(part.contribution for part in own)),
+        )
+        for own in by_name.values()
+    ]
 
 
 def _ranked(parts: Sequence[Part]) -> tuple[Part, ...]:

@@ -63,13 +63,14 @@ def simulate_k92(
 
 
 def simulated_slip(run: Run, interval: tuple[float, float] | None = None) -> float:
-    """Return λ_R by (2) of a run: 1 - distance of the body / distance the wheels turned through.
-
-    The wheels' distance is that of the virtual encoders, as the measured one is that of the real.
+    """Return λ_R by (2) of a run: 1 - distance of the body / distance of the wheels by the virtual encoders.
 
     Args:
         run: a simulated run.
         interval: start and end [s after command start]; by default the run's steady part.
+
+    Raises:
+        EstimateError: the wheels do not turn.
     """
     ends = interval or run.steady
     x, front, rear = (
@@ -84,8 +85,7 @@ def simulated_slip(run: Run, interval: tuple[float, float] | None = None) -> flo
 def slip_interval(motion: Motion) -> tuple[float, float]:
     """Return the interval over which λ_R was measured, and is simulated [s after command start].
 
-    Where the start is unknown, or the interval lies outside the constant part of the command, it is the
-    model's own steady part.
+    It is the model's own steady part where the start is unknown or the command is not constant meanwhile.
     """
     t1, t2 = (t - motion.t_start.value for t in motion.steady)
     begin, end = steady_interval(motion.variant)
@@ -145,10 +145,8 @@ def fit_k92(
     """Fit the k_92 of a trial: a constant by the slip ratio, the value of (5) by the trajectory.
 
     Args:
-        motion: the estimate.
-        trial: as estimation corrected it.
-        robot: with chassis and drive.
-        soil: the ground.
+        motion, trial: the estimate, and the trial as it was corrected.
+        robot, soil: the robot with chassis and drive, and the ground.
         effects: added to the paper's model.
         trajectory: also fit the whole time history; where that cannot be, a note says why.
 
@@ -249,7 +247,7 @@ def _with_trajectory(
     shares = {c: fit.scales.share_of(c) for c in problem.counts}
     off = [f"{c} {100 * share:.0f} %" for c, share in shares.items() if share > TOLERANCE]
     louder = [f"{c} {value:.2f}" for c, value in fit.scales.louder.items() if value > 1.0]
-    most = ", ".join(off) or f"less than {100 * TOLERANCE:.0f} %"
+    most = ", ".join(off or [f"less than {100 * TOLERANCE:.0f} %"])
     notes = [
         f"discrepancy of the model, as a share of a channel's rms in motion: {most}.",
         f"IMU {abs(1e3 * latency.value):.1f} ± {1e3 * latency.std:.1f} ms {side} the encoders.",

@@ -1,12 +1,10 @@
 """Rival laws for k_92, fitted to the same points with the same kind of error.
 
-Every law predicts k_92 of each point; the errors are normal with the point's own variance and a
-scatter s of the law's own, by maximum likelihood. A point at a bound of k_92 counts with the
-probability of lying beyond it. AICc compares what is left over.
+The errors are normal with the point's own variance and a scatter of the law's own, by maximum likelihood. A
+point at a bound of k_92 counts with the probability of lying beyond it. AICc compares what is left over.
 
-k_92 is computed from λ_R, so a line over a trial's own λ_R fits by construction. Where a speed was
-repeated the line is therefore given the mean λ_R of the *other* trials at that speed, whose errors
-have nothing to do with the trial's k_92.
+k_92 is computed from λ_R, so a line over a trial's own λ_R fits by construction. Where a speed was repeated
+the line is therefore given the mean λ_R of the *other* trials, whose errors are independent of its k_92.
 """
 
 from __future__ import annotations
@@ -14,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -73,11 +70,6 @@ class Points:
         v = self.v[use]
         return float(-(v @ np.log(self.k[use])) / (v @ v)) if use.any() else math.nan
 
-    @property
-    def start(self) -> Array:
-        """(1,) a_θ with which its fits begin."""
-        return np.array([np.nan_to_num(self.log_slope(), nan=5.0)])
-
     def beyond(self, mean: Array, std: Array) -> Array:
         """Return the mean of a standard normal error that lies beyond a point's bound, without sign."""
         z = (self.k - mean) / std
@@ -94,15 +86,20 @@ class Points:
         m = np.exp(-a[0] * self.v)
         return m, (-self.v * m)[:, None]
 
+    @property
+    def start(self) -> Array:
+        """(1,) a_θ with which fits of (27) begin [s/m]."""
+        return np.array([np.nan_to_num(self.log_slope(), nan=5.0)])
+
+    def a_theta(self, std_of: Callable[[Array], Array]) -> float:
+        """Return a_θ [s/m] by least squares on k_92, weighted by the std of the points at k_92 by (27)."""
+        return float(self.solve(self.exponential, self.start, lambda _, m: std_of(m))[0])
+
     def solve(self, predict: Predict, start: Array, std_of: Callable[[Array, Array], Array]) -> Array:
-        """Return the parameters (p,) of a law by damped Gauss-Newton steps, the weights renewed in each.
+        """Return the parameters (p,) of a law by damped Gauss-Newton steps from `start`.
 
-        Censored points are replaced by their expectation in every step (EM).
-
-        Args:
-            predict: the law.
-            start: (p,) parameters to begin with.
-            std_of: of the points, by parameters and k_92.
+        In each step the weights are renewed, by the std of the points at given parameters and k_92, and
+        censored points are replaced by their expectation (EM).
         """
         θ = start
         for _ in range(200):
@@ -128,8 +125,8 @@ def usable(row: PointRow) -> bool:
     return math.isfinite(row[2].value) and math.isfinite(row[1]) and row[1] > 0
 
 
-def gather(items: Sequence[K92Fit | PointRow]) -> tuple[Points, list[str]]:
-    """Turn fits or rows into columns, with notes on what was left out or treated specially.
+def gather(items: Sequence[K92Fit | PointRow]) -> tuple[list[K92Fit | PointRow], Points, list[str]]:
+    """Return the usable fits or rows, the same as columns, and notes on the others.
 
     Raises:
         EstimateError: nothing usable.
@@ -165,18 +162,7 @@ def gather(items: Sequence[K92Fit | PointRow]) -> tuple[Points, list[str]]:
             f"k_92 of {', '.join(bound)} ended at a bound. The weighted fit takes it as censored, the "
             "unweighted fits leave it out."
         )
-    return points, notes
-
-
-class _Rival(NamedTuple):
-    """A law before it is fitted, with the variance (N,) of the points for given parameters."""
-
-    id: str
-    units: dict[str, str]
-    start: Array
-    predict: Predict
-    variance: Callable[[Array], Array]
-    formula: Callable[[Array], str]
+    return kept, points, notes
 
 
 def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
@@ -186,19 +172,18 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
         the laws, and notes on what could not be compared.
     """
     notes, groups = [], points.by_speed()
-    own = np.zeros((points.v.size, len(groups)))
-    for column, group in enumerate(groups):
-        own[group, column] = 1
+    speed = np.round(points.v, 4)
+    own = np.equal.outer(speed, np.unique(speed)).astype(np.float64)
     constants = {f"k_92 at {points.v[group[0]]:.3g} m/s": "" for group in groups}
-    rivals = [
-        _Rival(
-            "exponential", {"a_theta": "s/m"}, points.start, points.exponential, lambda _: points.sigma**2,
+    laws = [
+        _fit(
+            points, "exponential", {"a_theta": "s/m"}, points.exponential, points.start,
             lambda θ: f"k_92 = exp(-{θ[0]:.3f} v)",
         ),
-        _linear("free", constants, points, own, 0.0, lambda _: "k_92 = a constant per speed"),
+        _fit(points, "free", constants, *_linear(points, own), lambda _: "k_92 = a constant per speed"),
     ]  # fmt: skip
     if np.isfinite(points.slip).all() and np.ptp(points.slip) > 1e-3:
-        rivals.append(_over_slip(points))
+        laws.append(_over_slip(points))
         if any(group.size == 1 for group in groups):
             notes.append(
                 "Some speeds have one trial. Their k_92 was computed from the λ_R that the line uses, so the "
@@ -206,11 +191,9 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
             )
     else:
         notes.append("The line over λ_R was not fitted: slip ratios are missing or equal.")
-    laws = [_fit(rival, points) for rival in rivals if len(rival.units) <= points.v.size]
-    few = [law.id for law in laws if math.isnan(law.aicc)]
-    if few:
-        notes.append(f"{points.v.size} values of k_92 are too few for the AICc of {len(few)} of the laws.")
     known = [law.aicc for law in laws if math.isfinite(law.aicc)]
+    if few := len(laws) - len(known):
+        notes.append(f"{points.v.size} values of k_92 are too few for the AICc of {few} of the laws.")
     best = min(known, default=math.nan)
     total = sum(math.exp(-(aicc - best) / 2) for aicc in known) if len(known) > 1 else math.nan
     weighted = [replace(law, weight=math.exp(-(law.aicc - best) / 2) / total) for law in laws]
@@ -218,7 +201,7 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
     return tuple(weighted), notes
 
 
-def _over_slip(points: Points) -> _Rival:
+def _over_slip(points: Points) -> Law:
     λ, λ_std = points.slip.copy(), np.zeros(points.v.size)
     for group in points.by_speed():
         for i in group if group.size > 1 else ():
@@ -226,55 +209,49 @@ def _over_slip(points: Points) -> _Rival:
             λ[i] = points.slip[others].mean()
             λ_std[i] = np.sqrt((points.slip_std[others] ** 2).sum()) / others.size
     design = np.column_stack([np.ones(λ.size), 100 * λ])
-    return _linear(
-        "linear_slip", {"b_0": "", "b_1": "1/%"}, points, design, 100 * λ_std,
-        lambda θ: f"k_92 = {θ[0]:.4f} {'-' if θ[1] < 0 else '+'} {abs(θ[1]):.4f} λ_R (in %)",
+    return _fit(
+        points, "linear_slip", {"b_0": "", "b_1": "1/%"}, *_linear(points, design),
+        lambda θ: f"k_92 = {θ[0]:.4f} {'-' if θ[1] < 0 else '+'} {abs(θ[1]):.4f} λ_R (in %)", 100 * λ_std,
     )  # fmt: skip
 
 
-def _linear(
-    id_: str, units: dict[str, str], points: Points, design: Array, std: Array | float,
-    formula: Callable[[Array], str],
-) -> _Rival:  # fmt: skip
-    """Return a law that is linear in its parameters; `std` is that of the design's last column."""
+def _linear(points: Points, design: Array) -> tuple[Predict, Array]:
+    """Return a law that is linear in its parameters, and where its fit begins."""
     start = np.asarray(np.linalg.lstsq(design, points.k, rcond=None)[0], dtype=np.float64)
-
-    def variance(θ: Array) -> Array:
-        return np.asarray(points.sigma**2 + (θ[-1] * std) ** 2)
-
-    return _Rival(id_, units, start, lambda θ: (design @ θ, design), variance, formula)
+    return lambda θ: (design @ θ, design), start
 
 
-def _fit(rival: _Rival, points: Points) -> Law:
-    n, p = points.v.size, len(rival.units)
+def _fit(
+    points: Points, id_: str, units: dict[str, str], predict: Predict, start: Array,
+    formula: Callable[[Array], str], slope_std: Array | float = 0.0,
+) -> Law:  # fmt: skip
+    """Fit a law; `slope_std` is the (N,) std of the derivatives by its last parameter."""
+    n, p = points.v.size, len(units)
+
+    def std(θ: Array, variance: float) -> Array:
+        return np.asarray(np.sqrt(points.sigma**2 + (θ[-1] * slope_std) ** 2 + variance))
 
     def solved(log_scatter: float) -> Array:
-        more = math.exp(log_scatter) ** 2
-        return points.solve(rival.predict, rival.start, lambda θ, _: np.sqrt(rival.variance(θ) + more))
+        return points.solve(predict, start, lambda θ, _: std(θ, math.exp(log_scatter) ** 2))
 
     def nll(log_scatter: float) -> float:
         θ = solved(log_scatter)
-        std = np.sqrt(rival.variance(θ) + math.exp(log_scatter) ** 2)
-        return points.negative_log_likelihood(rival.predict(θ)[0], std)
+        return points.negative_log_likelihood(predict(θ)[0], std(θ, math.exp(log_scatter) ** 2))
 
     best = minimize_scalar(nll, bounds=(math.log(LEAST_SCATTER), 0.0), method="bounded")
     θ = solved(float(best.x))
-    (m, slopes), inner = rival.predict(θ), points.inner
+    (m, slopes), inner = predict(θ), points.inner
     rms = float(np.sqrt(np.mean((points.k - m)[inner] ** 2))) if inner.any() else math.nan
     # maximum likelihood understates a scatter by the parameters it fitted
     dof, count = n - p, p + 1
-    variance = rival.variance(θ) + math.exp(float(best.x)) ** 2 * (n / dof if dof else math.nan)
-    weighted = slopes / np.sqrt(variance)[:, None]
+    weighted = slopes / std(θ, math.exp(float(best.x)) ** 2 * (n / dof if dof else math.nan))[:, None]
     spread = np.sqrt(np.diag(np.linalg.inv(weighted.T @ weighted))) if dof else np.full(p, math.nan)
     more = 2 * count * (1 + (count + 1) / (n - count - 1)) if n > count + 1 else math.nan
     return Law(
-        id=rival.id,
-        formula=rival.formula(θ),
-        parameters={
-            name: Estimate(float(value), float(s))
-            for name, value, s in zip(rival.units, θ, spread, strict=True)
-        },
-        units=rival.units,
+        id=id_,
+        formula=formula(θ),
+        parameters=dict(zip(units, map(Estimate, θ.tolist(), spread.tolist()), strict=True)),
+        units=units,
         n_parameters=p,
         rms=rms,
         aicc=2 * float(best.fun) + more,

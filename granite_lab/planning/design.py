@@ -204,8 +204,8 @@ def commanded_share(t: Array, variant: Variant) -> Array:
 def _noise(rows: Sequence[Residual], variant: Variant) -> Noise:
     """Estimate the noise of one channel from what the model with its discrepancy leaves.
 
-    Without a standstill the noise counts as the same at all times. Without repetitions the slow part of the
-    spectrum is taken to be as loud as the band above, as in `inference.noise`.
+    Without a standstill it is the same at all times. Without repetitions its slow part is taken to be as loud
+    as the band above, as in `inference.noise`.
     """
     t = min((r.t for r in rows), key=np.size)
     error = errors([(r.measured - r.after - r.discrepancy_after)[: t.size] for r in rows])

@@ -27,7 +27,6 @@ class Seen:
     """What an effect changes in one trial.
 
     Attributes:
-        observation: command and bins of the trial.
         raw: channel to (n,) readings with the effect less those without, all else equal [its unit].
         left: the same once sand, start and the sensors' offsets, gains and tilt are fitted.
     """

@@ -56,7 +56,7 @@ class Option:
 
     Attributes:
         like: the trials at hand whose channels and noise it would have.
-        repeats: the command was driven already under these conditions.
+        repeats: command and conditions are those of trials at hand.
     """
 
     variant: Variant
@@ -110,14 +110,13 @@ class Plan:
     def to_frame(self) -> pd.DataFrame:
         """Return the proposals, one row each, best first, with what each improves most."""
         columns = ["v_mps", "a_mps2", "distance_m", "conditions", "repeats", "improves", "before", "after"]
-        columns += ["worth", "why"]
         rows = []
         for p in self.proposals:
             o, v = p.option, p.option.variant
-            figures = (p.improves, self.now[p.improves], p.after[p.improves], p.worth, o.why)
-            row = (v.velocity, v.acceleration, v.distance, o.conditions.words, o.repeats, *figures)
-            rows.append(dict(zip(columns, row, strict=True)))
-        return frame(rows, columns)
+            change = (p.improves, self.now[p.improves], p.after[p.improves])
+            row = (v.velocity, v.acceleration, v.distance, o.conditions.words, o.repeats, *change)
+            rows.append(dict(zip(columns, row, strict=True)) | {"worth": p.worth, "why": o.why})
+        return frame(rows, [*columns, "worth", "why"])
 
 
 @one_thread()
@@ -175,10 +174,7 @@ def plan_next(
 
 
 def _worst(now: Outlook, after: Sequence[Outlook]) -> Outlook:
-    """Return the number with the largest relative std, of those that a trial can improve if there are any.
-
-    What no trial can show, as the cohesion of sand that gives way along the tyre, no prediction needs.
-    """
+    """Return the number with the largest relative std, of those that a trial can improve if there are any."""
     helped = [t for t in now if any(a[t] <= FIFTH * now[t] for a in after)]
     worst = max(helped or now, key=lambda t: now[t])
     return {worst: now[worst]}
@@ -187,8 +183,8 @@ def _worst(now: Outlook, after: Sequence[Outlook]) -> Outlook:
 def _judged(asked: Question, option: Option, now: Outlook, after: Outlook) -> Proposal:
     """Judge a trial; of several pairs those count that it decides.
 
-    Twins are told apart by the new trial alone, for the trials at hand have left them undecided; what is too
-    weak to be shown so far is shown by all trials together.
+    Twins are told apart by the new trial alone, for the trials at hand leave them undecided; what is too weak
+    to be shown so far is shown by all trials together.
     """
     if asked.kind == "sharpen":
         ((name, std),) = after.items()

@@ -49,15 +49,13 @@ class Question:
     Attributes:
         kind: tell the rivals "apart", "show" each of them against nothing, or "sharpen" a number.
         rivals: ids of the explanations, the named one first; empty where a number is sharpened.
-        named: the effects in the model.
-        first: place of the one of them that the rivals stand in for; None where they stand for none.
-        gains: per rival that stands for none, the log Bayes factor that it has on the trials at hand.
+        named: the effects in the model, last the one that the rivals stand in for.
+        gains: log Bayes factor of each rival on the trials at hand, where they stand in for none.
     """
 
     kind: Literal["apart", "show", "sharpen"]
     rivals: tuple[str, ...]
-    named: Setting
-    first: int | None = None
+    named: Setting = ()
     gains: tuple[float, ...] = ()
 
 
@@ -77,18 +75,18 @@ def question(design: Design, known: Mapping[str, Effect]) -> Question:
     lasting = [i for i, e in known.items() if any(not p.shape and not p.per_trial for p in e.parameters)]
     twins = [[t for t in e.twins if t in lasting] for e in design.named]
     if any(twins):
-        first = max(range(len(named)), key=lambda k: len(twins[k]))
-        return Question("apart", (ids[first], *twins[first][: MOST - 1]), named, first)
+        k = max(range(len(named)), key=lambda k: len(twins[k]))
+        return Question("apart", (ids[k], *twins[k][: MOST - 1]), (*named[:k], *named[k + 1 :], named[k]))
     most = DECISIVE if design.verdict == "none" else np.inf  # what is shown and is small needs no trial
     possible = [c for c in design.possible if c.name not in ids and c.name in lasting and c.value < most]
-    leading = possible[:MOST]
-    rivals = tuple(c.name for c in leading)
+    rivals = tuple(c.name for c in possible[:MOST])
+    gains = [c.value for c in possible[:MOST]]
     if design.verdict == "unknown" and len(rivals) > 1:
-        return Question("apart", rivals, (), None, tuple(max(c.value, DECISIVE) for c in leading))
+        return Question("apart", rivals, gains=tuple(max(gain, DECISIVE) for gain in gains))
     if (design.provisional or design.verdict == "unknown") and rivals:
         if named:
-            return Question("apart", (ids[-1], *rivals[: MOST - 1]), named, len(named) - 1)
-        return Question("show", rivals, (), None, tuple(max(c.value, DECISIVE / 2) for c in leading))
+            return Question("apart", (ids[-1], *rivals[: MOST - 1]), named)
+        return Question("show", rivals, gains=tuple(max(gain, DECISIVE / 2) for gain in gains))
     return Question("sharpen", (), named)
 
 
@@ -142,10 +140,7 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
 class Stage:
     """The trials at hand, then those that are proposed, numbered as the bench's commands.
 
-    Args:
-        design: of the trials at hand.
-        bench: runs the simulations.
-        likes: per proposed trial those whose channels and noise it has.
+    `likes` are per proposed trial those whose channels and noise it has.
     """
 
     def __init__(self, design: Design, bench: Bench, likes: Sequence[Driven] = ()) -> None:
@@ -171,16 +166,11 @@ class Stage:
         return point
 
     def information(self, number: int, count: int, model: Setting, others: Sequence[Setting] = ()) -> Array:
-        """Return what `count` trials of one command tell.
-
-        Args:
-            number, count: of the command, and of its repetitions.
-            model: effects that are switched on, whose shared parameters are fitted.
-            others: effects of k other models.
+        """Return what `count` trials of one command tell, if the effects of `model` are switched on.
 
         Returns:
             (p + k, p + k) information of the p shared parameters, which end like `Point.vector`, then of the
-            differences that the other models make.
+            differences that the k other models make.
 
         Raises:
             EstimateError: a simulation has no solution.
@@ -243,16 +233,13 @@ def explanations(stage: Stage, asked: Question) -> tuple[Setting, ...]:
     Raises:
         EstimateError: fewer than two of them can be simulated.
     """
-    found: list[Setting] = []
-    others: Setting = ()
-    if asked.first is None:
-        found += [()] if asked.kind == "show" else []
-        guesses = [_start(stage, (), i, gain=g) for i, g in zip(asked.rivals, asked.gains, strict=True)]
-    else:
-        truth = asked.named[asked.first]
-        others = tuple(e for e in asked.named if e is not truth)
-        found.append((*others, truth))
+    others, truth = asked.named[:-1], asked.named[-1:]
+    if truth:
+        found = [asked.named]
         guesses = [_imitating(stage, others, truth, id_) for id_ in asked.rivals[1:]]
+    else:
+        found = [()] if asked.kind == "show" else []
+        guesses = [_start(stage, (), i, gain=g) for i, g in zip(asked.rivals, asked.gains, strict=True)]
     found += [(*others, guess) for guess in guesses if guess is not None]
     if len(found) < 2:
         raise EstimateError("no other explanation can be simulated on these trials", "check the effects")
@@ -273,7 +260,7 @@ def _start(
             tried.append(values)
     if not tried:
         return None
-    models = [*([truth] if truth else []), *((*others, (id_, values)) for values in tried)]
+    models = [(*others, other) for other in (*truth, *((id_, values) for values in tried))]
     rest = fitted(stage.at_hand(others, models), len(models)).rest
     size = np.fmax(np.diag(rest)[-len(tried) :], 1e-12)
     if truth:
@@ -286,20 +273,16 @@ def _start(
     return id_, scaled if stage.possible((*others, (id_, scaled))) else tried[best]
 
 
-def _imitating(
-    stage: Stage, others: Setting, truth: tuple[str, Values], id_: str
-) -> tuple[str, Values] | None:
-    """Return an effect with the values at which it comes nearest to another on the trials at hand."""
-    true = (*others, truth)
-    guess = nearest = _start(stage, others, id_, true)
-    least = np.inf
-    parameters = stage.problem(0).parameters_of(id_)
+def _imitating(stage: Stage, others: Setting, truth: Setting, id_: str) -> tuple[str, Values] | None:
+    """Return an effect with the values at which it comes nearest to `truth` on the trials at hand."""
+    guess = nearest = _start(stage, others, id_, truth)
+    if guess is None:
+        return None
+    parameters, least = stage.problem(0).parameters_of(id_), np.inf
     shared = [k for k, p in enumerate(parameters) if not p.per_trial]
     for _ in range(ROUNDS):
-        if guess is None:
-            break
         try:
-            found = fitted(stage.at_hand((*others, guess), [true]), 1)
+            found = fitted(stage.at_hand((*others, guess), [(*others, *truth)]), 1)
         except EstimateError:
             break
         if found.misfit >= least:

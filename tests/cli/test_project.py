@@ -8,7 +8,7 @@ import pytest
 
 import granite_lab as gl
 from granite_lab.api.project import FILE, choose
-from tests.corpus.cli import GRANITE, SAMPLES, lab, succeeded, told
+from tests.corpus.cli import GRANITE, SAMPLES, lab, refused, succeeded, told
 from tests.running.processes import trials
 
 A, B = "virtual_v0.3_r1", "virtual_v0.7_r1"
@@ -98,6 +98,13 @@ def test_folders_that_disagree_need_the_option(tmp_path: Path) -> None:
     assert choose([first, second], {"soil": "dry_sand"}).options.soil == "dry_sand"
 
 
+def test_what_ends_a_command_over_several_trials_names_the_trial(tmp_path: Path) -> None:
+    rows = (SAMPLES / f"{A}.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / "still.csv").write_text("".join(rows[:400]), encoding="utf-8")
+    done = lab("fit-k92", SAMPLES / f"{B}.csv", tmp_path / "still.csv", "--strict", "--jobs", 1)
+    refused(done, 4, "still: no slip ratio, so k_92 cannot be fitted", "constant speed")
+
+
 def test_params_shows_where_robot_and_soil_come_from(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, 'robot = "granite"\n')
     chosen = told("params", folder)["chosen"]
@@ -108,3 +115,5 @@ def test_params_shows_where_robot_and_soil_come_from(tmp_path: Path) -> None:
     assert all(len(line) <= 80 or line.startswith("robot: ") for line in shown.splitlines())
     given = told("params", folder, "--robot", "granite")["chosen"]
     assert given["robot"]["origin"] == "--robot"
+    refused(lab("params", tmp_path / "nowhere"), 3, "nowhere: does not exist", "folder")
+    refused(lab("params", folder / FILE), 3, "is not a folder", "folder")

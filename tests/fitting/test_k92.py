@@ -81,11 +81,8 @@ def test_simulated_slip_is_taken_over_the_interval_of_the_measured():
 def test_the_std_has_a_part_from_slip_and_a_part_from_the_sand():
     motion, trial, run, _ = made_up_trial(variant_of(0.3), 0.22, slip_std=0.005)
     fit = fit_k92(motion, trial, ROBOT, SOIL, trajectory=False)
-    slope = (
-        simulate(run.variant, ROBOT, SOIL, k92=0.24).slip_ratio
-        - simulate(run.variant, ROBOT, SOIL, k92=0.20).slip_ratio
-    ) / 0.04
-    assert fit.std_measurement == pytest.approx(0.005 / abs(slope), rel=0.1)
+    high, low = (simulate(run.variant, ROBOT, SOIL, k92=k).slip_ratio for k in (0.20, 0.24))
+    assert fit.std_measurement == pytest.approx(0.005 * 0.04 / (high - low), rel=0.1)
     std_sand = math.hypot(*(p.contribution for p in fit.parts if "raking" in p.name))
     assert 0.002 < std_sand < 0.008
     assert fit.k92.std == pytest.approx(math.hypot(fit.std_measurement, std_sand))

@@ -58,7 +58,8 @@ def sealed(kit: Path, *, keep: bool = False) -> Path:
 def finding(kit: Path, verdict: str, *ids: str) -> None:
     effects = [{"id": i, "parameters": {"share": {"value": 0.78, "std": 0.05}}} for i in ids]
     (kit / "finding").mkdir()
-    document = {"schema": SCHEMA, "verdict": verdict, "effects": effects, "gap": {}}
+    gap = {"train": {"before": 3.0, "after": 1.0}}
+    document = {"schema": SCHEMA, "verdict": verdict, "effects": effects, "gap": gap}
     (kit / "finding" / "finding.json").write_text(json.dumps(document))
 
 
@@ -72,10 +73,8 @@ def test_an_empty_kit_holds_readme_template_checker_and_the_allowed_names(tmp_pa
     assert (made.folder / "check.py").read_text() == Path(kit_check.__file__).read_text()
     allowed = json.loads((made.folder / "allowed.json").read_text())["effects"]
     assert set(allowed) == set(library())
-    assert (
-        allowed["drive_reaction"]["parameters"]["share"]["high"]
-        == library()["drive_reaction"].parameters[0].high
-    )
+    high = allowed["drive_reaction"]["parameters"]["share"]["high"]
+    assert high == library()["drive_reaction"].parameters[0].high
     assert set(made.to_frame()["effect"]) == set(library())
     with pytest.raises(UsageError, match="not empty"):
         gl.kit(tmp_path / "new")
@@ -169,6 +168,8 @@ def test_a_finding_in_the_kit_is_judged(
     said = succeeded("reveal", kit).out
     assert "made by planar simulator in C" in said
     assert "judgement: right" in said
+    assert "gap closed, trials in the fit: 100.0 %" in said
+    assert "[-]" not in said
     assert opened.score.outcome == outcome
     assert opened.warnings == ()
     if outcome == "right" and ids:

@@ -92,9 +92,8 @@ def test_trials_of_one_command_under_other_conditions_are_another_command(tmp_pa
 def test_without_a_command_nothing_is_written_and_an_older_file_goes(tmp_path: Path) -> None:
     finding = made_up_finding("named")
     saved(finding, tmp_path / DESIGN)
-    off = replace(
-        finding, residuals=tuple(replace(r, variant=0.123) for r in finding.residuals)
-    )  # no row of Table 2
+    # no row of Table 2
+    off = replace(finding, residuals=tuple(replace(r, variant=0.123) for r in finding.residuals))
     save_design(off, [Trial(t.name, TrialInfo()) for t in trials_of(finding)], tmp_path / DESIGN)
     assert not (tmp_path / DESIGN).exists()
 
@@ -232,14 +231,8 @@ def shown(design: Design, **told: Any) -> str:
 
 
 def test_the_table_fits_80_columns_and_says_what_to_do_and_why() -> None:
-    scales = (Figure(name="tilt", value=1e-3),)
-    design = design_of(
-        driven_of(count=3),
-        verdict="named",
-        named=(replace(NAMED, values=(1.5,)),),
-        scales=scales,
-        virtual=True,
-    )
+    named, scales = (replace(NAMED, values=(1.5,)),), (Figure(name="tilt", value=1e-3),)
+    design = design_of(driven_of(count=3), verdict="named", named=named, scales=scales, virtual=True)
     words = shown(design)
     assert words.startswith("Which trial distinguishes ground_slope and imu_tilt? (virtual data)")
     assert "Expected log Bayes factors with the 3 trials at hand: imu_tilt from ground_slope" in words
