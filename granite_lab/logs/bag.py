@@ -12,9 +12,9 @@ import numpy as np
 
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.files import is_folder, readable, refuse_special
-from granite_lab.logs.dialect import Table
 from granite_lab.logs.layouts import Column, Layout
 from granite_lab.logs.quantities import ROS, WORDS, wheels_named, words
+from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 
 ROLES = {role: tuple(told["types"].split()) for role, told in ROS.items()}

@@ -15,7 +15,6 @@ import pandas as pd
 
 from granite_lab.errors import InputError
 from granite_lab.logs.counters import GAP_PERIODS, SECONDS, unit_factor
-from granite_lab.logs.dialect import Table, is_number
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
 from granite_lab.logs.named import is_bag, name_of, parts_of
 from granite_lab.logs.quantities import (
@@ -32,7 +31,8 @@ from granite_lab.logs.quantities import (
     words,
 )
 from granite_lab.logs.reader import assemble
-from granite_lab.logs.source import load, open_table, read_source, recognise
+from granite_lab.logs.source import load, read_source, recognise
+from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.logs.wheels import MotionGuess, look, rests
 from granite_lab.parameters import load_robot
@@ -268,7 +268,7 @@ def _inspect(
 def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
     """Read every column that holds numbers or dates; a faulty one becomes a doubt."""
     dates = [place for place in range(table.width) if table.is_dated(place)]
-    wanted = [place for place in range(table.width) if place in dates or _is_numeric(table, place)]
+    wanted = [place for place in range(table.width) if place in dates or table.is_numeric(place)]
     columns, doubts = dict[int, Array](), list[str]()
     with suppress(InputError):
         return load(table, wanted, dates) if wanted else (columns, doubts)
@@ -278,13 +278,6 @@ def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
         except InputError as error:
             doubts.append(error.message)
     return columns, doubts
-
-
-def _is_numeric(table: Table, place: int) -> bool:
-    """Say whether more than half of a column's first filled cells are numbers."""
-    cells = [row[place].strip() for row in table.sample if row[place].strip()]
-    numbers = sum(is_number(cell, table.decimal) for cell in cells)
-    return not table.data_line or numbers > 0.5 * len(cells)
 
 
 def _ranged(column: ColumnReport, values: Array) -> ColumnReport:

@@ -27,8 +27,8 @@ from pathlib import Path
 
 from granite_lab.errors import InputError, at
 from granite_lab.files import is_folder
-from granite_lab.logs.dialect import Table, TableFormat
 from granite_lab.logs.quantities import CHANNELS, DATE, ENCODERS, Unit, factors, find_unit, resembling
+from granite_lab.logs.table import Table, TableFormat
 from granite_lab.parameters import CATALOGUE, Robot, names
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml
