@@ -22,17 +22,12 @@ ZERO = "every sample is 0: taken as not measured"
 WINDOW = 5
 """Samples through which a line is laid to get a speed."""
 
-_MANY = 100
-"""An axis that is zero in fewer samples than these may just be at rest."""
-
-_WRAPS = (2.0**16, 2.0**24, 2.0**32)
-"""Ranges of counters that loggers use as clocks."""
+_MANY = 100  # an axis that is zero in fewer samples than these may just be at rest
+_WRAPS = (2.0**16, 2.0**24, 2.0**32)  # ranges of counters that loggers use as clocks
+_A, _E2 = 6378137.0, 6.69437999014e-3  # semi-major axis [m] and squared eccentricity of WGS 84
 
 KINDS = ("acceleration", "rate", "wheels", "currents", "command", "globe", "reference_x", "reference_v")
 """What a file may hold besides its clock."""
-
-_A, _E2 = 6378137.0, 6.69437999014e-3
-"""Semi-major axis [m] and squared eccentricity of WGS 84."""
 
 
 class Samples(NamedTuple):
@@ -45,13 +40,10 @@ class Samples(NamedTuple):
 def read_streams(
     source: Source, robot: Robot, window: tuple[float, float] | None, doubts: list[str]
 ) -> dict[str, Any]:
-    """Turn the columns of a file into streams.
+    """Turn the columns of a file into streams; of a window [s, the log's time], only its samples are taken.
 
-    Args:
-        source: the file.
-        robot: gives wheel radius and counts per revolution where the units need them.
-        window: begin and end [s, the log's time] of what is taken; None: everything.
-        doubts: what had to be done is added here.
+    The robot gives wheel radius and counts per revolution where units need them. What had to be done is added
+    to `doubts`.
 
     Returns:
         kind of a sensor to what the file holds of it; accelerometer and gyroscope are still apart, for their
@@ -63,7 +55,12 @@ def read_streams(
     doubts += source.doubts
     t = _clock(source, doubts)
     if window is not None:
-        source, t = _cut(source, t, window)
+        inside = (t >= window[0]) & (t <= window[1])
+        if not inside.any():
+            runs_from = f"the log runs from {np.nanmin(t):.10g} to {np.nanmax(t):.10g} s"
+            hint = "--from and --to are seconds of the log's own time, as granite-lab inspect shows it"
+            raise InputError(f"{source.path}: no sample {interval(window)}, {runs_from}", hint)
+        source, t = source.only(inside), t[inside]
     streams: dict[str, Any] = {}
     for kind in KINDS:
         samples = _samples(source, t, kind, doubts)
@@ -82,18 +79,6 @@ def _series(samples: Samples) -> Series:
     return Series(samples.t, samples.values[:, 0])
 
 
-def _cut(source: Source, t: Array, window: tuple[float, float]) -> tuple[Source, Array]:
-    """Keep the rows whose stamps lie in a window."""
-    inside = (t >= window[0]) & (t <= window[1])
-    if not inside.any():
-        raise InputError(
-            f"{source.path}: no sample {interval(window)}, the log runs from {np.nanmin(t):.10g} "
-            f"to {np.nanmax(t):.10g} s",
-            "--from and --to are seconds of the log's own time, as granite-lab inspect shows it",
-        )
-    return source.only(inside), t[inside]
-
-
 def interval(window: tuple[float, float]) -> str:
     """Return a window in words: ``between 2 and 9 s``, ``after 2 s``, ``before 9 s``."""
     start, end = (f"{x:.10g}" for x in window)
@@ -104,22 +89,21 @@ def interval(window: tuple[float, float]) -> str:
 
 def _clock(source: Source, doubts: list[str]) -> Array:
     """Return the stamp of every row [s], from the first clock that runs."""
-    clocks = source.bindings("t")
+    file, clocks = source.path.name, source.bindings("t")
     seen = {b.place: source.columns[b.place][np.isfinite(source.columns[b.place])] for b in clocks}
     binding = next((b for b in clocks if np.diff(seen[b.place]).any()), None)
     if binding is None:
-        raise InputError(
-            f"{source.path}: column '{clocks[0].name}' does not advance, expected time stamps",
-            "a log needs at least two rows with stamps that increase",
-        )
+        what = f"{source.path}: column '{clocks[0].name}' does not advance, expected time stamps"
+        raise InputError(what, "a log needs at least two rows with stamps that increase")
+    column = f"column '{binding.name}'"
     logged, factor = source.columns[binding.place], binding.factor
     for part in source.bindings("t_add"):  # as nanoseconds beside seconds
         logged = logged * factor + source.columns[part.place] * part.factor
         factor = 1.0
     for block in stray(logged):
         doubts.append(
-            f"{source.place(block.start)}: column '{binding.name}': {block.stop - block.start} stamps "
-            f"from here on leave the time line (to {logged[block][0]:.10g}) and come back: left out"
+            f"{source.place(block.start)}: {column}: {block.stop - block.start} stamps from here on "
+            f"leave the time line (to {logged[block][0]:.10g}) and come back: left out"
         )
         logged = logged.copy()
         logged[block] = np.nan
@@ -127,7 +111,7 @@ def _clock(source: Source, doubts: list[str]) -> Array:
     ranges = (binding.spec.wrap,) if binding.spec.wrap else _WRAPS
     raw[known], wraps, width = unwrap(logged[known], ranges, slack=0.0)
     if wraps:
-        doubts.append(f"{source.path.name}: the clock wrapped {wraps} times at {width:.0f}; unwrapped")
+        doubts.append(f"{file}: the clock wrapped {wraps} times at {width:.0f}; unwrapped")
     for kind in ("acceleration", "rate", "wheels"):
         rows = _sampled(source, SENSORS[kind].channels) & np.isfinite(raw)
         if np.count_nonzero(rows) < 3:
@@ -135,9 +119,9 @@ def _clock(source: Source, doubts: list[str]) -> Array:
         try:
             factor, doubt = unit_factor(raw[rows], factor, SENSORS[kind].slowest)
         except InputError as error:
-            raise InputError(f"{source.path}: column '{binding.name}': {error.message}", error.hint) from None
+            raise InputError(f"{source.path}: {column}: {error.message}", error.hint) from None
         if doubt:
-            doubts.append(f"{source.path.name}: column '{binding.name}': {doubt}")
+            doubts.append(f"{file}: {column}: {doubt}")
         break
     return raw * factor
 
@@ -201,10 +185,8 @@ def _complete(source: Source, samples: Samples, kind: str, doubts: list[str]) ->
     if count == 0:
         return Samples(t, values)
     if len(t) - count < 2:
-        raise InputError(
-            f"{source.path}: {what}: {len(t) - count} samples have all their axes, expected at least two",
-            "the axes of a sensor belong in one row",
-        )
+        few = f"{len(t) - count} samples have all their axes, expected at least two"
+        raise InputError(f"{source.path}: {what}: {few}", "the axes of a sensor belong in one row")
     first, last = _longest(holes, t)
     axis = channels[int(np.flatnonzero(logged & np.isnan(values[first]))[0])]
     doubts.append(
@@ -231,10 +213,8 @@ def _wheels(source: Source, samples: Samples, robot: Robot, doubts: list[str]) -
         if not seen.any():
             doubts.append(f"{where} is empty; that wheel is taken as without encoder")
             continue
-        per_rev = _counts(source, binding, robot)
-        converted = convert(
-            samples.t[seen], raw[seen], binding.unit, binding.spec, per_rev, robot.wheels.radius
-        )
+        per_rev, radius = _counts(source, binding, robot), robot.wheels.radius
+        converted = convert(samples.t[seen], raw[seen], binding.unit, binding.spec, per_rev, radius)
         angle[seen, wheel] = converted.angle
         if converted.rate is not None:
             rate[seen, wheel] = converted.rate
@@ -256,10 +236,9 @@ def _counts(source: Source, binding: Binding, robot: Robot) -> float:
     counts: float = binding.spec.counts_per_rev or robot.encoders.counts
     counts = source.metadata.get("enc_counts", counts)
     if binding.unit.name.startswith("counts") and not counts:
-        raise InputError(
-            f"{source.path}: column '{binding.name}': counts per wheel revolution are not known",
-            "give '# enc_counts_per_rev = …' in the log, or counts_per_rev in the robot's file or map",
-        )
+        what = f"{source.path}: column '{binding.name}': counts per wheel revolution are not known"
+        hint = "give '# enc_counts_per_rev = …' in the log, or counts_per_rev in the robot's file or map"
+        raise InputError(what, hint)
     return counts
 
 
@@ -286,15 +265,9 @@ def _reference(source: Source, streams: dict[str, Any], doubts: list[str]) -> di
 
 
 def slope(t: Array, x: Array, window: int = WINDOW) -> Array:
-    """Return the slope of a line through `window` neighbouring samples; at the ends the last counts again.
+    """Return the slope (N,) of a line through `window` neighbouring samples (an odd number).
 
-    Args:
-        t: (N,) stamps [s].
-        x: (N,) values.
-        window: an odd number of samples.
-
-    Returns:
-        (N,) slope [1/s]; it has the noise and the smoothing of the window.
+    Of values (N,) at stamps (N,) [s]; at the ends the last sample counts again.
     """
     weights = np.arange(window // 2, -(window // 2) - 1, -1)
     rise, run = (np.convolve(np.pad(values, window // 2, "edge"), weights, "valid") for values in (x, t))
@@ -302,10 +275,7 @@ def slope(t: Array, x: Array, window: int = WINDOW) -> Array:
 
 
 def _metres(latitude: Array, longitude: Array) -> tuple[Array, Array]:
-    """Return metres east and north of the first place.
-
-    Args:
-        latitude, longitude: (N,) [rad], WGS 84; the area is small (some kilometres).
+    """Return [m] east and north of the first place, from (N,) [rad] by WGS 84, in an area of some kilometres.
 
     Source: radii of curvature of the ellipsoid in the meridian and the prime vertical.
     """
