@@ -38,16 +38,17 @@ from granite_lab.logs.wheels import MotionGuess, look, rests
 from granite_lab.parameters import load_robot
 from granite_lab.parameters.quantity import toml
 
-KNOWN = 0.95
-"""How sure a recognised layout is."""
+_KNOWN = 0.95  # how sure a recognised layout is
 
-HEAD = """\
+_HEAD = """\
 # A column map: edit it, then read the log with --map THIS_FILE.
 # Channels: t, t_add, imu_ax … imu_az, imu_gx … imu_gz, enc_fl … enc_rr, cur_fl … cur_rr,
 # v_cmd, ref_x, ref_y, ref_v, ref_lat, ref_lon. A wrong sign is scale = -1."""
 
-PLAIN, SETTINGS = Column(to=()), ("scale", "wrap", "counts_per_rev", "increment")
-"""A column without settings, and the keys that may be set."""
+# A column without settings, and the keys that may be set.
+_PLAIN, _SETTINGS = Column(to=()), ("scale", "wrap", "counts_per_rev", "increment")
+
+Found = dict[int, ColumnReport]  # the place of a column, and what it seems to be
 
 
 @dataclass(frozen=True)
@@ -66,34 +67,20 @@ class StreamReport:
 
 @dataclass(frozen=True)
 class FileReport:
-    """One file.
-
-    Attributes:
-        dialect: how its text is laid out; None if it is no text.
-        layout: the column map that fits; "" if none does and columns were guessed.
-        confidence: in the layout as a whole, 0 to 1.
-        entries: what the columns are, in the order of a column map, where of several clocks the first counts.
-        head: what a column map says about the file as a whole.
-        streams: clocks of the sensors.
-        rests: standstills [s].
-        motion: a first look at the motion; None without wheels.
-        doubts: everything the reader was not sure of, wraps and saturation included.
-        problem: why the file cannot be read as it is; "".
-        trial: the samples, in SI; None if they cannot be read.
-    """
+    """One file."""
 
     path: Path
-    dialect: Table | None = None
-    layout: str = ""
-    confidence: float = 0.0
-    entries: tuple[ColumnReport, ...] = ()
-    head: tuple[tuple[str, object], ...] = ()
-    streams: tuple[StreamReport, ...] = ()
-    rests: tuple[tuple[float, float], ...] = ()
-    motion: MotionGuess | None = None
-    doubts: tuple[str, ...] = ()
-    problem: str = ""
-    trial: Trial | None = field(default=None, compare=False, repr=False)
+    dialect: Table | None = None  # how its text is laid out; None if it is no text
+    layout: str = ""  # the column map that fits; "" if none does and columns were guessed
+    confidence: float = 0.0  # in the layout as a whole, 0 to 1
+    entries: tuple[ColumnReport, ...] = ()  # as a column map lists them; of several clocks the first counts
+    head: tuple[tuple[str, object], ...] = ()  # what a column map says about the file as a whole
+    streams: tuple[StreamReport, ...] = ()  # clocks of the sensors
+    rests: tuple[tuple[float, float], ...] = ()  # standstills [s]
+    motion: MotionGuess | None = None  # a first look at the motion; None without wheels
+    doubts: tuple[str, ...] = ()  # everything the reader was not sure of, wraps and saturation included
+    problem: str = ""  # why the file cannot be read as it is
+    trial: Trial | None = field(default=None, compare=False, repr=False)  # in SI; None if it cannot be read
 
     @property
     def columns(self) -> tuple[ColumnReport, ...]:
@@ -109,7 +96,7 @@ class FileReport:
         if not self.entries:
             raise InputError(self.problem, "only a table of numbers can be mapped")
         name = re.sub(r"[^A-Za-z0-9_]+", "_", name_of(self.path)) or "log"
-        lines = [HEAD, *_pairs(("name", name), ("title", f"written from {self.path.name}"), *self.head)]
+        lines = [_HEAD, *_pairs(("name", name), ("title", f"written from {self.path.name}"), *self.head)]
         if (text := self.dialect) is not None:
             lines += ["", "[table]", *_pairs(("delimiter", text.delimiter_name), ("decimal", text.decimal))]
             if text.header_line == 0:
@@ -192,16 +179,10 @@ def inspect_logs(
     rows: str | None = None,
     topics: Mapping[str, str] | None = None,
 ) -> Inspection:
-    """Look at logs of known or unknown layout.
+    """Look at logs of known or unknown layout; a folder with a file a sensor stands for these.
 
-    A file that cannot be used is not an error here but a `problem` in its report.
-
-    Args:
-        paths: the files; a folder with a file a sensor stands for these.
-        map: column maps, by name or path.
-        robot: name or file of the robot.
-        rows: which rows to take, as ``run_id = 4``.
-        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+    A file that cannot be used is not an error here but a `problem` in its report. What else may be said is
+    as in `read_trial`.
 
     Raises:
         UsageError: unknown robot or column map.
@@ -242,7 +223,7 @@ def _inspect(
     if found is not None:
         keys = ("robot", "rows", "split", "gravity_removed")
         head = tuple((key, value) for key in keys if (value := getattr(found.layout, key)))
-        report = replace(report, layout=found.layout.name, confidence=KNOWN, head=head)
+        report = replace(report, layout=found.layout.name, confidence=_KNOWN, head=head)
     else:
         sure = min((column.confidence for column in entries if column.to), default=0.0)
         report = replace(report, confidence=sure)
@@ -293,10 +274,11 @@ def _recognised(found: Match) -> list[ColumnReport]:
     why, reports = f"layout '{found.layout.name}'", dict[int, ColumnReport]()
     several = sum(b.channel == "t" for b in found.bindings) > 1
     for b in found.bindings:
-        said = [(key, value) for key in SETTINGS if (value := getattr(b.spec, key)) != getattr(PLAIN, key)]
+        said = [(key, getattr(b.spec, key)) for key in _SETTINGS]
+        said = [(key, value) for key, value in said if value != getattr(_PLAIN, key)]
         said += [("optional", True)] if b.channel == "t" and several else []
         to = (*reports[b.place].to, b.channel) if b.place in reports else (b.channel,)
-        reports[b.place] = ColumnReport(b.name, b.place, to, b.unit.name, KNOWN, why, settings=tuple(said))
+        reports[b.place] = ColumnReport(b.name, b.place, to, b.unit.name, _KNOWN, why, settings=tuple(said))
     return list(reports.values())
 
 
@@ -342,19 +324,8 @@ def _streams(trial: Trial) -> Iterator[StreamReport]:
             yield StreamReport(what, len(t), *span, rate, jitter, int(gap.sum()), float(steps.max()))
 
 
-Found = dict[int, ColumnReport]
-"""The place of a column, and what it seems to be."""
-
-
 def guess(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
-    """Guess what the columns of a log are.
-
-    Args:
-        columns: place of a column to its (N,) values, NaN where empty; dates as seconds since 1970.
-
-    Returns:
-        a guess about each of these columns.
-    """
+    """Guess what columns (N,) of a log are, from their places and values, dates as seconds since 1970."""
     found = {place: by_name(table.header(place), place) for place in columns}
     for place in filter(table.is_dated, columns):
         fine = bool((np.diff(columns[place]) != 0).mean() > 0.5) if len(columns[place]) > 1 else False

@@ -32,20 +32,13 @@ _ROWS = re.compile(r"\s*(?P<name>.+?)\s*==?\s*(?P<value>[+-]?(\d+\.?\d*|\.\d+)([
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A file that was read.
-
-    Attributes:
-        columns: place of a column to its (N,) values, in the file's units.
-        kept: (N,) the row of data each value came from.
-        metadata: what the file and its sidecar say.
-        inputs: the file and its sidecar.
-    """
+    """A file that was read."""
 
     match: Match
-    columns: dict[int, Array]
-    kept: Array
-    metadata: Metadata
-    inputs: tuple[InputFile, ...]
+    columns: dict[int, Array]  # place of a column to its (N,) values, in the file's units
+    kept: Array  # (N,) the row of data each value came from
+    metadata: Metadata  # what the file and its sidecar say
+    inputs: tuple[InputFile, ...]  # the file and its sidecar
     doubts: tuple[str, ...]
 
     @property
@@ -72,9 +65,6 @@ class Source:
 
 def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str] | None = None) -> Match:
     """Open a table or a bag and find its layout, of some column maps or else of the catalogue.
-
-    Args:
-        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
 
     Raises:
         InputError: not a table, of no known layout, or several fit equally well.
@@ -118,13 +108,9 @@ def _doubted(table: Table, *doubts: str) -> Table:
 def read_source(
     found: Match, rows: str | None, beside: Path | None = None, held: Mapping[int, Array] | None = None
 ) -> Source:
-    """Read the columns that a layout binds.
+    """Read the columns that a layout binds, unless they are among those `held`; of some rows, if asked for.
 
-    Args:
-        found: the file and its layout.
-        rows: which rows to take, as ``run_id = 4``.
-        beside: a further TOML file with metadata, which go before the file's.
-        held: columns that were read already.
+    Metadata in a further TOML file `beside` the log go before its own.
 
     Raises:
         InputError: anything that is wrong with the columns or the rows.
@@ -187,15 +173,10 @@ def _values(values: Array) -> str:
 def load(
     table: Table, wanted: Sequence[int], dates: Sequence[int] = ()
 ) -> tuple[dict[int, Array], list[str]]:
-    """Read some columns of a table as numbers.
-
-    Args:
-        table: from `open_table`.
-        wanted: places of the columns, counted from 0.
-        dates: those of them that hold dates (ISO 8601; without a zone: UTC).
+    """Read the columns at some places as numbers, `dates` among them as [s] since 1970 (no zone: UTC).
 
     Returns:
-        place to (N,) values, NaN where the cell is empty or says so, dates in [s] since 1970; and warnings.
+        place to (N,) values, NaN where the cell is empty or says so; and warnings.
 
     Raises:
         InputError: a cell that is no finite number or no date, or a row of the wrong length, with its line.
@@ -291,13 +272,12 @@ def _check_cell(table: Table, line: int, place: int, text: str) -> None:
     """Refuse a cell that is neither a finite number nor empty."""
     if text in MISSING or text.casefold() in ("true", "false"):
         return
+    shown = text if len(text) <= 30 else text[:27] + "…"
     if not is_number(text, table.decimal):
-        shown = text if len(text) <= 30 else text[:27] + "…"
         hint = "leave the cell empty where the sensor has no sample"
         if table.decimal == "." and is_number(text.replace(",", ".")):
             hint = 'write numbers with a decimal point, or say decimal = "," under [table] in a column map'
         raise table.error(f"{shown!r} is not a number, expected one", hint, line, place)
     if not np.isfinite(float(text.replace(table.decimal, "."))):
-        shown = text if len(text) <= 30 else text[:27] + "…"
         what = f"{shown} is not finite, expected a number"
         raise table.error(what, "leave the cell empty instead", line, place)

@@ -47,10 +47,8 @@ _MAGIC = {
 class TableFormat:
     """What a column map may say about the text; what it leaves out is found from the text.
 
-    Attributes:
-        delimiter: one character, "tab" or "space" (any run of blanks).
-        decimal: decimal sign, "." or ",".
-        names: names of the columns, for a file without a header line.
+    The delimiter is one character, "tab" or "space" (any run of blanks); names are those of the columns, for
+    a file without a header line.
     """
 
     delimiter: str = field(default="", metadata={"choices": ("", *_DELIMITERS, *_DELIMITERS.values())})
@@ -60,35 +58,22 @@ class TableFormat:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table, understood as far as its first rows tell.
-
-    Attributes:
-        headers: the header rows, top first, each as wide as the table.
-        width: cells in a row of data.
-        delimiter: one character; a blank stands for any run of blanks.
-        header_line, data_line: first line of headers (0: none) and of data (0: the table is not text).
-        sample: the first rows of data.
-        comments: lines before the header that begin with ``#``, with their line numbers.
-        preamble: other lines above the header.
-        doubts: what the reader was not sure of.
-        text: the whole file in UTF-8 with plain line ends.
-        numbers: the columns themselves, (N,) each, of a table that is not text.
-    """
+    """A table, understood as far as its first rows tell."""
 
     path: Path
-    headers: tuple[tuple[str, ...], ...]
-    width: int
+    headers: tuple[tuple[str, ...], ...]  # the header rows, top first, each as wide as the table
+    width: int  # cells in a row of data
     encoding: str = ""
-    delimiter: str = ","
+    delimiter: str = ","  # one character; a blank stands for any run of blanks
     decimal: str = "."
-    header_line: int = 0
-    data_line: int = 0
-    sample: tuple[tuple[str, ...], ...] = ()
-    comments: tuple[tuple[int, str], ...] = ()
-    preamble: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
-    text: bytes = field(default=b"", repr=False)
-    numbers: tuple[Array, ...] = field(default=(), repr=False)
+    header_line: int = 0  # line of the first header row (0: none)
+    data_line: int = 0  # line of the first row of data (0: the table is not text)
+    sample: tuple[tuple[str, ...], ...] = ()  # the first rows of data
+    comments: tuple[tuple[int, str], ...] = ()  # lines before the header that begin with #, numbered
+    preamble: tuple[str, ...] = ()  # other lines above the header
+    doubts: tuple[str, ...] = ()  # what the reader was not sure of
+    text: bytes = field(default=b"", repr=False)  # the whole file in UTF-8 with plain line ends
+    numbers: tuple[Array, ...] = field(default=(), repr=False)  # columns (N,) of a table that is not text
 
     @property
     def open_end(self) -> bool:
