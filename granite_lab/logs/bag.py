@@ -34,9 +34,8 @@ _SECOND = 1_000_000_000
 def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str]]:
     """Read the topics of a bag that hold an IMU, wheel joints or odometry; `asked` names those of some roles.
 
-    Returns:
-        a table with a row a message and columns called ``/topic.field``, and what each topic was taken for.
-        Its column `t` is in [s] since the whole second of the first stamp.
+    Returns a table with a row a message and columns called ``/topic.field``, and what each topic was taken
+    for. Its column `t` is in [s] since the whole second of the first stamp.
 
     Raises:
         InputError: the bag cannot be read, or holds none of these.
@@ -173,8 +172,7 @@ def _numbers(message: Any, fields: Iterable[Field]) -> Iterator[tuple[str, float
 def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str]]:
     """Return a layout of the bag that `read_bag` gave, wheels by the names of their joints, and doubts.
 
-    Raises:
-        InputError: no joint is a wheel, and there is no IMU either.
+    A bag without an IMU and without a joint that is a wheel is refused.
     """
     names, doubts = table.headers[0], list[str]()
     columns = [Column(to=("t",), name="t", unit="s")]

@@ -40,10 +40,7 @@ def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
     """Check the declared unit of stamps (N,) of one sensor, `factor` seconds each, against their values.
 
     The sampling rate is `slowest` [Hz] at least. Returns the factor to use, and a warning if it is not the
-    declared one.
-
-    Raises:
-        InputError: the stamps fit neither the declared nor exactly one other unit.
+    declared one. Stamps that fit neither the declared nor exactly one other unit are refused.
     """
     steps = np.abs(np.diff(raw))
     steps = steps[steps > 0]
@@ -95,11 +92,9 @@ def tidy(
 ) -> tuple[Array, Rows]:
     """Put stamps (N,) [s] in order: drop missing ones, sort late ones, keep the first of equal ones.
 
-    The samples (N, K) tell a block that was written twice from a new start. `where` names the place in the
-    file of a row, or the file (None). Returns stamps (M,), strictly increasing, and the row each came from.
-
-    Raises:
-        InputError: the clock starts over in mid-file, or no two different stamps.
+    The samples (N, K) tell a block that was written twice from a new start, which is refused, as a single
+    stamp is. `where` names the place in the file of a row, or the file (None). Returns stamps (M,), strictly
+    increasing, and the row each came from.
     """
     rows = np.flatnonzero(np.isfinite(t))
     if len(rows) < len(t):
@@ -174,10 +169,8 @@ def unwrap(raw: Array, ranges: Sequence[float], slack: float = 0.02) -> tuple[Ar
     A step of more than half the range is a wrap, forwards or backwards (so the counter may be
     logged as signed or unsigned), if the motion goes on across it as it was before; after a reset it
     does not. The first range that holds all values and is wrapped in the data is taken. A step across a
-    wrap may measure `slack` of the range, however small the others are.
-
-    Returns:
-        (N,) values without wraps, number of wraps, range.
+    wrap may measure `slack` of the range, however small the others are. Returns values (N,) without wraps,
+    the number of wraps, and the range.
     """
     steps = np.diff(raw)
     span = float(np.ptp(raw)) if len(raw) else 0.0

@@ -1,8 +1,7 @@
-"""Do the inertial samples look like what their columns say they are?
+"""Are the inertial samples what their columns say they are?
 
-A unit is judged by physics: gravity fixes the accelerometer's, and the turning of the gravity
-vector fixes the gyroscope's. Unmistakable evidence corrects the unit, with a warning; the rest is
-refused or reported. An axis is judged by the other sensors.
+Gravity fixes the accelerometer's unit, and the turning of the gravity vector the gyroscope's: unmistakable
+evidence corrects it, with a warning; the rest is refused or reported. An axis is judged by the other sensors.
 """
 
 from __future__ import annotations
@@ -48,8 +47,7 @@ class Windows(NamedTuple):
 def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
     """Check units, rails and dead axes; return the IMU in corrected units, and the same without spikes.
 
-    Raises:
-        InputError: an accelerometer in no unit that fits gravity.
+    An accelerometer in no unit that fits gravity is refused.
     """
     clean = despike(imu)[0]
     seen = _windows(clean)
@@ -63,11 +61,10 @@ def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
 
 
 def despike(stream: ImuStream) -> tuple[ImuStream, Mask]:
-    """Replace single readings far off both neighbours; a knock lasts longer than one or two samples.
+    """Replace single readings far off both neighbours; return the stream, and which samples (N,) they were.
 
-    Returns:
-        the stream, and (N,) True for the samples that were replaced in any axis. Where more than one
-        sample in a hundred would go, the frame really shakes like that, and none is touched.
+    A knock lasts longer than one or two samples. Where more than one sample in a hundred would go, the frame
+    really shakes like that, and none is touched.
     """
     hit = np.zeros(stream.t.size, dtype=bool)
     both = np.hstack([stream.specific_force, stream.angular_rate])
@@ -97,9 +94,6 @@ def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
     """Refuse axes that are dead, exchanged or turned, in a log whose wheels move.
 
     The IMU is without spikes, in units that were checked; `still` are standstills [s].
-
-    Raises:
-        InputError: a column that would carry a wrong result, with what it looks like and what to write.
     """
     mounting = mounted(log.robot).as_matrix()
     _refuse_dead(imu, mounting, log)

@@ -292,11 +292,7 @@ def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnRep
 
 
 def _bound(report: FileReport, table: Table) -> Match:
-    """Bind the columns as they were guessed.
-
-    Raises:
-        InputError: no clock is among them, two columns cannot be told apart, or the file has no header.
-    """
+    """Bind the columns as they were guessed, if a clock is among them and the header tells them apart."""
     columns = tuple(
         Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit)
         for e in report.entries

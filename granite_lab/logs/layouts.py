@@ -150,12 +150,7 @@ class Log:
 
 
 def load_layout(name: str | Path) -> Layout:
-    """Read a column map, by name or path.
-
-    Raises:
-        UsageError: unknown name.
-        InputError: the map is wrong.
-    """
+    """Read a column map, by name or path; raise UsageError if it is unknown, InputError if it is wrong."""
     path = find("loggers", name)
     layout = build(Layout, read_toml(path), str(path))
     patterns = {"file": layout.file, "preamble": layout.preamble}
@@ -174,12 +169,7 @@ def load_layout(name: str | Path) -> Layout:
 
 
 def given_maps(maps: Maps) -> tuple[Layout, ...]:
-    """Load the column maps a user gave: names, files, or folders of maps.
-
-    Raises:
-        UsageError: unknown name.
-        InputError: a map is wrong, or a folder holds none.
-    """
+    """Load the column maps a user gave, names, files, or folders of maps; raise errors as `load_layout`."""
     found: list[Layout] = []
     for one in [maps] if isinstance(maps, (str, Path)) else maps or ():
         folder = is_folder(Path(one))
@@ -230,8 +220,7 @@ def check_unit(text: str, channel: str, where: str) -> Unit:
 def match(layout: Layout, table: Table) -> Match:
     """Try a layout on a table; of several header rows the best fitting one gives the names.
 
-    Raises:
-        InputError: a needed column occurs twice, or its name carries an unknown unit.
+    Refuses a needed column that occurs twice, or whose name carries an unknown unit.
     """
     tries = [_match_row(layout, table, names) for names in table.headers]
     nothing = Match(table, layout, (), ("a header line",), 0)
@@ -243,8 +232,7 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
     bare = [name.strip() for name in names]
     found: dict[int, list[Hit]] = {}
     for index, spec in enumerate(layout.column):
-        hits = [(place, hit) for place, name in enumerate(bare) if (hit := spec.regex.fullmatch(name))]
-        if hits:
+        if hits := [(place, hit) for place, name in enumerate(bare) if (hit := spec.regex.fullmatch(name))]:
             found[index] = hits
     columns = len({place for hits in found.values() for place, _ in hits})
     missing = _missing(layout, set(found))
@@ -254,17 +242,12 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
         place, hit = _one(table, spec, hits, names)
         where = f"{at(table.path, table.header_line)}: column '{names[place]}'"
         for channel in spec.to:
-            unit = check_unit(_unit_in(hit) or spec.unit, channel, where)
+            unit = check_unit(hit.groupdict().get("unit") or spec.unit, channel, where)
             if channel == "t" and table.is_dated(place):
                 unit = find_unit(DATE) or unit
             if channel == "t" or all(b.channel != channel for b in bindings):
                 bindings.append(Binding(place, names[place], channel, unit, spec))
     return Match(table, layout, tuple(bindings), missing, columns)
-
-
-def _unit_in(hit: re.Match[str]) -> str:
-    """Return the unit that stands in a name, or nothing."""
-    return hit.groupdict().get("unit") or ""
 
 
 def _missing(layout: Layout, found: set[int]) -> tuple[str, ...]:
@@ -289,8 +272,8 @@ def _one(table: Table, spec: Column, hits: list[Hit], names: Sequence[str]) -> H
     if len(hits) == 1 or not spec.to:
         return hits[0]
     if spec.to[0] in ENCODERS and len({names[place] for place, _ in hits}) == len(hits):
-        units = [(one, find_unit(_unit_in(one[1]))) for one in hits]
-        angles = [one for one, unit in units if unit is not None and unit.quantity == "angle"]
+        units = [find_unit(hit.groupdict().get("unit") or "") for _, hit in hits]
+        angles = [one for one, unit in zip(hits, units, strict=True) if unit and unit.quantity == "angle"]
         if len(angles) == 1:
             return angles[0]
     listed = " and ".join(f"'{names[place]}' (column {place + 1})" for place, _ in hits)

@@ -66,8 +66,7 @@ class Source:
 def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str] | None = None) -> Match:
     """Open a table or a bag and find its layout, of some column maps or else of the catalogue.
 
-    Raises:
-        InputError: not a table, of no known layout, or several fit equally well.
+    Refuses what is no table, of no known layout, or of several that fit equally well.
     """
     tries: list[Match] = []
     if is_bag(path):
@@ -111,9 +110,6 @@ def read_source(
     """Read the columns that a layout binds, unless they are among those `held`; of some rows, if asked for.
 
     Metadata in a further TOML file `beside` the log go before its own.
-
-    Raises:
-        InputError: anything that is wrong with the columns or the rows.
     """
     table, layout, doubts = found.table, found.layout, list(found.table.doubts)
     condition, splitter = rows or layout.rows, _place(table, layout.split)
@@ -175,11 +171,8 @@ def load(
 ) -> tuple[dict[int, Array], list[str]]:
     """Read the columns at some places as numbers, `dates` among them as [s] since 1970 (no zone: UTC).
 
-    Returns:
-        place to (N,) values, NaN where the cell is empty or says so; and warnings.
-
-    Raises:
-        InputError: a cell that is no finite number or no date, or a row of the wrong length, with its line.
+    Returns place to values (N,), NaN where the cell is empty or says so; and warnings. A cell that is no
+    finite number or no date and a row of the wrong length are refused with their line.
     """
     if table.numbers:
         return {place: table.numbers[place] for place in wanted}, []

@@ -42,15 +42,9 @@ def read_streams(
 ) -> dict[str, Any]:
     """Turn the columns of a file into streams; of a window [s, the log's time], only its samples are taken.
 
-    The robot gives wheel radius and counts per revolution where units need them. What had to be done is added
-    to `doubts`.
-
-    Returns:
-        kind of a sensor to what the file holds of it; accelerometer and gyroscope are still apart, for their
-        stamps may differ.
-
-    Raises:
-        InputError: clock, samples or units cannot be used.
+    The robot gives wheel radius and counts per revolution where units need them. Returns kind of a sensor to
+    what the file holds of it; accelerometer and gyroscope are still apart, for their stamps may differ. What
+    had to be done is added to `doubts`; clock, samples or units that cannot be used are refused.
     """
     doubts += source.doubts
     t = _clock(source, doubts)

@@ -34,11 +34,7 @@ class MotionGuess:
 
 
 def rests(trial: Trial, robot: Robot) -> list[tuple[float, float]]:
-    """Return intervals [s] in which the robot seems to stand still.
-
-    From the wheels where there are any (they turn whenever the robot drives), else from an
-    accelerometer that is far calmer than usual.
-    """
+    """Return intervals [s] in which the wheels, or else a calm accelerometer, say that the robot stands."""
     t, speed = mean_speed(trial.wheels, robot)
     if len(t) > 5:
         limit = 0.02 * max(float(np.quantile(np.abs(speed), 0.95)), 0.05)
