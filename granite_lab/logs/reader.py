@@ -120,7 +120,8 @@ def assemble(
     doubts: list[str] = []
     sources = [source for _, source in files]
     name, the_robot = _robot(sources, robot, info, doubts)
-    merged, columns = _merge(files, [read_streams(source, the_robot, window, doubts) for source in sources])
+    merged, columns = _merge(files, [read_streams(source, the_robot, window) for source in sources])
+    doubts += [doubt for source in sources for doubt in source.doubts]
     log = Log(the_robot, str(path), columns, doubts)
     said = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
     imu, wheels, clean = _imu(merged, path, doubts), merged.pop("wheels", None), None
@@ -189,7 +190,7 @@ def _merge(files: Files, parts: Sequence[dict[str, Any]]) -> tuple[dict[str, Any
         found = [kind for kind in _ROLES.get(role, one) if kind in one]
         if role and not found:
             hint = f"its layout was taken as '{source.match.layout.name}'"
-            raise InputError(f"{source.path}: given as --{role}, but nothing in it is of that kind", hint)
+            raise source.refuse(f"given as --{role}, but nothing in it is of that kind", hint)
         removed = source.match.layout.gravity_removed or source.metadata.get("imu_gravity_removed", False)
         for kind in found:
             # An acceleration with gravity in it is worth more than one without.

@@ -39,12 +39,20 @@ class Source:
     kept: Array  # (N,) the row of data each value came from
     metadata: Metadata  # what the file and its sidecar say
     inputs: tuple[InputFile, ...]  # the file and its sidecar
-    doubts: tuple[str, ...]
+    doubts: list[str]  # warnings are added here
 
     @property
     def path(self) -> Path:
         """Where the file is."""
         return self.match.table.path
+
+    def doubt(self, text: str) -> None:
+        """Add a warning about the file."""
+        self.doubts.append(f"{self.path.name}: {text}")
+
+    def refuse(self, what: str, hint: str) -> InputError:
+        """Return the error that names the file."""
+        return InputError(f"{self.path}: {what}", hint)
 
     def bindings(self, *channels: str) -> list[Binding]:
         """Return the bindings of some channels."""
@@ -127,7 +135,7 @@ def read_source(
     metadata = collect(table.comments, table.path, doubts, sides)
     inputs = tuple(InputFile(file, sha256(file)) for file in (table.path, *sides))
     kept = np.arange(len(next(iter(columns.values()))), dtype=np.float64)
-    source = Source(found, columns, kept, metadata, inputs, tuple(doubts))
+    source = Source(found, columns, kept, metadata, inputs, doubts)
     if selector:
         chosen = columns[selector[0]] == selector[1]
         if not chosen.any():
