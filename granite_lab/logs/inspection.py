@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -176,7 +176,6 @@ def inspect_logs(
     *,
     map: Maps = None,  # noqa: A002  # the option is called --map
     robot: str | Path | None = None,
-    rows: str | None = None,
     topics: Mapping[str, str] | None = None,
 ) -> Inspection:
     """Look at logs of known or unknown layout; a folder with a file a sensor stands for these.
@@ -189,7 +188,7 @@ def inspect_logs(
     """
     maps = given_maps(map)
     files = [file for path in paths for file in parts_of(Path(path)) or [Path(path)]]
-    return Inspection(tuple(_inspect(path, maps, topics, robot, rows) for path in files))
+    return Inspection(tuple(_inspect(path, maps, topics, robot) for path in files))
 
 
 def _inspect(
@@ -197,7 +196,6 @@ def _inspect(
     maps: Sequence[Layout],
     topics: Mapping[str, str] | None,
     robot: str | Path | None,
-    rows: str | None,
 ) -> FileReport:
     """Look at one file: by its layout, or else by guess."""
     report, found = FileReport(path), None
@@ -217,9 +215,8 @@ def _inspect(
     used = {column.place for column in entries}
     entries += [_unused(table, columns, place) for place in range(table.width) if place not in used]
     entries = [_ranged(one, columns[one.place]) if one.place in columns else one for one in entries]
-    report = replace(
-        report, dialect=table if table.data_line else None, entries=tuple(entries), doubts=tuple(doubts)
-    )
+    text = table if table.data_line else None
+    report = replace(report, dialect=text, entries=tuple(entries), doubts=tuple(doubts))
     if found is not None:
         keys = ("robot", "rows", "split", "gravity_removed")
         head = tuple((key, value) for key in keys if (value := getattr(found.layout, key)))
@@ -230,20 +227,14 @@ def _inspect(
         if not any("t" in column.to for column in entries):
             return report
     try:
-        source = read_source(found or _bound(report, table), rows, held=columns)
+        source = read_source(found or _bound(report, table), held=columns)
         trial = assemble(path, [("", source)], robot, whole=False)
     except InputError as error:
         told = (*report.doubts, error.message) if error.message != report.problem else report.doubts
         return replace(report, problem=report.problem or error.message, doubts=told)
-    the_robot = load_robot(trial.info.robot or "granite")
-    return replace(
-        report,
-        streams=tuple(_streams(trial)),
-        rests=tuple(rests(trial, the_robot)),
-        motion=look(trial, the_robot),
-        doubts=report.doubts + trial.warnings,
-        trial=trial,
-    )
+    the_robot, told = load_robot(trial.info.robot or "granite"), report.doubts + trial.warnings
+    still, motion = tuple(rests(trial, the_robot)), look(trial, the_robot)
+    return replace(report, streams=_streams(trial), rests=still, motion=motion, doubts=told, trial=trial)
 
 
 def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
@@ -293,19 +284,17 @@ def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnRep
 
 def _bound(report: FileReport, table: Table) -> Match:
     """Bind the columns as they were guessed, if a clock is among them and the header tells them apart."""
-    columns = tuple(
-        Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit)
-        for e in report.entries
-        if e.to
-    )
+    used = [e for e in report.entries if e.to]
+    columns = tuple(Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit) for e in used)
     found = match(Layout(name=report.path.stem, column=columns), table)
     if found.missing:
         raise InputError(report.problem)
     return found
 
 
-def _streams(trial: Trial) -> Iterator[StreamReport]:
+def _streams(trial: Trial) -> tuple[StreamReport, ...]:
     """Describe the clock of every sensor."""
+    reports: list[StreamReport] = []
     sensors = {
         "imu": trial.imu, "encoders": trial.wheels, "motor currents": trial.currents,
         "command": trial.command, "reference": trial.reference_x or trial.reference_v,
@@ -317,7 +306,9 @@ def _streams(trial: Trial) -> Iterator[StreamReport]:
             gap = steps > GAP_PERIODS * period
             rate, jitter = 1 / period, float(steps[~gap].std())
             span = (float(t[0]), float(t[-1]))
-            yield StreamReport(what, len(t), *span, rate, jitter, int(gap.sum()), float(steps.max()))
+            gaps = (int(gap.sum()), float(steps.max()))
+            reports.append(StreamReport(what, len(t), *span, rate, jitter, *gaps))
+    return tuple(reports)
 
 
 def guess(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:

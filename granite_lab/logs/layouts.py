@@ -1,19 +1,6 @@
-"""Column maps: which column of a log is which channel; one TOML file a layout, and how it fits a table.
+"""Column maps: which column of a log is which channel, and how a map fits a table.
 
-A map is a file of `granite_lab/catalogue/loggers/` or one of the user's own::
-
-    name = "my_logger"
-    robot = "husky"                 # used where the log names none
-
-    [[column]]
-    name = "time"                   # or pattern = "…", a regular expression
-    to = ["t"]
-    unit = "ms"
-
-    [[column]]
-    name = "left_encoder"
-    to = ["enc_fl", "enc_rl"]       # one encoder for both wheels of a side
-    unit = "counts"
+A map is a TOML file of `granite_lab/catalogue/loggers/` or one of the user's own (`docs/how-to-logger.md`).
 """
 
 from __future__ import annotations

@@ -10,15 +10,13 @@ from granite_lab.errors import UsageError
 from granite_lab.files import is_folder
 from granite_lab.logs.quantities import WORDS
 
-BAGS = (".bag", ".mcap", ".db3")
-"""File name endings of recordings by ROS."""
-
+_BAGS = (".bag", ".mcap", ".db3")  # endings of recordings by ROS
 _PACKED = (".csv.gz", ".csv.zip")
 
 
 def is_bag(path: Path) -> bool:
     """Say whether a path is a recording by ROS: a file, or the folder of a ROS 2 recording."""
-    return path.suffix.lower() in BAGS if not is_folder(path) else (path / "metadata.yaml").is_file()
+    return path.suffix.lower() in _BAGS if not is_folder(path) else (path / "metadata.yaml").is_file()
 
 
 def _is_table(path: Path, endings: tuple[str, ...] = (".csv", ".mat", *_PACKED)) -> bool:
@@ -70,15 +68,15 @@ def trial_files(paths: Sequence[str | Path] | str | Path) -> list[Path]:
     Raises:
         UsageError: nothing was named, a folder holds no log, or two logs have one name.
     """
-    named = [Path(paths)] if isinstance(paths, (str, Path)) else [Path(path) for path in paths]
+    named = [Path(path) for path in ([paths] if isinstance(paths, (str, Path)) else paths)]
     if not named:
         raise UsageError("no trials given", "name one or more logs, or a folder of them")
     files: list[Path] = []
     for path in named:
         inside = sorted(filter(is_log, path.iterdir())) if is_folder(path) and not is_log(path) else [path]
         if not inside:
-            told = f"{path}: the folder holds no log (.csv, .mat, .bag, .mcap)"
-            raise UsageError(told, "name the logs themselves")
+            what = f"{path}: the folder holds no log (.csv, .mat, .bag, .mcap)"
+            raise UsageError(what, "name the logs themselves")
         plain = {name_of(log) for log in inside if not _is_table(log, _PACKED)}
         packed = [log for log in inside if _is_table(log, _PACKED)] if path not in inside else []
         files += [log for log in inside if log not in packed or name_of(log) not in plain]
@@ -86,6 +84,7 @@ def trial_files(paths: Sequence[str | Path] | str | Path) -> list[Path]:
     names = [name_of(path) for path in unique]
     for name in names:
         if names.count(name) > 1:
-            told = f"two logs are called '{name}'"
-            raise UsageError(told, "rename one: results carry the name of their log")
+            raise UsageError(
+                f"two logs are called '{name}'", "rename one: results carry the name of their log"
+            )
     return unique

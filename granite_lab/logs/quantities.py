@@ -49,18 +49,14 @@ _UNITS: dict[str, Unit] = {
 }
 _FOLDED = {spelling.casefold(): unit for spelling, unit in _UNITS.items()}
 
+# What a log may hold.
 SENSORS = {kind: build(Sensor, table, str(_PATH)) for kind, table in _LISTED["sensors"].items()}
-"""What a log may hold."""
-
+# What a name speaks of, to the words that say so.
 WORDS: dict[str, frozenset[str]] = {key: frozenset(text.split()) for key, text in _LISTED["words"].items()}
-"""What a name speaks of, to the words that say so."""
-
+# What a topic can be taken for, to the types of its messages, and their fields with unit and channels.
 ROS: dict[str, dict[str, Any]] = _LISTED["ros"]
-"""What a topic can be taken for, to the types of its messages, and their fields with unit and channels."""
-
+# Channel to the quantities that may feed it.
 CHANNELS = {channel: sensor.quantities for sensor in SENSORS.values() for channel in sensor.channels}
-"""Channel to the quantities that may feed it."""
-
 ACCELERATION, RATE, ENCODERS, CURRENTS, _GLOBE = (
     SENSORS[kind].channels for kind in ("acceleration", "rate", "wheels", "currents", "globe")
 )

@@ -147,9 +147,8 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
     """Refuse columns that cannot be what they are called; `clean` is the IMU without spikes."""
     wheels, currents = trial.wheels, trial.currents
     if clean is None and wheels is None:
-        raise InputError(
-            f"{log.where}: neither IMU nor encoder samples", "a trial needs at least one of them"
-        )
+        hint = "a trial needs at least one of them"
+        raise InputError(f"{log.where}: neither IMU nor encoder samples", hint)
     if wheels is not None:
         called = tuple(channel for channel in log.columns if channel.startswith("imu_"))
         if clean is None and called:
@@ -225,10 +224,8 @@ def _imu(merged: dict[str, Any], path: Path, doubts: list[str]) -> ImuStream | N
         doubts.append("the gyroscope has stamps of its own; interpolated to the accelerometer's")
         t, force = acc.t[inside], acc.values[inside]
         rate = np.column_stack([np.interp(t, gyro.t, column) for column in gyro.values.T])
-    force, rate = (
-        values if what in present else np.full_like(values, np.nan)
-        for what, values in zip(sensors, (force, rate), strict=True)
-    )
+    force = force if "accelerometer" in present else np.full_like(force, np.nan)
+    rate = rate if "gyroscope" in present else np.full_like(rate, np.nan)
     return ImuStream(t, force, rate, merged.get("removed", False))
 
 

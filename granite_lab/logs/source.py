@@ -113,7 +113,10 @@ def _doubted(table: Table, *doubts: str) -> Table:
 
 
 def read_source(
-    found: Match, rows: str | None, beside: Path | None = None, held: Mapping[int, Array] | None = None
+    found: Match,
+    rows: str | None = None,
+    beside: Path | None = None,
+    held: Mapping[int, Array] | None = None,
 ) -> Source:
     """Read the columns that a layout binds, unless they are among those `held`; of some rows, if asked for.
 
@@ -174,9 +177,7 @@ def _values(values: Array) -> str:
     return ", ".join(f"{v:g}" for v in different[:10]) + (", …" if len(different) > 10 else "")
 
 
-def load(
-    table: Table, wanted: Sequence[int], dates: Sequence[int] = ()
-) -> tuple[dict[int, Array], list[str]]:
+def load(table: Table, wanted: Sequence[int], dates: Sequence[int]) -> tuple[dict[int, Array], list[str]]:
     """Read the columns at some places as numbers, `dates` among them as [s] since 1970 (no zone: UTC).
 
     Returns place to values (N,), NaN where the cell is empty or says so; and warnings. A cell that is no

@@ -16,18 +16,14 @@ from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
 from granite_lab.parameters import Robot
 
-ZERO = "every sample is 0: taken as not measured"
-"""How a warning of a dead channel ends."""
-
-WINDOW = 5
-"""Samples through which a line is laid to get a speed."""
-
+ZERO = "every sample is 0: taken as not measured"  # how a warning of a dead channel ends
+WINDOW = 5  # samples through which a line is laid to get a speed
 _MANY = 100  # an axis that is zero in fewer samples than these may just be at rest
 _WRAPS = (2.0**16, 2.0**24, 2.0**32)  # ranges of counters that loggers use as clocks
 _A, _E2 = 6378137.0, 6.69437999014e-3  # semi-major axis [m] and squared eccentricity of WGS 84
 
-KINDS = ("acceleration", "rate", "wheels", "currents", "command", "globe", "reference_x", "reference_v")
-"""What a file may hold besides its clock."""
+# What a file may hold besides its clock.
+_KINDS = ("acceleration", "rate", "wheels", "currents", "command", "globe", "reference_x", "reference_v")
 
 
 class Samples(NamedTuple):
@@ -53,7 +49,7 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
             raise source.refuse(f"no sample {interval(window)}, {runs_from}", hint)
         source, t = source.only(inside), t[inside]
     streams: dict[str, Any] = {}
-    for kind in KINDS:
+    for kind in _KINDS:
         samples = _samples(source, t, kind)
         if samples is not None and kind in ("acceleration", "rate"):
             samples = _complete(source, samples, kind)
@@ -233,7 +229,7 @@ def _counts(source: Source, binding: Binding, robot: Robot) -> float:
 
 def _reference(source: Source, streams: dict[str, Any]) -> dict[str, Series]:
     """Take the external reference out of the streams; return it as distance and speed along the path."""
-    globe, plane, speed = (streams.pop(kind, None) for kind in KINDS[-3:])
+    globe, plane, speed = (streams.pop(kind, None) for kind in _KINDS[-3:])
     place, found = globe or (plane if source.bindings("ref_y") else None), dict[str, Series]()
     if place is not None:
         whole = np.isfinite(place.values).all(axis=1)

@@ -1,4 +1,4 @@
-"""A table in a file: how it is laid out, and its columns as numbers, exact about the place of a fault."""
+"""A table in a file: a text, whose layout is found out, or the vectors of a MATLAB file."""
 
 from __future__ import annotations
 
@@ -22,12 +22,10 @@ from granite_lab.errors import InputError, at
 from granite_lab.files import readable, refuse_special
 from granite_lab.logs.trial import Array
 
+# Cells that stand for "not sampled".
 MISSING = ("", "nan", "NaN", "NAN", "Nan", "-nan", "-NaN", "NA", "N/A", "n/a", "null", "NULL", "None", "none")
-"""Cells that stand for "not sampled"."""
-
+# The beginning of a date: ISO 8601, or with other signs in between, as 2026_03_01_12_00_00_250.
 DATED = re.compile(r"(\d{4})[-/_.](\d\d)[-/_.](\d\d)[T _-](\d\d)[:_.-](\d\d)(?:[:_.-](?=\d\d))?")
-"""The beginning of a date: ISO 8601, or with other signs in between, as ``2026_03_01_12_00_00_250``."""
-
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
@@ -35,12 +33,14 @@ _SAMPLE_ROWS, _PREAMBLE_ROWS = 100, 200
 _LARGEST = 2 << 30  # a compressed log may hold this much [bytes]
 _SHORTEST = 10  # vectors of a MATLAB file with fewer values are no samples; matrices have at most as many
 _PLAIN = "a log is a CSV file with a header line"
-
 _MAGIC = {
     b"#ROSBAG": "a ROS bag", b"\x89MCAP": "an MCAP file", b"PK\x03\x04": "a zip archive or Excel workbook",
     b"\x1f\x8b": "gzip-compressed", b"PAR1": "a Parquet file", b"\x89HDF": "an HDF5 file",
     b"MATLAB": "a MATLAB file", b"SQLite": "an SQLite database", b"%PDF": "a PDF document",
 }  # fmt: skip
+
+NumberedLines = list[tuple[int, str]]
+NumberedRows = list[tuple[int, list[str]]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,10 +177,8 @@ def _sniff(path: Path, said: TableFormat) -> Table:
         raise fault(data_line, what, "correct 'names' under [table] in the map")
     if above and not headers:
         what = f"the header names {len(above[-1][1])} columns, the rows below have {width}"
-        hint = (
-            "one name a column: quote names that hold the delimiter; a decimal comma needs another delimiter"
-        )
-        raise fault(above[-1][0], what, hint)
+        hint = "one name a column: quote names that hold the delimiter"
+        raise fault(above[-1][0], what, f"{hint}; a decimal comma needs another delimiter")
     sample = tuple(tuple(row) for row in below[:_SAMPLE_ROWS])
     comments = [comment for comment in comments if comment[0] != header_line]
     preamble = (*(line for _, line in lines[:first]), *([f"sep={separator}"] if separator else []))
@@ -270,11 +268,9 @@ def _lines(text: bytes) -> TextIO:
     return io.TextIOWrapper(io.BytesIO(text), encoding="utf-8", errors="replace", newline="\n")
 
 
-def _head(file: TextIO) -> tuple[list[tuple[int, str]], list[tuple[int, str]], str]:
+def _head(file: TextIO) -> tuple[NumberedLines, NumberedLines, str]:
     """Return comment lines, the first other lines that are not blank, and a delimiter said by ``sep=``."""
-    comments: list[tuple[int, str]] = []
-    lines: list[tuple[int, str]] = []
-    said = ""
+    comments, lines, said = NumberedLines(), NumberedLines(), ""
     for number, raw in enumerate(file, 1):
         text = raw.rstrip("\n").lstrip("\ufeff")
         if not text.strip():
@@ -306,7 +302,7 @@ def _cells(path: Path, number: int, line: str, delimiter: str) -> list[str]:
         raise InputError(what, _PLAIN) from None
 
 
-def _delimiter(path: Path, lines: list[tuple[int, str]]) -> str:
+def _delimiter(path: Path, lines: NumberedLines) -> str:
     """Choose the delimiter that splits the last sampled lines into the most, equally many cells."""
     tail = lines[-50:]
     best, most = ",", 1
@@ -337,9 +333,7 @@ def _is_data(row: list[str], decimal: str) -> bool:
     return numbers > 0 and numbers >= 0.5 * len(filled)
 
 
-def _headers(
-    above: list[tuple[int, list[str]]], below: list[list[str]]
-) -> tuple[tuple[tuple[str, ...], ...], int]:
+def _headers(above: NumberedRows, below: list[list[str]]) -> tuple[tuple[tuple[str, ...], ...], int]:
     """Return the header rows as wide as the data, and the line of the first."""
     width, open_end = len(below[0]), all(not row[-1].strip() for row in below)
     headers: list[tuple[str, ...]] = []
