@@ -156,9 +156,6 @@ def write_truth(path: Path, motion: pd.DataFrame) -> None:
     Raises:
         LabError: the file cannot be written.
     """
-    marks = {True: "true", False: "false"}
-    header = "".join(
-        f"# {key} = " + (marks[value] if isinstance(value, bool) else json.dumps(value)) + "\n"
-        for key, value in {"virtual": True, **motion.attrs}.items()
-    )
+    said = {"virtual": True, **motion.attrs}
+    header = "".join(f"# {key} = {json.dumps(value)}\n" for key, value in said.items())
     write_text(path, header + motion.to_csv(index=False, float_format="%.7g"))

@@ -313,8 +313,7 @@ def _refuse_pitch_rate(imu: ImuStream, matrix: Array, still: Spans, log: Log) ->
         sign_of = f"its sign or that of '{forward}' is wrong"
         what = sign_of if best == "-y" else f"the rate about {best[1]} fits: axes exchanged"
         left_over = f"{missed['+y']:.2f} m/s are left at standstill, with {best} {missed[best]:.2f} m/s"
-        hint = (
-            "scale = -1 in a column map turns a sign, 'to' exchanges axes; pitch rate is positive nose down"
-        )
+        remedy = "scale = -1 in a column map turns a sign, 'to' exchanges axes"
         channel = RATE[int(np.argmax(np.abs(matrix[1])))]
+        hint = f"{remedy}; pitch rate is positive nose down"
         raise log.refuse(channel, f": with it as pitch rate {left_over}: {what}", hint)

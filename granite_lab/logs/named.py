@@ -84,7 +84,6 @@ def trial_files(paths: Sequence[str | Path] | str | Path) -> list[Path]:
     names = [name_of(path) for path in unique]
     for name in names:
         if names.count(name) > 1:
-            raise UsageError(
-                f"two logs are called '{name}'", "rename one: results carry the name of their log"
-            )
+            hint = "rename one: results carry the name of their log"
+            raise UsageError(f"two logs are called '{name}'", hint)
     return unique

@@ -77,13 +77,13 @@ def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str]
     Refuses what is no table, of no known layout, or of several that fit equally well.
     """
     tries: list[Match] = []
-    if is_bag(path):
+    if bag := is_bag(path):
         table, roles = read_bag(path, topics or {})
         tries = [match(layout, table) for layout in maps]
         if all(found.missing for found in tries):
             layout, doubts = bag_layout(table, roles)
-            tries = [match(layout, _doubted(table, *doubts))]
-    for layout in maps if not is_bag(path) else ():
+            tries = [match(layout, table.doubted(*doubts))]
+    for layout in maps if not bag else ():
         with suppress(InputError):  # the map may be meant for another file of the trial
             tries.append(match(layout, open_table(path, layout.table)))
     if all(found.missing for found in tries):
@@ -96,20 +96,15 @@ def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str]
             near = [match(layout, table) for layout in maps] or tries
             raise no_match(near, bool(maps))
     chosen = best([found for found in tries if not found.missing])
-    if is_bag(path) or chosen.layout in maps or any(b.channel in ENCODERS for b in chosen.bindings):
+    if bag or chosen.layout in maps or any(b.channel in ENCODERS for b in chosen.bindings):
         return chosen
     table, known = chosen.table, {b.place for b in chosen.bindings}
     names = [table.name(place) for place in range(table.width) if place not in known]
     wheels = ", ".join(name for name in names if set(by_name(name).to) & set(ENCODERS))
-    doubt = (
-        f"{path.name}: {wheels}: look like wheels, which layout '{chosen.layout.name}' does "
-        "not know; inspect --write-map writes a map to which they can be added"
-    )
-    return dataclasses.replace(chosen, table=_doubted(table, doubt)) if wheels else chosen
-
-
-def _doubted(table: Table, *doubts: str) -> Table:
-    return dataclasses.replace(table, doubts=(*table.doubts, *doubts))
+    unknown = f"look like wheels, which layout '{chosen.layout.name}' does not know"
+    remedy = "inspect --write-map writes a map to which they can be added"
+    doubted = table.doubted(f"{path.name}: {wheels}: {unknown}; {remedy}")
+    return dataclasses.replace(chosen, table=doubted) if wheels else chosen
 
 
 def read_source(

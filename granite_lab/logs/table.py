@@ -11,7 +11,7 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
@@ -119,6 +119,10 @@ class Table:
     def line_of(self, row: int) -> int:
         """Return the line in the file of a row of data, counted from 0."""
         return next((line for line, _ in islice(self.walk(), row, None)), 0)
+
+    def doubted(self, *doubts: str) -> Table:
+        """Return the table with further doubts."""
+        return replace(self, doubts=(*self.doubts, *doubts))
 
     def error(self, what: str, hint: str, line: int = 0, place: int | None = None) -> InputError:
         """Return an error that names the file, and the line and the column if they are known."""

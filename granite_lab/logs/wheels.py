@@ -233,10 +233,9 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
     values = np.nan_to_num(values)
     power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)
     for i in opposed(values, power, live):
-        what = (
-            "the current flows against the other motors': its sign is wrong; say scale = -1 in a column map"
-        )
-        log.doubts.append(f"{log.column(CURRENTS[i])}: {what}")
+        remedy = "its sign is wrong; say scale = -1 in a column map"
+        what = "the current flows against the other motors'"
+        log.doubts.append(f"{log.column(CURRENTS[i])}: {what}: {remedy}")
     return currents
 
 
