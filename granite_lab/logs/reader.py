@@ -14,11 +14,10 @@ from granite_lab.logs.canonical import trial_info
 from granite_lab.logs.counters import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
-from granite_lab.logs.named import name_of, parts_of, sidecar
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
 from granite_lab.logs.streams import interval, read_streams
-from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, part
+from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.logs.wheels import (
     check_currents,
     check_wheels,

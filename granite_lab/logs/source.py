@@ -20,10 +20,9 @@ from granite_lab.logs.bag import bag_layout, read_bag
 from granite_lab.logs.canonical import Metadata, collect
 from granite_lab.logs.counters import Mask
 from granite_lab.logs.layouts import Binding, Layout, Match, all_layouts, best, match, no_match
-from granite_lab.logs.named import is_bag, sidecar
 from granite_lab.logs.quantities import DATE, ENCODERS, by_name
 from granite_lab.logs.table import DATED, MISSING, Table, is_number, open_table
-from granite_lab.logs.trial import Array, InputFile
+from granite_lab.logs.trial import Array, InputFile, is_bag, sidecar
 
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
 _EXACT = {} if pd.__version__ >= "3.1" else {"float_precision": "round_trip"}
