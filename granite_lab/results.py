@@ -18,8 +18,7 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.errors import InputError, LabError
 from granite_lab.files import readable
 from granite_lab.fitting.fit import AThetaFit
-from granite_lab.logs.named import trial_files
-from granite_lab.logs.trial import Array, InputFile, Trial
+from granite_lab.logs.trial import Array, InputFile, Trial, trial_files
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,8 +13,7 @@ from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit
-from granite_lab.logs.named import name_of
-from granite_lab.logs.trial import InputFile, Trial
+from granite_lab.logs.trial import InputFile, Trial, name_of
 from granite_lab.model.effect import Active
 from granite_lab.parameters import load_soil
 from granite_lab.parameters.catalogue import in_force

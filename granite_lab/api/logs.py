@@ -20,8 +20,7 @@ from granite_lab.errors import EstimateError, InputError, LabError, UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.files import is_folder, refuse_special
-from granite_lab.logs.named import is_bag, is_log, name_of
-from granite_lab.logs.trial import Array, Trial, TrialInfo
+from granite_lab.logs.trial import Array, Trial, TrialInfo, is_bag, is_log, name_of
 from granite_lab.parameters import WHEELS, Robot
 from granite_lab.processes import one_thread
 from granite_lab.running import each_trial, sifted

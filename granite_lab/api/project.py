@@ -16,7 +16,7 @@ from granite_lab.effects.model_file import load_model
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
-from granite_lab.logs.named import is_log, name_of, trial_files
+from granite_lab.logs.trial import is_log, name_of, trial_files
 from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
 from granite_lab.parameters.quantity import build, read_toml
 from granite_lab.results import EXCLUDED, Failure

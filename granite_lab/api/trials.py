@@ -22,7 +22,7 @@ from granite_lab.effects import library
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.files import refuse_special
 from granite_lab.fitting.fit import AThetaFit, K92Fit
-from granite_lab.logs.named import name_of, trial_files
+from granite_lab.logs.trial import name_of, trial_files
 from granite_lab.results import Failure, StudyResult, TrialResult, load_report
 from granite_lab.running import Execution, Options, each_trial, sifted
 from granite_lab.running.cache import code, content, digest_of, encode, fingerprint

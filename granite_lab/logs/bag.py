@@ -12,37 +12,30 @@ import numpy as np
 
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.files import is_folder, readable, refuse_special
-from granite_lab.logs.dialect import Table
 from granite_lab.logs.layouts import Column, Layout
 from granite_lab.logs.quantities import ROS, WORDS, wheels_named, words
+from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 
 ROLES = {role: tuple(told["types"].split()) for role, told in ROS.items()}
 """What a topic can be taken for, and the types of its messages. `odom` is the odometry of the wheels,
 `reference` a place from outside (GPS, motion capture) that only judges."""
 
+# What a bag must hold one of, and which of them makes it needless.
 _INSTEAD = {"imu": "", "joints": "odom", "odom": "joints"}
-"""What a bag must hold one of, and which of them makes it needless."""
+_LEFT_OUT = "none"  # given for a role in place of a topic, it leaves the role out
 
-LEFT_OUT = "none"
-"""Given for a role in place of a topic, it leaves the role out."""
-
+# A field of messages: its name, the name of its covariance ("": none), and how to get its number.
 Field = tuple[str, str, Callable[[Any], float]]
-"""A field of messages: its name, the name of its covariance ("": none), and how to get its number."""
 
 _SECOND = 1_000_000_000
 
 
 def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str]]:
-    """Read the topics of a bag that hold an IMU, wheel joints or odometry.
+    """Read the topics of a bag that hold an IMU, wheel joints or odometry; `asked` names those of some roles.
 
-    Args:
-        path: a ``.bag`` or ``.mcap`` file, or the folder of a ROS 2 recording.
-        asked: what a topic is to be taken for (a key of `ROLES`), to its name.
-
-    Returns:
-        a table with a row a message and columns called ``/topic.field``, and what each topic was taken for.
-        Its column `t` is in [s] since the whole second of the first stamp.
+    Returns a table with a row a message and columns called ``/topic.field``, and what each topic was taken
+    for. Its column `t` is in [s] since the whole second of the first stamp.
 
     Raises:
         InputError: the bag cannot be read, or holds none of these.
@@ -53,10 +46,8 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
         from rosbags.highlevel import AnyReader  # noqa: PLC0415, an extra
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
     except ImportError:
-        raise LabError(
-            f"{path}: reading ROS bags and MCAP needs rosbags, which is not installed",
-            "pip install 'granite-lab[ros]'",
-        ) from None
+        what = f"{path}: reading ROS bags and MCAP needs rosbags, which is not installed"
+        raise LabError(what, "pip install 'granite-lab[ros]'") from None
     refuse_special(path)
     try:
         if not is_folder(path):
@@ -76,10 +67,8 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
         raise
     except Exception as error:  # the parsers raise whatever a damaged file makes them stumble over
         what = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(
-            f"{path}: cannot be read as a ROS bag: {what}",
-            "is the recording complete? 'ros2 bag reindex' may repair it",
-        ) from None
+        hint = "is the recording complete? 'ros2 bag reindex' may repair it"
+        raise InputError(f"{path}: cannot be read as a ROS bag: {what}", hint) from None
     columns = {"t": _stamps(path, rows, doubts)}
     cells: dict[str, dict[int, float]] = {}
     names, fields = {topic: ROS[role]["fields"] for role, topic in chosen.items()}, dict[str, list[Field]]()
@@ -91,10 +80,8 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
     for name, held in cells.items():
         columns[name] = np.full(len(rows), np.nan)
         columns[name][list(held)] = list(held.values())
-    table = Table(
-        path, (tuple(columns),), len(columns), "ROS", doubts=tuple(doubts), numbers=tuple(columns.values())
-    )
-    return table, chosen
+    headers, numbers = (tuple(columns),), tuple(columns.values())
+    return Table(path, headers, len(columns), "ROS", doubts=tuple(doubts), numbers=numbers), chosen
 
 
 def _choose(
@@ -103,23 +90,21 @@ def _choose(
     """Return what each topic is taken for; where several fit, the one with most messages."""
     chosen: dict[str, str] = {}
     for role, name in asked.items():
-        if name == LEFT_OUT:
+        if name == _LEFT_OUT:
             continue
         if name not in topics:
             known = ", ".join(sorted(topics)) or "none"
             raise UsageError(f"{path}: there is no topic '{name}'", f"topics: {known}")
         if topics[name].msgtype not in ROLES[role]:
-            raise UsageError(
-                f"{path}: topic '{name}' holds {topics[name].msgtype}, expected {' or '.join(ROLES[role])} "
-                f"for {role}",
-                "choose another topic",
-            )
+            what = f"holds {topics[name].msgtype}, expected {' or '.join(ROLES[role])} for {role}"
+            raise UsageError(f"{path}: topic '{name}' {what}", "choose another topic")
         chosen[role] = name
     for role, instead in _INSTEAD.items():
-        fits = [] if role in asked or instead in chosen else list(topics.items())
+        if role in asked or instead in chosen:
+            continue
         free = [
             (-info.msgcount, name)
-            for name, info in fits
+            for name, info in topics.items()
             if info.msgtype in ROLES[role] and info.msgcount > 0 and name not in asked.values()
         ]
         if free:
@@ -132,9 +117,8 @@ def _choose(
         imu, joints, odometry = (ROLES[role][0] for role in _INSTEAD)
         raise InputError(f"{path}: no topic with {imu}, {joints} or {odometry}", f"the bag holds: {held}")
     if "odom" in chosen:
-        doubts.append(
-            f"{path.name}: no joint states: the wheels' velocity is that of odometry {chosen['odom']}"
-        )
+        told = f"no joint states: the wheels' velocity is that of odometry {chosen['odom']}"
+        doubts.append(f"{path.name}: {told}")
     return chosen
 
 
@@ -148,10 +132,8 @@ def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str])
     stamps = [h.stamp.sec * _SECOND + h.stamp.nanosec if h is not None else 0 for h in headers]
     logged = list(zip(rows, stamps, strict=True))
     bare = {topic for topic, _, _ in rows} - {topic for (topic, _, _), stamp in logged if stamp}
-    doubts += [
-        f"{path.name}: messages of {topic} have no stamps; the time of arrival is used"
-        for topic in sorted(bare)
-    ]
+    told = "have no stamps; the time of arrival is used"
+    doubts += [f"{path.name}: messages of {topic} {told}" for topic in sorted(bare)]
     late = [arrival - stamp for (topic, arrival, _), stamp in logged if topic not in bare]
     delay = int(np.median(late)) if bare and late else 0
     stamps = [arrival - delay if topic in bare else stamp for (topic, arrival, _), stamp in logged]
@@ -188,16 +170,9 @@ def _numbers(message: Any, fields: Iterable[Field]) -> Iterator[tuple[str, float
 
 
 def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str]]:
-    """Bind the quantities of a bag: IMU, wheels by the names of their joints, odometry, reference.
+    """Return a layout of the bag that `read_bag` gave, wheels by the names of their joints, and doubts.
 
-    Args:
-        table, roles: from `read_bag`.
-
-    Returns:
-        the layout, and doubts about it.
-
-    Raises:
-        InputError: no joint is a wheel, and there is no IMU either.
+    A bag without an IMU and without a joint that is a wheel is refused.
     """
     names, doubts = table.headers[0], list[str]()
     columns = [Column(to=("t",), name="t", unit="s")]

@@ -24,10 +24,8 @@ if TYPE_CHECKING:
 
 _LINE = re.compile(r'\s*(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*")\s*=')
 
-
 Metadata = dict[str, Any]
-"""What a log says of itself: fields of `Known` that were said to their values, and `extra`, other keys to
-their texts."""
+"""What a log says of itself: fields of `Known` to their values, and `extra`, other keys to their texts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,12 +52,7 @@ _KEYS = {key_of(f): f.name for f in dataclasses.fields(Known)}
 def collect(
     comments: Iterable[tuple[int, str]], path: Path, warnings: list[str], sidecars: Sequence[Path] = ()
 ) -> Metadata:
-    """Read the metadata of a log.
-
-    Args:
-        comments: numbered lines that begin with ``#``.
-        warnings: doubts are added here.
-        sidecars: TOML files whose keys go before those of the comments, the last one first.
+    """Read the metadata of a log: of its numbered comment lines, and of TOML files, of which the last counts.
 
     Raises:
         InputError: a known key with a value that is not allowed; a sidecar that cannot be read.
@@ -87,19 +80,15 @@ def _parse(text: str, where: str) -> dict[str, Any]:
         return parse_toml(text, where)
     except InputError:
         if key in _KEYS and key not in ("robot", "soil"):
-            raise InputError(
-                f"{where}: {key} = {value} is not valid", "write it as TOML, e.g. # v_desired_mps = 0.3"
-            ) from None
+            hint = "write it as TOML, e.g. # v_desired_mps = 0.3"
+            raise InputError(f"{where}: {key} = {value} is not valid", hint) from None
         return {key: value.strip("\"'")}
 
 
 def trial_info(sources: Sequence[Metadata], given: TrialInfo | None, robot: str | None) -> TrialInfo:
-    """Merge what the files say, the first that says something, with what the caller says, who goes first.
+    """Merge what the files say, the first that says something, with what is given, which goes first.
 
-    Args:
-        sources: metadata of the files.
-        given: overrides; None in a field means "as in the log".
-        robot: name of the robot, already decided.
+    The robot is decided already.
     """
     given = given or TrialInfo()
     merged: Metadata = {}
@@ -117,10 +106,8 @@ def trial_info(sources: Sequence[Metadata], given: TrialInfo | None, robot: str 
 def write_canonical(path: Path, trial: Trial) -> None:
     """Write a trial as the canonical CSV, whole or not at all.
 
-    Reading the file gives the same stamps and values to the last bit. Columns that were not logged
-    are left out; samples with no number in them are, too.
-
-    The trial's name, warnings and inputs are not part of the format.
+    Reading the file gives the same stamps and values to the last bit. Columns that were not logged and
+    samples with no number are left out. The trial's name, warnings and inputs are not part of the format.
 
     Raises:
         LabError: the file cannot be written.
@@ -169,9 +156,6 @@ def write_truth(path: Path, motion: pd.DataFrame) -> None:
     Raises:
         LabError: the file cannot be written.
     """
-    marks = {True: "true", False: "false"}
-    header = "".join(
-        f"# {key} = " + (marks[value] if isinstance(value, bool) else json.dumps(value)) + "\n"
-        for key, value in {"virtual": True, **motion.attrs}.items()
-    )
+    said = {"virtual": True, **motion.attrs}
+    header = "".join(f"# {key} = {json.dumps(value)}\n" for key, value in said.items())
     write_text(path, header + motion.to_csv(index=False, float_format="%.7g"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,16 +17,12 @@ from granite_lab.logs.trial import Array
 Rows = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
-GAP_PERIODS = 3.0
-"""A gap is a step of more than this many median periods."""
-
+GAP_PERIODS = 3.0  # a gap is a step of more than this many median periods
 SECONDS = {unit: factor for unit, factor in factors("time").items() if unit != DATE}
 _EPOCH = (9.4e8, 2.6e9)  # 2000 to 2052 in seconds since 1970
-_FASTEST = 20000.0
-
-TURN = 2 * math.pi
-FASTEST_WHEEL = 300.0
-"""No wheel of a ground robot turns faster [rad/s]; a step that needs more is a fault."""
+_FASTEST = 20000.0  # [Hz]
+_TURN = 2 * math.pi
+_FASTEST_WHEEL = 300.0  # no wheel of a ground robot turns faster [rad/s]; a step that needs more is a fault
 
 
 def runs(flags: Mask) -> list[tuple[int, int]]:
@@ -41,18 +37,10 @@ def integral(t: Array, x: Array) -> Array:
 
 
 def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
-    """Check the declared unit of stamps against their values.
+    """Check the declared unit of stamps (N,) of one sensor, `factor` seconds each, against their values.
 
-    Args:
-        raw: (N,) stamps of one sensor as logged.
-        factor: seconds per unit, as declared.
-        slowest: the lowest plausible sampling rate [Hz].
-
-    Returns:
-        the factor to use, and a warning if it is not the declared one.
-
-    Raises:
-        InputError: the stamps fit neither the declared nor exactly one other unit.
+    The sampling rate is `slowest` [Hz] at least. Returns the factor to use, and a warning if it is not the
+    declared one. Stamps that fit neither the declared nor exactly one other unit are refused.
     """
     steps = np.abs(np.diff(raw))
     steps = steps[steps > 0]
@@ -67,24 +55,16 @@ def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
         f for f in SECONDS.values() if max(slowest, 4.0) <= rate / f <= 2000.0
     ]
     if len(fits) != 1 or not slowest <= rate / fits[0] <= _FASTEST:
-        raise InputError(
-            f"stamps {rate / factor:.3g} times a second in the declared unit, expected {slowest:g} to 20000",
-            "correct the unit of the time column",
-        )
+        seen = f"stamps {rate / factor:.3g} times a second in the declared unit"
+        raise InputError(f"{seen}, expected {slowest:g} to 20000", "correct the unit of the time column")
     unit = next(name for name, f in SECONDS.items() if f == fits[0])
     return fits[0], f"stamps are in {unit}, not in the unit declared: {rate / fits[0]:.4g} Hz"
 
 
 def stray(raw: Array) -> list[slice]:
-    """Find rows whose stamps leave the time line and come back to it as if the rows had been in time.
+    """Return blocks of rows whose stamps (N,) leave the time line and come back as if they had been in time.
 
     A block that was written late is none of these: where it is missing, the time line has no hole.
-
-    Args:
-        raw: (N,) stamps as logged, in any unit.
-
-    Returns:
-        the blocks of rows whose stamps are wrong.
     """
     seen = np.flatnonzero(np.isfinite(raw))
     steps = np.diff(raw[seen])
@@ -110,20 +90,11 @@ def stray(raw: Array) -> list[slice]:
 def tidy(
     t: Array, values: Array, what: str, where: Callable[[int | None], str], doubts: list[str]
 ) -> tuple[Array, Rows]:
-    """Put stamps in order: drop missing ones, sort late ones, keep the first of equal ones.
+    """Put stamps (N,) [s] in order: drop missing ones, sort late ones, keep the first of equal ones.
 
-    Args:
-        t: (N,) [s].
-        values: (N, K) samples, to tell a block that was written twice from a new start.
-        what: the sensor, for messages.
-        where: from a row to its place in the file; None: the file.
-        doubts: what had to be done is added here.
-
-    Returns:
-        (M,) stamps, strictly increasing, and the row each came from.
-
-    Raises:
-        InputError: the clock starts over in mid-file, or no two different stamps.
+    The samples (N, K) tell a block that was written twice from a new start, which is refused, as a single
+    stamp is. `where` names the place in the file of a row, or the file (None). Returns stamps (M,), strictly
+    increasing, and the row each came from.
     """
     rows = np.flatnonzero(np.isfinite(t))
     if len(rows) < len(t):
@@ -140,10 +111,8 @@ def tidy(
         doubts.append(f"{what}: {int(np.count_nonzero(~new))} duplicate stamps; the first of each was kept")
     if np.count_nonzero(new) < 2:
         count = "a single stamp" if new.any() else "no sample"
-        raise InputError(
-            f"{where(None)}: {what}: {count}, expected at least two",
-            "the log is too short, or its clock stands still",
-        )
+        hint = "the log is too short, or its clock stands still"
+        raise InputError(f"{where(None)}: {what}: {count}, expected at least two", hint)
     return stamps[new], rows[new]
 
 
@@ -155,10 +124,9 @@ def _refuse_reset(stamps: Array, values: Array, where: Callable[[int], str]) -> 
     """
     cuts = np.flatnonzero(np.diff(stamps) < 0) + 1
     if len(cuts) > 0.5 * len(stamps):
-        raise InputError(
-            f"{where(int(cuts[0]))}: time runs backwards, from {stamps[0]:.3f} s to {stamps[-1]:.3f} s",
-            "stamps increase from row to row: sort the log, or correct its time column",
-        )
+        first = where(int(cuts[0]))
+        hint = "stamps increase from row to row: sort the log, or correct its time column"
+        raise InputError(f"{first}: time runs backwards, from {stamps[0]:.3f} s to {stamps[-1]:.3f} s", hint)
     block = np.searchsorted(cuts, np.arange(len(stamps)), side="right")
     order = np.argsort(stamps, kind="stable")
     t, x, block = stamps[order], np.nan_to_num(values[order]), block[order]
@@ -170,10 +138,9 @@ def _refuse_reset(stamps: Array, values: Array, where: Callable[[int], str]) -> 
     reset = np.flatnonzero((turns[1:] >= 10) & (jumps >= 20 * period))
     if len(reset):
         cut, jump = int(cuts[reset[0]]), jumps[reset[0]]
-        raise InputError(
-            f"{where(cut)}: time runs backwards by {jump:.3f} s and starts over at {stamps[cut]:.3f} s",
-            "the clock was reset: cut the file there and read the parts as separate trials",
-        )
+        what = f"{where(cut)}: time runs backwards by {jump:.3f} s and starts over at {stamps[cut]:.3f} s"
+        hint = "the clock was reset: cut the file there and read the parts as separate trials"
+        raise InputError(what, hint)
 
 
 def describe_gaps(t: Array, what: str) -> str:
@@ -187,16 +154,8 @@ def describe_gaps(t: Array, what: str) -> str:
     return f"{what}: {count}, the longest {steps[worst]:.3f} s at t = {t[worst]:.3f} s"
 
 
-@dataclass(frozen=True)
-class Wheel:
-    """One encoder's samples in SI.
-
-    Attributes:
-        angle: (N,) accumulated wheel angle [rad].
-        rate: (N,) wheel rate [rad/s] if that is what is logged.
-        step: resolution of the logged quantity [rad] or [rad/s]; 0: not known.
-        doubts: what had to be done.
-    """
+class Wheel(NamedTuple):
+    """One encoder: angle (N,) [rad], rate (N,) [rad/s] if that is logged, and the step of what is logged."""
 
     angle: Array
     rate: Array | None
@@ -209,15 +168,9 @@ def unwrap(raw: Array, ranges: Sequence[float], slack: float = 0.02) -> tuple[Ar
 
     A step of more than half the range is a wrap, forwards or backwards (so the counter may be
     logged as signed or unsigned), if the motion goes on across it as it was before; after a reset it
-    does not. The first range that holds all values and is wrapped in the data is taken.
-
-    Args:
-        raw: (N,) finite values as logged, in the order of time.
-        ranges: candidates for the range after which the counter starts again.
-        slack: share of the range that a step across a wrap may measure, however small the others are.
-
-    Returns:
-        (N,) values without wraps, number of wraps, range.
+    does not. The first range that holds all values and is wrapped in the data is taken. A step across a
+    wrap may measure `slack` of the range, however small the others are. Returns values (N,) without wraps,
+    the number of wraps, and the range.
     """
     steps = np.diff(raw)
     span = float(np.ptp(raw)) if len(raw) else 0.0
@@ -234,34 +187,22 @@ def unwrap(raw: Array, ranges: Sequence[float], slack: float = 0.02) -> tuple[Ar
 
 
 def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[float]:
-    """List the ranges that a counter in this unit may have.
-
-    Args:
-        raw: (N,) finite values.
-        unit: their unit.
-        given: what the column map says (0: nothing).
-        per_rev: counts per wheel revolution (0: not known).
-    """
+    """List the ranges that a counter in this unit may have; `given` is the column map's (0: none)."""
     if given:
         return [given]
     if unit.name == "counts":
         return [2.0**16, 2.0**32] if (raw == np.rint(raw)).all() else []
     if unit.quantity != "angle":
         return []
-    turn = TURN / unit.factor  # or a counter that the logger has turned into an angle
+    turn = _TURN / unit.factor  # or a counter that the logger has turned into an angle
     return [turn, *(size * turn / per_rev for size in (2.0**16, 2.0**32) if per_rev)]
 
 
 def convert(t: Array, raw: Array, unit: Unit, said: Column, per_rev: float, radius: float) -> Wheel:
-    """Turn one encoder's raw values into wheel angle and rate.
+    """Turn one encoder's values (N,), finite, at increasing stamps [s] into wheel angle and rate.
 
-    Args:
-        t: (N,) stamps [s], increasing.
-        raw: (N,) values as logged, finite.
-        unit: their unit; it says what kind of value they are.
-        said: scale, wrap and increment, as the column map has them.
-        per_rev: counts per wheel revolution (0: not known).
-        radius: wheel radius [m].
+    The unit says what kind of value they are; scale, wrap and increment are `said` by the column map;
+    `per_rev` are counts per wheel revolution (0: not known); the wheel's radius is in [m].
     """
     doubts: list[str] = []
     counted, is_angle = unit.name in ("counts", "counts/s"), unit.quantity in ("angle", "length")
@@ -270,7 +211,7 @@ def convert(t: Array, raw: Array, unit: Unit, said: Column, per_rev: float, radi
         values, wraps, width = unwrap(values, wrap_ranges(values, unit, said.wrap, per_rev))
         if wraps:
             doubts.append(f"the counter wrapped {wraps} times at {width:g}; unwrapped")
-    factor = said.scale * ((TURN / per_rev if per_rev else math.nan) if counted else unit.factor)
+    factor = said.scale * ((_TURN / per_rev if per_rev else math.nan) if counted else unit.factor)
     if unit.quantity in ("length", "speed"):
         factor /= radius
     si = values * factor
@@ -288,7 +229,7 @@ def _without_jumps(t: Array, angle: Array, doubts: list[str]) -> Array:
     """
 
     def too_fast(step: Array, time: Array) -> np.ndarray:
-        return np.abs(step) > FASTEST_WHEEL * time
+        return np.abs(step) > _FASTEST_WHEEL * time
 
     wild = too_fast(np.diff(angle), np.diff(t))
     if not wild.any() or wild.all() or np.count_nonzero(wild) > 0.01 * len(wild) + 2:
@@ -311,11 +252,7 @@ def _without_jumps(t: Array, angle: Array, doubts: list[str]) -> Array:
 
 
 def quantum(raw: Array) -> float:
-    """Return the smallest step of a quantised signal, or 0 where no such step shows.
-
-    Args:
-        raw: (N,) finite values; the first 20000 are looked at.
-    """
+    """Return the smallest step of a quantised signal (N,), of which 20000 samples are seen; 0: none shows."""
     levels = np.unique(raw[:20000])
     steps = np.diff(levels)
     steps = steps[steps > 1e-9 * (levels[-1] - levels[0])] if len(levels) > 1 else steps

@@ -1,8 +1,7 @@
-"""Do the inertial samples look like what their columns say they are?
+"""Are the inertial samples what their columns say they are?
 
-A unit is judged by physics: gravity fixes the accelerometer's, and the turning of the gravity
-vector fixes the gyroscope's. Unmistakable evidence corrects the unit, with a warning; the rest is
-refused or reported. An axis is judged by the other sensors.
+Gravity fixes the accelerometer's unit, and the turning of the gravity vector the gyroscope's: unmistakable
+evidence corrects it, with a warning; the rest is refused or reported. An axis is judged by the other sensors.
 """
 
 from __future__ import annotations
@@ -23,56 +22,32 @@ from granite_lab.logs.quantities import ACCELERATION, RATE, SENSORS, STANDARD_GR
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
-WINDOW = 0.5
-"""Length [s] of the windows over which vibration is averaged away."""
-
-TURNS = 2.0
-"""A gyroscope turns at most so many times as far as gravity; a hundredth of it is read as rad/s in deg/s."""
-
-FASTEST = 60.0
-"""No ground robot's gyroscope reads more [rad/s]."""
-
-OFF_AXIS = 45.0
-"""Gravity at rest farther than this [deg] from the robot's z axis stands on another axis."""
-
-MISSED, BETTER = 0.12, 4.0
-"""A pitch rate leaves more velocity than this [m/s] at rest, and another one this many times less."""
-
-HANGS = 0.5
-"""All axes of a sensor that repeat themselves for longer [s] hang."""
-
-SPIKE = (1.0, 0.3)
-"""A single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]."""
+_WINDOW = 0.5  # length [s] of the windows over which vibration is averaged away
+_TURNS = 2.0  # a gyroscope turns at most so many times as far as gravity; a hundredth is rad/s read as deg/s
+_FASTEST = 60.0  # no ground robot's gyroscope reads more [rad/s]
+_OFF_AXIS = 45.0  # gravity at rest farther than this [deg] from the robot's z axis stands on another axis
+# A wrong pitch rate leaves more velocity than this [m/s] at rest, and another one this many times less.
+_MISSED, _BETTER = 0.12, 4.0
+_HANGS = 0.5  # all axes of a sensor that repeat themselves for longer [s] hang
+_SPIKE = (1.0, 0.3)  # a single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]
 
 Spans = list[tuple[float, float]]
 
 
 class Windows(NamedTuple):
-    """What K windows of an IMU show.
+    """What K windows of an IMU show."""
 
-    Attributes:
-        period: of the samples [s].
-        mean: (K, 3) specific force [m/s^2].
-        spread: (K,) of the specific force [m/s^2].
-        turned: (K-1, 3) turning from one window to the next [rad].
-        noise: (K,) spread of the rates [rad/s].
-    """
-
-    period: float
-    mean: Array
-    spread: Array
-    turned: Array
-    noise: Array
+    period: float  # of the samples [s]
+    mean: Array  # (K, 3) specific force [m/s^2]
+    spread: Array  # (K,) of the specific force [m/s^2]
+    turned: Array  # (K-1, 3) turning from one window to the next [rad]
+    noise: Array  # (K,) spread of the rates [rad/s]
 
 
 def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
-    """Check units, rails and dead axes of an IMU.
+    """Check units, rails and dead axes; return the IMU in corrected units, and the same without spikes.
 
-    Returns:
-        the stream in corrected units, and the same without spikes.
-
-    Raises:
-        InputError: an accelerometer in no unit that fits gravity.
+    An accelerometer in no unit that fits gravity is refused.
     """
     clean = despike(imu)[0]
     seen = _windows(clean)
@@ -86,11 +61,10 @@ def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
 
 
 def despike(stream: ImuStream) -> tuple[ImuStream, Mask]:
-    """Replace single readings far off both neighbours; a knock lasts longer than one or two samples.
+    """Replace single readings far off both neighbours; return the stream, and which samples (N,) they were.
 
-    Returns:
-        the stream, and (N,) True for the samples that were replaced in any axis. Where more than one
-        sample in a hundred would go, the frame really shakes like that, and none is touched.
+    A knock lasts longer than one or two samples. Where more than one sample in a hundred would go, the frame
+    really shakes like that, and none is touched.
     """
     hit = np.zeros(stream.t.size, dtype=bool)
     both = np.hstack([stream.specific_force, stream.angular_rate])
@@ -99,7 +73,7 @@ def despike(stream: ImuStream) -> tuple[ImuStream, Mask]:
             continue
         middle = median_filter(signal, 5, mode="nearest")
         off = np.abs(signal - middle)
-        spike = off > max(SPIKE[axis // 3], 5.0 * float(np.percentile(off, 90)))
+        spike = off > max(_SPIKE[axis // 3], 5.0 * float(np.percentile(off, 90)))
         both[spike, axis] = middle[spike]
         hit |= spike
     if not hit.any() or hit.mean() > 0.01:
@@ -117,14 +91,9 @@ def mounted(robot: Robot) -> Rotation:
 
 
 def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
-    """Refuse axes that are dead, exchanged or turned; the wheels move in this log.
+    """Refuse axes that are dead, exchanged or turned, in a log whose wheels move.
 
-    Args:
-        imu: without spikes, in units that were checked.
-        still: standstills [s].
-
-    Raises:
-        InputError: a column that would carry a wrong result, with what it looks like and what to write.
+    The IMU is without spikes, in units that were checked; `still` are standstills [s].
     """
     mounting = mounted(log.robot).as_matrix()
     _refuse_dead(imu, mounting, log)
@@ -137,7 +106,7 @@ def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
 def _windows(imu: ImuStream) -> Windows | None:
     """Average the stream over windows; None where it is too short or an axis is missing."""
     dt = float(np.median(np.diff(imu.t)))
-    n = max(int(WINDOW / dt), 3)
+    n = max(int(_WINDOW / dt), 3)
     count = len(imu.t) // n
     if count < 4 or np.isnan(imu.specific_force).any():
         return None
@@ -167,23 +136,17 @@ def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
     raw = g / sizes[declared]
     unit = gravity_unit(raw, 0.08)
     change = sizes[unit or declared] / sizes[declared]
+    reads = f"the accelerometer, declared in {declared}, reads {raw:.4g} at rest"
     # In the right unit vibration at the calmest stays below gravity.
     if unit and spread * change < 0.5 * STANDARD_GRAVITY:
-        log.doubts.append(
-            f"the accelerometer, declared in {declared}, reads {raw:.4g} at rest: it is in {unit}; converted"
-        )
+        log.doubts.append(f"{reads}: it is in {unit}; converted")
         return change, False
     if g < 0.8:
-        log.doubts.append(
-            f"the accelerometer reads {g:.2g} m/s^2 at rest: the logger has removed gravity, "
-            "so that pitch cannot be levelled"
-        )
+        gone = "the logger has removed gravity, so that pitch cannot be levelled"
+        log.doubts.append(f"the accelerometer reads {g:.2g} m/s^2 at rest: {gone}")
         return 1.0, True
-    raise InputError(
-        f"{log.where}: the accelerometer, declared in {declared}, reads {raw:.4g} at rest, expected "
-        "9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0",
-        "correct the unit in the column's name, or give its scale in a column map",
-    )
+    what = f"{log.where}: {reads}, expected 9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0"
+    raise InputError(what, "correct the unit in the column's name, or give its scale in a column map")
 
 
 def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:
@@ -195,8 +158,8 @@ def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:
     # The turning of the gravity vector, as the accelerometer sees it, contains all of the true turning:
     # a ratio beyond 1 is impossible. Vibration and acceleration lower it to a few hundredths on flat ground
     # (0.06 to 1.1 in logs of a rover on sand, a Husky on sand and snow, and a car).
-    too_large = turning > TURNS or (math.isnan(turning) and peak > FASTEST)
-    too_small = turning < TURNS / 100 and seen is not None and not _noise_ratio(seen, log.robot) > 1 / 15
+    too_large = turning > _TURNS or (math.isnan(turning) and peak > _FASTEST)
+    too_small = turning < _TURNS / 100 and seen is not None and not _noise_ratio(seen, log.robot) > 1 / 15
     why = f"it turns {turning:.3g} times as far as gravity does"
     why = f"it reads up to {peak:.0f} rad/s" if math.isnan(turning) else why
     if (too_large and declared == "rad/s") or (too_small and declared == "deg/s"):
@@ -231,9 +194,8 @@ def _noise_ratio(seen: Windows, robot: Robot) -> float:
     # Without a rest the quietest windows are hardly quieter than the others.
     if grade is None or grade.gyro_noise == 0 or not 0 < quietest <= 0.3 * float(np.median(seen.noise)):
         return math.nan
-    return quietest / math.hypot(
-        grade.gyro_noise * math.sqrt(0.5 / seen.period), grade.gyro_step / math.sqrt(12)
-    )
+    white = grade.gyro_noise * math.sqrt(0.5 / seen.period)
+    return quietest / math.hypot(white, grade.gyro_step / math.sqrt(12))
 
 
 def _report_rails(imu: ImuStream, log: Log) -> None:
@@ -291,20 +253,17 @@ def _refuse_dead(imu: ImuStream, mounting: Array, log: Log) -> None:
         first, last = max(same, key=lambda run: run[1] - run[0], default=(0, 0))
         begin, end = float(imu.t[first]), float(imu.t[last])
         changes = f"expected readings of the {what} that change"
-        if end - begin > HANGS and 50 < last - first < 0.9 * len(imu.t):
+        if end - begin > _HANGS and 50 < last - first < 0.9 * len(imu.t):
             told = f": every sample from t = {begin:.3f} s to {end:.3f} s is the same, {changes}: it hangs"
             raise log.refuse(channels, told, "cut the log there (--from, --to)")
         constant = np.array([np.isfinite(v).all() and np.ptp(v) == 0 for v in values.T])
-        if constant[np.isfinite(values).any(axis=0)].all() and (
-            np.isnan(other).all() or not np.ptp(other, axis=0).any()
-        ):
+        silent = np.isnan(other).all() or not np.ptp(other, axis=0).any()
+        if silent and constant[np.isfinite(values).any(axis=0)].all():
             return  # nothing is connected: the rails' warning says so
         for j in np.flatnonzero(constant):
             if log.robot.imu.forward == "find" or any(turn[row, j] for row in rows):
-                told = (
-                    f": every sample is {values[0, j]:.6g}, {changes}: the sensor hangs or is not connected"
-                )
-                raise log.refuse(channels[j], told)
+                same_value = f": every sample is {values[0, j]:.6g}, {changes}"
+                raise log.refuse(channels[j], f"{same_value}: the sensor hangs or is not connected")
 
 
 def _refuse_gravity(imu: ImuStream, mounting: Array, still: Spans, log: Log) -> None:
@@ -315,14 +274,11 @@ def _refuse_gravity(imu: ImuStream, mounting: Array, still: Spans, log: Log) -> 
     mean = imu.specific_force[rest].mean(axis=0) if rest.any() else np.zeros(3)
     size = float(np.linalg.norm(mean))
     up = mounting @ mean / max(size, 1e-9)
-    if 0.5 * GRAVITY < size < 1.5 * GRAVITY and up[2] < np.cos(np.radians(OFF_AXIS)):
+    if 0.5 * GRAVITY < size < 1.5 * GRAVITY and up[2] < np.cos(np.radians(_OFF_AXIS)):
         j, expected = int(np.argmax(np.abs(mean))), int(np.argmax(np.abs(mounting[2])))
-        raise log.refuse(
-            ACCELERATION[j],
-            f" reads {mean[j]:+.2f} m/s^2 at rest: gravity is on it, expected on "
-            f"'{log.name(ACCELERATION[expected])}' upwards",
-            "exchange the axes in a column map (or scale = -1), or give [imu] rotation in the robot's file",
-        )
+        place = f"gravity is on it, expected on '{log.name(ACCELERATION[expected])}' upwards"
+        hint = "exchange the axes in a column map (or scale = -1), or give [imu] rotation in the robot's file"
+        raise log.refuse(ACCELERATION[j], f" reads {mean[j]:+.2f} m/s^2 at rest: {place}", hint)
 
 
 def _refuse_pitch_rate(imu: ImuStream, matrix: Array, still: Spans, log: Log) -> None:
@@ -352,13 +308,12 @@ def _refuse_pitch_rate(imu: ImuStream, matrix: Array, still: Spans, log: Log) ->
                 left.setdefault(f"{'+' if sign > 0 else '-'}{axis}", []).append(abs(float(speed)))
     missed = {which: float(np.median(found)) for which, found in left.items()}
     best = min(missed, key=lambda which: missed[which], default="+y")
-    if best != "+y" and missed["+y"] > max(MISSED, BETTER * missed[best]):
+    if best != "+y" and missed["+y"] > max(_MISSED, _BETTER * missed[best]):
         forward = log.name(ACCELERATION[int(np.argmax(np.abs(matrix[0])))])
         sign_of = f"its sign or that of '{forward}' is wrong"
         what = sign_of if best == "-y" else f"the rate about {best[1]} fits: axes exchanged"
-        raise log.refuse(
-            RATE[int(np.argmax(np.abs(matrix[1])))],
-            f": with it as pitch rate {missed['+y']:.2f} m/s are left at standstill, with {best} "
-            f"{missed[best]:.2f} m/s: {what}",
-            "scale = -1 in a column map turns a sign, 'to' exchanges axes; pitch rate is positive nose down",
-        )
+        left_over = f"{missed['+y']:.2f} m/s are left at standstill, with {best} {missed[best]:.2f} m/s"
+        remedy = "scale = -1 in a column map turns a sign, 'to' exchanges axes"
+        channel = RATE[int(np.argmax(np.abs(matrix[1])))]
+        hint = f"{remedy}; pitch rate is positive nose down"
+        raise log.refuse(channel, f": with it as pitch rate {left_over}: {what}", hint)

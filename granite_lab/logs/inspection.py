@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,9 +15,7 @@ import pandas as pd
 
 from granite_lab.errors import InputError
 from granite_lab.logs.counters import GAP_PERIODS, SECONDS, unit_factor
-from granite_lab.logs.dialect import Table, is_number
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
-from granite_lab.logs.named import is_bag, name_of, parts_of
 from granite_lab.logs.quantities import (
     ACCELERATION,
     DATE,
@@ -32,22 +30,24 @@ from granite_lab.logs.quantities import (
     words,
 )
 from granite_lab.logs.reader import assemble
-from granite_lab.logs.source import load, open_table, read_source, recognise
-from granite_lab.logs.trial import Array, Trial
+from granite_lab.logs.source import load, read_source, recognise
+from granite_lab.logs.table import Table, open_table
+from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
 from granite_lab.logs.wheels import MotionGuess, look, rests
 from granite_lab.parameters import load_robot
 from granite_lab.parameters.quantity import toml
 
-KNOWN = 0.95
-"""How sure a recognised layout is."""
+_KNOWN = 0.95  # how sure a recognised layout is
 
-HEAD = """\
+_HEAD = """\
 # A column map: edit it, then read the log with --map THIS_FILE.
 # Channels: t, t_add, imu_ax … imu_az, imu_gx … imu_gz, enc_fl … enc_rr, cur_fl … cur_rr,
 # v_cmd, ref_x, ref_y, ref_v, ref_lat, ref_lon. A wrong sign is scale = -1."""
 
-PLAIN, SETTINGS = Column(to=()), ("scale", "wrap", "counts_per_rev", "increment")
-"""A column without settings, and the keys that may be set."""
+# A column without settings, and the keys that may be set.
+_PLAIN, _SETTINGS = Column(to=()), ("scale", "wrap", "counts_per_rev", "increment")
+
+Found = dict[int, ColumnReport]  # the place of a column, and what it seems to be
 
 
 @dataclass(frozen=True)
@@ -66,34 +66,20 @@ class StreamReport:
 
 @dataclass(frozen=True)
 class FileReport:
-    """One file.
-
-    Attributes:
-        dialect: how its text is laid out; None if it is no text.
-        layout: the column map that fits; "" if none does and columns were guessed.
-        confidence: in the layout as a whole, 0 to 1.
-        entries: what the columns are, in the order of a column map, where of several clocks the first counts.
-        head: what a column map says about the file as a whole.
-        streams: clocks of the sensors.
-        rests: standstills [s].
-        motion: a first look at the motion; None without wheels.
-        doubts: everything the reader was not sure of, wraps and saturation included.
-        problem: why the file cannot be read as it is; "".
-        trial: the samples, in SI; None if they cannot be read.
-    """
+    """One file."""
 
     path: Path
-    dialect: Table | None = None
-    layout: str = ""
-    confidence: float = 0.0
-    entries: tuple[ColumnReport, ...] = ()
-    head: tuple[tuple[str, object], ...] = ()
-    streams: tuple[StreamReport, ...] = ()
-    rests: tuple[tuple[float, float], ...] = ()
-    motion: MotionGuess | None = None
-    doubts: tuple[str, ...] = ()
-    problem: str = ""
-    trial: Trial | None = field(default=None, compare=False, repr=False)
+    dialect: Table | None = None  # how its text is laid out; None if it is no text
+    layout: str = ""  # the column map that fits; "" if none does and columns were guessed
+    confidence: float = 0.0  # in the layout as a whole, 0 to 1
+    entries: tuple[ColumnReport, ...] = ()  # as a column map lists them; of several clocks the first counts
+    head: tuple[tuple[str, object], ...] = ()  # what a column map says about the file as a whole
+    streams: tuple[StreamReport, ...] = ()  # clocks of the sensors
+    rests: tuple[tuple[float, float], ...] = ()  # standstills [s]
+    motion: MotionGuess | None = None  # a first look at the motion; None without wheels
+    doubts: tuple[str, ...] = ()  # everything the reader was not sure of, wraps and saturation included
+    problem: str = ""  # why the file cannot be read as it is
+    trial: Trial | None = field(default=None, compare=False, repr=False)  # in SI; None if it cannot be read
 
     @property
     def columns(self) -> tuple[ColumnReport, ...]:
@@ -109,7 +95,7 @@ class FileReport:
         if not self.entries:
             raise InputError(self.problem, "only a table of numbers can be mapped")
         name = re.sub(r"[^A-Za-z0-9_]+", "_", name_of(self.path)) or "log"
-        lines = [HEAD, *_pairs(("name", name), ("title", f"written from {self.path.name}"), *self.head)]
+        lines = [_HEAD, *_pairs(("name", name), ("title", f"written from {self.path.name}"), *self.head)]
         if (text := self.dialect) is not None:
             lines += ["", "[table]", *_pairs(("delimiter", text.delimiter_name), ("decimal", text.decimal))]
             if text.header_line == 0:
@@ -189,26 +175,19 @@ def inspect_logs(
     *,
     map: Maps = None,  # noqa: A002  # the option is called --map
     robot: str | Path | None = None,
-    rows: str | None = None,
     topics: Mapping[str, str] | None = None,
 ) -> Inspection:
-    """Look at logs of known or unknown layout.
+    """Look at logs of known or unknown layout; a folder with a file a sensor stands for these.
 
-    A file that cannot be used is not an error here but a `problem` in its report.
-
-    Args:
-        paths: the files; a folder with a file a sensor stands for these.
-        map: column maps, by name or path.
-        robot: name or file of the robot.
-        rows: which rows to take, as ``run_id = 4``.
-        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
+    A file that cannot be used is not an error here but a `problem` in its report. What else may be said is
+    as in `read_trial`.
 
     Raises:
         UsageError: unknown robot or column map.
     """
     maps = given_maps(map)
     files = [file for path in paths for file in parts_of(Path(path)) or [Path(path)]]
-    return Inspection(tuple(_inspect(path, maps, topics, robot, rows) for path in files))
+    return Inspection(tuple(_inspect(path, maps, topics, robot) for path in files))
 
 
 def _inspect(
@@ -216,7 +195,6 @@ def _inspect(
     maps: Sequence[Layout],
     topics: Mapping[str, str] | None,
     robot: str | Path | None,
-    rows: str | None,
 ) -> FileReport:
     """Look at one file: by its layout, or else by guess."""
     report, found = FileReport(path), None
@@ -236,39 +214,32 @@ def _inspect(
     used = {column.place for column in entries}
     entries += [_unused(table, columns, place) for place in range(table.width) if place not in used]
     entries = [_ranged(one, columns[one.place]) if one.place in columns else one for one in entries]
-    report = replace(
-        report, dialect=table if table.data_line else None, entries=tuple(entries), doubts=tuple(doubts)
-    )
+    text = table if table.data_line else None
+    report = replace(report, dialect=text, entries=tuple(entries), doubts=tuple(doubts))
     if found is not None:
         keys = ("robot", "rows", "split", "gravity_removed")
         head = tuple((key, value) for key in keys if (value := getattr(found.layout, key)))
-        report = replace(report, layout=found.layout.name, confidence=KNOWN, head=head)
+        report = replace(report, layout=found.layout.name, confidence=_KNOWN, head=head)
     else:
         sure = min((column.confidence for column in entries if column.to), default=0.0)
         report = replace(report, confidence=sure)
         if not any("t" in column.to for column in entries):
             return report
     try:
-        source = read_source(found or _bound(report, table), rows, held=columns)
+        source = read_source(found or _bound(report, table), held=columns)
         trial = assemble(path, [("", source)], robot, whole=False)
     except InputError as error:
         told = (*report.doubts, error.message) if error.message != report.problem else report.doubts
         return replace(report, problem=report.problem or error.message, doubts=told)
-    the_robot = load_robot(trial.info.robot or "granite")
-    return replace(
-        report,
-        streams=tuple(_streams(trial)),
-        rests=tuple(rests(trial, the_robot)),
-        motion=look(trial, the_robot),
-        doubts=report.doubts + trial.warnings,
-        trial=trial,
-    )
+    the_robot, told = load_robot(trial.info.robot or "granite"), report.doubts + trial.warnings
+    still, motion = tuple(rests(trial, the_robot)), look(trial, the_robot)
+    return replace(report, streams=_streams(trial), rests=still, motion=motion, doubts=told, trial=trial)
 
 
 def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
     """Read every column that holds numbers or dates; a faulty one becomes a doubt."""
     dates = [place for place in range(table.width) if table.is_dated(place)]
-    wanted = [place for place in range(table.width) if place in dates or _is_numeric(table, place)]
+    wanted = [place for place in range(table.width) if place in dates or table.is_numeric(place)]
     columns, doubts = dict[int, Array](), list[str]()
     with suppress(InputError):
         return load(table, wanted, dates) if wanted else (columns, doubts)
@@ -278,13 +249,6 @@ def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
         except InputError as error:
             doubts.append(error.message)
     return columns, doubts
-
-
-def _is_numeric(table: Table, place: int) -> bool:
-    """Say whether more than half of a column's first filled cells are numbers."""
-    cells = [row[place].strip() for row in table.sample if row[place].strip()]
-    numbers = sum(is_number(cell, table.decimal) for cell in cells)
-    return not table.data_line or numbers > 0.5 * len(cells)
 
 
 def _ranged(column: ColumnReport, values: Array) -> ColumnReport:
@@ -300,10 +264,11 @@ def _recognised(found: Match) -> list[ColumnReport]:
     why, reports = f"layout '{found.layout.name}'", dict[int, ColumnReport]()
     several = sum(b.channel == "t" for b in found.bindings) > 1
     for b in found.bindings:
-        said = [(key, value) for key in SETTINGS if (value := getattr(b.spec, key)) != getattr(PLAIN, key)]
+        said = [(key, getattr(b.spec, key)) for key in _SETTINGS]
+        said = [(key, value) for key, value in said if value != getattr(_PLAIN, key)]
         said += [("optional", True)] if b.channel == "t" and several else []
         to = (*reports[b.place].to, b.channel) if b.place in reports else (b.channel,)
-        reports[b.place] = ColumnReport(b.name, b.place, to, b.unit.name, KNOWN, why, settings=tuple(said))
+        reports[b.place] = ColumnReport(b.name, b.place, to, b.unit.name, _KNOWN, why, settings=tuple(said))
     return list(reports.values())
 
 
@@ -317,24 +282,18 @@ def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnRep
 
 
 def _bound(report: FileReport, table: Table) -> Match:
-    """Bind the columns as they were guessed.
-
-    Raises:
-        InputError: no clock is among them, two columns cannot be told apart, or the file has no header.
-    """
-    columns = tuple(
-        Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit)
-        for e in report.entries
-        if e.to
-    )
+    """Bind the columns as they were guessed, if a clock is among them and the header tells them apart."""
+    used = [e for e in report.entries if e.to]
+    columns = tuple(Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit) for e in used)
     found = match(Layout(name=report.path.stem, column=columns), table)
     if found.missing:
         raise InputError(report.problem)
     return found
 
 
-def _streams(trial: Trial) -> Iterator[StreamReport]:
+def _streams(trial: Trial) -> tuple[StreamReport, ...]:
     """Describe the clock of every sensor."""
+    reports: list[StreamReport] = []
     sensors = {
         "imu": trial.imu, "encoders": trial.wheels, "motor currents": trial.currents,
         "command": trial.command, "reference": trial.reference_x or trial.reference_v,
@@ -346,22 +305,13 @@ def _streams(trial: Trial) -> Iterator[StreamReport]:
             gap = steps > GAP_PERIODS * period
             rate, jitter = 1 / period, float(steps[~gap].std())
             span = (float(t[0]), float(t[-1]))
-            yield StreamReport(what, len(t), *span, rate, jitter, int(gap.sum()), float(steps.max()))
-
-
-Found = dict[int, ColumnReport]
-"""The place of a column, and what it seems to be."""
+            gaps = (int(gap.sum()), float(steps.max()))
+            reports.append(StreamReport(what, len(t), *span, rate, jitter, *gaps))
+    return tuple(reports)
 
 
 def guess(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
-    """Guess what the columns of a log are.
-
-    Args:
-        columns: place of a column to its (N,) values, NaN where empty; dates as seconds since 1970.
-
-    Returns:
-        a guess about each of these columns.
-    """
+    """Guess what columns (N,) of a log are, from their places and values, dates as seconds since 1970."""
     found = {place: by_name(table.header(place), place) for place in columns}
     for place in filter(table.is_dated, columns):
         fine = bool((np.diff(columns[place]) != 0).mean() > 0.5) if len(columns[place]) > 1 else False

@@ -1,19 +1,6 @@
-"""Column maps: which column of a log is which channel; one TOML file a layout, and how it fits a table.
+"""Column maps: which column of a log is which channel, and how a map fits a table.
 
-A map is a file of `granite_lab/catalogue/loggers/` or one of the user's own::
-
-    name = "my_logger"
-    robot = "husky"                 # used where the log names none
-
-    [[column]]
-    name = "time"                   # or pattern = "…", a regular expression
-    to = ["t"]
-    unit = "ms"
-
-    [[column]]
-    name = "left_encoder"
-    to = ["enc_fl", "enc_rl"]       # one encoder for both wheels of a side
-    unit = "counts"
+A map is a TOML file of `granite_lab/catalogue/loggers/` or one of the user's own (`docs/how-to-logger.md`).
 """
 
 from __future__ import annotations
@@ -27,48 +14,34 @@ from pathlib import Path
 
 from granite_lab.errors import InputError, at
 from granite_lab.files import is_folder
-from granite_lab.logs.dialect import Table, TableFormat
 from granite_lab.logs.quantities import CHANNELS, DATE, ENCODERS, Unit, factors, find_unit, resembling
+from granite_lab.logs.table import Table, TableFormat
 from granite_lab.parameters import CATALOGUE, Robot, names
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml
 
-Hit = tuple[int, re.Match[str]]
-"""The place of a column and how its name fits an entry of a map."""
-
-Maps = str | Path | Sequence[str | Path] | None
-"""Column maps as a user gives them."""
+Hit = tuple[int, re.Match[str]]  # the place of a column and how its name fits an entry of a map
+Maps = str | Path | Sequence[str | Path] | None  # column maps as a user gives them
 
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
     """One column of a map.
 
-    Attributes:
-        to: the channels it feeds; none for a column that only belongs to the picture.
-        name: its name; upper and lower case count as one.
-        pattern: or a regular expression for the whole name; a group called `unit` gives the unit.
-        unit: its unit, unless the name gives it; an encoder's unit says what it reports: an angle
-            (rad, deg, rev, counts), a rate (rad/s, rpm, …), a circumferential velocity (m/s) or a
-            cumulated distance (m); "date" says that stamps are written as dates (ISO 8601).
-        scale: factor on the value; a wrong sign is -1.
-        wrap: range after which the raw value starts again (0: found out).
-        counts_per_rev: counts per wheel revolution (0: the robot's).
-        increment: the value is the step since the last row.
-        optional: the layout is recognised without it.
-        group: columns of a group come together; one group of a layout is enough.
+    An encoder's unit says what it reports: an angle (rad, deg, rev, counts), a rate (rad/s, rpm, …), a
+    circumferential velocity (m/s) or a cumulated distance (m); "date" says that stamps are dates (ISO 8601).
     """
 
-    to: tuple[str, ...]
-    name: str = ""
-    pattern: str = ""
-    unit: str = ""
-    scale: float = quantity("", -1e12, 1e12, "factor on the value", default=1.0)
-    wrap: float = quantity("", 0, 1e20, "range after which the value starts again", default=0.0)
-    counts_per_rev: float = quantity("", 0, 1e9, "counts per wheel revolution", default=0.0)
-    increment: bool = False
-    optional: bool = False
-    group: str = ""
+    to: tuple[str, ...]  # the channels it feeds; none for a column that only belongs to the picture
+    name: str = ""  # upper and lower case count as one
+    pattern: str = ""  # or a regular expression for the whole name; a group called `unit` gives the unit
+    unit: str = ""  # unless the name gives it
+    scale: float = quantity("", -1e12, 1e12, "factor on the value", default=1.0)  # a wrong sign is -1
+    wrap: float = quantity("", 0, 1e20, "range after which the value starts again", default=0.0)  # 0: found
+    counts_per_rev: float = quantity("", 0, 1e9, "counts per wheel revolution", default=0.0)  # 0: robot's
+    increment: bool = False  # the value is the step since the last row
+    optional: bool = False  # the layout is recognised without it
+    group: str = ""  # columns of a group come together; one group of a layout is enough
 
     @cached_property
     def regex(self) -> re.Pattern[str]:
@@ -84,30 +57,18 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """A column map.
-
-    Attributes:
-        name, title, source: what it is for and where that is known from.
-        robot: the robot, where the log names none.
-        file: regular expression for the file's name, for layouts that share their column names.
-        preamble: regular expression for a line above the header, for the same purpose.
-        rows: which rows to take, as ``run_id = 4``.
-        split: the column that tells several runs in one file apart; one must be chosen.
-        gravity_removed: the logger takes gravity out of the acceleration.
-        table: how the text is laid out, as far as that cannot be seen.
-        column: the columns.
-    """
+    """A column map."""
 
     name: str
-    title: str = ""
-    source: str = ""
-    robot: str = ""
-    file: str = ""
-    preamble: str = ""
-    rows: str = ""
-    split: str = ""
-    gravity_removed: bool = False
-    table: TableFormat = field(default=TableFormat())
+    title: str = ""  # what it is for
+    source: str = ""  # where that is known from
+    robot: str = ""  # where the log names none
+    file: str = ""  # regular expression for the file's name, for layouts that share their column names
+    preamble: str = ""  # regular expression for a line above the header, for the same purpose
+    rows: str = ""  # which rows to take, as run_id = 4
+    split: str = ""  # the column that tells several runs in one file apart; one must be chosen
+    gravity_removed: bool = False  # the logger takes gravity out of the acceleration
+    table: TableFormat = field(default=TableFormat())  # how the text is laid out, where that cannot be seen
     column: tuple[Column, ...]
 
     def may_be(self, table: Table) -> bool:
@@ -119,13 +80,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class Binding:
-    """One column of a file bound to a channel.
-
-    Attributes:
-        place: the column, counted from 0.
-        channel: what it feeds.
-        spec: the entry of the map.
-    """
+    """One column of a file, its place counted from 0, bound to a channel by an entry of a map."""
 
     place: int
     name: str
@@ -141,19 +96,13 @@ class Binding:
 
 @dataclass(frozen=True)
 class Match:
-    """How well a layout fits a table.
-
-    Attributes:
-        bindings: the columns it knows, in the order of the map.
-        missing: what it needs and the table lacks.
-        columns: number of columns of the table that it knows.
-    """
+    """How well a layout fits a table."""
 
     table: Table
     layout: Layout
-    bindings: tuple[Binding, ...]
-    missing: tuple[str, ...]
-    columns: int
+    bindings: tuple[Binding, ...]  # the columns it knows, in the order of the map
+    missing: tuple[str, ...]  # what it needs and the table lacks
+    columns: int  # how many columns of the table it knows
 
 
 OUT = "to = [] in a column map (inspect --write-map) leaves it out"
@@ -161,18 +110,11 @@ OUT = "to = [] in a column map (inspect --write-map) leaves it out"
 
 @dataclass(frozen=True)
 class Log:
-    """A log under examination.
+    """A log under examination; warnings are added to its doubts."""
 
-    Attributes:
-        robot: its wheels, motors, IMU and how that is mounted.
-        where: the file, for messages.
-        columns: channel to the column that feeds it.
-        doubts: warnings are added here.
-    """
-
-    robot: Robot
-    where: str
-    columns: Mapping[str, Binding]
+    robot: Robot  # its wheels, motors, IMU and how that is mounted
+    where: str  # the file, for messages
+    columns: Mapping[str, Binding]  # channel to the column that feeds it
     doubts: list[str]
 
     def name(self, channel: str) -> str:
@@ -195,12 +137,7 @@ class Log:
 
 
 def load_layout(name: str | Path) -> Layout:
-    """Read a column map, by name or path.
-
-    Raises:
-        UsageError: unknown name.
-        InputError: the map is wrong.
-    """
+    """Read a column map, by name or path; raise UsageError if it is unknown, InputError if it is wrong."""
     path = find("loggers", name)
     layout = build(Layout, read_toml(path), str(path))
     patterns = {"file": layout.file, "preamble": layout.preamble}
@@ -209,10 +146,8 @@ def load_layout(name: str | Path) -> Layout:
         try:
             re.compile(pattern)
         except re.error as error:
-            raise InputError(
-                f"{path}: {what} = {pattern!r} is not a regular expression: {error}",
-                "write it in 'single quotes', and \\( for a bracket",
-            ) from None
+            told = f"{path}: {what} = {pattern!r} is not a regular expression: {error}"
+            raise InputError(told, "write it in 'single quotes', and \\( for a bracket") from None
     for number, column in enumerate(layout.column, 1):
         _check(f"{path}: [[column]] {number}", column)
     if not any("t" in column.to for column in layout.column):
@@ -221,12 +156,7 @@ def load_layout(name: str | Path) -> Layout:
 
 
 def given_maps(maps: Maps) -> tuple[Layout, ...]:
-    """Load the column maps a user gave: names, files, or folders of maps.
-
-    Raises:
-        UsageError: unknown name.
-        InputError: a map is wrong, or a folder holds none.
-    """
+    """Load the column maps a user gave, names, files, or folders of maps; raise errors as `load_layout`."""
     found: list[Layout] = []
     for one in [maps] if isinstance(maps, (str, Path)) else maps or ():
         folder = is_folder(Path(one))
@@ -259,34 +189,25 @@ def _check(where: str, column: Column) -> None:
 
 
 def check_unit(text: str, channel: str, where: str) -> Unit:
-    """Return the unit that a text names.
-
-    Raises:
-        InputError: unknown, or of a quantity that does not fit the channel.
-    """
+    """Return the unit that a text names; one that is unknown or does not fit the channel is refused."""
     unit = find_unit(text)
     allowed = CHANNELS[channel]
     expected = f"expected one of {', '.join(name for kind in allowed for name in factors(kind))}"
     if unit is None:
         close = resembling(text, *allowed)
         what = f"unit '{text}' is not known" if text else "the unit is missing"
-        raise InputError(
-            f"{where}: {what}, {expected}",
-            f"did you mean '{close}'?" if close else "rename it, or convert with scale = … in a column map",
-        )
+        hint = f"did you mean '{close}'?" if close else "rename it, or convert with scale = … in a column map"
+        raise InputError(f"{where}: {what}, {expected}", hint)
     if unit.quantity not in allowed:
-        raise InputError(
-            f"{where}: unit '{text}' is one of {unit.quantity}, but {channel} is {' or '.join(allowed)}",
-            expected,
-        )
+        what = f"unit '{text}' is one of {unit.quantity}, but {channel} is {' or '.join(allowed)}"
+        raise InputError(f"{where}: {what}", expected)
     return unit
 
 
 def match(layout: Layout, table: Table) -> Match:
     """Try a layout on a table; of several header rows the best fitting one gives the names.
 
-    Raises:
-        InputError: a needed column occurs twice, or its name carries an unknown unit.
+    Refuses a needed column that occurs twice, or whose name carries an unknown unit.
     """
     tries = [_match_row(layout, table, names) for names in table.headers]
     nothing = Match(table, layout, (), ("a header line",), 0)
@@ -298,8 +219,7 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
     bare = [name.strip() for name in names]
     found: dict[int, list[Hit]] = {}
     for index, spec in enumerate(layout.column):
-        hits = [(place, hit) for place, name in enumerate(bare) if (hit := spec.regex.fullmatch(name))]
-        if hits:
+        if hits := [(place, hit) for place, name in enumerate(bare) if (hit := spec.regex.fullmatch(name))]:
             found[index] = hits
     columns = len({place for hits in found.values() for place, _ in hits})
     missing = _missing(layout, set(found))
@@ -309,17 +229,12 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
         place, hit = _one(table, spec, hits, names)
         where = f"{at(table.path, table.header_line)}: column '{names[place]}'"
         for channel in spec.to:
-            unit = check_unit(_unit_in(hit) or spec.unit, channel, where)
+            unit = check_unit(hit.groupdict().get("unit") or spec.unit, channel, where)
             if channel == "t" and table.is_dated(place):
                 unit = find_unit(DATE) or unit
             if channel == "t" or all(b.channel != channel for b in bindings):
                 bindings.append(Binding(place, names[place], channel, unit, spec))
     return Match(table, layout, tuple(bindings), missing, columns)
-
-
-def _unit_in(hit: re.Match[str]) -> str:
-    """Return the unit that stands in a name, or nothing."""
-    return hit.groupdict().get("unit") or ""
 
 
 def _missing(layout: Layout, found: set[int]) -> tuple[str, ...]:
@@ -344,8 +259,8 @@ def _one(table: Table, spec: Column, hits: list[Hit], names: Sequence[str]) -> H
     if len(hits) == 1 or not spec.to:
         return hits[0]
     if spec.to[0] in ENCODERS and len({names[place] for place, _ in hits}) == len(hits):
-        units = [(one, find_unit(_unit_in(one[1]))) for one in hits]
-        angles = [one for one, unit in units if unit is not None and unit.quantity == "angle"]
+        units = [find_unit(hit.groupdict().get("unit") or "") for _, hit in hits]
+        angles = [one for one, unit in zip(hits, units, strict=True) if unit and unit.quantity == "angle"]
         if len(angles) == 1:
             return angles[0]
     listed = " and ".join(f"'{names[place]}' (column {place + 1})" for place, _ in hits)
@@ -365,10 +280,9 @@ def best(fits: list[Match]) -> Match:
     first, *others = sorted(fits, key=rank, reverse=True)
     rivals = [m.layout.name for m in others if rank(m) == rank(first) and meaning(m) != meaning(first)]
     if rivals:
-        raise InputError(
-            f"{first.table.path}: could be of layout '{first.layout.name}' or '{rivals[0]}'",
-            f"say which: --map {first.layout.name} or --map {rivals[0]}",
-        )
+        one, other = first.layout.name, rivals[0]
+        hint = f"say which: --map {one} or --map {other}"
+        raise InputError(f"{first.table.path}: could be of layout '{one}' or '{other}'", hint)
     return first
 
 

@@ -15,11 +15,8 @@ from typing import Any, NamedTuple
 from granite_lab.parameters import CATALOGUE, WHEELS
 from granite_lab.parameters.quantity import build, parse_toml, quantity
 
-STANDARD_GRAVITY = 9.80665
-"""The g of accelerometer data sheets [m/s^2]."""
-
-DATE = "date"
-"""The unit of stamps that are written as dates (ISO 8601); they are read as seconds since 1970."""
+STANDARD_GRAVITY = 9.80665  # the g of accelerometer data sheets [m/s^2]
+DATE = "date"  # the unit of stamps that are written as dates (ISO 8601), read as seconds since 1970
 
 
 class Unit(NamedTuple):
@@ -32,19 +29,12 @@ class Unit(NamedTuple):
 
 @dataclass(frozen=True)
 class Sensor:
-    """What a trial may hold of one kind.
-
-    Attributes:
-        channels: what columns of a log can feed.
-        quantities: of which such a column may be; the first is usual.
-        words: in names of columns; "" if its columns are recognised in another way.
-        slowest: the lowest plausible sampling rate [Hz]; 0: any.
-    """
+    """What a trial may hold of one kind."""
 
     name: str
-    channels: tuple[str, ...]
-    quantities: tuple[str, ...]
-    words: str = ""
+    channels: tuple[str, ...]  # what columns of a log can feed
+    quantities: tuple[str, ...]  # of which such a column may be; the first is usual
+    words: str = ""  # in names of columns; "" if its columns are recognised in another way
     slowest: float = quantity("", 0, 100, "lowest plausible sampling rate [Hz]", default=0.0)
 
 
@@ -59,18 +49,14 @@ _UNITS: dict[str, Unit] = {
 }
 _FOLDED = {spelling.casefold(): unit for spelling, unit in _UNITS.items()}
 
+# What a log may hold.
 SENSORS = {kind: build(Sensor, table, str(_PATH)) for kind, table in _LISTED["sensors"].items()}
-"""What a log may hold."""
-
+# What a name speaks of, to the words that say so.
 WORDS: dict[str, frozenset[str]] = {key: frozenset(text.split()) for key, text in _LISTED["words"].items()}
-"""What a name speaks of, to the words that say so."""
-
+# What a topic can be taken for, to the types of its messages, and their fields with unit and channels.
 ROS: dict[str, dict[str, Any]] = _LISTED["ros"]
-"""What a topic can be taken for, to the types of its messages, and their fields with unit and channels."""
-
+# Channel to the quantities that may feed it.
 CHANNELS = {channel: sensor.quantities for sensor in SENSORS.values() for channel in sensor.channels}
-"""Channel to the quantities that may feed it."""
-
 ACCELERATION, RATE, ENCODERS, CURRENTS, _GLOBE = (
     SENSORS[kind].channels for kind in ("acceleration", "rate", "wheels", "currents", "globe")
 )
@@ -102,31 +88,19 @@ def gravity_unit(size: float, within: float) -> str:
 
 @dataclass(frozen=True)
 class ColumnReport:
-    """What a column is, or seems to be.
+    """What a column is, or seems to be."""
 
-    Attributes:
-        name: what the file calls it.
-        place: where it stands, counted from 0.
-        to: the channels it feeds; none: not recognised, or of no use.
-        confidence: how sure that is, 0 to 1.
-        why: in a few words.
-        low, high: range of the values; NaN for texts.
-        filled: share of the cells that hold a number.
-        assumed: nothing in the name says the unit.
-        settings: further keys of its entry in a column map.
-    """
-
-    name: str
-    place: int = 0
-    to: tuple[str, ...] = ()
+    name: str  # what the file calls it
+    place: int = 0  # where it stands, counted from 0
+    to: tuple[str, ...] = ()  # the channels it feeds; none: not recognised, or of no use
     unit: str = ""
-    confidence: float = 0.0
+    confidence: float = 0.0  # how sure that is, 0 to 1
     why: str = "not recognised"
-    low: float = math.nan
+    low: float = math.nan  # range of the values; NaN for texts
     high: float = math.nan
-    filled: float = 0.0
-    assumed: bool = True
-    settings: tuple[tuple[str, object], ...] = ()
+    filled: float = 0.0  # share of the cells that hold a number
+    assumed: bool = True  # nothing in the name says the unit
+    settings: tuple[tuple[str, object], ...] = ()  # further keys of its entry in a column map
 
     def as_json(self) -> dict[str, object]:
         """Return what is told about it as plain data."""

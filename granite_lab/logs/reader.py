@@ -14,11 +14,10 @@ from granite_lab.logs.canonical import trial_info
 from granite_lab.logs.counters import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
-from granite_lab.logs.named import name_of, parts_of, sidecar
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
 from granite_lab.logs.streams import interval, read_streams
-from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, part
+from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.logs.wheels import (
     check_currents,
     check_wheels,
@@ -29,21 +28,18 @@ from granite_lab.logs.wheels import (
 )
 from granite_lab.parameters import Robot, load_robot
 
+# What is taken from a file that was given for one purpose.
 _ROLES: dict[str, tuple[str, ...]] = {
     "imu": ("acceleration", "rate"),
     "encoders": ("wheels", "currents", "command"),
     "currents": ("currents",),
     "reference": ("reference_x", "reference_v"),
 }
-"""What is taken from a file that was given for one purpose."""
-
 _STREAMS = ("imu", "wheels", "currents", "command", "reference_x", "reference_v")
+_BRIDGED = 0.5  # longest gap [s] in the IMU that estimation bridges while the robot moves
 
-BRIDGED = 0.5
-"""Longest gap [s] in the IMU that estimation bridges while the robot moves."""
-
+# The files of a trial, with what each was given for ("": for nothing in particular).
 Files = Sequence[tuple[str, Source]]
-"""The files of a trial, with what each was given for ("": for nothing in particular)."""
 
 
 def read_trial(
@@ -82,11 +78,10 @@ def read_trial(
         UsageError: unknown robot or column map.
     """
     first, maps = Path(path), given_maps(map)
-    given = [("", file) for file in parts_of(first)] or [("", first)]
+    given = [("", file) for file in parts_of(first) or [first]]
     roles = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
-    given += [
-        (role, Path(other)) for role, other in roles.items() if other is not None and Path(other) != first
-    ]
+    others = [(role, Path(file)) for role, file in roles.items() if file is not None]
+    given += [(role, file) for role, file in others if file != first]
     files: list[tuple[str, Source]] = []
     for role, file in given:
         # What is said of the whole trial goes with its first file.
@@ -99,10 +94,8 @@ def read_trial(
     if window is None or trial.wheels is None:
         return trial
     if look(trial, load_robot(robot or trial.info.robot or "granite")) is None:
-        raise InputError(
-            f"{first}: no motion {interval(window)}: the wheels do not turn there",
-            "granite-lab inspect --plot FILE.png shows when they do; choose --from and --to around it",
-        )
+        hint = "granite-lab inspect --plot FILE.png shows when they do; choose --from and --to around it"
+        raise InputError(f"{first}: no motion {interval(window)}: the wheels do not turn there", hint)
     return trial
 
 
@@ -115,10 +108,9 @@ def assemble(
     whole: bool = True,
     window: tuple[float, float] | None = None,
 ) -> Trial:
-    """Turn the files of a trial into a Trial.
+    """Turn the files of a trial into a Trial; of a `window`, only its samples are taken.
 
-    With `whole`, a trial must hold an IMU or encoders, and sensors that lie are refused. Of a `window`, only
-    its samples are taken.
+    With `whole`, a trial must hold an IMU or encoders, and sensors that lie are refused.
 
     Raises:
         InputError: the samples cannot be used.
@@ -127,7 +119,8 @@ def assemble(
     doubts: list[str] = []
     sources = [source for _, source in files]
     name, the_robot = _robot(sources, robot, info, doubts)
-    merged, columns = _merge(files, [read_streams(source, the_robot, window, doubts) for source in sources])
+    merged, columns = _merge(files, [read_streams(source, the_robot, window) for source in sources])
+    doubts += [doubt for source in sources for doubt in source.doubts]
     log = Log(the_robot, str(path), columns, doubts)
     said = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
     imu, wheels, clean = _imu(merged, path, doubts), merged.pop("wheels", None), None
@@ -153,9 +146,8 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
     """Refuse columns that cannot be what they are called; `clean` is the IMU without spikes."""
     wheels, currents = trial.wheels, trial.currents
     if clean is None and wheels is None:
-        raise InputError(
-            f"{log.where}: neither IMU nor encoder samples", "a trial needs at least one of them"
-        )
+        hint = "a trial needs at least one of them"
+        raise InputError(f"{log.where}: neither IMU nor encoder samples", hint)
     if wheels is not None:
         called = tuple(channel for channel in log.columns if channel.startswith("imu_"))
         if clean is None and called:
@@ -195,10 +187,8 @@ def _merge(files: Files, parts: Sequence[dict[str, Any]]) -> tuple[dict[str, Any
     for (role, source), one in zip(files, parts, strict=True):
         found = [kind for kind in _ROLES.get(role, one) if kind in one]
         if role and not found:
-            raise InputError(
-                f"{source.path}: given as --{role}, but nothing in it is of that kind",
-                f"its layout was taken as '{source.match.layout.name}'",
-            )
+            hint = f"its layout was taken as '{source.match.layout.name}'"
+            raise source.refuse(f"given as --{role}, but nothing in it is of that kind", hint)
         removed = source.match.layout.gravity_removed or source.metadata.get("imu_gravity_removed", False)
         for kind in found:
             # An acceleration with gravity in it is worth more than one without.
@@ -233,28 +223,20 @@ def _imu(merged: dict[str, Any], path: Path, doubts: list[str]) -> ImuStream | N
         doubts.append("the gyroscope has stamps of its own; interpolated to the accelerometer's")
         t, force = acc.t[inside], acc.values[inside]
         rate = np.column_stack([np.interp(t, gyro.t, column) for column in gyro.values.T])
-    force, rate = (
-        values if what in present else np.full_like(values, np.nan)
-        for what, values in zip(sensors, (force, rate), strict=True)
-    )
+    force = force if "accelerometer" in present else np.full_like(force, np.nan)
+    rate = rate if "gyroscope" in present else np.full_like(rate, np.nan)
     return ImuStream(t, force, rate, merged.get("removed", False))
 
 
 def _nothing_in_common(path: Path, one: str, t: Array, other: str, s: Array) -> InputError:
     """Return the error of two sensors that were never logged at the same time."""
-    return InputError(
-        f"{path}: {one} ({t[0]:.3f} to {t[-1]:.3f} s) and {other} ({s[0]:.3f} to {s[-1]:.3f} s) have no time "
-        "in common",
-        "both need stamps of the same clock; correct one in its file or choose another time column",
-    )
+    first, second = (f"({x[0]:.3f} to {x[-1]:.3f} s)" for x in (t, s))
+    hint = "both need stamps of the same clock; correct one in its file or choose another time column"
+    return InputError(f"{path}: {one} {first} and {other} {second} have no time in common", hint)
 
 
 def _across(trial: Trial) -> list[str]:
-    """Check streams against each other and for gaps.
-
-    Raises:
-        InputError: sensors whose stamps have no time in common.
-    """
+    """Return doubts about gaps and about sensors that hardly overlap; with no time in common, refuse them."""
     streams = {"IMU": trial.imu, "encoders": trial.wheels, "motor currents": trial.currents}
     found = {what: stream.t for what, stream in streams.items() if stream is not None}
     doubts = [text for what, t in found.items() if (text := describe_gaps(t, what))]
@@ -273,7 +255,7 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
     if trial.imu is None:
         return trial
     t = trial.imu.t
-    gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > BRIDGED)]
+    gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > _BRIDGED)]
     still = rests(trial, robot) if gaps else []
     gaps = [(a, b) for a, b in gaps if not any(begin <= a and b <= end for begin, end in still)]
     if not gaps:
@@ -281,7 +263,7 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
     stretches = zip([float(t[0]), *(b for _, b in gaps)], [*(a for a, _ in gaps), float(t[-1])], strict=True)
 
     def worth(stretch: tuple[float, float]) -> tuple[bool, float]:
-        resting = any(min(end, stretch[1]) - max(begin, stretch[0]) > BRIDGED for begin, end in still)
+        resting = any(min(end, stretch[1]) - max(begin, stretch[0]) > _BRIDGED for begin, end in still)
         return resting, stretch[1] - stretch[0]
 
     begin, end = max(stretches, key=worth)
@@ -290,9 +272,8 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
         f"no IMU samples while the robot moved: {missing}: the log is cut there and only its longest stretch "
         f"with a rest is used, {begin:.3f} to {end:.3f} s; --from and --to choose another"
     )
-    return dataclasses.replace(
-        trial, **{name: _within(getattr(trial, name), begin, end) for name in _STREAMS}
-    )
+    kept = {name: _within(getattr(trial, name), begin, end) for name in _STREAMS}
+    return dataclasses.replace(trial, **kept)
 
 
 def _within(stream: Any, begin: float, end: float) -> Any:

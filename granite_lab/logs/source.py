@@ -1,73 +1,57 @@
-"""One file of a trial: its layout, and its columns as numbers; exact about the place of what is wrong."""
+"""One file of a trial: its layout, and the columns that the layout binds as numbers."""
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import io
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from granite_lab.errors import InputError, UsageError, at
-from granite_lab.files import readable, refuse_special, sha256
+from granite_lab.files import sha256
 from granite_lab.logs.bag import bag_layout, read_bag
 from granite_lab.logs.canonical import Metadata, collect
 from granite_lab.logs.counters import Mask
-from granite_lab.logs.dialect import (
-    DATED,
-    MISSING,
-    Table,
-    TableFormat,
-    is_number,
-    lines_of,
-    sniff,
-    split_rows,
-)
 from granite_lab.logs.layouts import Binding, Layout, Match, all_layouts, best, match, no_match
-from granite_lab.logs.named import is_bag, sidecar
 from granite_lab.logs.quantities import DATE, ENCODERS, by_name
-from granite_lab.logs.trial import Array, InputFile
+from granite_lab.logs.table import DATED, MISSING, Table, is_number, open_table
+from granite_lab.logs.trial import Array, InputFile, is_bag, sidecar
 
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
 _EXACT = {} if pd.__version__ >= "3.1" else {"float_precision": "round_trip"}
-
-_SHORTEST = 10
-"""Vectors of a MATLAB file with fewer values are parameters, not samples; matrices have at most as many."""
-
 _ROWS = re.compile(r"\s*(?P<name>.+?)\s*==?\s*(?P<value>[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)\s*")
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A file that was read.
-
-    Attributes:
-        columns: place of a column to its (N,) values, in the file's units.
-        kept: (N,) the row of data each value came from.
-        metadata: what the file and its sidecar say.
-        inputs: the file and its sidecar.
-    """
+    """A file that was read."""
 
     match: Match
-    columns: dict[int, Array]
-    kept: Array
-    metadata: Metadata
-    inputs: tuple[InputFile, ...]
-    doubts: tuple[str, ...]
+    columns: dict[int, Array]  # place of a column to its (N,) values, in the file's units
+    kept: Array  # (N,) the row of data each value came from
+    metadata: Metadata  # what the file and its sidecar say
+    inputs: tuple[InputFile, ...]  # the file and its sidecar
+    doubts: list[str]  # warnings are added here
 
     @property
     def path(self) -> Path:
         """Where the file is."""
         return self.match.table.path
+
+    def doubt(self, text: str) -> None:
+        """Add a warning about the file."""
+        self.doubts.append(f"{self.path.name}: {text}")
+
+    def refuse(self, what: str, hint: str) -> InputError:
+        """Return the error that names the file."""
+        return InputError(f"{self.path}: {what}", hint)
 
     def bindings(self, *channels: str) -> list[Binding]:
         """Return the bindings of some channels."""
@@ -75,10 +59,10 @@ class Source:
 
     def place(self, row: int) -> str:
         """Name the place in the file of a row of `columns`."""
-        table = self.match.table
+        table, logged = self.match.table, int(self.kept[row])
         if table.data_line == 0:
-            return f"{table.path}: sample {int(self.kept[row]) + 1}"
-        return at(table.path, line_of(table, int(self.kept[row])) or None)
+            return f"{table.path}: sample {logged + 1}"
+        return at(table.path, table.line_of(logged) or None)
 
     def only(self, rows: Mask) -> Source:
         """Return the file as if it held only some rows, flags (N,)."""
@@ -87,23 +71,18 @@ class Source:
 
 
 def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str] | None = None) -> Match:
-    """Open a table or a bag and find its layout.
+    """Open a table or a bag and find its layout, of some column maps or else of the catalogue.
 
-    Args:
-        maps: column maps; they go before the catalogue.
-        topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
-
-    Raises:
-        InputError: not a table, of no known layout, or several fit equally well.
+    Refuses what is no table, of no known layout, or of several that fit equally well.
     """
     tries: list[Match] = []
-    if is_bag(path):
+    if bag := is_bag(path):
         table, roles = read_bag(path, topics or {})
         tries = [match(layout, table) for layout in maps]
         if all(found.missing for found in tries):
             layout, doubts = bag_layout(table, roles)
-            tries = [match(layout, _doubted(table, *doubts))]
-    for layout in maps if not is_bag(path) else ():
+            tries = [match(layout, table.doubted(*doubts))]
+    for layout in maps if not bag else ():
         with suppress(InputError):  # the map may be meant for another file of the trial
             tries.append(match(layout, open_table(path, layout.table)))
     if all(found.missing for found in tries):
@@ -116,35 +95,26 @@ def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str]
             near = [match(layout, table) for layout in maps] or tries
             raise no_match(near, bool(maps))
     chosen = best([found for found in tries if not found.missing])
-    if is_bag(path) or chosen.layout in maps or any(b.channel in ENCODERS for b in chosen.bindings):
+    if bag or chosen.layout in maps or any(b.channel in ENCODERS for b in chosen.bindings):
         return chosen
     table, known = chosen.table, {b.place for b in chosen.bindings}
     names = [table.name(place) for place in range(table.width) if place not in known]
     wheels = ", ".join(name for name in names if set(by_name(name).to) & set(ENCODERS))
-    doubt = (
-        f"{path.name}: {wheels}: look like wheels, which layout '{chosen.layout.name}' does "
-        "not know; inspect --write-map writes a map to which they can be added"
-    )
-    return dataclasses.replace(chosen, table=_doubted(table, doubt)) if wheels else chosen
-
-
-def _doubted(table: Table, *doubts: str) -> Table:
-    return dataclasses.replace(table, doubts=(*table.doubts, *doubts))
+    unknown = f"look like wheels, which layout '{chosen.layout.name}' does not know"
+    remedy = "inspect --write-map writes a map to which they can be added"
+    doubted = table.doubted(f"{path.name}: {wheels}: {unknown}; {remedy}")
+    return dataclasses.replace(chosen, table=doubted) if wheels else chosen
 
 
 def read_source(
-    found: Match, rows: str | None, beside: Path | None = None, held: Mapping[int, Array] | None = None
+    found: Match,
+    rows: str | None = None,
+    beside: Path | None = None,
+    held: Mapping[int, Array] | None = None,
 ) -> Source:
-    """Read the columns that a layout binds.
+    """Read the columns that a layout binds, unless they are among those `held`; of some rows, if asked for.
 
-    Args:
-        found: the file and its layout.
-        rows: which rows to take, as ``run_id = 4``.
-        beside: a further TOML file with metadata, which go before the file's.
-        held: columns that were read already.
-
-    Raises:
-        InputError: anything that is wrong with the columns or the rows.
+    Metadata in a further TOML file `beside` the log go before its own.
     """
     table, layout, doubts = found.table, found.layout, list(found.table.doubts)
     condition, splitter = rows or layout.rows, _place(table, layout.split)
@@ -157,14 +127,12 @@ def read_source(
     else:
         columns, cut = load(table, sorted(wanted), sorted(dates))
         doubts += cut
-    beside_it = dict.fromkeys(
-        side for side in (sidecar(table.path), beside) if side not in (None, table.path)
-    )
-    sides = [side for side in beside_it if side is not None and side.is_file()]
+    beside_it = dict.fromkeys((sidecar(table.path), beside))
+    sides = [side for side in beside_it if side and side != table.path and side.is_file()]
     metadata = collect(table.comments, table.path, doubts, sides)
     inputs = tuple(InputFile(file, sha256(file)) for file in (table.path, *sides))
     kept = np.arange(len(next(iter(columns.values()))), dtype=np.float64)
-    source = Source(found, columns, kept, metadata, inputs, tuple(doubts))
+    source = Source(found, columns, kept, metadata, inputs, doubts)
     if selector:
         chosen = columns[selector[0]] == selector[1]
         if not chosen.any():
@@ -188,9 +156,8 @@ def _selector(table: Table, condition: str, asked: bool) -> tuple[int, float] | 
     """Parse ``column = value``."""
     hit = _ROWS.fullmatch(condition)
     if hit is None:
-        raise UsageError(
-            f"rows '{condition}' cannot be understood", "write column = number, as in --rows 'run_id = 4'"
-        )
+        hint = "write column = number, as in --rows 'run_id = 4'"
+        raise UsageError(f"rows '{condition}' cannot be understood", hint)
     place = _place(table, hit["name"])
     if place is None and asked:
         known = ", ".join(filter(None, table.headers[0]))
@@ -204,31 +171,11 @@ def _values(values: Array) -> str:
     return ", ".join(f"{v:g}" for v in different[:10]) + (", …" if len(different) > 10 else "")
 
 
-def open_table(path: Path, said: TableFormat | None = None) -> Table:
-    """Open a table: a text file, or a MATLAB file.
+def load(table: Table, wanted: Sequence[int], dates: Sequence[int]) -> tuple[dict[int, Array], list[str]]:
+    """Read the columns at some places as numbers, `dates` among them as [s] since 1970 (no zone: UTC).
 
-    Raises:
-        InputError: it cannot be read as a table.
-    """
-    return _matlab(path) if path.suffix.lower() == ".mat" else sniff(path, said)
-
-
-def load(
-    table: Table, wanted: Sequence[int], dates: Sequence[int] = ()
-) -> tuple[dict[int, Array], list[str]]:
-    """Read some columns of a table as numbers.
-
-    Args:
-        table: from `open_table`.
-        wanted: places of the columns, counted from 0.
-        dates: those of them that hold dates (ISO 8601; without a zone: UTC).
-
-    Returns:
-        place to (N,) values, NaN where the cell is empty or says so, dates as seconds since 1970;
-        and warnings.
-
-    Raises:
-        InputError: a cell that is no finite number or no date, or a row of the wrong length, with its line.
+    Returns place to values (N,), NaN where the cell is empty or says so; and warnings. A cell that is no
+    finite number or no date and a row of the wrong length are refused with their line.
     """
     if table.numbers:
         return {place: table.numbers[place] for place in wanted}, []
@@ -255,11 +202,6 @@ def load(
     return columns | {place: _seconds(table, place, frame[place]) for place in dates}, doubts
 
 
-def line_of(table: Table, row: int) -> int:
-    """Return the line in the file of a row of data, counted from 0."""
-    return next((line for line, _ in islice(_walk(table), row, None)), 0)
-
-
 def _seconds(table: Table, place: int, texts: pd.Series) -> Array:
     """Return dates as seconds since 1970, exact to the microsecond; NaN for an empty cell."""
     written = texts.str.strip().where(texts.str.match(r"\s*\d{4}\D", na=False))
@@ -272,7 +214,7 @@ def _seconds(table: Table, place: int, texts: pd.Series) -> Array:
         row = int(wrong[0])
         what = f"{str(texts.iloc[row])[:30]!r} is not a date, expected one as 2026-03-01T12:00:00.25Z"
         hint = "write dates by ISO 8601, or leave the cell empty"
-        raise table.error(what, hint, line_of(table, row), place)
+        raise table.error(what, hint, table.line_of(row), place)
     since = (stamps - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
     return np.asarray(since, dtype=np.float64)
 
@@ -301,31 +243,13 @@ def _parse(table: Table, begin: int, wanted: Sequence[int], dates: Sequence[int]
         )
 
 
-def _walk(table: Table) -> Iterator[tuple[int, list[str]]]:
-    """Yield every row of data with the line it ends on, slowly and exactly."""
-    rows = split_rows(islice(lines_of(table.text), table.data_line - 1, None), table.delimiter)
-    count = 0
-    try:
-        for count, row in enumerate(rows, 1):
-            if row:
-                yield table.data_line - 1 + getattr(rows, "line_num", count), row
-    except csv.Error as error:
-        line = table.data_line + count
-        raise table.error(f"not a row of a table: {error}", "export the log again", line) from None
-
-
 def _find_fault(table: Table, wanted: Sequence[int]) -> int:
-    """Go through the table row by row and refuse the first cell or row that is wrong.
-
-    Returns:
-        the line of the last row if it is merely cut off, else 0.
-    """
+    """Refuse the first cell or row that is wrong; return the line of a last row that is cut off, else 0."""
     short = cells = 0
-    for line, row in _walk(table):
+    for line, row in table.walk():
         if short:
-            raise table.error(
-                f"{cells} cells, expected {table.width}", "a row of the log is cut off or damaged", short
-            )
+            hint = "a row of the log is cut off or damaged"
+            raise table.error(f"{cells} cells, expected {table.width}", hint, short)
         more = len(row) - table.width
         if more < 0 and not (more == -1 and table.open_end):
             if any(cell.strip() for cell in row):
@@ -353,49 +277,3 @@ def _check_cell(table: Table, line: int, place: int, text: str) -> None:
     if not np.isfinite(float(text.replace(table.decimal, "."))):
         what = f"{shown} is not finite, expected a number"
         raise table.error(what, "leave the cell empty instead", line, place)
-
-
-def _matlab(path: Path) -> Table:
-    """Take the vectors of a MATLAB file, single or in structs, as columns; they must be of one length.
-
-    Raises:
-        InputError: the file cannot be read, or its vectors make no table.
-    """
-    from scipy.io import loadmat  # noqa: PLC0415, only where a log is one
-
-    refuse_special(path)
-    again = "in MATLAB: s = table2struct(T, 'ToScalar', true); save('log.mat', '-struct', 's', '-v7')"
-    try:
-        held = loadmat(path, simplify_cells=True)
-    except OSError as error:
-        raise readable(error, path) from None
-    except NotImplementedError:
-        raise InputError(f"{path}: is a MATLAB file of version 7.3", f"save it with -v7; {again}") from None
-    except Exception as error:  # the parser raises whatever a damaged file makes it stumble over
-        what = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(
-            f"{path}: cannot be read as a MATLAB file: {what}", "copy or save it again"
-        ) from None
-    found = dict(_vectors({key: value for key, value in held.items() if not key.startswith("__")}, ""))
-    lengths = sorted({len(values) for values in found.values()})
-    if len(lengths) != 1:
-        one_each = [f"{next(n for n, v in found.items() if len(v) == k)} ({k})" for k in lengths[:4]]
-        what = f"vectors of different lengths: {', '.join(one_each)}" if lengths else "no vectors of numbers"
-        raise InputError(f"{path}: {what}, expected a column a quantity, all of one length", again)
-    short = [name.rpartition(".")[2] for name in found]
-    names = tuple(short if len(set(short)) == len(short) else found)
-    return Table(path, (names,), len(names), "MATLAB", numbers=tuple(found.values()))
-
-
-def _vectors(held: dict[str, Any], prefix: str) -> Iterator[tuple[str, Array]]:
-    """Yield the vectors in a MATLAB file or struct; a matrix is several, along its longer side."""
-    for key, value in held.items():
-        if isinstance(value, dict):
-            yield from _vectors(value, f"{prefix}{key}.")
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and max(value.shape) >= _SHORTEST:
-            rows = np.atleast_2d(value.T if value.ndim == 2 and value.shape[0] >= value.shape[1] else value)
-            if rows.ndim == 2 and len(rows) <= _SHORTEST:
-                ends = {1: [""], 3: ["_x", "_y", "_z"]}.get(
-                    len(rows), [f"_{k + 1}" for k in range(len(rows))]
-                )
-                yield from zip((f"{prefix}{key}{end}" for end in ends), rows.astype(np.float64), strict=True)

@@ -16,23 +16,14 @@ from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
 from granite_lab.parameters import Robot
 
-ZERO = "every sample is 0: taken as not measured"
-"""How a warning of a dead channel ends."""
+ZERO = "every sample is 0: taken as not measured"  # how a warning of a dead channel ends
+WINDOW = 5  # samples through which a line is laid to get a speed
+_MANY = 100  # an axis that is zero in fewer samples than these may just be at rest
+_WRAPS = (2.0**16, 2.0**24, 2.0**32)  # ranges of counters that loggers use as clocks
+_A, _E2 = 6378137.0, 6.69437999014e-3  # semi-major axis [m] and squared eccentricity of WGS 84
 
-WINDOW = 5
-"""Samples through which a line is laid to get a speed."""
-
-_MANY = 100
-"""An axis that is zero in fewer samples than these may just be at rest."""
-
-_WRAPS = (2.0**16, 2.0**24, 2.0**32)
-"""Ranges of counters that loggers use as clocks."""
-
-KINDS = ("acceleration", "rate", "wheels", "currents", "command", "globe", "reference_x", "reference_v")
-"""What a file may hold besides its clock."""
-
-_A, _E2 = 6378137.0, 6.69437999014e-3
-"""Semi-major axis [m] and squared eccentricity of WGS 84."""
+# What a file may hold besides its clock.
+_KINDS = ("acceleration", "rate", "wheels", "currents", "command", "globe", "reference_x", "reference_v")
 
 
 class Samples(NamedTuple):
@@ -42,56 +33,37 @@ class Samples(NamedTuple):
     values: Array
 
 
-def read_streams(
-    source: Source, robot: Robot, window: tuple[float, float] | None, doubts: list[str]
-) -> dict[str, Any]:
-    """Turn the columns of a file into streams.
+def read_streams(source: Source, robot: Robot, window: tuple[float, float] | None) -> dict[str, Any]:
+    """Turn the columns of a file into streams; of a window [s, the log's time], only its samples are taken.
 
-    Args:
-        source: the file.
-        robot: gives wheel radius and counts per revolution where the units need them.
-        window: begin and end [s, the log's time] of what is taken; None: everything.
-        doubts: what had to be done is added here.
-
-    Returns:
-        kind of a sensor to what the file holds of it; accelerometer and gyroscope are still apart, for their
-        stamps may differ.
-
-    Raises:
-        InputError: clock, samples or units cannot be used.
+    The robot gives wheel radius and counts per revolution where units need them. Returns kind of a sensor to
+    what the file holds of it; accelerometer and gyroscope are still apart, for their stamps may differ. What
+    had to be done is added to the source's doubts; clock, samples or units that cannot be used are refused.
     """
-    doubts += source.doubts
-    t = _clock(source, doubts)
+    t = _clock(source)
     if window is not None:
-        source, t = _cut(source, t, window)
+        inside = (t >= window[0]) & (t <= window[1])
+        if not inside.any():
+            runs_from = f"the log runs from {np.nanmin(t):.10g} to {np.nanmax(t):.10g} s"
+            hint = "--from and --to are seconds of the log's own time, as granite-lab inspect shows it"
+            raise source.refuse(f"no sample {interval(window)}, {runs_from}", hint)
+        source, t = source.only(inside), t[inside]
     streams: dict[str, Any] = {}
-    for kind in KINDS:
-        samples = _samples(source, t, kind, doubts)
+    for kind in _KINDS:
+        samples = _samples(source, t, kind)
         if samples is not None and kind in ("acceleration", "rate"):
-            samples = _complete(source, samples, kind, doubts)
+            samples = _complete(source, samples, kind)
         if samples is not None:
-            streams[kind] = _wheels(source, samples, robot, doubts) if kind == "wheels" else samples
+            streams[kind] = _wheels(source, samples, robot) if kind == "wheels" else samples
     if "currents" in streams:
         streams["currents"] = CurrentStream(*streams["currents"])
     if "command" in streams:
         streams["command"] = _series(streams["command"])
-    return streams | _reference(source, streams, doubts)
+    return streams | _reference(source, streams)
 
 
 def _series(samples: Samples) -> Series:
     return Series(samples.t, samples.values[:, 0])
-
-
-def _cut(source: Source, t: Array, window: tuple[float, float]) -> tuple[Source, Array]:
-    """Keep the rows whose stamps lie in a window."""
-    inside = (t >= window[0]) & (t <= window[1])
-    if not inside.any():
-        raise InputError(
-            f"{source.path}: no sample {interval(window)}, the log runs from {np.nanmin(t):.10g} "
-            f"to {np.nanmax(t):.10g} s",
-            "--from and --to are seconds of the log's own time, as granite-lab inspect shows it",
-        )
-    return source.only(inside), t[inside]
 
 
 def interval(window: tuple[float, float]) -> str:
@@ -102,24 +74,23 @@ def interval(window: tuple[float, float]) -> str:
     return f"after {start} s" if math.isinf(window[1]) else f"between {start} and {end} s"
 
 
-def _clock(source: Source, doubts: list[str]) -> Array:
+def _clock(source: Source) -> Array:
     """Return the stamp of every row [s], from the first clock that runs."""
     clocks = source.bindings("t")
     seen = {b.place: source.columns[b.place][np.isfinite(source.columns[b.place])] for b in clocks}
     binding = next((b for b in clocks if np.diff(seen[b.place]).any()), None)
     if binding is None:
-        raise InputError(
-            f"{source.path}: column '{clocks[0].name}' does not advance, expected time stamps",
-            "a log needs at least two rows with stamps that increase",
-        )
+        what = f"column '{clocks[0].name}' does not advance, expected time stamps"
+        raise source.refuse(what, "a log needs at least two rows with stamps that increase")
+    column = f"column '{binding.name}'"
     logged, factor = source.columns[binding.place], binding.factor
     for part in source.bindings("t_add"):  # as nanoseconds beside seconds
         logged = logged * factor + source.columns[part.place] * part.factor
         factor = 1.0
     for block in stray(logged):
-        doubts.append(
-            f"{source.place(block.start)}: column '{binding.name}': {block.stop - block.start} stamps "
-            f"from here on leave the time line (to {logged[block][0]:.10g}) and come back: left out"
+        source.doubts.append(
+            f"{source.place(block.start)}: {column}: {block.stop - block.start} stamps from here on "
+            f"leave the time line (to {logged[block][0]:.10g}) and come back: left out"
         )
         logged = logged.copy()
         logged[block] = np.nan
@@ -127,7 +98,7 @@ def _clock(source: Source, doubts: list[str]) -> Array:
     ranges = (binding.spec.wrap,) if binding.spec.wrap else _WRAPS
     raw[known], wraps, width = unwrap(logged[known], ranges, slack=0.0)
     if wraps:
-        doubts.append(f"{source.path.name}: the clock wrapped {wraps} times at {width:.0f}; unwrapped")
+        source.doubt(f"the clock wrapped {wraps} times at {width:.0f}; unwrapped")
     for kind in ("acceleration", "rate", "wheels"):
         rows = _sampled(source, SENSORS[kind].channels) & np.isfinite(raw)
         if np.count_nonzero(rows) < 3:
@@ -135,9 +106,9 @@ def _clock(source: Source, doubts: list[str]) -> Array:
         try:
             factor, doubt = unit_factor(raw[rows], factor, SENSORS[kind].slowest)
         except InputError as error:
-            raise InputError(f"{source.path}: column '{binding.name}': {error.message}", error.hint) from None
+            raise source.refuse(f"{column}: {error.message}", error.hint) from None
         if doubt:
-            doubts.append(f"{source.path.name}: column '{binding.name}': {doubt}")
+            source.doubt(f"{column}: {doubt}")
         break
     return raw * factor
 
@@ -150,7 +121,7 @@ def _sampled(source: Source, channels: Sequence[str]) -> Mask:
     return rows
 
 
-def _samples(source: Source, t: Array, kind: str, doubts: list[str]) -> Samples | None:
+def _samples(source: Source, t: Array, kind: str) -> Samples | None:
     """Return the samples of a sensor in the order of time, NaN for what was not logged.
 
     Encoders stay in the file's units, for a wrap is a number of counts.
@@ -161,7 +132,7 @@ def _samples(source: Source, t: Array, kind: str, doubts: list[str]) -> Samples 
         return None
     places = np.flatnonzero(_sampled(source, channels))
     if len(places) == 0:
-        doubts.append(f"{source.path.name}: {what}: all cells are empty")
+        source.doubt(f"{what}: all cells are empty")
         return None
     values = np.full((len(places), len(channels)), np.nan)
     for binding in bindings:
@@ -176,11 +147,11 @@ def _samples(source: Source, t: Array, kind: str, doubts: list[str]) -> Samples 
         return str(source.path) if row is None else source.place(int(places[row]))
 
     stamps, rows = tidy(t[places], values, what, where, said)
-    doubts += [f"{source.path.name}: {doubt}" for doubt in said]
+    source.doubts.extend(f"{source.path.name}: {doubt}" for doubt in said)
     return Samples(stamps, values[rows])
 
 
-def _complete(source: Source, samples: Samples, kind: str, doubts: list[str]) -> Samples | None:
+def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
     """Return the samples of a sensor of the IMU that hold all axes that it measures.
 
     An axis that is zero from beginning to end is not measured: so messages of ROS say it. A sample in which
@@ -190,7 +161,7 @@ def _complete(source: Source, samples: Samples, kind: str, doubts: list[str]) ->
     idle = [k for k, axis in enumerate(values.T) if (axis == 0).all()]
     if len(t) >= _MANY and idle and (kind != "acceleration" or len(idle) == len(channels)):
         names = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
-        doubts.append(f"{source.path.name}: {what}: {names}: {ZERO}")
+        source.doubt(f"{what}: {names}: {ZERO}")
         if len(idle) == len(channels):
             return None
         values = values.copy()
@@ -201,16 +172,12 @@ def _complete(source: Source, samples: Samples, kind: str, doubts: list[str]) ->
     if count == 0:
         return Samples(t, values)
     if len(t) - count < 2:
-        raise InputError(
-            f"{source.path}: {what}: {len(t) - count} samples have all their axes, expected at least two",
-            "the axes of a sensor belong in one row",
-        )
+        few = f"{len(t) - count} samples have all their axes, expected at least two"
+        raise source.refuse(f"{what}: {few}", "the axes of a sensor belong in one row")
     first, last = _longest(holes, t)
-    axis = channels[int(np.flatnonzero(logged & np.isnan(values[first]))[0])]
-    doubts.append(
-        f"{source.path.name}: {what}: {count} samples without '{source.bindings(axis)[0].name}' were left "
-        f"out, the longest stretch from t = {t[first]:.3f} s to {t[last]:.3f} s"
-    )
+    axis = source.bindings(channels[int(np.flatnonzero(logged & np.isnan(values[first]))[0])])[0].name
+    stretch = f"the longest stretch from t = {t[first]:.3f} s to {t[last]:.3f} s"
+    source.doubt(f"{what}: {count} samples without '{axis}' were left out, {stretch}")
     return Samples(t[~holes], values[~holes])
 
 
@@ -219,33 +186,32 @@ def _longest(flags: Mask, t: Array) -> tuple[int, int]:
     return max(((begin, end - 1) for begin, end in runs(flags)), key=lambda run: t[run[1]] - t[run[0]])
 
 
-def _wheels(source: Source, samples: Samples, robot: Robot, doubts: list[str]) -> WheelStream:
+def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
     """Return wheel angles and rates."""
     angle, rate = (np.full(samples.values.shape, np.nan) for _ in range(2))
     steps: list[float] = []
     for binding in source.bindings(*ENCODERS):
-        where = f"{source.path.name}: column '{binding.name}'"
+        column = f"column '{binding.name}'"
         wheel = ENCODERS.index(binding.channel)
         raw = samples.values[:, wheel]
         seen = np.isfinite(raw)
         if not seen.any():
-            doubts.append(f"{where} is empty; that wheel is taken as without encoder")
+            source.doubt(f"{column} is empty; that wheel is taken as without encoder")
             continue
-        per_rev = _counts(source, binding, robot)
-        converted = convert(
-            samples.t[seen], raw[seen], binding.unit, binding.spec, per_rev, robot.wheels.radius
-        )
+        per_rev, radius = _counts(source, binding, robot), robot.wheels.radius
+        converted = convert(samples.t[seen], raw[seen], binding.unit, binding.spec, per_rev, radius)
         angle[seen, wheel] = converted.angle
         if converted.rate is not None:
             rate[seen, wheel] = converted.rate
         steps.append(converted.step)
-        doubts += [f"{where}: {doubt}" for doubt in converted.doubts]
+        for doubt in converted.doubts:
+            source.doubt(f"{column}: {doubt}")
         if not seen.all():
             first, last = _longest(~seen, samples.t)
             begin, end = samples.t[first], samples.t[last]
             # In a log where each wheel has rows of its own, holes are the rule and short.
             if end - begin > 0.1 and (last - first) > 0.02 * len(seen):
-                doubts.append(f"{where}: no sample from t = {begin:.3f} s to {end:.3f} s")
+                source.doubt(f"{column}: no sample from t = {begin:.3f} s to {end:.3f} s")
     rates = np.isfinite(rate).any()
     step = source.metadata.get("enc_step_radps" if rates else "enc_step_rad", max(steps, default=0.0))
     return WheelStream(samples.t, angle, rate if rates else None, step)
@@ -256,21 +222,19 @@ def _counts(source: Source, binding: Binding, robot: Robot) -> float:
     counts: float = binding.spec.counts_per_rev or robot.encoders.counts
     counts = source.metadata.get("enc_counts", counts)
     if binding.unit.name.startswith("counts") and not counts:
-        raise InputError(
-            f"{source.path}: column '{binding.name}': counts per wheel revolution are not known",
-            "give '# enc_counts_per_rev = …' in the log, or counts_per_rev in the robot's file or map",
-        )
+        hint = "give '# enc_counts_per_rev = …' in the log, or counts_per_rev in the robot's file or map"
+        raise source.refuse(f"column '{binding.name}': counts per wheel revolution are not known", hint)
     return counts
 
 
-def _reference(source: Source, streams: dict[str, Any], doubts: list[str]) -> dict[str, Series]:
+def _reference(source: Source, streams: dict[str, Any]) -> dict[str, Series]:
     """Take the external reference out of the streams; return it as distance and speed along the path."""
-    globe, plane, speed = (streams.pop(kind, None) for kind in KINDS[-3:])
+    globe, plane, speed = (streams.pop(kind, None) for kind in _KINDS[-3:])
     place, found = globe or (plane if source.bindings("ref_y") else None), dict[str, Series]()
     if place is not None:
         whole = np.isfinite(place.values).all(axis=1)
         if np.count_nonzero(whole) < 2:
-            doubts.append(f"{source.path.name}: reference: no two places with both coordinates")
+            source.doubt("reference: no two places with both coordinates")
             return {}
         stamps, (x, y) = place.t[whole], place.values[whole].T
         if globe is not None:
@@ -286,15 +250,9 @@ def _reference(source: Source, streams: dict[str, Any], doubts: list[str]) -> di
 
 
 def slope(t: Array, x: Array, window: int = WINDOW) -> Array:
-    """Return the slope of a line through `window` neighbouring samples; at the ends the last counts again.
+    """Return the slope (N,) of a line through `window` neighbouring samples (an odd number).
 
-    Args:
-        t: (N,) stamps [s].
-        x: (N,) values.
-        window: an odd number of samples.
-
-    Returns:
-        (N,) slope [1/s]; it has the noise and the smoothing of the window.
+    Of values (N,) at stamps (N,) [s]; at the ends the last sample counts again.
     """
     weights = np.arange(window // 2, -(window // 2) - 1, -1)
     rise, run = (np.convolve(np.pad(values, window // 2, "edge"), weights, "valid") for values in (x, t))
@@ -302,10 +260,7 @@ def slope(t: Array, x: Array, window: int = WINDOW) -> Array:
 
 
 def _metres(latitude: Array, longitude: Array) -> tuple[Array, Array]:
-    """Return metres east and north of the first place.
-
-    Args:
-        latitude, longitude: (N,) [rad], WGS 84; the area is small (some kilometres).
+    """Return [m] east and north of the first place, from (N,) [rad] by WGS 84, in an area of some kilometres.
 
     Source: radii of curvature of the ellipsoid in the meridian and the prime vertical.
     """

@@ -1,7 +1,9 @@
-"""The record of one trial as it was logged: streams with their own stamps, SI units, robot axes."""
+"""One trial as it was logged, streams with their own stamps in SI, and which files are trials."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -9,9 +11,16 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from granite_lab.errors import UsageError
+from granite_lab.files import is_folder
+from granite_lab.logs.quantities import WORDS
+
 Array = npt.NDArray[np.float64]
 
 R = TypeVar("R")
+
+_BAGS = (".bag", ".mcap", ".db3")  # endings of recordings by ROS
+_PACKED = (".csv.gz", ".csv.zip")
 
 
 def part(record: R, keep: npt.NDArray[np.bool_] | slice) -> R:
@@ -24,38 +33,23 @@ def part(record: R, keep: npt.NDArray[np.bool_] | slice) -> R:
 
 @dataclass(frozen=True, eq=False)
 class ImuStream:
-    """Samples of the inertial measurement unit, at the sensor's place; NaN in a column that was not logged.
+    """Samples of the inertial measurement unit, at its place; NaN in a column that was not logged."""
 
-    Attributes:
-        t: (N,) stamps [s], strictly increasing.
-        specific_force: (N, 3) [m/s^2]; +9.81 on z at rest in the robot's axes (x forward, y left, z up).
-        angular_rate: (N, 3) [rad/s]; y positive nose down.
-        gravity_removed: by the logger.
-        robot_axes: the mounting rotation has been applied, as in a corrected trial.
-    """
-
-    t: Array
-    specific_force: Array
-    angular_rate: Array
-    gravity_removed: bool = False
-    robot_axes: bool = False
+    t: Array  # (N,) stamps [s], strictly increasing
+    specific_force: Array  # (N, 3) [m/s^2]; +9.81 on z at rest in the robot's axes (x forward, y left, z up)
+    angular_rate: Array  # (N, 3) [rad/s]; y positive nose down
+    gravity_removed: bool = False  # by the logger
+    robot_axes: bool = False  # the mounting rotation has been applied, as in a corrected trial
 
 
 @dataclass(frozen=True, eq=False)
 class WheelStream:
-    """Samples of the wheel encoders, in the order of `granite_lab.parameters.WHEELS`.
+    """Samples of the wheel encoders, in the order of `granite_lab.parameters.WHEELS`."""
 
-    Attributes:
-        t: (M,) stamps [s], strictly increasing.
-        angle: (M, 4) accumulated wheel angle [rad], unwrapped; NaN where a wheel was not sampled.
-        rate: (M, 4) wheel rate [rad/s] where the logger gives rates; then `angle` is its integral.
-        step: smallest step of the angle [rad] (0: not known); for a logged rate, of the rate [rad/s].
-    """
-
-    t: Array
-    angle: Array
-    rate: Array | None = None
-    step: float = 0.0
+    t: Array  # (M,) stamps [s], strictly increasing
+    angle: Array  # (M, 4) accumulated wheel angle [rad], unwrapped; NaN where a wheel was not sampled
+    rate: Array | None = None  # (M, 4) [rad/s] where the logger gives rates; then `angle` is its integral
+    step: float = 0.0  # smallest step of the angle [rad] or of a logged rate [rad/s] (0: not known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,67 +78,118 @@ class InputFile:
 
 @dataclass(frozen=True)
 class TrialInfo:
-    """What is known about a trial besides its samples; None where nobody said.
+    """What is known about a trial besides its samples; None where nobody said."""
 
-    Attributes:
-        robot, soil: names of the catalogue or paths of TOML files.
-        v_desired, a_max, distance: of the desired motion [m/s], [m/s^2], [m].
-        virtual: a simulator wrote the log.
-        clock_offset: known offset of the encoder clock behind the IMU's [s].
-        extra: other metadata of the file, as text.
-    """
-
-    robot: str | None = None
+    robot: str | None = None  # name of the catalogue or path of a TOML file, as the soil
     soil: str | None = None
-    v_desired: float | None = None
-    a_max: float | None = None
-    distance: float | None = None
+    v_desired: float | None = None  # of the desired motion [m/s], as the next two
+    a_max: float | None = None  # [m/s^2]
+    distance: float | None = None  # [m]
     repetition: int | None = None
-    virtual: bool = False
-    clock_offset: float | None = None
-    extra: dict[str, str] = field(default_factory=dict, hash=False)
+    virtual: bool = False  # a simulator wrote the log
+    clock_offset: float | None = None  # known offset of the encoder clock behind the IMU's [s]
+    extra: dict[str, str] = field(default_factory=dict, hash=False)  # other metadata of the file, as text
 
 
 @dataclass(frozen=True)
 class Correction:
-    """One thing that estimation changed in a log.
-
-    Attributes:
-        where: the channel, and the instant or interval if it is not the whole log.
-        value: size of the change, or how many samples it concerns.
-        std: of the value; NaN where it is no measurement.
-    """
+    """One thing that estimation changed in a log."""
 
     what: str
-    where: str
-    value: float
-    std: float
+    where: str  # the channel, and the instant or interval if it is not the whole log
+    value: float  # size of the change, or how many samples it concerns
+    std: float  # of the value; NaN where it is no measurement
     unit: str
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One trial, as it was logged or as estimation corrected it (`granite_lab.estimation.correct`).
+    """One trial, as it was logged or as estimation corrected it (`granite_lab.estimation.correct`)."""
 
-    Attributes:
-        name: stem of the log's file.
-        imu, wheels, currents: None where the log has none.
-        command: commanded velocity [m/s].
-        reference_x, reference_v: external reference [m], [m/s]; judges the estimate, never enters it.
-        warnings: every doubt the reader had, one line each.
-        layout: name of the column map that was used.
-        corrections: what estimation changed.
-    """
-
-    name: str
+    name: str  # stem of the log's file
     info: TrialInfo
-    imu: ImuStream | None = None
+    imu: ImuStream | None = None  # None where the log has none, as the others
     wheels: WheelStream | None = None
     currents: CurrentStream | None = None
-    command: Series | None = None
-    reference_x: Series | None = None
-    reference_v: Series | None = None
-    warnings: tuple[str, ...] = ()
+    command: Series | None = None  # commanded velocity [m/s]
+    reference_x: Series | None = None  # external reference [m]; judges the estimate, never enters it
+    reference_v: Series | None = None  # the same [m/s]
+    warnings: tuple[str, ...] = ()  # every doubt the reader had, one line each
     inputs: tuple[InputFile, ...] = ()
-    layout: str = "canonical"
-    corrections: tuple[Correction, ...] = ()
+    layout: str = "canonical"  # name of the column map that was used
+    corrections: tuple[Correction, ...] = ()  # what estimation changed
+
+
+def is_bag(path: Path) -> bool:
+    """Say whether a path is a recording by ROS: a file, or the folder of a ROS 2 recording."""
+    return path.suffix.lower() in _BAGS if not is_folder(path) else (path / "metadata.yaml").is_file()
+
+
+def _is_table(path: Path, endings: tuple[str, ...] = (".csv", ".mat", *_PACKED)) -> bool:
+    return path.name.lower().endswith(endings)
+
+
+def is_log(path: Path) -> bool:
+    """Say whether a path in a folder of trials is one of them."""
+    return is_bag(path) or (bool(parts_of(path)) if is_folder(path) else _is_table(path))
+
+
+def parts_of(folder: Path) -> list[Path]:
+    """Return the files of a folder that holds one trial, a file a sensor; none if it is no such folder.
+
+    Every table in it is called after a sensor, as ``imu.csv`` and ``WheelEncoders.csv``.
+    """
+    if not is_folder(folder) or is_bag(folder):
+        return []
+    try:
+        tables = sorted(filter(_is_table, folder.iterdir()))
+    except OSError:  # it may not be searched
+        return []
+    parts, others = [], 0
+    for path in tables:
+        spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name_of(path)).lower()
+        words = set(re.findall(r"[a-z]+|[^\W_a-z]+", spaced)) - WORDS["file_filler"]
+        if words and words <= WORDS["sensor_file"]:
+            parts.append(path)
+        others += bool(words) and words <= WORDS["other_file"]
+    return parts if len(parts) > 1 and len(parts) + others == len(tables) else []
+
+
+def name_of(path: Path) -> str:
+    """Return the name of a trial: its file's without the ending, or its folder's."""
+    return path.name if is_folder(path) else (path.with_suffix("") if _is_table(path, _PACKED) else path).stem
+
+
+def sidecar(log: Path) -> Path:
+    """Return where metadata of a log may stand beside it: ``trial.toml`` for ``trial.csv.gz``."""
+    return log.parent / f"{name_of(log)}.toml"
+
+
+def trial_files(paths: Sequence[str | Path] | str | Path) -> list[Path]:
+    """Return the logs that were named; a folder stands for the logs in it.
+
+    Logs are CSV files (``.csv.gz`` and ``.csv.zip``, too), MATLAB files (``.mat``), ROS 1 bags (``.bag``),
+    MCAP files, folders of ROS 2 recordings, and folders with a file a sensor (`parts_of`).
+
+    Raises:
+        UsageError: nothing was named, a folder holds no log, or two logs have one name.
+    """
+    named = [Path(path) for path in ([paths] if isinstance(paths, (str, Path)) else paths)]
+    if not named:
+        raise UsageError("no trials given", "name one or more logs, or a folder of them")
+    files: list[Path] = []
+    for path in named:
+        inside = sorted(filter(is_log, path.iterdir())) if is_folder(path) and not is_log(path) else [path]
+        if not inside:
+            what = f"{path}: the folder holds no log (.csv, .mat, .bag, .mcap)"
+            raise UsageError(what, "name the logs themselves")
+        plain = {name_of(log) for log in inside if not _is_table(log, _PACKED)}
+        packed = [log for log in inside if _is_table(log, _PACKED)] if path not in inside else []
+        files += [log for log in inside if log not in packed or name_of(log) not in plain]
+    unique = list(dict.fromkeys(files))
+    names = [name_of(path) for path in unique]
+    for name in names:
+        if names.count(name) > 1:
+            hint = "rename one: results carry the name of their log"
+            raise UsageError(f"two logs are called '{name}'", hint)
+    return unique

@@ -15,45 +15,26 @@ from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
-SHORTEST_REST = 0.5
-"""A standstill lasts at least this long [s]."""
-
-TOO_FAST = 30.0
-"""No ground robot whose motors are not known drives faster [m/s]."""
-
-FREE = (1.3, 0.05, 0.3)
-"""A wheel that turns this many times as fast as the others, which agree to this share, for so long [s]."""
-
-
-OPPOSED = -0.5
-"""A current that correlates with the other motors' by less than this has the opposite sign."""
+_SHORTEST_REST = 0.5  # a standstill lasts at least this long [s]
+_TOO_FAST = 30.0  # no ground robot whose motors are not known drives faster [m/s]
+# A free wheel turns this many times as fast as the others, which agree to this share, for so long [s].
+_FREE, _ALIKE, _FREE_FOR = 1.3, 0.05, 0.3
+_OPPOSED = -0.5  # a current that correlates with the other motors' by less has the opposite sign
 
 
 @dataclass(frozen=True)
 class MotionGuess:
-    """A first look at the motion, from the wheels alone (so slip is not taken off).
+    """A first look at the motion, from the wheels alone (so slip is not taken off)."""
 
-    Attributes:
-        velocity: plateau of the wheels' circumferential velocity [m/s].
-        acceleration: slope of the ramp up [m/s^2], NaN if there is none.
-        distance: way of the circumference [m].
-        variant: the variant of Table 2 that comes closest, None if none is close.
-        confidence: 0 to 1.
-    """
-
-    velocity: float
-    acceleration: float
-    distance: float
-    variant: Variant | None
-    confidence: float
+    velocity: float  # plateau of the wheels' circumferential velocity [m/s]
+    acceleration: float  # slope of the ramp up [m/s^2], NaN if there is none
+    distance: float  # way of the circumference [m]
+    variant: Variant | None  # of Table 2, the one that comes closest, if any is close
+    confidence: float  # 0 to 1
 
 
 def rests(trial: Trial, robot: Robot) -> list[tuple[float, float]]:
-    """Return intervals [s] in which the robot seems to stand still.
-
-    From the wheels where there are any (they turn whenever the robot drives), else from an
-    accelerometer that is far calmer than usual.
-    """
+    """Return intervals [s] in which the wheels, or else a calm accelerometer, say that the robot stands."""
     t, speed = mean_speed(trial.wheels, robot)
     if len(t) > 5:
         limit = 0.02 * max(float(np.quantile(np.abs(speed), 0.95)), 0.05)
@@ -83,7 +64,7 @@ def _smooth(values: Array, t: Array) -> Array:
 
 def _intervals(t: Array, flags: Mask) -> list[tuple[float, float]]:
     """Return the stretches of flags that last long enough."""
-    return [(float(t[a]), float(t[b - 1])) for a, b in runs(flags) if t[b - 1] - t[a] >= SHORTEST_REST]
+    return [(float(t[a]), float(t[b - 1])) for a, b in runs(flags) if t[b - 1] - t[a] >= _SHORTEST_REST]
 
 
 def look(trial: Trial, robot: Robot) -> MotionGuess | None:
@@ -130,22 +111,16 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
     _report_dead(wheels, imu, log)
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
     if not (math.isnan(ratio) or 0.3 < ratio < 8):
-        declared = log.unit(*ENCODERS)
+        declared, gain = log.unit(*ENCODERS), f"gain {ratio:.3g} times the speed that the IMU gains"
         sizes = next((kind for what in ("angle", "angular rate") if declared in (kind := factors(what))), {})
         changes = {unit: size / sizes[declared] for unit, size in sizes.items() if unit != declared}
         fits = [(unit, change) for unit, change in changes.items() if 0.7 < ratio * change < 3]
         if len(fits) == 1:
             unit, factor = fits[0]
-            log.doubts.append(
-                f"the encoders, declared in {declared}, gain {ratio:.3g} times the speed that the IMU gains: "
-                f"they are in {unit}; converted"
-            )
+            log.doubts.append(f"the encoders, declared in {declared}, {gain}: they are in {unit}; converted")
             rate = None if wheels.rate is None else wheels.rate * factor
             return WheelStream(wheels.t, wheels.angle * factor, rate, wheels.step * factor)
-        log.doubts.append(
-            f"the wheels gain {ratio:.3g} times the speed that the IMU gains: check wheel radius, counts "
-            "per revolution and units"
-        )
+        log.doubts.append(f"the wheels {gain}: check wheel radius, counts per revolution and units")
     return wheels
 
 
@@ -188,7 +163,8 @@ def _report_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> None:
 def refuse_counts_and_speed(wheels: WheelStream, log: Log) -> None:
     """Refuse an angle [rad] in whole numbers, and wheels faster than the motors at their highest voltage."""
     drive, radius = log.robot.drive, log.robot.wheels.radius
-    top, whose = TOO_FAST / radius, "a ground robot"
+    counts = 'unit = "counts" and counts_per_rev = …'
+    top, whose = _TOO_FAST / radius, "a ground robot"
     if drive:
         top, whose = drive.voltage_max / (drive.emf_constant * drive.gear_ratio), f"{log.robot.name}'s motors"
     for channel, logged in zip(ENCODERS, wheels.angle.T, strict=True):
@@ -198,21 +174,14 @@ def refuse_counts_and_speed(wheels: WheelStream, log: Log) -> None:
             continue
         whole = wheels.rate is None and (angle == np.rint(angle)).all() and len(np.unique(angle)) > 20
         if whole and quantum(angle) >= 1:
-            raise log.refuse(
-                channel,
-                f": only whole numbers up to {np.abs(angle).max():.0f}, expected an angle in rad: they look "
-                "like counts",
-                'unit = "counts" and counts_per_rev = … in a column map',
-            )
+            numbers = f"only whole numbers up to {np.abs(angle).max():.0f}"
+            what = f": {numbers}, expected an angle in rad: they look like counts"
+            raise log.refuse(channel, what, f"{counts} in a column map")
         fast = float(np.quantile(np.abs(np.diff(angle) / np.diff(t)), 0.75))
         if fast > 1.5 * top:
-            raise log.refuse(
-                channel,
-                f": the wheel turns with {fast:.3g} rad/s ({fast * radius:.2g} m/s), expected at most "
-                f"{top:.3g} rad/s of {whose}",
-                'counts need unit = "counts" and counts_per_rev = … in a column map; or name the robot (its '
-                "wheel radius and motors)",
-            )
+            turns = f"the wheel turns with {fast:.3g} rad/s ({fast * radius:.2g} m/s)"
+            hint = f"counts need {counts} in a column map; or name the robot (its wheel radius and motors)"
+            raise log.refuse(channel, f": {turns}, expected at most {top:.3g} rad/s of {whose}", hint)
 
 
 def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
@@ -225,19 +194,18 @@ def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
     speed = np.abs(wheels.angle[n:] - wheels.angle[:-n]) / span[:, None]
     angle, fastest = wheels.angle.copy(), speed.argmax(axis=1)
     low, middle, high, top = np.sort(speed, axis=1).T
-    free = (top > FREE[0] * middle) & (high - low < FREE[1] * middle)
+    free = (top > _FREE * middle) & (high - low < _ALIKE * middle)
     free &= middle > 0.1 * float(np.quantile(middle, 0.95))
     for i, channel in enumerate(ENCODERS):
         mine = free & (fastest == i)
-        long = [(a, b) for a, b in runs(mine) if (b - a) * dt >= FREE[2]]
+        long = [(a, b) for a, b in runs(mine) if (b - a) * dt >= _FREE_FOR]
         for a, b in long:
             angle[a : b + n, i] = np.nan
         if long:
             ratio = float(np.median(top[mine] / middle[mine]))
-            log.doubts.append(
-                f"{log.column(channel)}: the wheel turns {ratio:.2g} times as fast as "
-                f"the others from t = {wheels.t[long[0][0]]:.2f} s on: off the ground? left out there"
-            )
+            since = f"from t = {wheels.t[long[0][0]]:.2f} s on"
+            fast = f"the wheel turns {ratio:.2g} times as fast as the others {since}"
+            log.doubts.append(f"{log.column(channel)}: {fast}: off the ground? left out there")
     return dataclasses.replace(wheels, angle=angle)
 
 
@@ -248,10 +216,9 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
     shown = np.abs(currents.current[np.isfinite(currents.current)])
     if len(shown) and (high := float(np.quantile(shown, 0.95))) > 3 * limit:
         first = next((channel for channel in CURRENTS if channel in log.columns), "currents")
-        log.doubts.append(
-            f"{log.column(first)} and its like: {high:.4g} A, more than the motors can draw ({limit:.3g} A): "
-            'they are in mA; converted (say unit = "mA" in a column map)'
-        )
+        much = f"{high:.4g} A, more than the motors can draw ({limit:.3g} A)"
+        remedy = 'they are in mA; converted (say unit = "mA" in a column map)'
+        log.doubts.append(f"{log.column(first)} and its like: {much}: {remedy}")
         currents = CurrentStream(currents.t, currents.current / 1000)
     t, speed = mean_speed(wheels, log.robot)
     if len(t) < 20:
@@ -259,33 +226,28 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
     speed = np.interp(currents.t, t, speed)
     going = np.abs(speed) > 0.3 * float(np.abs(speed).max())
     values = currents.current
-    live = [
-        i for i in range(4) if np.isfinite(values[:, i]).sum() > 20 and np.isfinite(values[going, i]).any()
-    ]
+    known = np.isfinite(values)
+    live = [i for i in range(4) if known[:, i].sum() > 20 and known[going, i].any()]
     if len(live) < 3 or not np.ptp(values[:, live], axis=0).all():
         return currents
     values = np.nan_to_num(values)
     power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)
     for i in opposed(values, power, live):
-        log.doubts.append(
-            f"{log.column(CURRENTS[i])}: the current flows against the other motors': its sign is wrong; "
-            "say scale = -1 in a column map"
-        )
+        remedy = "its sign is wrong; say scale = -1 in a column map"
+        what = "the current flows against the other motors'"
+        log.doubts.append(f"{log.column(CURRENTS[i])}: {what}: {remedy}")
     return currents
 
 
 def opposed(values: Array, power: Array, live: Sequence[int]) -> list[int]:
-    """Return the motors whose current runs against the others' although these deliver power.
+    """Return which of the `live` motors' currents (N, 4) [A] run against the others', which deliver power.
 
-    Args:
-        values: (N, 4) currents [A].
-        power: (4,) their mean, counted positive where it drives the wheels.
-        live: the motors whose current is logged.
+    `power` (4,) [A] is their mean, counted positive where it drives the wheels.
     """
     found = []
     for i in live:
         others = [j for j in live if j != i]
         if power[i] < 0 and len(others) > 1 and np.median(power[others]) > 0:
             like = np.corrcoef(values[:, i], values[:, others].mean(axis=1))[0, 1]
-            found += [i] if like < OPPOSED else []
+            found += [i] if like < _OPPOSED else []
     return found

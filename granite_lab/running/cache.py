@@ -32,7 +32,7 @@ from platformdirs import user_cache_path
 import granite_lab
 from granite_lab.errors import LabError
 from granite_lab.files import is_folder, sha256, write_bytes
-from granite_lab.logs.named import sidecar
+from granite_lab.logs.trial import sidecar
 from granite_lab.running.options import Options
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from granite_lab.errors import LabError, UsageError
-from granite_lab.logs.named import name_of
+from granite_lab.logs.trial import name_of
 from granite_lab.parameters.catalogue import CATALOGUE, forget
 from granite_lab.parameters.quantity import noting_files
 from granite_lab.processes import SHORT_OF_MEMORY, crowd, disperse, one_thread, starting

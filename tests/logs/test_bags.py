@@ -9,8 +9,7 @@ import pytest
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.logs import inspect_logs, read_trial, write_canonical
 from granite_lab.logs.bag import assign
-from granite_lab.logs.named import name_of, trial_files
-from granite_lab.logs.trial import Trial
+from granite_lab.logs.trial import Trial, name_of, trial_files
 from tests.logs import make
 from tests.logs.bags import EPOCH, IMU, JOINTS, KINDS, ODOM, OUTSIDE, WHEELS, Bag, rounded
 from tests.logs.test_texts import check

@@ -11,7 +11,7 @@ from scipy.io import savemat
 
 from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
-from granite_lab.logs.named import name_of, trial_files
+from granite_lab.logs.trial import name_of, trial_files
 from tests.corpus.cli import succeeded
 from tests.logs import make
 

@@ -162,6 +162,8 @@ CASES: dict[str, tuple[str | bytes, str, str]] = {
     "a row too long": (insert(20, LINES[19] + ",1,2"), r":20: 13 cells, expected 11", "delimiter"),
     "a row too short": (insert(20, "0.18,1,2"), r":20: 3 cells, expected 11", "damaged"),
     "second header in the middle": (insert(200, LINES[0]), r":200: column 't_s': 't_s' is not a number.*", ""),
+    "a cell of 200 kB": (cell(30, "imu_ax_mps2", "1" * 200_000), r":30: not a row of a table: field larger than .*, expected cells of numbers", "CSV"),
+    "a cell of 200 kB far down": (cell(500, "imu_ax_mps2", "1" * 200_000), r":500: not a row of a table: field larger than field limit.*", "export"),
     # clocks
     "one row": ("\n".join(LINES[:2]), r": column 't_s' does not advance, expected time stamps", "two rows"),
     "constant time": (column("t_s", lambda _: 5.0), r": column 't_s' does not advance, expected time stamps", ""),
