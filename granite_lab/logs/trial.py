@@ -33,23 +33,38 @@ def part(record: R, keep: npt.NDArray[np.bool_] | slice) -> R:
 
 @dataclass(frozen=True, eq=False)
 class ImuStream:
-    """Samples of the inertial measurement unit, at its place; NaN in a column that was not logged."""
+    """Samples of the inertial measurement unit, at the sensor's place; NaN in a column that was not logged.
 
-    t: Array  # (N,) stamps [s], strictly increasing
-    specific_force: Array  # (N, 3) [m/s^2]; +9.81 on z at rest in the robot's axes (x forward, y left, z up)
-    angular_rate: Array  # (N, 3) [rad/s]; y positive nose down
-    gravity_removed: bool = False  # by the logger
-    robot_axes: bool = False  # the mounting rotation has been applied, as in a corrected trial
+    Attributes:
+        t: (N,) stamps [s], strictly increasing.
+        specific_force: (N, 3) [m/s^2]; +9.81 on z at rest in the robot's axes (x forward, y left, z up).
+        angular_rate: (N, 3) [rad/s]; y positive nose down.
+        gravity_removed: by the logger.
+        robot_axes: the mounting rotation has been applied, as in a corrected trial.
+    """
+
+    t: Array
+    specific_force: Array
+    angular_rate: Array
+    gravity_removed: bool = False
+    robot_axes: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class WheelStream:
-    """Samples of the wheel encoders, in the order of `granite_lab.parameters.WHEELS`."""
+    """Samples of the wheel encoders, in the order of `granite_lab.parameters.WHEELS`.
 
-    t: Array  # (M,) stamps [s], strictly increasing
-    angle: Array  # (M, 4) accumulated wheel angle [rad], unwrapped; NaN where a wheel was not sampled
-    rate: Array | None = None  # (M, 4) [rad/s] where the logger gives rates; then `angle` is its integral
-    step: float = 0.0  # smallest step of the angle [rad] or of a logged rate [rad/s] (0: not known)
+    Attributes:
+        t: (M,) stamps [s], strictly increasing.
+        angle: (M, 4) accumulated wheel angle [rad], unwrapped; NaN where a wheel was not sampled.
+        rate: (M, 4) wheel rate [rad/s] where the logger gives rates; then `angle` is its integral.
+        step: smallest step of the angle [rad] (0: not known); for a logged rate, of the rate [rad/s].
+    """
+
+    t: Array
+    angle: Array
+    rate: Array | None = None
+    step: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,46 +93,70 @@ class InputFile:
 
 @dataclass(frozen=True)
 class TrialInfo:
-    """What is known about a trial besides its samples; None where nobody said."""
+    """What is known about a trial besides its samples; None where nobody said.
 
-    robot: str | None = None  # name of the catalogue or path of a TOML file, as the soil
+    Attributes:
+        robot, soil: names of the catalogue or paths of TOML files.
+        v_desired, a_max, distance: of the desired motion [m/s], [m/s^2], [m].
+        virtual: a simulator wrote the log.
+        clock_offset: known offset of the encoder clock behind the IMU's [s].
+        extra: other metadata of the file, as text.
+    """
+
+    robot: str | None = None
     soil: str | None = None
-    v_desired: float | None = None  # of the desired motion [m/s], as the next two
-    a_max: float | None = None  # [m/s^2]
-    distance: float | None = None  # [m]
+    v_desired: float | None = None
+    a_max: float | None = None
+    distance: float | None = None
     repetition: int | None = None
-    virtual: bool = False  # a simulator wrote the log
-    clock_offset: float | None = None  # known offset of the encoder clock behind the IMU's [s]
-    extra: dict[str, str] = field(default_factory=dict, hash=False)  # other metadata of the file, as text
+    virtual: bool = False
+    clock_offset: float | None = None
+    extra: dict[str, str] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True)
 class Correction:
-    """One thing that estimation changed in a log."""
+    """One thing that estimation changed in a log.
+
+    Attributes:
+        where: the channel, and the instant or interval if it is not the whole log.
+        value: size of the change, or how many samples it concerns.
+        std: of the value; NaN where it is no measurement.
+    """
 
     what: str
-    where: str  # the channel, and the instant or interval if it is not the whole log
-    value: float  # size of the change, or how many samples it concerns
-    std: float  # of the value; NaN where it is no measurement
+    where: str
+    value: float
+    std: float
     unit: str
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One trial, as it was logged or as estimation corrected it (`granite_lab.estimation.correct`)."""
+    """One trial, as it was logged or as estimation corrected it (`granite_lab.estimation.correct`).
 
-    name: str  # stem of the log's file
+    Attributes:
+        name: stem of the log's file.
+        imu, wheels, currents: None where the log has none.
+        command: commanded velocity [m/s].
+        reference_x, reference_v: external reference [m], [m/s]; judges the estimate, never enters it.
+        warnings: every doubt the reader had, one line each.
+        layout: name of the column map that was used.
+        corrections: what estimation changed.
+    """
+
+    name: str
     info: TrialInfo
-    imu: ImuStream | None = None  # None where the log has none, as the others
+    imu: ImuStream | None = None
     wheels: WheelStream | None = None
     currents: CurrentStream | None = None
-    command: Series | None = None  # commanded velocity [m/s]
-    reference_x: Series | None = None  # external reference [m]; judges the estimate, never enters it
-    reference_v: Series | None = None  # the same [m/s]
-    warnings: tuple[str, ...] = ()  # every doubt the reader had, one line each
+    command: Series | None = None
+    reference_x: Series | None = None
+    reference_v: Series | None = None
+    warnings: tuple[str, ...] = ()
     inputs: tuple[InputFile, ...] = ()
-    layout: str = "canonical"  # name of the column map that was used
-    corrections: tuple[Correction, ...] = ()  # what estimation changed
+    layout: str = "canonical"
+    corrections: tuple[Correction, ...] = ()
 
 
 def is_bag(path: Path) -> bool:
