@@ -345,7 +345,7 @@ def _promising(promises: Mapping[str, _Promise], most: int) -> list[_Promise]:
     ranked = sorted((p for p in promises.values() if p.gain > least), key=lambda p: -p.gain)
     library = [p for p in ranked if not is_empirical(p.score.candidate)][:most]
     law = [p for p in ranked if is_empirical(p.score.candidate)][: most // 2]
-    return library + law
+    return law + library  # a fit of the law takes longest
 
 
 def _model(effects: tuple[str, ...], result: Fit, candidates: Sequence[str]) -> Model:

@@ -158,8 +158,9 @@ def fit(
     if rounds:
         scales = learn(problem, state, scales)
     post = _posterior(problem, state.point, state.normal, scales)
+    slopes, normal = replace(state.slopes), state.normal.alone()  # without what was kept for a next step
     return Fit(
-        state.point, scales, state.slopes, state.responses, state.residuals, state.normal, post,
+        state.point, scales, slopes, state.responses, state.residuals, normal, post,
         post.evidence + log_prior(problem, scales, bool(state.point.effects)), converged,
     )  # fmt: skip
 

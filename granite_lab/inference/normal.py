@@ -202,6 +202,11 @@ class Normal:
         parts = tuple(replace(p, channels=tuple(c.at(white) for c in p.channels)) for p in self.parts)
         return replace(self, parts=parts)
 
+    def alone(self) -> Normal:
+        """Return the same without the rows, which only other residuals need."""
+        parts = (replace(p, channels=tuple(replace(c, rows=()) for c in p.channels)) for p in self.parts)
+        return replace(self, parts=tuple(parts))
+
     def marginal(self, scales: Scales, only: Sequence[int] | None = None) -> tuple[Array, float]:
         """Integrate the discrepancy out.
 

@@ -88,18 +88,19 @@ def _equations(effects: tuple[Effect, ...]) -> machine.Library:
     """Return ``rates`` and ``slopes`` of a graph."""
     _routines()
     graph = build_graph(effects)
-    rates = ca.cse(graph.rates)
-    f = ca.Function("rates", [graph.t, graph.x, graph.p], [rates])
+    given = [graph.t, graph.x, graph.p]
 
     def text() -> str:
-        code, rows = program.read(f), _places(rates)
+        rates = ca.cse(graph.rates)
+        code, rows = program.read(ca.Function("rates", given, [rates])), _places(rates)
         return "\n".join([
             lowering.declarations(),
             lowering.point("rates", code, rows),
             lowering.point("slopes", code, rows, graph.x.numel()),
         ])  # fmt: skip
 
-    return _library(machine.key(_version(), f.serialize()), ("rates", "slopes"), text, 0)
+    key = machine.key(_version(), ca.Function("rates", given, [graph.rates]).serialize())
+    return _library(key, ("rates", "slopes"), text, 0)
 
 
 def prepare(effects: tuple[Effect, ...]) -> None:
@@ -163,14 +164,16 @@ def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> Any:
     """Return the machine code of some outputs."""
     _routines()
     graph = build_graph(effects)
-    stacked = ca.cse(ca.densify(ca.vertcat(*(graph.outputs[name] for name in names))))
-    f = ca.Function("columns", [graph.t, graph.x, graph.p], [stacked])
-    library = _library(
-        machine.key(_version(), f.serialize()),
-        ("columns",),
-        lambda: lowering.declarations() + lowering.column("columns", program.read(f), _places(stacked)),
-        0,
-    )
+    given = [graph.t, graph.x, graph.p]
+    stacked = ca.densify(ca.vertcat(*(graph.outputs[name] for name in names)))
+
+    def text() -> str:
+        short = ca.cse(stacked)
+        code = program.read(ca.Function("columns", given, [short]))
+        return lowering.declarations() + lowering.column("columns", code, _places(short))
+
+    key = machine.key(_version(), ca.Function("columns", given, [stacked]).serialize())
+    library = _library(key, ("columns",), text, 0)
     return ctypes.CFUNCTYPE(None, _WHOLE, _WHOLE, *[_POINTER] * 4)(library.address["columns"])
 
 
