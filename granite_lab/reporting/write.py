@@ -15,7 +15,7 @@ from granite_lab.files import readable, write_text
 from granite_lab.processes import shared_out
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import channels_of
-from granite_lab.reporting.canvas import FORMATS, Figure, converted, on_page
+from granite_lab.reporting.canvas import FORMATS, Figure, converted, drawn, on_page
 from granite_lab.reporting.json_report import CRATE, crate, dumps, to_json
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.render import to_html, to_latex, to_markdown, to_pdf
@@ -50,16 +50,16 @@ def write_report(
     beside = Path(model).name if model is not None else None
     report = study_report(result, model=beside, folder=_named(folder))
     with _replacing(folder) as new:
-        drawn = _write_figures(report.figures, new, jobs)
+        pictures = _write_figures(report.figures, new, jobs)
         _write_tables(report.tables, new)
         _write(new / "report.md", to_markdown("report.md", report=report))
-        pictures = {f.name: on_page(f, drawn[f.name]) for f in report.figures}
-        _write(new / "index.html", to_html(report, pictures))
+        on_pages = {f.name: on_page(f, pictures[f.name]) for f in report.figures}
+        _write(new / "index.html", to_html(report, on_pages))
         if report.numbers == "finding.json" and result.finding is not None:
             _write(new / "finding.json", dumps(finding_as_json(result.finding, model)))
         else:
             _write(new / "report.json", to_json(result, report, model))
-            (new / "report.pdf").write_bytes(to_pdf(result, report, made_by(result.source), drawn))
+            (new / "report.pdf").write_bytes(to_pdf(result, report, made_by(result.source), pictures))
             for name in (MODEL, DESIGN):
                 if (folder / name).is_file():
                     shutil.copyfile(folder / name, new / name)  # so that report and record belong together
@@ -120,19 +120,23 @@ def _write(path: Path, text: str) -> None:
 
 
 def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, str]:
-    """Write each figure in all formats; return their SVG by name."""
+    """Write each figure in all formats; return their SVG by name.
+
+    Only what draws is done in other processes: Typst keeps threads, which do not outlive a fork.
+    """
     (folder / "figures").mkdir()
-    drawn: dict[str, str] = {}
-    files_of = shared_out(_converted, figures, len(figures), "drew figures", jobs=jobs, few=2)
-    for figure, files in zip(figures, files_of, strict=True):
-        drawn[figure.name] = files["svg"].decode()
-        for kind, data in files.items():
-            (folder / "figures" / f"{figure.name}.{kind}").write_bytes(data)
-    return drawn
+    found: dict[str, str] = {}
+    pictures = shared_out(_drawn, figures, len(figures), "drew figures", jobs=jobs, few=2)
+    for figure, svg in zip(figures, pictures, strict=True):
+        found[figure.name] = svg.decode()
+        for kind in FORMATS:
+            path = folder / "figures" / f"{figure.name}.{kind}"
+            path.write_bytes(converted(svg, kind, canvas.DPI))
+    return found
 
 
-def _converted(figures: Sequence[Figure], k: int) -> dict[str, bytes]:
-    return converted(figures[k].draw(), FORMATS, canvas.DPI)
+def _drawn(figures: Sequence[Figure], k: int) -> bytes:
+    return drawn(figures[k].draw())
 
 
 def _write_tables(tables: Sequence[Table], folder: Path) -> None:
