@@ -115,7 +115,7 @@ class ChannelPart:
             return found
         root = np.sqrt(variances(self.kind, share, formula)) / louder
         M = root[:, None] * self.basis * root
-        M.flat[:: root.size + 1] += 1
+        M.flat[:: root.size + 1] += 1 + np.finfo(float).eps * np.trace(M)  # which is its rounding error
         U = cholesky(M, overwrite_a=True, check_finite=False)
         self._known.clear()
         self._known[key] = root, U, 2 * float(np.log(np.diag(U)).sum())

@@ -111,7 +111,7 @@ def at_first(problem: Problem) -> tuple[Point, float]:
     runs = problem.respond([problem.centre(neutral, c) for c in range(len(problem.commands))])
     if runs is None:
         return neutral, np.inf
-    responses = [runs[t.variant] for t in problem.trials]
+    responses = [runs[problem.variants.index(t.variant)] for t in problem.trials]
     weights = nominal(problem)
     best = neutral, np.inf
     for late in LATENCIES:

@@ -207,12 +207,10 @@ def key(axis: Axes, text: str) -> None:
 
 
 def envelope(t: Array, *values: Array, points: int = 700) -> tuple[Array, ...]:
-    """Thin traces for drawing: keep the smallest and the largest sample of the first in each bin.
+    """Thin (N,) traces at instants t for drawing, to about so many points.
 
-    Args:
-        t: (N,) instants.
-        *values: (N,) traces; all are thinned at the same samples, NaN stays where a bin has nothing else.
-        points: about how many samples remain.
+    Kept are the smallest and the largest sample of the first trace in each bin; NaN stays where a bin has
+    nothing else.
     """
     n = len(t)
     if n <= points:

@@ -28,12 +28,10 @@ from granite_lab.results import StudyResult, gaps
 def write_report(
     result: StudyResult, folder: Path, *, model: Path | str | None = None, jobs: int = 1
 ) -> Path:
-    """Write ``index.html``, ``report.md``, ``report.json``, ``report.pdf``, ``figures/``, ``tables/``
-    and ``ro-crate-metadata.json``.
+    """Write page, Markdown, JSON, PDF, ``figures/``, ``tables/`` and ``ro-crate-metadata.json``.
 
-    Of a search alone, a study without trials, there is ``finding.json`` in place of ``report.json``, and
-    neither PDF nor metadata. Everything is written beside the folder first and then moved into place; other
-    files in the folder stay.
+    Of a search alone there is ``finding.json`` in place of ``report.json``, and neither PDF nor metadata.
+    Everything is written beside the folder first and then moved into place; other files there stay.
 
     Args:
         result: the study, with what a search found.
@@ -120,18 +118,14 @@ def _write(path: Path, text: str) -> None:
 
 
 def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, str]:
-    """Write each figure in all formats; return their SVG by name.
-
-    Only what draws is done in other processes: Typst keeps threads, which do not outlive a fork.
-    """
+    """Write each figure in all formats; return their SVG by name. Typst's threads do not outlive a fork."""
     (folder / "figures").mkdir()
     found: dict[str, str] = {}
     pictures = shared_out(_drawn, figures, len(figures), "drew figures", jobs=jobs, few=2)
     for figure, svg in zip(figures, pictures, strict=True):
         found[figure.name] = svg.decode()
         for kind in FORMATS:
-            path = folder / "figures" / f"{figure.name}.{kind}"
-            path.write_bytes(converted(svg, kind, canvas.DPI))
+            (folder / "figures" / f"{figure.name}.{kind}").write_bytes(converted(svg, kind, canvas.DPI))
     return found
 
 
