@@ -115,8 +115,11 @@ class ChannelPart:
             return found
         root = np.sqrt(variances(self.kind, share, formula)) / louder
         M = root[:, None] * self.basis * root
-        M.flat[:: root.size + 1] += 1 + np.finfo(float).eps * np.trace(M)  # which is its rounding error
-        U = cholesky(M, overwrite_a=True, check_finite=False)
+        M.flat[:: root.size + 1] += 1
+        try:
+            U = cholesky(M, check_finite=False)
+        except np.linalg.LinAlgError:  # where the unit is lost in rounding, add what rounding takes
+            U = cholesky(M + np.finfo(float).eps * np.trace(M) * np.eye(root.size), check_finite=False)
         self._known.clear()
         self._known[key] = root, U, 2 * float(np.log(np.diag(U)).sum())
         return self._known[key]

@@ -176,7 +176,8 @@ def objective(problem: Problem, point: Point, scales: Scales) -> float:
     responses = simulated(problem, point)
     std, mean = problem.prior(point, scales)
     white = problem.white(problem.residuals(point, responses))
-    squares = sum(begun.normal.misfits(white, scales).values())
+    normal = problem.normal(begun.point, begun.slopes, begun.residuals)
+    squares = sum(normal.misfits(white, scales).values())
     return float(squares + np.sum(((point.vector - mean) / std) ** 2))
 
 
