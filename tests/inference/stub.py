@@ -116,11 +116,9 @@ class Respond:
 
 
 def problem_of(
-    commands: Sequence[int] = (0, 0, 1, 1),
-    channels: Sequence[str] = tuple(UNITS),
-    *,
+    commands: Sequence[int] = (0, 0, 1, 1), channels: Sequence[str] = tuple(UNITS), *,
     respond: Respond | None = None,
-) -> Problem:
+) -> Problem:  # fmt: skip
     """Return trials in which nothing was measured yet (all zero), with the nominal noise."""
     world = World(ROBOT, SOIL, COMMANDS, EFFECTS)
     models = []

@@ -50,11 +50,11 @@ def test_the_evidence_does_not_depend_on_where_the_fit_begins() -> None:
     assert np.abs(first.point.vector - second.point.vector).max() < 0.5 * std_of(first).max()
 
 
-@pytest.mark.parametrize("late", [-0.1, 0.0, 0.07])
-def test_a_fit_begins_near_the_latency_of_the_stamps(late: float) -> None:
-    """Whatever the sand is; from far away a fit ends elsewhere."""
+@pytest.mark.parametrize(("late", "commands"), [(-0.1, FOUR), (0.0, FOUR), (0.07, FOUR), (0.07, (1, 1))])
+def test_a_fit_begins_near_the_latency_of_the_stamps(late: float, commands: tuple[int, ...]) -> None:
+    """Whatever the sand is, and where a command was left out; from far away a fit ends elsewhere."""
     rng = np.random.default_rng(8)
-    problem = problem_of(FOUR)
+    problem = problem_of(commands)
     truth = drawn(problem, rng)
     truth.shared[len(SAND)] = late
     measure(problem, truth, rng)

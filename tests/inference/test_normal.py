@@ -353,3 +353,9 @@ def test_bases_are_joined_with_the_variance_of_each_kind() -> None:
     std = np.sqrt((whole.columns**2 * Λ).sum(axis=1))
     assert std[5:55] == pytest.approx(np.full(50, np.hypot(0.05, 0.02)), rel=0.3)
     assert std[65:] == pytest.approx(np.full(35, 2 * REST_SHARE), rel=0.3)
+
+
+def test_a_discrepancy_beside_which_noise_is_lost_in_rounding_has_a_factor() -> None:
+    columns = 1e12 * np.random.default_rng(0).normal(size=(4, 40))  # 1 + its inner products is indefinite
+    part = ChannelPart("", columns, np.zeros(40, int), (), np.eye(1), columns.T @ columns, np.zeros((40, 1)))
+    assert np.isfinite(part.factor(Scales(1.0, 1.0))[1]).all()
