@@ -19,7 +19,7 @@ from granite_lab.api.records import Origin, Records
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.effects import library
-from granite_lab.errors import InputError, LabError, UsageError
+from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.logs.trial import name_of, trial_files
@@ -42,22 +42,11 @@ def _analysed(command: str, logs: Logs, said: Fit) -> tuple[list[TrialResult], O
     outcomes = each_trial(
         analyse, choice.files, choice.options, execution=choice.execution, done=said["done"]
     )
-    try:
-        found, failed = sifted(choice.files, outcomes, strict=said["strict"])
-    except LabError as error:
-        path = choice.files[outcomes.index(error)]
-        raise _naming(path, error) from None
+    found, failed = sifted(choice.files, outcomes, strict=said["strict"])
     lines = [f"{r.trial.name}: {line}" for r in found for line in r.comparison.motion.warnings]
     source = source_of(command, choice.files, [r.trial for r in found], choice.options)
     warnings = (*lines, *choice.execution.tidied())
     return found, Origin(source, (*choice.excluded, *failed), warnings)
-
-
-def _naming(path: Path, error: LabError) -> LabError:
-    """Return an error of one of several trials; its message says which."""
-    name = name_of(path)
-    named = any(told in error.message for told in (str(path), f"'{name}'", f"{name}:"))
-    return error if named else type(error)(f"{name}: {error.message}", error.hint)
 
 
 @checked

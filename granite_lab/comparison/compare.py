@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from granite_lab import fitting
 from granite_lab.errors import EstimateError
-from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.motion import Motion, mean_known
 from granite_lab.fitting.fit import K92Fit
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model import Run
@@ -182,7 +182,7 @@ def _measured(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
         found[f"wheel_{wheel}"] = motion.v_wheel[:, i], motion.v_wheel_std[:, i]
     for axle, columns in AXLES.items():
         # the body's velocity is common to a pair and rules the error, so a mean is no better than one
-        found[f"slip_{axle}"] = _mean_known(motion.slip[:, columns]), _mean_known(motion.slip_std[:, columns])
+        found[f"slip_{axle}"] = mean_known(motion.slip[:, columns]), mean_known(motion.slip_std[:, columns])
     found |= _torques(motion, trial, robot, t) | _imu(motion, trial)
     return {name: found[name] for name in UNITS if name in found and np.isfinite(found[name][0]).any()}
 
@@ -215,11 +215,6 @@ def _standstill_mean(t: Array, signal: Array) -> tuple[float, int]:
     still = (t < -0.05) & np.isfinite(signal)
     count = int(still.sum())
     return (float(signal[still].mean()), count) if count else (0.0, 0)
-
-
-def _mean_known(columns: Array) -> Array:
-    """Return the (N,) mean over the columns of what is known."""
-    return np.asarray(np.ma.masked_invalid(columns).mean(axis=1).filled(np.nan))
 
 
 def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:

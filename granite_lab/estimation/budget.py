@@ -64,7 +64,7 @@ def slip_parts(
     length = float(rolled[j] - rolled[i])
     towards = np.zeros(model.SIZE)  # λ = slipped / rolled: its gradient towards the difference of the states
     towards[[D, X, P]] = (1.0 - slip) / length, -slip / length, slip / length
-    widened = widening(found.innovations)  # as `solve` did
+    widened = widening(found.innovations)  # as `smooth` did
     variances = {name: widened * v for name, v in _shares(nodes, found, towards, i, j).items()}
     variances[STEADY] = float(towards @ (found.common[j] - found.common[i])) ** 2
     sources = _sources(nodes, noise, scatter)

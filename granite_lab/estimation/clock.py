@@ -232,7 +232,7 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     if not windows:
         return None
     # where samples are missing the moment itself is not seen
-    clear = [window for window in windows if not problem.faults.touch(*window)]
+    clear = [window for window in windows if not problem.faults.hide(*window)]
     windows, doubt = (clear, 0.0) if clear else (windows, HIDDEN)
     # these moments alone would take a part of any offset for compliance, or for wheels that spin
     problem = replace(problem, soft=problem.compliance, spins=False)

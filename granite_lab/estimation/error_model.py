@@ -112,18 +112,30 @@ LOST_PITCH = 0.005
 """Random walk of the pitch far from standstills [rad/sqrt(s)]: turns and shaking mislead the gyro."""
 
 
-def transitions(
-    dt: Array, coupling: Array, moving: np.ndarray, w: Array, gain: Array, slip: SlipModel, noise: Noise, *,
-    pitch_gyro: bool,
-) -> Array:  # fmt: skip
-    """(K, 14, 14) transition matrices into each node from the one before.
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """The steps into each of K nodes from the one before.
 
-    For each of the K steps dt [s]: `coupling` g cos(pitch) [m/s^2], `moving` False within a standstill, the
-    wheel speed `w` by which the slip ratio is multiplied [m/s], the velocity `gain` that the accelerometer
-    adds [m/s].
+    Attributes:
+        dt: (K,) how long they last [s].
+        coupling: (K,) g cos(pitch) [m/s^2].
+        moving: (K,) False within a standstill.
+        onset: (K,) True for the step that leaves a standstill.
+        w: (K,) wheel speed by which the slip ratio is multiplied [m/s].
     """
+
+    dt: Array
+    coupling: Array
+    moving: np.ndarray
+    onset: np.ndarray
+    w: Array
+
+
+def transitions(steps: Steps, gain: Array, slip: SlipModel, noise: Noise, *, pitch_gyro: bool) -> Array:
+    """(K, 14, 14) transition matrices; the accelerometer adds the velocity `gain` (K,) [m/s] in each step."""
+    dt, coupling, w = steps.dt, steps.coupling, steps.w
     F = np.tile(np.eye(SIZE), (dt.size, 1, 1))
-    on = moving.astype(float)
+    on = steps.moving.astype(float)
     F[:, X, V] = on * dt
     F[:, X, TH] = on * coupling * dt**2 / 2
     F[:, X, BA] = F[:, X, BM] = -on * dt**2 / 2
@@ -155,15 +167,14 @@ def resonator(dt: Array, noise: Noise) -> Array:
 
 
 def noises(
-    F: Array, dt: Array, coupling: Array, moving: np.ndarray, onset: np.ndarray, w: Array, gyro: Array,
-    size: Array, unrest: Array, slip: SlipModel, noise: Noise,
-) -> Array:  # fmt: skip
+    F: Array, steps: Steps, gyro: Array, size: Array, unrest: Array, slip: SlipModel, noise: Noise
+) -> Array:
     """(K, 14, 14) process noise over each step of `transitions` F.
 
-    `onset` is True for the step that leaves a standstill. At the nodes: white noise `gyro` of the pitch rate
-    [rad/s sqrt(s)]; rms `size` of the acceleration by vibration [m/s^2], at which the oscillator is kept;
-    relative change `unrest` of the wheel speed [1/s].
+    At the nodes (K,): white noise `gyro` of the pitch rate [rad/s sqrt(s)]; rms `size` of the acceleration by
+    vibration [m/s^2], at which the oscillator is kept; relative change `unrest` of the wheel speed [1/s].
     """
+    dt, coupling, moving, onset, w = steps.dt, steps.coupling, steps.moving, steps.onset, steps.w
     Q = np.tile(np.diag(TINY**2), (dt.size, 1, 1))
     on = moving.astype(float)
     a2, g2 = on * np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps)) ** 2, on * gyro**2

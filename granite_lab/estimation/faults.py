@@ -42,10 +42,13 @@ class Faults:
     thrown: Array
     restarts: tuple[Restart, ...] = ()
 
+    def hide(self, begin: float, end: float) -> bool:
+        """Whether samples are missing or at their limit in an interval [s]."""
+        return any(a < end and b > begin for a, b in (*self.gaps, *self.plateaus))
+
     def touch(self, begin: float, end: float) -> bool:
-        """Whether samples are missing or at their limit, or biases change, in an interval [s]."""
-        changes = [(restart.begin, restart.end) for restart in self.restarts]
-        return any(a < end and b > begin for a, b in (*self.gaps, *self.plateaus, *changes))
+        """Whether they are, or biases change."""
+        return self.hide(begin, end) or any(r.begin < end and r.end > begin for r in self.restarts)
 
 
 def find_faults(

@@ -260,7 +260,7 @@ def build(
     """
     imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
     index = choose(nominal, imu.period, problem.spacing)
-    t, rest, coupling = nominal.t[index], nominal.rest[index], nominal.coupling[index]
+    t, rest = nominal.t[index], nominal.rest[index]
     dt = np.diff(t, prepend=t[0])
     moving = ~(rest & np.concatenate([[True], rest[:-1]]))
     moving[0] = not rest[0]
@@ -271,14 +271,15 @@ def build(
     # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
     going = speed - (loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
     gain, omega = np.diff(going, prepend=going[0]), noise.vibration_omega
-    F = model.transitions(dt, coupling, moving, w, gain, slip, noise, pitch_gyro=imu.has_pitch_rate)
+    steps = model.Steps(dt, nominal.coupling[index], moving, onset, w)
+    F = model.transitions(steps, gain, slip, noise, pitch_gyro=imu.has_pitch_rate)
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
     turn = nominal.roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
     size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
     if nominal.vibration_left is not None:
         size = size * nominal.vibration_left[index]
-    Q = model.noises(F, dt, coupling, moving, onset, w, gyro, size, pace.unrest, slip, noise)
+    Q = model.noises(F, steps, gyro, size, pace.unrest, slip, noise)
     if problem.jumps is not None:
         Q[:, S, S] += moving * problem.jumps[index] * dt / w**2
     inflate(Q, t, moving, problem.faults, imu, nominal.rest, None if rolling is None else pace.growth)

@@ -118,7 +118,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, str]:
-    """Write each figure in all formats; return their SVG by name. Typst's threads do not outlive a fork."""
+    """Write each figure in all formats; return their SVG by name."""
     (folder / "figures").mkdir()
     found: dict[str, str] = {}
     pictures = shared_out(_drawn, figures, len(figures), "drew figures", jobs=jobs, few=2)
@@ -129,7 +129,7 @@ def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> di
     return found
 
 
-def _drawn(figures: Sequence[Figure], k: int) -> bytes:
+def _drawn(figures: Sequence[Figure], k: int) -> bytes:  # not converted: Typst hangs in forked processes
     return drawn(figures[k].draw())
 
 

@@ -120,8 +120,15 @@ def sifted(
     pairs = zip(files, outcomes, strict=True)
     errors = [(path, outcome) for path, outcome in pairs if isinstance(outcome, LabError)]
     if errors and (strict or not results):
-        raise errors[0][1]
+        raise _naming(*errors[0])
     return results, tuple(Failure(name_of(path), error.message, error.hint) for path, error in errors)
+
+
+def _naming(path: Path, error: LabError) -> LabError:
+    """Return an error of one of several trials; its message says which."""
+    name = name_of(path)
+    named = any(told in error.message for told in (str(path), f"'{name}'", f"{name}:"))
+    return error if named else type(error)(f"{name}: {error.message}", error.hint)
 
 
 def _guarded(work: Callable[[Path, Options], Any], options: Options, path: Path) -> bytes | LabError:

@@ -17,7 +17,7 @@ from llvmlite import binding
 from granite_lab.model import interpreted
 from granite_lab.model.command import corners
 from granite_lab.model.effect import Effect
-from granite_lab.model.graph import build_graph
+from granite_lab.model.graph import Graph, build_graph
 from granite_lab.model.instants import Accuracy, instants
 from granite_lab.model.limits import most_steps, not_converged
 from granite_lab.model.native import (
@@ -83,24 +83,33 @@ def _places(expression: Any) -> list[int]:
     return [row + expression.size1() * column for row, column in zip(rows, columns, strict=True)]
 
 
+def _coded(
+    graph: Graph, name: str, expression: Any, names: Sequence[str], text: Callable[[program.Program], str]
+) -> machine.Library:
+    """Return machine code of an expression in t, x and p; its text is only made where none is kept."""
+    _routines()
+
+    def function(of: Any) -> Any:
+        return ca.Function(name, [graph.t, graph.x, graph.p], [of])
+
+    key = machine.key(_version(), function(expression).serialize())
+    return _library(key, names, lambda: text(program.read(function(ca.cse(expression)))), 0)
+
+
 @lru_cache(maxsize=64)
 def _equations(effects: tuple[Effect, ...]) -> machine.Library:
     """Return ``rates`` and ``slopes`` of a graph."""
-    _routines()
     graph = build_graph(effects)
-    given = [graph.t, graph.x, graph.p]
 
-    def text() -> str:
-        rates = ca.cse(graph.rates)
-        code, rows = program.read(ca.Function("rates", given, [rates])), _places(rates)
+    def text(code: program.Program) -> str:
+        rows = _places(graph.rates)
         return "\n".join([
             lowering.declarations(),
             lowering.point("rates", code, rows),
             lowering.point("slopes", code, rows, graph.x.numel()),
         ])  # fmt: skip
 
-    key = machine.key(_version(), ca.Function("rates", given, [graph.rates]).serialize())
-    return _library(key, ("rates", "slopes"), text, 0)
+    return _coded(graph, "rates", graph.rates, ("rates", "slopes"), text)
 
 
 def prepare(effects: tuple[Effect, ...]) -> None:
@@ -162,18 +171,13 @@ def _integrator() -> Any:
 @lru_cache(maxsize=256)
 def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> Any:
     """Return the machine code of some outputs."""
-    _routines()
     graph = build_graph(effects)
-    given = [graph.t, graph.x, graph.p]
     stacked = ca.densify(ca.vertcat(*(graph.outputs[name] for name in names)))
 
-    def text() -> str:
-        short = ca.cse(stacked)
-        code = program.read(ca.Function("columns", given, [short]))
-        return lowering.declarations() + lowering.column("columns", code, _places(short))
+    def text(code: program.Program) -> str:
+        return lowering.declarations() + lowering.column("columns", code, _places(stacked))
 
-    key = machine.key(_version(), ca.Function("columns", given, [stacked]).serialize())
-    library = _library(key, ("columns",), text, 0)
+    library = _coded(graph, "columns", stacked, ("columns",), text)
     return ctypes.CFUNCTYPE(None, _WHOLE, _WHOLE, *[_POINTER] * 4)(library.address["columns"])
 
 
