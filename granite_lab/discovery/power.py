@@ -178,8 +178,11 @@ def _cosines(gram: Array, places: Sequence[int]) -> Array:
 def _shares(problem: Problem, fit: Fit, screened: Screen) -> Array:
     """Return per column the largest rms over commands and channels of what the parameters cannot follow.
 
-    It is given as a share of the channel's rms in motion.
+    It is given as a share of the channel's rms in motion. Parameters that follow a trace in one channel may
+    add to it in another. For an effect that differs from trial to trial this is not counted: it depends on
+    the noise, which is learnt from the differences between repetitions and which such an effect raises.
     """
+    own = np.arange(screened.posterior.follow.shape[1]) >= len(screened.probes)
     follow = screened.posterior.follow
     sizes = [x.size for x in fit.point.trials]
     local = sum(sizes)
@@ -189,14 +192,16 @@ def _shares(problem: Problem, fit: Fit, screened: Screen) -> Array:
         begin = sum(sizes[:i])
         mine = np.concatenate([np.arange(begin, begin + sizes[i]), np.arange(local, follow.shape[0])])
         raw = screened.raw[i]
-        change = np.zeros((raw.shape[0], follow.shape[1]))
-        change[:, screened.columns_of(i)] = raw[:, mine.size :]
-        change -= raw[:, : mine.size] @ follow[mine]
+        trace = np.zeros((raw.shape[0], follow.shape[1]))
+        trace[:, screened.columns_of(i)] = raw[:, mine.size :]
+        left = trace - raw[:, : mine.size] @ follow[mine]
         for name, bins in problem.rows[i].items():
             size, moving = problem.size_of(command, name)
             at = moving > 0
             if size > 0:
-                worst = np.fmax(worst, np.sqrt(np.mean(change[bins][at] ** 2, axis=0)) / size)
+                alone, beside = (np.mean(change[bins][at] ** 2, axis=0) for change in (trace, left))
+                counted = np.where(own, np.fmin(alone, beside), beside)
+                worst = np.fmax(worst, np.sqrt(counted) / size)
     return worst
 
 
