@@ -30,9 +30,9 @@ MOST_DAMPED = 1e3
 """Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
 
 SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
-FORMULAS = (FORMULA_ERROR[1] / 256, FORMULA_ERROR[1])
+FORMULAS = (FORMULA_ERROR[1] / 2**14, FORMULA_ERROR[1])
 """Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
-error of formulas, which is a share of traces that may be a thousand times the noise."""
+error of formulas, which is a share of traces that may be ten thousand times the noise (a wrong wheel radius)."""
 
 LEAST_OWN = 1e-3
 """Least scale of the numbers that an effect has in each trial, as a share of their prior's range."""
@@ -59,8 +59,9 @@ class Fit:
         residuals: per trial (C, n) measured minus predicted, NaN where nothing was measured.
         normal: the normal equations at the point.
         posterior: of the parameters.
-        evidence: logarithm of the marginal likelihood with the priors of the scales, up to a constant.
-        converged: the last step was small.
+        evidence: logarithm of the marginal likelihood with the priors of the scales, up to a constant; at the
+            mean of the posterior if the fit converged, else at the point.
+        converged: an undamped step would be small.
     """
 
     point: Point
@@ -146,7 +147,7 @@ def fit(
                 if damping > MOST_DAMPED:
                     break
         elif fresh or renew <= 0:
-            converged = True
+            converged = damping == 0.0
             break
         if not drop >= TRUSTED * promised and not fresh and renew > 0:
             new = problem.slopes(state.point)
@@ -158,11 +159,13 @@ def fit(
     if rounds:
         scales = learn(problem, state, scales)
     post = _posterior(problem, state.point, state.normal, scales)
+    evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
+    if rounds and not converged:  # what the derivatives promise was not found
+        evidence -= post.promised / 2
     slopes, normal = replace(state.slopes), state.normal.alone()  # without what was kept for a next step
     return Fit(
-        state.point, scales, slopes, state.responses, state.residuals, normal, post,
-        post.evidence + log_prior(problem, scales, bool(state.point.effects)), converged,
-    )  # fmt: skip
+        state.point, scales, slopes, state.responses, state.residuals, normal, post, evidence, converged
+    )
 
 
 def under(problem: Problem, fitted: Fit, scales: Scales) -> Fit:

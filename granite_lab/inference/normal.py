@@ -280,6 +280,11 @@ class Posterior:
         inverse = cho_solve((self.factor, True), np.diag(self.scale), check_finite=False)
         return np.asarray(self.scale[:, None] * inverse)
 
+    @property
+    def promised(self) -> float:
+        """The drop of the sum of squares, priors included, from the point to the mean."""
+        return float(np.sum((np.tril(self.factor).T @ (self.step / self.scale)) ** 2))
+
 
 def posterior(M: Array, logdet: float, precision: Array, pull: Array) -> Posterior:
     """Return the posterior of the parameters.

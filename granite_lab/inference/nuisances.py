@@ -6,7 +6,7 @@ begins. The sand enters through simulations; the rest is applied to a finished s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,22 +86,26 @@ class TrialModel:
     def predict(self, response: Array, x: Array, sensors: Array) -> Array:
         """Return the (C, n) bins that the trial should show."""
         b = self.bins_of(response, x, sensors)
-        out = dict(b)
         if "accel_x" in b:
             turning = self.bins_of(self._turning(response), x, sensors, ("accel_x", "accel_z"))
-            f_x = b["accel_x"] + sensors[2] * turning["accel_x"]
-            f_z = b["accel_z"] + sensors[1] * turning["accel_z"]
+            b["accel_x"] = b["accel_x"] + sensors[2] * turning["accel_x"]
+            b["accel_z"] = b["accel_z"] + sensors[1] * turning["accel_z"]
+        out = self._shown(b, x)
+        return np.stack([out[c] + self._of(x, f"{c} offset") for c in self.channels])
+
+    def _shown(self, b: Mapping[str, Array], x: Array) -> dict[str, Array]:
+        """Return the bins of a response, (n,), or of changes of it, (n, k), as the sensors show them."""
+        out = dict(b)
+        if "accel_x" in b:
             tilt = self._of(x, "tilt")
-            out["accel_x"] = (1 + self._of(x, "accel_x gain")) * (f_x - tilt * f_z)
-            out["accel_z"] = f_z + tilt * f_x
-        if "wheel" in b:
-            out["wheel"] = (1 + self._of(x, "wheel gain")) * b["wheel"]
+            out["accel_x"] = (1 + self._of(x, "accel_x gain")) * (b["accel_x"] - tilt * b["accel_z"])
+            out["accel_z"] = b["accel_z"] + tilt * b["accel_x"]
         if "wheel_split" in b:
             out["wheel_split"] = b["wheel_split"] + self._of(x, "wheel_split gain") * b["wheel"]
-        for c in ("current_f", "current_r"):
+        for c in ("wheel", "current_f", "current_r"):
             if c in b:
                 out[c] = (1 + self._of(x, f"{c} gain")) * b[c]
-        return np.stack([out[c] + self._of(x, f"{c} offset") for c in self.channels])
+        return out
 
     def directions(self, response: Array) -> Array:
         """Return the (8, M, 3) changes of a response that need no simulation.
@@ -123,34 +127,38 @@ class TrialModel:
             (C n, p) by the trial's numbers, (C n, 4) by `SENSORS`, (C n, k) by what the others are of.
         """
         bins = self.bins_of(changes, x, sensors)
+        shown = self._shown(bins, x)
         raked, others = slice(3, 3 + RAKED), slice(3 + RAKED, None)
         local = np.zeros((len(self.channels), self.observation.bins, self.size))
         by_sensor = np.zeros((*local.shape[:2], len(SENSORS)))
         for k, c in enumerate(self.channels):
-            local[k, :, :RAKED], local[k, :, RAKED] = bins[c][:, raked], bins[c][:, 2]
+            local[k, :, :RAKED], local[k, :, RAKED] = shown[c][:, raked], shown[c][:, 2]
             sensor = self.observation.streams[c].sensor
             if sensor != WHEELS:
-                by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = bins[c][:, 2]
-            if c in ARM_OF:
-                by_sensor[k, :, SENSORS.index(ARM_OF[c])] = bins[c][:, 1]
+                by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = shown[c][:, 2]
+        for felt in ARM_OF if "accel_x" in bins else ():
+            turning = self._shown({c: bins[c][:, 1] * (c == felt) for c in ARM_OF}, x)
+            for c in ARM_OF:
+                by_sensor[self.channels.index(c), :, SENSORS.index(ARM_OF[felt])] = turning[c]
         for n, slack in enumerate(self.slacks[RAKED + 1 :], start=RAKED + 1):
             channel, _, kind = slack.name.partition(" ")
             if slack.name == "tilt":
-                local[self.channels.index("accel_x"), :, n] = -bins["accel_z"][:, 0]
+                gain = 1 + self._of(x, "accel_x gain")
+                local[self.channels.index("accel_x"), :, n] = -gain * bins["accel_z"][:, 0]
                 local[self.channels.index("accel_z"), :, n] = bins["accel_x"][:, 0]
             elif kind == "offset":
                 local[self.channels.index(channel), :, n] = 1.0
             else:  # a gain
-                shown = "wheel" if channel == "wheel_split" else channel
-                local[self.channels.index(channel), :, n] = bins[shown][:, 0]
+                alone = bins["wheel"] if channel == "wheel_split" else shown[channel] / (1 + x[n])
+                local[self.channels.index(channel), :, n] = alone[:, 0]
         rows = local.shape[0] * local.shape[1]
-        rest = np.concatenate([bins[c][:, others] for c in self.channels])
+        rest = np.concatenate([shown[c][:, others] for c in self.channels])
         return local.reshape(rows, -1), by_sensor.reshape(rows, -1), rest
 
     def effect_columns(self, changes: Array, x: Array, sensors: Array) -> Array:
         """Return the (C n, k) bins of k changes of the response, (8, M, k)."""
-        b = self.bins_of(changes, x, sensors)
-        return np.concatenate([b[c] for c in self.channels])
+        shown = self._shown(self.bins_of(changes, x, sensors), x)
+        return np.concatenate([shown[c] for c in self.channels])
 
     def _turning(self, response: Array) -> Array:
         """Return how specific force changes with the place of the IMU: Θ̈ along x, −Θ̈ along z."""

@@ -333,9 +333,12 @@ def shown(problem: Problem) -> Array:
     return found[0]
 
 
-def test_all_columns_are_those_of_differences(problem: Problem) -> None:
-    """At the files' values, where the trial's response is that of its command."""
+@pytest.mark.parametrize("off", [0.0, 0.1])
+def test_all_columns_are_those_of_differences(problem: Problem, off: float) -> None:
+    """In the files' sand, where the trial's response is that of its command; gains and tilt of the files too."""
     point = problem.neutral()
+    for t, x in zip(problem.trials, point.trials, strict=True):
+        x[[s.name == "tilt" or s.name.endswith(" gain") for s in t.slacks]] = off
     slopes = problem.slopes(point)
     first = np.cumsum([0, *(x.size for x in point.trials)])
     for i, t in enumerate(problem.trials):
