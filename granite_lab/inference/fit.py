@@ -32,7 +32,7 @@ MOST_DAMPED = 1e3
 SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
 FORMULAS = (FORMULA_ERROR[1] / 2**14, FORMULA_ERROR[1])
 """Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
-error of formulas, which is a share of traces that may be ten thousand times the noise (a wrong wheel radius)."""
+error of formulas, which is a share of traces that may be 10,000 times the noise (a wrong wheel radius)."""
 
 LEAST_OWN = 1e-3
 """Least scale of the numbers that an effect has in each trial, as a share of their prior's range."""

@@ -335,7 +335,7 @@ def shown(problem: Problem) -> Array:
 
 @pytest.mark.parametrize("off", [0.0, 0.1])
 def test_all_columns_are_those_of_differences(problem: Problem, off: float) -> None:
-    """In the files' sand, where the trial's response is that of its command; gains and tilt of the files too."""
+    """In the files' sand, where a trial's response is that of its command; at gains and a tilt, too."""
     point = problem.neutral()
     for t, x in zip(problem.trials, point.trials, strict=True):
         x[[s.name == "tilt" or s.name.endswith(" gain") for s in t.slacks]] = off
