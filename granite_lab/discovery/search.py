@@ -156,9 +156,13 @@ def search(
     def settled(model: Model) -> bool:
         return good(problem, model.fit, tolerance) and not strained(problem, model.fit)
 
+    def sets(model: Model, tried: Sequence[Score]) -> list[tuple[str, ...]]:
+        every = [tuple(sorted((*model.effects, s.candidate))) for s in tried]
+        return [e for e in every if e in found]
+
     def best_of(model: Model, tried: Sequence[Score]) -> Model:
-        sets = [tuple(sorted((*model.effects, s.candidate))) for s in tried]
-        return max((found[e] for e in sets if e in found), key=lambda m: m.log_posterior, default=model)
+        own = [found[e] for e in sets(model, tried) if e not in small]
+        return max(own, key=lambda m: m.log_posterior, default=model)
 
     current = found[()]
     small: set[tuple[str, ...]] = set()
@@ -169,10 +173,10 @@ def search(
         tried = extended(current, wanted, 1 if fine else TRIED)
         best = best_of(current, tried)
         if fine and best is not current:
-            if not matters(problem, current.fit, best.fit, tolerance):
-                small.add(best.effects)  # it cannot be named; it is listed
-                break
             tried = extended(current, wanted)
+            for effects in sets(current, tried):
+                if not matters(problem, current.fit, found[effects].fit, tolerance):
+                    small.add(effects)  # it cannot be named; it is listed
             best = best_of(current, tried)
         if best.log_posterior <= current.log_posterior + WORTH:
             break
