@@ -186,9 +186,10 @@ def search(
     closed = len(path) > 1 and settled(current)
     for id_, tried in path[:-1]:  # those of the last stood beside the same effects
         without = problem.without_effect(current.fit.point, id_)
+        exchanged.append(_where_alone(problem, without, {k: m.fit for k, m in found.items()}))
         rivals = [s for s in tried if s.candidate not in current.effects]
         rivals = [s for s in rivals if not (closed and is_empirical(s.candidate))]
-        exchanged += [without, *(_with(problem, without, score) for score in rivals)]
+        exchanged += [_with(problem, without, score) for score in rivals]
     fitted([(point, current.fit) for point in exchanged])
     models = sorted(found.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), looks, frozenset(small))
@@ -196,6 +197,17 @@ def search(
 
 def _with(problem: Problem, point: Point, score: Score) -> Point:
     return problem.with_effect(point, score.candidate, score.values, score.own)
+
+
+def _where_alone(problem: Problem, point: Point, known: Mapping[tuple[str, ...], Fit]) -> Point:
+    """Return a point with the sand, offsets and gains of the best fit of a part of its effects.
+
+    There they stand in already for what the point lacks.
+    """
+    part = max((f for k, f in known.items() if set(k) < set(point.effects)), key=lambda f: f.evidence).point
+    pairs = zip(problem.trials, point.trials, part.trials, strict=True)
+    own = tuple(np.concatenate([theirs[: t.size], x[t.size :]]) for t, x, theirs in pairs)
+    return replace(point, shared=part.shared, trials=own)
 
 
 def fit_sets(
