@@ -140,7 +140,7 @@ def search(
             tell(f"screening candidates beside {_words(model.effects)}")
             closed = bool(model.effects) and settled(model)
             others = [c for c in candidates if c not in model.effects and not (closed and is_empirical(c))]
-            sizes = FEW if closed else ALL
+            sizes = FEW if model.effects else ALL
             origins = _origins(problem, model.fit)
             screens = problem.bench.side_by_side(
                 lambda k: _screened(problem, origins[k], others, sizes), len(origins)
@@ -150,8 +150,16 @@ def search(
             )
         promises = _promises(looks[model.effects])
         promising = _promising({c: p for c, p in promises.items() if wanted(c, p.gain)}, most)
-        fitted([(_with(problem, o.point, score), model.fit) for p in promising for o, score in p.starts])
+        starts = [_with(problem, o.point, score) for p in promising for o, score in p.starts]
+        if len(promising) == 1:  # it will be in the set: the exchange asks for it beside the others
+            starts += [lacking(starts[0], id_) for id_ in model.effects]
+        fitted([(start, model.fit) for start in starts])
         return [p.score for p in promising]
+
+    def lacking(point: Point, id_: str) -> Point:
+        """Return where the set of a point without an effect is fitted from."""
+        without = problem.without_effect(point, id_)
+        return _where_alone(problem, without, {k: m.fit for k, m in found.items()})
 
     def settled(model: Model) -> bool:
         return good(problem, model.fit, tolerance) and not strained(problem, model.fit)
@@ -185,8 +193,8 @@ def search(
     exchanged: list[Point] = []
     closed = len(path) > 1 and settled(current)
     for id_, tried in path[:-1]:  # those of the last stood beside the same effects
+        exchanged.append(lacking(current.fit.point, id_))
         without = problem.without_effect(current.fit.point, id_)
-        exchanged.append(_where_alone(problem, without, {k: m.fit for k, m in found.items()}))
         rivals = [s for s in tried if s.candidate not in current.effects]
         rivals = [s for s in rivals if not (closed and is_empirical(s.candidate))]
         exchanged += [_with(problem, without, score) for score in rivals]

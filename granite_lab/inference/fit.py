@@ -118,8 +118,8 @@ def fit(
     residuals = problem.residuals(start, responses)
     state = _State(start, slopes, responses, residuals, problem.normal(start, slopes, residuals))
     if rounds:
-        scales = learn(problem, state, scales)
-    damping, fresh, converged = 0.0, True, False
+        scales = learn(problem, state, scales, 1)
+    damping, fresh, learnt, converged = 0.0, True, True, False
     for _ in range(rounds):
         M, _ = state.normal.marginal(scales)
         std, mean = problem.prior(state.point, scales)
@@ -138,7 +138,7 @@ def fit(
                 drop = here - there - float(np.sum(((aim.vector - mean) / std) ** 2))
             if tried is not None and drop > 0:
                 state = _State(aim, state.slopes, tried, residuals, state.normal.at(white))
-                damping, fresh = damping / 10 if damping > 0.02 else 0.0, False
+                damping, fresh, learnt = damping / 10 if damping > 0.02 else 0.0, False, False
                 if drop < least and renew <= 0:  # at a kink of the model a step never brings what is promised
                     converged = True
                     break
@@ -147,16 +147,17 @@ def fit(
                 if damping > MOST_DAMPED:
                     break
         elif fresh or renew <= 0:
-            converged = damping == 0.0
-            break
+            if learnt:
+                converged = damping == 0.0
+                break
+            scales, learnt = learn(problem, state, scales), True
         if not drop >= TRUSTED * promised and not fresh and renew > 0:
             new = problem.slopes(state.point)
             if new is None:
                 break
             normal = problem.normal(state.point, new, state.residuals)
             state, fresh, renew = replace(state, slopes=new, normal=normal), True, renew - 1
-            scales = learn(problem, state, scales)
-    if rounds:
+    if rounds and not learnt:
         scales = learn(problem, state, scales)
     post = _posterior(problem, state.point, state.normal, scales)
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
@@ -232,26 +233,35 @@ def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
     return -0.5 * float(np.sum((np.array(away) / SPREAD) ** 2)) - float(noise)
 
 
-def learn(problem: Problem, state: _State, scales: Scales) -> Scales:
-    """Learn the scales at a point: discrepancy, then what of the noise it does not explain, then the priors.
+def learn(problem: Problem, state: _State, scales: Scales, passes: int = UPDATES) -> Scales:
+    """Learn the scales at a point: discrepancy and what of the noise it does not explain, then the priors.
+
+    The first two ask for each other, and take `passes` at most to agree.
 
     The scale of a number that differs from trial to trial is the mode of its posterior under an inverse
     gamma prior whose weight is `PSEUDO_TRIALS` trials.
     """
-    scales = _discrepancy(problem, state.normal, state.point, scales)
-    left = state.normal.misfits(problem.white(state.residuals), scales)
-    louder = {
-        c: max(1.0, scales.louder.get(c, 1.0) * float(np.sqrt(max(left[c], 0.0) / max(n, 1))))
-        for c, n in problem.counts.items()
-    }
-    scales = replace(scales, louder=louder)
+    for _ in range(passes):
+        scales = _discrepancy(problem, state.normal, state.point, scales)
+        left = state.normal.misfits(problem.white(state.residuals), scales)
+        before = {c: scales.louder.get(c, 1.0) for c in problem.counts}
+        louder = {
+            c: max(1.0, before[c] * float(np.sqrt(max(left[c], 0.0) / max(n, 1))))
+            for c, n in problem.counts.items()
+        }
+        scales = replace(scales, louder=louder)
+        if all(abs(np.log(louder[c] / before[c])) < CLOSE for c in louder):
+            break
     normal = state.normal
     M, logdet = normal.marginal(scales)
-    for _ in range(2):
+    for _ in range(UPDATES):
         std, mean = problem.prior(state.point, scales)
         post = posterior(M, logdet, std**-2.0, mean - state.point.vector)
         at, variance = state.point.vector + post.step, np.diag(post.covariance)
-        scales = replace(scales, priors=learnt_priors(problem, state.point, at, variance))
+        priors, old = learnt_priors(problem, state.point, at, variance), scales.priors
+        scales = replace(scales, priors=priors)
+        if all(name in old and abs(np.log(std / old[name])) < CLOSE for name, std in priors.items()):
+            break
     return scales
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve, cholesky
-from scipy.linalg.lapack import dtrtri, dtrtrs
+from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from granite_lab.inference.constants import LOUD
 from granite_lab.inference.discrepancy import variances
@@ -116,10 +116,10 @@ class ChannelPart:
         root = np.sqrt(variances(self.kind, share, formula)) / louder
         M = root[:, None] * self.basis * root
         M.flat[:: root.size + 1] += 1
-        try:
-            U = cholesky(M, check_finite=False)
-        except np.linalg.LinAlgError:  # where the unit is lost in rounding, add what rounding takes
-            U = cholesky(M + np.finfo(float).eps * np.trace(M) * np.eye(root.size), check_finite=False)
+        U, failed = dpotrf(M) if root.size else (M, 0)
+        if failed:  # where the unit is lost in rounding, add what rounding takes
+            lost = np.finfo(float).eps * np.trace(M) * np.eye(root.size)
+            U = cholesky(M + lost, check_finite=False)
         self._known.clear()
         self._known[key] = root, U, 2 * float(np.log(np.diag(U)).sum())
         return self._known[key]
