@@ -61,11 +61,9 @@ REFUSED: list[tuple[str, int, str, str]] = [
     ("simulate --variant 0.5 --v 0.5", 2, "--variant excludes", "one or the other"),
     ("simulate --v -1 --a 1 --distance 1", 3, "velocity_mps = -1 is out of", "0.01"),
     ("simulate --variant 0.5 --robot granit", 2, "unknown robot 'granit'", "'granite'"),
-    ("simulate --variant 0.5 --soil none.toml", 3, "none.toml: cannot be read", ""),
     ("simulate --variant 0.5 --k92 0.1 --a-theta 4", 2, "exclude each other", ""),
     ("simulate --variant 0.3 --format xlsx", 2, "--format xlsx: not known", ""),
     ("simulate --variant 0.3 --format csv --out x.parquet", 2, "does not fit", ""),
-    ("ingest missing.csv", 3, "missing.csv", ""),
     ("ingest", 2, "no trials given", ""),
     ("fit-atheta", 2, "no trials given", ""),
     (f"ingest {SLOW} --rest 2:1", 2, f"--rest 2:1: {NO}", "0:1.2"),
@@ -176,8 +174,7 @@ def test_a_dead_channel_and_an_end_in_motion_are_red(
 
 
 def test_a_log_that_cannot_be_read_is_red(tmp_path: Path) -> None:
-    path = tmp_path / "notes.csv"
-    path.write_text("hello\nworld\n", encoding="utf-8")
+    path = make.written(tmp_path, "hello\nworld\n", "notes.csv")
     done = lab("check", path)
     assert done.code == 3
     assert "BAD" in done.out

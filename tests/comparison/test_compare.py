@@ -12,7 +12,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.fitting import fit_k92, simulate_k92
 from granite_lab.parameters import load_robot, load_soil, variant_of
-from tests.fitting.made_up import made_up_trial, without_currents
+from tests.fitting.made_up import made_up_trial
 
 ROBOT, SOIL = load_robot(), load_soil()
 CHANNELS = {
@@ -40,7 +40,7 @@ def test_every_channel_that_was_measured_is_there_on_the_motions_stamps():
     assert all(values.shape == motion.t.shape for values in c.measured.values())
     assert c.t == pytest.approx(motion.t - fit.t_start.value)
     assert {m.phase for m in c.misfits} == {"all", "rest", "accelerate", "steady", "brake"}
-    bare = dataclasses.replace(without_currents(trial), imu=None)
+    bare = dataclasses.replace(trial, currents=None, imu=None)
     c = compare(motion, bare, fit, ROBOT, SOIL)
     assert set(c.measured) == CHANNELS - {"torque_f", "torque_r", "accel", "pitch_rate"}
     assert not [m for m in c.misfits if m.channel == "accel"]

@@ -9,6 +9,7 @@ import pytest
 
 from tests.corpus.cli import GRANITE, LOG, SAND, lab, refused
 from tests.effects.example import EXAMPLE
+from tests.logs import make
 
 MAP = """name = "mine"
 [[column]]
@@ -152,12 +153,6 @@ EFFECTS: Cases = {
 }  # fmt: skip
 
 
-def written(folder: Path, name: str, content: str | bytes) -> Path:
-    path = folder / name
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return path
-
-
 # kind: (cases, name of the file, commands that take it)
 SIMULATE = ("simulate", "--variant", "0.5", "--out", "OUT")
 KINDS: dict[str, tuple[Cases, str, tuple[tuple[str, ...], ...]]] = {
@@ -175,7 +170,7 @@ KINDS: dict[str, tuple[Cases, str, tuple[tuple[str, ...], ...]]] = {
 def test_a_broken_file_is_refused_in_one_line(kind: str, name: str, tmp_path: Path) -> None:
     cases, called, commands = KINDS[kind]
     content, error, hint = cases[name]
-    log, path = written(tmp_path, "trial.csv", LOG), written(tmp_path, called, content)
+    log, path = make.written(tmp_path, LOG, "trial.csv"), make.written(tmp_path, content, called)
     out = tmp_path / "out.csv"
     for command in commands:
         done = lab(*({"LOG": log, "OUT": out}.get(word, word) for word in command), path)
@@ -185,10 +180,10 @@ def test_a_broken_file_is_refused_in_one_line(kind: str, name: str, tmp_path: Pa
 
 
 def test_the_files_that_the_cases_start_from_are_good(tmp_path: Path) -> None:
-    log, own = written(tmp_path, "trial.csv", LOG), written(tmp_path, "map.toml", MAP)
+    log, own = make.written(tmp_path, LOG, "trial.csv"), make.written(tmp_path, MAP, "map.toml")
     assert lab("inspect", log, "--map", own).code == 0
     for text, option in ((GRANITE, "--robot"), (SAND, "--soil")):
-        assert lab("params", option, written(tmp_path, f"x{option}.toml", text)).code == 0
-    model = written(tmp_path, "model.toml", MODEL)
+        assert lab("params", option, make.written(tmp_path, text, f"x{option}.toml")).code == 0
+    model = make.written(tmp_path, MODEL, "model.toml")
     assert lab("simulate", "--variant", "0.5", "--model", model, "--out", tmp_path / "run.csv").code == 0
-    assert lab("effects", "--effects", written(tmp_path, "mine.py", EXAMPLE)).code == 0
+    assert lab("effects", "--effects", make.written(tmp_path, EXAMPLE, "mine.py")).code == 0

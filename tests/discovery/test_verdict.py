@@ -10,7 +10,7 @@ import pytest
 
 from granite_lab.discovery.candidates import scores, screen
 from granite_lab.discovery.heldout import closed, predict
-from granite_lab.discovery.power import _by_noise_own
+from granite_lab.discovery.power import _by_noise_own, _shares
 from granite_lab.discovery.search import Model, Search, fit_sets, left_open, search, strained
 from granite_lab.discovery.verdict import Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
@@ -22,7 +22,7 @@ from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
-from tests.inference.stub import drawn, measure, problem_of
+from tests.inference.stub import COMMANDS, TRACES, drawn, measure, problem_of, trace
 from tests.inference.test_normal import linear
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
@@ -222,6 +222,18 @@ def test_a_second_effect_is_found_where_the_first_leaves_less_than_the_tolerance
     assert answer.named == {"push", "shake"}
 
 
+def test_a_small_effect_that_promises_most_does_not_hide_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is listed beside the one that is named."""
+
+    def matters(_: Problem, alone: Fit, best: Fit, __: float) -> bool:
+        return "shake" in alone.point.effects or "shake" not in best.point.effects
+
+    for name, told in (("good", lambda *_: True), ("strained", lambda *_: False), ("matters", matters)):
+        monkeypatch.setattr(f"granite_lab.discovery.search.{name}", told)
+    found = ask.__wrapped__(push=0.3, shake=0.2).search
+    assert (found.best.effects, found.beside) == (("push",), ("shake",))
+
+
 @pytest.mark.parametrize("others", [{}, {"push": 0.3}])
 def test_what_all_trials_have_alike_is_an_effect_and_no_gain_of_each(others: dict[str, float]) -> None:
     answer = ask(motor=0.3, discrepancy=0.0, candidates=("motor", *CANDIDATES), **others)
@@ -257,6 +269,21 @@ def test_the_stated_amplitude_of_changing_phase_is_seen_in_four_of_five_draws() 
         each = [np.sum(0.5 * b**2 / (power + s**-2) - 0.5 * np.log1p(power * s**2)) for s in scales]
         gains.append(max(each))
     assert np.mean(np.array(gains) > 5.2) == pytest.approx(0.8, abs=0.12)
+
+
+def test_an_amplitude_that_matters_is_not_one_by_what_other_numbers_add() -> None:
+    """What differs from trial to trial raises the noise that repetitions show, and others follow it less."""
+    answer = ask()
+    problem, base = answer.problem, answer.search.models[-1].fit
+    screened = screen(problem, base, ["shake"])
+    places, size = screened.places_of_own("shake")[:, 0], screened.own["shake"][0].size
+    shares = _shares(problem, base, screened)[places]
+    for command, (i, *_) in enumerate(problem.commands):
+        t, alone = problem.trials[i], size * trace(TRACES["shake"], COMMANDS[command])
+        shown = t.bins_of(alone, base.point.trials[i], base.point.sensors)
+        rms = {c: problem.size_of(command, c) for c in shown}
+        worst = max(np.sqrt(np.mean(b[rms[c][1] > 0] ** 2)) / rms[c][0] for c, b in shown.items())
+        assert 0 < shares[i] < 1.02 * worst
 
 
 def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -83,8 +83,6 @@ def blanked(truth: TruthTrial, begin: float, end: float, *columns: int) -> Trial
     return replace(truth.trial, imu=replace(imu, specific_force=both[:, :3], angular_rate=both[:, 3:]))
 
 
-JUMP = {"accel_jump": np.array([0.15, -0.1, 0.1]), "gyro_jump": np.array([0.01, 0.02, -0.01])}
-
 # the fault, by how much it makes the std of v grow at least, and what is said
 SURVIVED: dict[str, tuple[Fault, float, str]] = {
     "a short gap of the IMU": (lambda d: faults.imu_dropout(d.trial, 5.0, 5.1), 1.02, "1 gaps in the IMU"),
@@ -99,8 +97,8 @@ SURVIVED: dict[str, tuple[Fault, float, str]] = {
     "no pitch gyro": (lambda d: blanked(d, -1.0, 99.0, 4), 3.0, "no pitch rate"),
     "cut at a rail": (lambda d: faults.saturated(d.trial, 0.6 * d.trial.info.a_max), 3.0, "at its limit"),
     "readings thrown off": (lambda d: faults.spikes(d.trial, 3, 8, 30.0), 0.0, "thrown off"),
-    "a restart in motion": (lambda d: faults.imu_restart(d.trial, 5.0, gap=0.2, **JUMP), 1.02, "a restart"),
-    "a jump in motion": (lambda d: faults.imu_restart(d.trial, 5.0, gap=0.0, **JUMP), 1.02, "a restart"),
+    "a restart in motion": (lambda d: faults.imu_restart(d.trial, 5.0, gap=0.2), 1.02, "a restart"),
+    "a jump in motion": (lambda d: faults.imu_restart(d.trial, 5.0, gap=0.0), 1.02, "a restart"),
     "an encoder that never counts": (
         lambda d: faults.dead_encoder(d.trial, "fr", 0.0, 99.0), 0.0, "encoder fr gives no counts",
     ),
@@ -305,8 +303,7 @@ def test_imu_in_other_axes_is_in_the_robots(angles: tuple[float, float, float]) 
 
 
 def test_restart_of_the_imu_leaves_no_step() -> None:
-    jump = {"accel_jump": np.array([0.15, -0.1, 0.1]), "gyro_jump": np.array([0.01, 0.02, -0.01])}
-    clean, motion = correct(faults.imu_restart(good(0).trial, 4.0, gap=0.2, **jump), robot(0))
+    clean, motion = correct(faults.imu_restart(good(0).trial, 4.0, gap=0.2), robot(0))
     after = good(0).trial.imu.t > 4.3
     apart = (channels(clean) - channels(corrected(0)[0]))[after]
     step = said(clean, "accelerometer")[0]

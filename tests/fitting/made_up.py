@@ -29,9 +29,9 @@ NOTHING = np.zeros(0)
 HEALTHY = Health(NOTHING, (), NOTHING, NOTHING, {}, NOTHING, NOTHING, NOTHING, NOTHING, (), "made up", True)
 
 
-def draw_soil(rng: np.random.Generator, soil: Soil | None = None) -> Soil:
+def draw_soil(rng: np.random.Generator) -> Soil:
     """Return sand as one raking leaves it."""
-    soil = soil or load_soil()
+    soil = load_soil()
     for name, std in zip(SAND[1:RAKED], RAKING[1:], strict=True):
         ratio = np.exp(std * rng.standard_normal())
         soil = dataclasses.replace(soil, **{name: float(getattr(soil, name) * ratio)})
@@ -119,7 +119,3 @@ def made_up_fit(trial: str, velocity: float, k92: Estimate, slip: Estimate = SLI
         trial=trial, virtual=True, variant=variant, k92=k92, k92_trajectory=nothing, t_start=nothing,
         slip_measured=slip, **fields,
     )  # fmt: skip
-
-
-def without_currents(trial: Trial) -> Trial:
-    return dataclasses.replace(trial, currents=None)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from granite_lab.effects import get
-from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import correct
 from granite_lab.fitting import K92Fit, fit_k92, simulate_k92, simulated_slip, slip_interval
@@ -20,7 +19,7 @@ from granite_lab.model import simulate
 from granite_lab.model.command import peak_velocity, steady_interval, steady_part
 from granite_lab.model.effect import activate
 from granite_lab.parameters import Robot, load_paper, load_robot, load_soil, load_variants, variant_of
-from tests.fitting.made_up import draw_soil, made_up_trial, without_currents
+from tests.fitting.made_up import draw_soil, made_up_trial
 from tests.truth import faults
 from tests.truth.simulator import simulate as simulate_truth
 from tests.truth.trials import TruthTrial, log_run, robot
@@ -56,13 +55,6 @@ def test_a_trial_beyond_the_models_reach_ends_at_the_bound_and_says_so(slip, sta
     assert "std)." in fit.notes[0]
     assert fit.status_trajectory == "not_evaluated"
     assert math.isnan(fit.k92_trajectory.value)
-
-
-def test_a_trial_without_slip_ratio_is_refused():
-    motion, trial, _, _ = made_up_trial(variant_of(0.3), 0.1)
-    motion = dataclasses.replace(motion, slip_ratio=Estimate(math.nan))
-    with pytest.raises(EstimateError, match="slip ratio"):
-        fit_k92(motion, trial, ROBOT, SOIL)
 
 
 def test_simulated_slip_is_taken_over_the_interval_of_the_measured():
@@ -120,7 +112,7 @@ def test_a_k92_far_from_the_papers_is_found():
 def test_without_currents_the_interval_is_wider():
     motion, trial, _, _ = trial_by_5()
     with_all = fit_k92(motion, trial, ROBOT, SOIL)
-    fewer = fit_k92(motion, without_currents(trial), ROBOT, SOIL)
+    fewer = fit_k92(motion, dataclasses.replace(trial, currents=None), ROBOT, SOIL)
     assert fewer.k92_trajectory.std > 1.1 * with_all.k92_trajectory.std
     assert fewer.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fewer.k92_trajectory.std)
 
@@ -153,12 +145,7 @@ def test_a_trajectory_that_cannot_be_had_is_not_evaluated(start, reason):
 
 def test_a_gap_in_the_encoders_leaves_the_fit_alive():
     motion, trial, _, start = trial_by_5()
-    wheels = trial.wheels
-    kept = ~((wheels.t > start + 2.0) & (wheels.t < start + 2.4))
-    holed = dataclasses.replace(
-        trial, wheels=dataclasses.replace(wheels, t=wheels.t[kept], angle=wheels.angle[kept])
-    )
-    fit = fit_k92(motion, holed, ROBOT, SOIL)
+    fit = fit_k92(motion, faults.wheel_dropout(trial, start + 2.0, start + 2.4), ROBOT, SOIL)
     assert fit.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fit.k92_trajectory.std)
 
 
@@ -212,11 +199,6 @@ def plain() -> K92Fit:
     return fitted(good().trial, robot())
 
 
-def restarted(trial: Trial, at: float) -> Trial:
-    jump = {"accel_jump": np.array([0.15, -0.1, 0.1]), "gyro_jump": np.array([0.01, 0.02, -0.01])}
-    return faults.imu_restart(trial, at, gap=0.1, **jump)
-
-
 def apart(found: K92Fit) -> tuple[float, float]:
     """Difference to the good trial's k_92 by slip and by trajectory, over its std."""
     pairs = (found.k92, plain().k92), (found.k92_trajectory, plain().k92_trajectory)
@@ -230,7 +212,10 @@ def test_good_trial_has_the_k92_of_the_simulator() -> None:
 
 @pytest.mark.parametrize(
     ("fault", "mounting"),
-    [(lambda t: faults.turned(t, faults.SIDEWAYS), {"forward": "find"}), (lambda t: restarted(t, 0.8), {})],
+    [
+        (lambda t: faults.turned(t, faults.SIDEWAYS), {"forward": "find"}),
+        (lambda t: faults.imu_restart(t, 0.8, gap=0.1), {}),
+    ],
     ids=["IMU axes found", "restart at rest"],
 )
 def test_a_corrected_trial_has_the_k92_of_the_good_one(

@@ -13,7 +13,7 @@ from granite_lab.inference.gap import beyond, discrepancies, scatter
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Rows, Scales, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
-from tests.inference.stub import drawn, measure, predicted, problem_of
+from tests.inference.stub import measured, predicted, problem_of
 
 Rng = np.random.Generator
 BINS = 9
@@ -301,10 +301,8 @@ def test_a_channel_that_never_moves_has_no_share() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_repetitions_scatter_by_what_changes_slowly_from_trial_to_trial(share: float) -> None:
     """A wave of 2 Hz and random phase in the pitch rate, as a robot on uneven ground shows it."""
-    problem = problem_of((0, 0, 0, 1, 1, 1))
-    rng = np.random.default_rng(6)
+    problem, *_ = measured(6, commands=(0, 0, 0, 1, 1, 1))
     k = problem.trials[0].channels.index("pitch_rate")
-    measure(problem, drawn(problem, rng), rng)
     for i, t in enumerate(problem.trials):
         size, moving = problem.size_of(problem.variants.index(t.variant), "pitch_rate")
         wave = np.sin(4 * np.pi * t.observation.t + 2 * np.pi * i / 3)

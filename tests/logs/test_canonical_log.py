@@ -114,9 +114,7 @@ def test_sparse_rows_give_each_sensor_its_own_stamps(tmp_path: Path) -> None:
     assert trial.wheels.t[1] == 0.023
 
 
-def test_metadata_of_comments_sidecar_and_caller_in_this_order(
-    tmp_path: Path,
-) -> None:
+def test_metadata_of_comments_sidecar_and_caller_in_this_order(tmp_path: Path) -> None:
     make.written(tmp_path, 'v_desired_mps = 0.3\nsoil = "dry_sand"\nweather = "wet"\n', "trial.toml")
     head = (
         '# robot = "granite"\n# a remark, not TOML = really\n# v_desired_mps = 0.2\n# distance_m = 2.0\n'

@@ -3,7 +3,6 @@
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from granite_lab.logs import inspect_logs
 from granite_lab.logs.inspection import FileReport
 from granite_lab.logs.layouts import all_layouts, load_layout
 from granite_lab.logs.quantities import by_name
-from granite_lab.logs.trial import Trial
 from granite_lab.parameters import variant_of
 from tests.corpus.cli import SAMPLES
 from tests.logs import make
@@ -81,17 +79,13 @@ WRITTEN = {
         "{ms};40.1;8.0;1000;5;0.0;{ga};{gb};{gc};{dx};{dy};{dz};", "vesc",
     ),
 }  # fmt: skip
-IMUS = {case: (name, above + table(*rows), layout) for case, (name, above, *rows, layout) in WRITTEN.items()}
-
-
-def read(folder: Path, name: str, content: str, **options: Any) -> Trial:
-    return make.read(folder, content, name, **options)
+IMUS = {case: (above + table(*rows), name, layout) for case, (name, above, *rows, layout) in WRITTEN.items()}
 
 
 @pytest.mark.parametrize("case", IMUS)
 def test_an_imu_log_is_recognised(case: str, tmp_path: Path) -> None:
-    name, content, layout = IMUS[case]
-    trial = read(tmp_path, name, content, robot="granite")
+    content, name, layout = IMUS[case]
+    trial = make.read(tmp_path, content, name, robot="granite")
     assert trial.layout == layout
     assert len(trial.imu.t) == N
     np.testing.assert_allclose(np.diff(trial.imu.t), 0.01, atol=3e-7)
@@ -102,7 +96,7 @@ def test_an_imu_log_is_recognised(case: str, tmp_path: Path) -> None:
 
 def test_columns_that_look_like_a_sensor_are_not_passed_over_in_silence(tmp_path: Path) -> None:
     content = table("time,wx,wy,wz,ax,ay,az,left_encoder,mood", "{t}," + SIX + ",{k},1")
-    said = [line for line in read(tmp_path, "imu.csv", content).warnings if "look like wheels" in line]
+    said = [line for line in make.read(tmp_path, content, "imu.csv").warnings if "look like wheels" in line]
     assert len(said) == 1
     assert "imu.csv: left_encoder: look like wheels, which layout 'plain_imu'" in said[0]
 
@@ -110,7 +104,7 @@ def test_columns_that_look_like_a_sensor_are_not_passed_over_in_silence(tmp_path
 def test_phones_write_one_file_a_sensor(tmp_path: Path) -> None:
     header = "time,seconds_elapsed,z,y,x"
     gyro = make.written(tmp_path, table(header, "{ns},{t},{gz},{gy},{gx}"), "Gyroscope.csv")
-    trial = read(tmp_path, "TotalAcceleration.csv", table(header, "{ns},{t},{az},{ay},{ax}"), imu=gyro)
+    trial = make.read(tmp_path, table(header, "{ns},{t},{az},{ay},{ax}"), "TotalAcceleration.csv", imu=gyro)
     assert trial.layout == "sensor_logger_total + sensor_logger_gyroscope"
     np.testing.assert_allclose(trial.imu.specific_force.mean(axis=0), [0.1, 0.2, 9.8], atol=2e-3)
     np.testing.assert_allclose(trial.imu.angular_rate.mean(axis=0), [0.01, 0.02, 0.03], atol=2e-4)
@@ -119,7 +113,7 @@ def test_phones_write_one_file_a_sensor(tmp_path: Path) -> None:
 
 def test_a_phone_that_takes_gravity_away_is_known(tmp_path: Path) -> None:
     content = table("time,seconds_elapsed,z,y,x", "{ns},{t},{gz},{gy},{gx}")
-    trial = read(tmp_path, "Accelerometer.csv", content)
+    trial = make.read(tmp_path, content, "Accelerometer.csv")
     assert trial.imu.gravity_removed
 
 
@@ -133,7 +127,7 @@ def test_phyphox_with_sensors_on_different_stamps(tmp_path: Path) -> None:
     ).splitlines()
     shifted = [f"{float(line.split(';')[0]) + 0.004};" + line.split(";", 1)[1] for line in lines[1:]]
     gyro = make.written(tmp_path, "\n".join([lines[0], *shifted]), "Gyroscope.csv")
-    trial = read(tmp_path, "Accelerometer.csv", acc, imu=gyro)
+    trial = make.read(tmp_path, acc, "Accelerometer.csv", imu=gyro)
     assert len(trial.imu.t) == N - 1
     assert trial.imu.t[0] == 0.01
     np.testing.assert_allclose(trial.imu.angular_rate.mean(axis=0), [0.01, 0.02, 0.03], atol=2e-4)
@@ -144,24 +138,24 @@ def test_wheels_of_a_rover_a_vesc_and_rostopic(tmp_path: Path) -> None:
     header = "timestamp," + ",".join(f"enc{i}_rad" for i in range(1, 5))
     header += "," + ",".join(f"vel{i}_rad_s" for i in range(1, 5))
     header += "," + ",".join(f"current{i}" for i in range(1, 5))
-    trial = read(tmp_path, "rover.csv", table(header, "{t},{turn},1,2,3,9,9,9,9,0.1,0.2,0.3,0.4"))
+    trial = make.read(tmp_path, table(header, "{t},{turn},1,2,3,9,9,9,9,0.1,0.2,0.3,0.4"), "rover.csv")
     assert trial.layout == "rover"
     assert trial.wheels.rate is None
     np.testing.assert_allclose(trial.wheels.angle[:, 0], 0.05 * np.arange(N))
     np.testing.assert_array_equal(trial.currents.current[0], [0.1, 0.2, 0.3, 0.4])
-    trial = read(tmp_path, *IMUS["VESC"][:2])
+    trial = make.read(tmp_path, *IMUS["VESC"][:2])
     np.testing.assert_array_equal(trial.currents.current, 2.0)  # a share of the battery's
     assert trial.wheels.rate is not None
     odometry = table("%time,field.header.stamp,field.twist.twist.linear.x", "{ns},{ns},0.33")
-    np.testing.assert_allclose(read(tmp_path, "odom.csv", odometry, robot="husky").wheels.rate, 2.0)
+    np.testing.assert_allclose(make.read(tmp_path, odometry, "odom.csv", robot="husky").wheels.rate, 2.0)
 
 
 def test_a_clock_of_the_day_goes_past_midnight(tmp_path: Path) -> None:
-    lines = IMUS["VESC"][1].splitlines()
+    lines = IMUS["VESC"][0].splitlines()
     late = [
         f"{(86_399_000 + 10 * k) % 86_400_000};" + line.split(";", 1)[1] for k, line in enumerate(lines[1:])
     ]
-    trial = read(tmp_path, "vesc.csv", "\n".join([lines[0], *late]))
+    trial = make.read(tmp_path, "\n".join([lines[0], *late]), "vesc.csv")
     np.testing.assert_allclose(np.diff(trial.imu.t), 0.01, atol=1e-9)
 
 
@@ -191,14 +185,14 @@ def own(folder: Path, text: str = MAP) -> Path:
 
 def test_a_new_logger_is_one_file(tmp_path: Path) -> None:
     content = table("tick;left_deg;right;mood", "{ms};{k};{k};good")
-    trial = read(tmp_path, "log.csv", content, map=own(tmp_path))
+    trial = make.read(tmp_path, content, map=own(tmp_path))
     np.testing.assert_allclose(trial.wheels.angle[10], np.deg2rad([10, -36, 10, -36]))
 
 
 def test_a_map_may_name_the_columns_of_a_file_without_header(tmp_path: Path) -> None:
     text = MAP.replace('delimiter = ";"', 'delimiter = "tab"\nnames = ["tick", "left_deg", "right"]')
     content = "\n".join(table("", "{ms}\t{k}\t{k}").splitlines()[1:])
-    trial = read(tmp_path, "log.csv", content, map=own(tmp_path, text))
+    trial = make.read(tmp_path, content, map=own(tmp_path, text))
     assert len(trial.wheels.t) == N
 
 
@@ -209,11 +203,11 @@ def test_rows_are_chosen_by_a_column(tmp_path: Path) -> None:
     )
     path = own(tmp_path, text.replace('name = "mine"', 'name = "mine"\nsplit = "run"'))
     with pytest.raises(InputError, match="holds several runs: run = 0, 1, 2"):
-        read(tmp_path, "log.csv", content, map=path)
-    trial = read(tmp_path, "log.csv", content, map=path, rows="run = 2")
+        make.read(tmp_path, content, map=path)
+    trial = make.read(tmp_path, content, map=path, rows="run = 2")
     assert trial.wheels.angle[0, 0] == pytest.approx(np.deg2rad(200))
     fixed = own(tmp_path, text.replace('name = "mine"', 'name = "mine"\nrows = "run = 1"'))
-    trial = read(tmp_path, "log.csv", content, map=fixed)
+    trial = make.read(tmp_path, content, map=fixed)
     assert trial.wheels.angle[0, 0] == pytest.approx(np.deg2rad(100))
     for rows, said, error in (
         ("run = 7", "no row has run = 7", InputError),
@@ -221,7 +215,7 @@ def test_rows_are_chosen_by_a_column(tmp_path: Path) -> None:
         ("run 7", "cannot be understood", UsageError),
     ):
         with pytest.raises(error, match=said):
-            read(tmp_path, "log.csv", content, map=fixed, rows=rows)
+            make.read(tmp_path, content, map=fixed, rows=rows)
 
 
 def test_two_maps_that_fit_equally_are_not_chosen_between(tmp_path: Path) -> None:
@@ -229,7 +223,7 @@ def test_two_maps_that_fit_equally_are_not_chosen_between(tmp_path: Path) -> Non
     one, two = own(tmp_path), make.written(tmp_path, other, "other.toml")
     content = table("tick;left_deg;right", "{ms};{k};{k}")
     with pytest.raises(InputError, match="could be of layout 'mine' or 'other'"):
-        read(tmp_path, "log.csv", content, map=[one, two])
+        make.read(tmp_path, content, map=[one, two])
 
 
 def test_every_map_of_the_catalogue_is_valid_and_named_like_its_file() -> None:

@@ -29,6 +29,7 @@ from tests.planning.test_plan_next import design_of, driven_of
 ROBOT, SOIL = load_robot(), load_soil()
 SLOW = Variant(velocity=0.3, acceleration=1.2, distance=0.9)
 OTHER = Variant(velocity=0.4, acceleration=1.2, distance=1.2)
+TURNED = Conditions(turned=True)
 LEVEL = 0.05
 WEAK = (("hum", (1e-3,)),)  # so weak that the gain of the sensor does not matter
 MIDDLE, HALF = 1.75, 1.25  # of the time for which the sine lasts [s]
@@ -126,7 +127,7 @@ def test_a_run_in_the_other_direction_tells_a_slope_from_a_tilted_sensor() -> No
     assert pair == "imu_tilt from ground_slope"
     best = plan.proposals[0]
     assert best.worth
-    assert best.option.conditions == Conditions(turned=True)
+    assert best.option.conditions == TURNED
     repeated = next(p for p in plan.proposals if p.option.repeats)
     assert best.after[pair] - now > 3 * (repeated.after[pair] - now)
     assert plan.models[1][0] == ("imu_tilt", (pytest.approx(-1.0, abs=0.15),))
@@ -134,9 +135,8 @@ def test_a_run_in_the_other_direction_tells_a_slope_from_a_tilted_sensor() -> No
 
 def test_the_expected_bayes_factor_is_what_a_full_fit_to_such_trials_loses() -> None:
     """Trials with a slope, there and back, are written without noise and fitted with a tilted sensor."""
-    back = Conditions(turned=True)
-    design = replace(SLOPE, driven=(driven_of(SLOW), driven_of(SLOW, conditions=back)))
-    world = StagedWorld(ROBOT, SOIL, (SLOW, SLOW), library() | STAGING, conditions=(Conditions(), back))
+    design = replace(SLOPE, driven=(driven_of(SLOW), driven_of(SLOW, conditions=TURNED)))
+    world = StagedWorld(ROBOT, SOIL, (SLOW, SLOW), library() | STAGING, conditions=(PLAIN, TURNED))
     with Bench(world) as bench:
         stage = Stage(design, bench)
         models = explanations(stage, question(design, library()))
@@ -163,9 +163,6 @@ def test_the_expected_bayes_factor_is_what_a_full_fit_to_such_trials_loses() -> 
             point, misfit = problem.moved(point, found.step), found.misfit
     assert expected > 3.0
     assert misfit / 2 == pytest.approx(expected, rel=0.1)
-
-
-TURNED = Conditions(turned=True)
 
 
 def steady(conditions: Conditions, setting: Setting = ()) -> np.ndarray:

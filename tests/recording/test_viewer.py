@@ -93,9 +93,7 @@ def test_options_that_cannot_be_met_are_refused(recorded: Path, options: dict[st
         show(recorded, **options)
 
 
-def test_a_browser_gets_page_and_recording_on_this_machine_only(tmp_path: Path) -> None:
-    result = made_up_trial(0.7)
-    path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd")
+def test_a_browser_gets_page_and_recording_on_this_machine_only(path: Path) -> None:
     seen: dict[str, Any] = {}
 
     def look(address: str) -> None:

@@ -171,10 +171,7 @@ PNG = b"\x89PNG"
 
 
 def test_each_sensor_has_a_panel_with_its_unit_and_the_logged_values(tmp_path: Path) -> None:
-    path = tmp_path / "drive.csv"
-    path.write_text(make.text())
-    report = inspect_logs([path]).files[0]
-    assert report.trial is not None
+    report = inspect_logs([make.written(tmp_path, make.text(), "drive.csv")]).files[0]
     figure = log_figure(report.trial, report.rests)
     labels = [axis.get_ylabel() for axis in figure.axes]
     assert labels == ["specific force [m/s²]", "angular rate [rad/s]", "wheel angle [rad]"]
@@ -190,16 +187,13 @@ def test_each_sensor_has_a_panel_with_its_unit_and_the_logged_values(tmp_path: P
 
 
 def test_a_gap_interrupts_the_line_and_dates_begin_at_the_first_second(tmp_path: Path) -> None:
-    path = tmp_path / "gap.csv"
     lines = make.lines()
     rows = [lines[0]]
     for k, line in enumerate(lines[1:]):
         stamp, _, rest = line.partition(",")
         if not 250 <= k < 300:
             rows.append(f"{float(stamp) + 1.7e9:.6f},{rest}")
-    path.write_text("\n".join(rows) + "\n")
-    report = inspect_logs([path]).files[0]
-    assert report.trial is not None
+    report = inspect_logs([make.written(tmp_path, "\n".join(rows) + "\n", "gap.csv")]).files[0]
     figure = log_figure(report.trial)
     x = np.asarray(figure.axes[0].lines[0].get_xdata())
     assert np.isnan(x).sum() == 1

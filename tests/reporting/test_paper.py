@@ -1,7 +1,6 @@
 """For the paper: four pages as PDF, budgets that add up to the stated std, LaTeX, and RO-Crate metadata."""
 
 import csv
-import dataclasses
 import hashlib
 import io
 import json
@@ -55,7 +54,7 @@ def test_it_has_four_pages_of_a4_and_each_says_that_the_data_are_virtual(reader:
 def test_a_study_without_a_finding_and_a_long_one_have_four_pages_too(trials: int, tmp_path: Path) -> None:
     """What is too much for a page is set smaller, so that none of it is cut off."""
     one = rename(made_up_study(speeds=(0.3,), repetitions=1), HOSTILE)
-    long = dataclasses.replace(one, trials=one.trials * trials, failures=one.failures * trials)
+    long = replace(one, trials=one.trials * trials, failures=one.failures * trials)
     write_report(long, tmp_path / "small")
     pages = text_of(PdfReader(tmp_path / "small" / "report.pdf"))
     assert [page.endswith(f"page {k} of 4") for k, page in enumerate(pages, 1)] == [True] * 4
@@ -106,7 +105,6 @@ def test_the_contributions_add_up_to_the_stated_std_and_the_shares_to_one(budget
     for s in speeds:  # the stated ones are rounded to two digits or fewer
         assert 100 * sums["budget_slip", f"{s.velocity:g}"] == pytest.approx(s.slip.std, rel=0.05)
         assert sums["budget_k92", f"{s.velocity:g}"] == pytest.approx(s.k92.std, rel=0.05)
-    assert budgeted.a_theta is not None
     assert sums["budget_a_theta", ""] == pytest.approx(budgeted.a_theta.a_theta.std, rel=1e-6)
     assert [*shares.values()] == pytest.approx([1.0] * len(shares))
 

@@ -44,7 +44,6 @@ def report_of(finding: Finding) -> Report:
 
 def rows_of(table: Table | None) -> list[dict[str, str]]:
     """Return the rows of a table, each by the titles of its columns."""
-    assert table is not None
     titles = [c.title for c in table.columns]
     return [dict(zip(titles, (spaced(cell.text) for cell in row), strict=True)) for row in table.rows]
 
@@ -124,7 +123,6 @@ def test_histories_show_measured_and_both_models(findings: dict[str, Finding]) -
 
 def test_intervals_stand_at_their_seconds(findings: dict[str, Finding]) -> None:
     drawing = intervals_figure(findings["named"])
-    assert drawing is not None
     panels = [axis for axis in drawing.draw().axes if axis.patches]
     assert len(panels) == 4
     assert [(p.get_x(), p.get_x() + p.get_width()) for p in panels[0].patches] == [BUMP]
@@ -169,7 +167,6 @@ def test_tables_hold_size_twins_probability_share_and_fate(findings: dict[str, F
     # these trials cannot show it
     assert "clock offset" not in {row["candidate"] for row in rows_of(tables.confusion_table(finding))}
     figure = candidates_figure(finding)
-    assert figure is not None
     assert re.fullmatch(r"Of \d+ candidates, multi-pass compaction is in the model", figure.title)
 
 

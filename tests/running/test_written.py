@@ -163,9 +163,7 @@ def test_the_report_of_a_study_knows_the_user_s_own_effects(
     assert known == ["head_wind", "tyre_windup"]
 
 
-def test_what_fails_is_one_line_with_a_traceback_unless_known_or_an_interruption(
-    tmp_path: Path,
-) -> None:
+def test_what_fails_is_one_line_with_a_traceback_unless_known_or_an_interruption(tmp_path: Path) -> None:
     def full() -> None:
         raise LabError("x: cannot be written", "free some space")
 

@@ -53,16 +53,14 @@ def saturated(trial: Trial, limit: float) -> Trial:
     return replace(trial, imu=replace(trial.imu, specific_force=force))
 
 
-def imu_restart(
-    trial: Trial, at: float, *, gap: float, accel_jump: Array | float = 0.0, gyro_jump: Array | float = 0.0
-) -> Trial:
-    """Let the IMU fall silent at an instant for `gap` [s] and come back with other biases."""
+def imu_restart(trial: Trial, at: float, *, gap: float) -> Trial:
+    """Let the IMU fall silent at an instant for `gap` [s] and come back with other biases (x: 0.15 m/s^2)."""
     imu = trial.imu
     after = (imu.t >= at)[:, None]
-    force, rate = imu.specific_force + after * accel_jump, imu.angular_rate + after * gyro_jump
-    return imu_dropout(
-        replace(trial, imu=replace(imu, specific_force=force, angular_rate=rate)), at, at + gap
-    )
+    force = imu.specific_force + after * [0.15, -0.1, 0.1]
+    rate = imu.angular_rate + after * [0.01, 0.02, -0.01]
+    jumped = replace(trial, imu=replace(imu, specific_force=force, angular_rate=rate))
+    return imu_dropout(jumped, at, at + gap)
 
 
 def spikes(trial: Trial, seed: int, count: int, size: float) -> Trial:

@@ -216,12 +216,11 @@ def test_signals_are_those_of_cvodes_at_a_fine_tolerance(variant: Variant, ids: 
 
 
 def test_a_run_without_solution_ends_with_a_reason_in_either_engine() -> None:
-    p = model_parameters(load_robot(), load_soil(), variant_of(0.5), a_theta=4.919)
-    start, vector = rest_state(p), parameter_vector(p, ())
+    start, vector = rest_state(PAPER), parameter_vector(PAPER, ())
     start[4] = np.nan
     for one in (graphs, interpreted):
         with pytest.raises(EstimateError, match=r"does not converge: .*not a number"):
-            one.run((), p.variant, LEAN, start, vector)
+            one.run((), PAPER.variant, LEAN, start, vector)
 
 
 STIFF = 1e4
