@@ -78,9 +78,9 @@ def test_a_known_share_is_found(share: float) -> None:
 
 
 def test_the_least_error_of_a_formula_is_below_what_a_sensor_tells() -> None:
-    """A wheel radius that is wrong by 20 % is an exact formula, in the longest of the paper's trials, too."""
+    """A wheel radius wrong by three times what a tyre wears and deflects by (4 %), in the paper's trials."""
     angle = max(v.distance for v in load_variants()) / load_robot().wheels.radius
-    assert FORMULAS[0] * 0.2 * angle < FLOOR["wheel"]
+    assert FORMULAS[0] * 0.12 * angle < FLOOR["wheel"]
 
 
 def test_scales_that_came_near_zero_rise_again() -> None:
