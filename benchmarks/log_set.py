@@ -12,7 +12,7 @@ from granite_lab.errors import LabError
 from granite_lab.estimation import Motion, estimate
 from granite_lab.estimation.rest import Interval
 from granite_lab.logs.trial import Trial
-from granite_lab.parameters import load_robot
+from granite_lab.parameters import load_robot, load_soil
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +29,12 @@ class LogSet:
     motions: dict[str, Motion] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
 
-    def add(self, name: str, trial: Trial, robot: str, rests: Sequence[Interval] = ()) -> None:
+    def add(
+        self, name: str, trial: Trial, robot: str, rests: Sequence[Interval] = (), soil: str = "dry_sand"
+    ) -> None:  # fmt: skip
         """Estimate a log and put its velocity beside the reference, or note why it was refused."""
         try:
-            motion = estimate(trial, load_robot(robot), rests=rests)
+            motion = estimate(trial, load_robot(robot), rests=rests, soil=load_soil(soil))
         except LabError as refusal:
             self.refused[name] = refusal.message
             return

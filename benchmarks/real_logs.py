@@ -27,6 +27,9 @@ from granite_lab.logs.trial import Trial
 BY_HAND = Path(__file__).parent / "robots"
 """Robots and column maps that were written for logs of unknown layout."""
 
+FIRM = str(BY_HAND / "firm.toml")
+"""Ground of the car and of the Husky with GPS."""
+
 SCENES = ("0757", "1100", "0061", "0103", "0655", "0796", "0916", "1077", "1094")
 CAR_RUNS = (4, 21, 22)
 BOREAL = ("SNOW_{}_01", "SANDY_LOAM_{}_01", "SANDY_LOAM_{}_06")
@@ -84,7 +87,7 @@ def car(data: Path) -> LogSet:
         folder = data / "car" / f"scene-{scene}" / "CAN"
         imu, wheels, pose = (folder / f"{n}.csv" for n in ("imu_signal", "zoe_veh_signal", "gt_pose"))
         trial = read_trial(imu, imu=imu, encoders=wheels, reference=pose, robot=robot, map=columns)
-        found.add(scene, trial, robot)
+        found.add(scene, trial, robot, soil=FIRM)
     return found
 
 
@@ -141,7 +144,7 @@ def husky(data: Path) -> LogSet:
     """Husky against GPS; everything as the slope of a line through five fixes, as the speed by GPS is."""
     found, folder = LogSet(), data / "husky_gps"
     trial = read_trial(folder / "imu.csv", encoders=folder / "odom.csv", reference=folder / "fix.csv")
-    found.add("Husky", trial, "husky_gps")
+    found.add("Husky", trial, "husky_gps", soil=FIRM)
     (run,), (motion,) = found.runs, found.motions.values()
     noise = gps_noise(run)
 

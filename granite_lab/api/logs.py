@@ -24,7 +24,7 @@ from granite_lab.logs.trial import Array, Trial, TrialInfo, is_bag, is_log, name
 from granite_lab.parameters import WHEELS, Robot
 from granite_lab.processes import one_thread
 from granite_lab.running import each_trial, sifted
-from granite_lab.running.options import corrected, read
+from granite_lab.running.options import corrected, read, soil_of
 from granite_lab.shown import Shown, frame
 
 if TYPE_CHECKING:
@@ -284,7 +284,7 @@ def check(log: str | Path, **said: Unpack[About]) -> Checked:
     failed: type[LabError] = InputError if not all(c.good for c in checks) else EstimateError
     try:
         with one_thread():
-            checks += _motion(estimation.correct(trial, robot)[1], trial)
+            checks += _motion(estimation.correct(trial, robot, soil=soil_of(trial, options.soil))[1], trial)
     except EstimateError as error:
         checks.append(Check("estimate", False, error.message, error.hint))
     except InputError as error:

@@ -31,6 +31,7 @@ class About(TypedDict, total=False):
     """What may be said about logs."""
 
     robot: calls.RobotFile
+    soil: calls.SoilFile
     column_map: calls.MapFile
     topics: calls.Topics
     window: Annotated[
@@ -42,7 +43,6 @@ class About(TypedDict, total=False):
 class Work(About, total=False):
     """What may be said of work over many trials."""
 
-    soil: calls.SoilFile
     effects: calls.EffectFile
     strict: Annotated[
         bool, Arg("a trial that fails is an error; by default it is left out and listed in the result", False)

@@ -12,7 +12,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock import agreed, find_offset, slow_offset
-from granite_lab.estimation.error_model import FAR, LOST_PITCH, SlipModel
+from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
 from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
@@ -26,7 +26,7 @@ from granite_lab.estimation.smoother import settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
-from granite_lab.parameters import Robot, Variant, load_variants
+from granite_lab.parameters import Robot, Soil, Variant, load_soil, load_variants
 
 LONGEST_GAP = 0.5
 """IMU samples missing for longer than this in motion end the estimate [s]."""
@@ -46,11 +46,11 @@ def estimate(
     variants: Sequence[Variant] | None = None,
     rests: Sequence[Interval] = (),
     distance_measured: Estimate | None = None,
-    slip_std: float | None = None,
+    soil: Soil | None = None,
 ) -> Motion:
     """Estimate the motion of one trial: the second of what `correct` returns."""
     return correct(
-        trial, robot, variants=variants, rests=rests, distance_measured=distance_measured, slip_std=slip_std
+        trial, robot, variants=variants, rests=rests, distance_measured=distance_measured, soil=soil
     )[1]
 
 
@@ -61,7 +61,7 @@ def correct(
     variants: Sequence[Variant] | None = None,
     rests: Sequence[Interval] = (),
     distance_measured: Estimate | None = None,
-    slip_std: float | None = None,
+    soil: Soil | None = None,
 ) -> tuple[Trial, Motion]:
     """Correct a trial, and estimate its body velocity, distance, pitch, wheel velocities and slip.
 
@@ -76,7 +76,7 @@ def correct(
         variants: motions to recognise, Table 2 by default.
         rests: standstills given by hand, in the log's time [s].
         distance_measured: measured total distance with its std [m].
-        slip_std: std of the slip ratio about its expected value far from standstills, if the ground is known.
+        soil: what it drives on, whose slip ratio counts far from standstills; dry sand by default.
 
     Returns:
         the trial as corrected, which later stages read in place of the log (see `clean.clean_trial`); its
@@ -87,6 +87,8 @@ def correct(
             missing in motion, or nothing to estimate.
     """
     known = load_variants() if variants is None else variants
+    soil = load_soil() if soil is None else soil
+    any_slip = soil.slip_std >= UNKNOWN
     if trial.imu is None or trial.imu.t.size < 8 or np.isnan(trial.imu.specific_force).all():
         wheels, rolling, _ = _roll(trial, None, robot)
         if rolling is None:
@@ -127,11 +129,11 @@ def correct(
     problem = replace(problem, imu=imu, faults=faults, slip=SlipModel(fades=True))
     warnings = [*signs, *_complain(problem, offset)]
     if far:
-        slip = FAR if slip_std is None else replace(FAR, limit=slip_std)
+        slip = replace(FAR, steady=soil.slip, limit=FAR.limit if any_slip else soil.slip_std)
         noise = replace(with_motion_noise(problem, offset.value), gyro=LOST_PITCH)
         problem = replace(problem, slip=slip, noise=noise)
         where = "far from standstills" if still else "no standstill"
-        allowed = "0 to 100 %" if slip_std is None else f"± {100 * slip_std:.0f} %"
+        allowed = "0 to 100 %" if any_slip else f"± {100 * soil.slip_std:.2g} %"
         warnings.append(
             f"{where}: slow changes of velocity follow the wheels; steady slip is not measured there, "
             f"the std allows for {allowed}"
@@ -147,7 +149,7 @@ def correct(
     solution = smooth(settle(problem, offset, near=near, distance=distance_measured))
     seen = offset if found is offset else agreed(found, solution.offset, solution.compliance)
     solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
-    if far and slip_std is None:
+    if far and any_slip:
         solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
     health = assess(solution, imu.t, still, faults, problem.noise)
     motion = motion_of(trial, problem, solution, health, known, tuple(warnings))

@@ -44,9 +44,6 @@ TINY = np.array([1e-8, 1e-8, 1e-7, 1e-9, 1e-9, 1e-10, 1e-8, 1e-7, 1e-7, 1e-8, 1e
 RETURN, MEMORY = 30.0, 2.0
 """Slip far from standstills returns to its mean in this time; its wheel speed is averaged over this [s]."""
 
-TYRE = 0.025
-"""A wheel slips by 2.5 points for a thrust of a tenth of its weight [s^2/m]."""
-
 V_FLOOR = 0.02
 """v_floor of (1) [m/s]."""
 
@@ -74,8 +71,9 @@ class SlipModel:
         scatter, time: std [-] and correlation time [s] of G.
         limit: std that caps one step's noise of S [-]; far from standstills, that of S.
         far: far from standstills a random walk would lose the velocity: S reverts to 0 within `RETURN`. The
-            expected slip ratio is `TYRE` times thrust over mass. It is multiplied by the wheel speed averaged
-            over `MEMORY`, so that a change of speed says nothing about a steady slip ratio.
+            expected slip ratio is proportional to the thrust, `steady` at constant speed. It is multiplied by
+            the wheel speed averaged over `MEMORY`, so that a change of speed says nothing about a steady slip
+            ratio.
         fades: the steady slip ratio goes down with the speed below `V_FLOOR`, as the ground's resistance
             does: wheels that coast to rest slip less. The moments that tell the clocks' offset are judged
             without it, or twisting tyres pass for an offset.

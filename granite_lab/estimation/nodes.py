@@ -247,7 +247,8 @@ def _expected_slip(
     mean_slip = slip.expected(pace.growth, pace.speed)
     if slip.far:
         w = lasting_speed(t, pace.speed, moving)
-        mean_slip = np.clip(model.TYRE * thrust(problem.imu, nominal.rest, index, pace), -0.4, 0.4)
+        mean_slip = slip.steady * thrust(problem.imu, nominal.rest, index, pace) / RESISTANCE
+        mean_slip = np.clip(mean_slip, -0.4, 0.4)
     return pace, w, mean_slip, np.where(moving, mean_slip * (w if slip.far else pace.speed), 0.0)
 
 

@@ -159,6 +159,8 @@ class Soil:
     friction_angle: float = quantity("deg", 5, 60, "angle of internal friction", "φ")
     shear_modulus: float = quantity("m", 1e-4, 0.5, "shear deformation parameter", "K")
     tyre_friction: float = quantity("", 0.05, 2.0, "static friction between tyre and soil", "μ_s")
+    slip: float = quantity("", 0.0, 0.5, "slip ratio expected of steady driving", "", 0.025)
+    slip_std: float = quantity("", 0.001, 1.0, "its std, 1 where any slip is possible", "", 1.0)
     source: str = ""
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from granite_lab import estimation, logs
+from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.trial import Trial, TrialInfo
-from granite_lab.parameters import Robot, load_robot
+from granite_lab.parameters import Robot, Soil, load_robot, load_soil
 
 GIVEN: dict[str, tuple[str, type]] = {
     "robot": ("robot", str), "soil": ("soil", str), "map": ("column_map", str),
@@ -111,6 +113,21 @@ def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
         EstimateError: the motion cannot be had from it.
     """
     logged, robot = read(path, options)
-    said: dict[str, Any] = {"rests": options.rests, "distance_measured": options.distance_measured}
-    trial, motion = estimation.correct(logged, robot, **said)
+    trial, motion = estimation.correct(
+        logged, robot, rests=options.rests, distance_measured=options.distance_measured,
+        soil=soil_of(logged, options.soil),
+    )  # fmt: skip
     return trial, robot, motion
+
+
+def soil_of(trial: Trial, named: str | None) -> Soil:
+    """Return the soil of that name, or else the one that the log names if it is known; dry sand by default.
+
+    Raises:
+        UsageError: the soil is not known.
+        InputError: its file is wrong.
+    """
+    if named is None and trial.info.soil is not None:
+        with suppress(UsageError):
+            return load_soil(trial.info.soil)
+    return load_soil(named or "dry_sand")

@@ -174,6 +174,18 @@ def test_options_count_and_those_that_do_not_fit_are_errors_of_their_kind() -> N
         gl.view(ROOT / "docs")
 
 
+def test_ground_that_is_known_to_slip_little_narrows_an_estimate_without_standstill(tmp_path: Path) -> None:
+    firm, log = tmp_path / "firm.toml", SAMPLES / "virtual_v0.3_r1.csv"
+    sand = (ROOT / "granite_lab/catalogue/soils/dry_sand.toml").read_text(encoding="utf-8")
+    stated = sand.replace('"dry_sand"', '"firm"') + "slip = 0.005\nslip_std = 0.02\n"
+    firm.write_text(stated, encoding="utf-8")
+    (any_slip,) = gl.ingest(log, window=(4.0, 7.0))
+    (little,) = gl.ingest(log, window=(4.0, 7.0), soil=firm)
+    assert np.median(little.motion.v_std) < 0.1 * np.median(any_slip.motion.v_std)
+    assert little.motion.v.mean() > any_slip.motion.v.mean()
+    assert any("± 2 %" in line for line in little.motion.warnings)
+
+
 def test_a_table_is_stored_as_csv_or_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = gl.simulate(0.3).to_frame()
     succeeded("simulate", "--variant", 0.3, "--out", tmp_path / "run.parquet")

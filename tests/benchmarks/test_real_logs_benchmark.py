@@ -56,9 +56,9 @@ class TestWithTheLogs:
         assert rms(errors([run])) < 0.30
         assert abs(np.mean(errors([run]))) < 0.10
         assert inside([run]) >= 0.88
-        # the ground is not known, so two std reach from the wheels' speed to rest
+        # on firm ground wheels slip by 0.5 ± 2 %
         moving = only(run, run.wheels > 0.3)
-        assert np.median(2.0 * moving.std / moving.wheels) == pytest.approx(1.0, abs=0.2)
+        assert np.median(2.0 * moving.std / moving.wheels) < 0.15
 
     def test_the_husky_stands_still_when_gps_does(self) -> None:
         (run,) = the_husky().runs
