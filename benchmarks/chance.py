@@ -25,19 +25,19 @@ LEAST = 1e-12
 """Std below which a state counts as known, in its own unit."""
 
 
-def root(covariance: Array) -> Array:
-    """(..., S, S) a root of covariances (..., S, S), whose variances differ by many powers of ten."""
-    std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), LEAST**2))
-    values, vectors = np.linalg.eigh(covariance / (std[..., :, None] * std[..., None, :]))
-    return np.asarray(std[..., :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
+def root(covariance: Array, scale: Array) -> Array:
+    """(..., S, S) a root of covariances (..., S, S) of states whose std is `scale` (..., S) or less."""
+    values, vectors = np.linalg.eigh(covariance / (scale[..., :, None] * scale[..., None, :]))
+    return np.asarray(scale[..., :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
 
 
 def errors(found: Smoothed, count: int, rng: np.random.Generator) -> Array:
     """(count, K) errors of the velocity at the nodes [m/s], drawn from the posterior of the smoother."""
     P, A = found.P, found.gains[:-1]
-    own = root(P[:-1] - A @ P[1:] @ A.transpose(0, 2, 1))
+    scale = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), LEAST**2))
+    own = root(P[:-1] - A @ P[1:] @ A.transpose(0, 2, 1), scale[:-1])
     nodes, size = P.shape[:2]
-    state = rng.standard_normal((count, size)) @ root(P[-1]).T
+    state = rng.standard_normal((count, size)) @ root(P[-1], scale[-1]).T
     drawn = np.empty((count, nodes))
     drawn[:, -1] = state[:, V] - state[:, PD]
     for k in range(nodes - 2, -1, -1):

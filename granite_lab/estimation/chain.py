@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from granite_lab.estimation.noise import identify
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.slip import identify_scatter, with_jumps
-from granite_lab.estimation.smoother import settle, smooth, with_steady_slip
+from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream
@@ -87,8 +87,6 @@ def correct(
             missing in motion, or nothing to estimate.
     """
     known = load_variants() if variants is None else variants
-    soil = load_soil() if soil is None else soil
-    any_slip = soil.slip_std >= UNKNOWN
     if trial.imu is None or trial.imu.t.size < 8 or np.isnan(trial.imu.specific_force).all():
         wheels, rolling, _ = _roll(trial, None, robot)
         if rolling is None:
@@ -97,8 +95,40 @@ def correct(
             )
         motion = motion_without_imu(trial, robot, rolling, known, rests)
         return clean_trial(trial, robot, motion, wheels=wheels, rolling=rolling), motion
+    solved = solve(trial, robot, rests=rests, distance_measured=distance_measured, soil=soil)
+    return finish(trial, robot, solved, known)
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A trial after the smoother.
+
+    Attributes:
+        problem, solution: what the filter was given, and what the smoother found.
+        wheels: the encoders as corrected.
+        warnings: what limits the estimate, one line each.
+    """
+
+    problem: Problem
+    solution: Solution
+    wheels: WheelStream | None
+    warnings: tuple[str, ...]
+
+
+def solve(
+    trial: Trial,
+    robot: Robot,
+    *,
+    rests: Sequence[Interval] = (),
+    distance_measured: Estimate | None = None,
+    soil: Soil | None = None,
+) -> Solved:
+    """Filter and smooth a trial with an IMU; arguments and errors are those of `correct`."""
+    soil = load_soil() if soil is None else soil
+    any_slip = soil.slip_std >= UNKNOWN
     grade = robot.imu_grade
     assert grade is not None
+    assert trial.imu is not None
     logged = _complete(trial.imu)
     stream, spikes = despike(logged)
     imu = mounting.to_body(stream, mounted(robot))
@@ -151,11 +181,18 @@ def correct(
     solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
     if far and any_slip:
         solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
-    health = assess(solution, imu.t, still, faults, problem.noise)
-    motion = motion_of(trial, problem, solution, health, known, tuple(warnings))
+    return Solved(problem, solution, wheels, tuple(warnings))
+
+
+def finish(trial: Trial, robot: Robot, solved: Solved, known: Sequence[Variant]) -> tuple[Trial, Motion]:
+    """Return the corrected trial and its motion, as `correct` does, from what the smoother found."""
+    problem, solution = solved.problem, solved.solution
+    health = assess(solution, problem.imu.t, problem.rests, problem.faults, problem.noise)
+    motion = motion_of(trial, problem, solution, health, known, solved.warnings)
     clean = clean_trial(
-        trial, robot, motion, wheels=wheels, rolling=rolling, imu=imu, faults=faults, solution=solution
-    )
+        trial, robot, motion, wheels=solved.wheels, rolling=problem.rolling, imu=problem.imu,
+        faults=problem.faults, solution=solution,
+    )  # fmt: skip
     return clean, motion
 
 
