@@ -164,13 +164,12 @@ def page(trials: Sequence[Judged]) -> str:
 
 * **Velocity.** The RMSE is {f["rmse_median_mmps"]} mm/s (median of {f["trials"]} trials). It exceeds
   {1e3 * RMSE_AIM:g} mm/s in {f["above_6_mmps"]} trials; the aim is one in twenty.
-* **Uncertainty.** {f["inside_percent"]} % of the samples in motion lie within ±2σ, and the NEES is
-  {f["nees"]} (ideally 1). Were the std exact, chance would give {f["inside_by_chance_from_percent"]} to
-  {f["inside_by_chance_to_percent"]} % (95 % of {DRAWS} draws from the posterior of the smoother).
-  The aim is 90 to 98 % in each set; {wide} of {len(names)} sets are above it, {narrow} below. Of exact
-  std, twelve trials are above it in {100 * np.mean(drawn > WIDE):.0f} % of the draws and below in
-  {100 * np.mean(drawn < NARROW):.0f} %, because the errors of a trial are correlated; all {len(names)} sets
-  meet it in {100 * np.mean(within.all(axis=0)):.0f} %. {usual} of {len(names)} sets are inside their range.
+* **Uncertainty.** {f["inside_percent"]} % of the samples in motion lie within ±2σ; the NEES is {f["nees"]}.
+  With exact std, chance gives {f["inside_by_chance_from_percent"]} to {f["inside_by_chance_to_percent"]} %
+  (95 % of {DRAWS} draws from the posterior of the smoother). {wide} of {len(names)} sets are above the aim
+  of 90 to 98 %, {narrow} below. With exact std {100 * np.mean(drawn > WIDE):.0f} % are above and
+  {100 * np.mean(drawn < NARROW):.0f} % below, because the errors of a trial correlate; all sets meet it in
+  {100 * np.mean(within.all(axis=0)):.0f} % of the draws. {usual} of {len(names)} sets are inside their range.
 * **Slip ratio λ_R of the steady part.** The error is below 1 point in
   {f["slip_within_1_point_percent"]} % of the trials and within ±2σ in {f["slip_inside_percent"]} %. Its mean
   is {f["slip_mean_points"]} points.

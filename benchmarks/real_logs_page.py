@@ -98,8 +98,7 @@ Bold: worse than the wheels, or less than 85 % inside. *Named*: both standstills
 * **Otherwise a constant slip cannot be measured.** The estimate follows the wheels minus the slip expected
   on the ground, and as much again for each m/s² gained: 2.5 % with a std for 0 to 100 %; for car and Husky
   with GPS 0.5 ± 2 %, by a [soil file](../benchmarks/robots/firm.toml). The 2.5 % were chosen on these logs,
-  from 2 to 4, and the 0.5 % assumed with knowledge of the runs: the figures without a standstill are not
-  blind.
+  from 2 to 4, the 0.5 % with knowledge of them: the figures without a standstill are not blind.
 * **The estimate is worse than the wheels** in {worse} of {len(groups)} rows. Verdicts: {verdicts}.
 
 Aims missed, {len(missed)} of {len(aims)}: {"; ".join(missed) or "none"}.
