@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -157,6 +158,7 @@ def search(
         fitted([(start, model.fit) for start in starts])
         return [p.score for p in promising]
 
+    @cache
     def settled(model: Model) -> bool:
         return good(problem, model.fit, tolerance) and not strained(problem, model.fit)
 
