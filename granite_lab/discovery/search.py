@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -152,15 +153,12 @@ def search(
         promising = _promising({c: p for c, p in promises.items() if wanted(c, p.gain)}, most)
         starts = [_with(problem, o.point, score) for p in promising for o, score in p.starts]
         if len(promising) == 1:  # it will be in the set: the exchange asks for it beside the others
-            starts += [lacking(starts[0], id_) for id_ in model.effects]
+            without = [problem.without_effect(starts[0], id_) for id_ in model.effects]
+            starts += [_where_alone(problem, point, found) for point in without]
         fitted([(start, model.fit) for start in starts])
         return [p.score for p in promising]
 
-    def lacking(point: Point, id_: str) -> Point:
-        """Return where the set of a point without an effect is fitted from."""
-        without = problem.without_effect(point, id_)
-        return _where_alone(problem, without, {k: m.fit for k, m in found.items()})
-
+    @cache
     def settled(model: Model) -> bool:
         return good(problem, model.fit, tolerance) and not strained(problem, model.fit)
 
@@ -193,8 +191,8 @@ def search(
     exchanged: list[Point] = []
     closed = len(path) > 1 and settled(current)
     for id_, tried in path[:-1]:  # those of the last stood beside the same effects
-        exchanged.append(lacking(current.fit.point, id_))
         without = problem.without_effect(current.fit.point, id_)
+        exchanged.append(_where_alone(problem, without, found))
         rivals = [s for s in tried if s.candidate not in current.effects]
         rivals = [s for s in rivals if not (closed and is_empirical(s.candidate))]
         exchanged += [_with(problem, without, score) for score in rivals]
@@ -207,12 +205,13 @@ def _with(problem: Problem, point: Point, score: Score) -> Point:
     return problem.with_effect(point, score.candidate, score.values, score.own)
 
 
-def _where_alone(problem: Problem, point: Point, known: Mapping[tuple[str, ...], Fit]) -> Point:
+def _where_alone(problem: Problem, point: Point, known: Mapping[tuple[str, ...], Model]) -> Point:
     """Return a point with the sand, offsets and gains of the best fit of a part of its effects.
 
     There they stand in already for what the point lacks.
     """
-    part = max((f for k, f in known.items() if set(k) < set(point.effects)), key=lambda f: f.evidence).point
+    parts = [m.fit for k, m in known.items() if set(k) < set(point.effects)]
+    part = max(parts, key=lambda f: f.evidence).point
     pairs = zip(problem.trials, point.trials, part.trials, strict=True)
     own = tuple(np.concatenate([theirs[: t.size], x[t.size :]]) for t, x, theirs in pairs)
     return replace(point, shared=part.shared, trials=own)

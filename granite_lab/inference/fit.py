@@ -83,6 +83,7 @@ class _State:
     slopes: Slopes
     responses: tuple[Array, ...]
     residuals: tuple[Array, ...]
+    white: tuple[Array, ...]
     normal: Normal
 
 
@@ -116,7 +117,8 @@ def fit(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     residuals = problem.residuals(start, responses)
-    state = _State(start, slopes, responses, residuals, problem.normal(start, slopes, residuals))
+    normal = problem.normal(start, slopes, residuals)
+    state = _State(start, slopes, responses, residuals, problem.white(residuals), normal)
     if rounds:
         scales = learn(problem, state, scales, 1)
     damping, fresh, learnt, converged = 0.0, True, True, False
@@ -137,7 +139,7 @@ def fit(
                 there = sum(state.normal.misfits(white, scales).values())
                 drop = here - there - float(np.sum(((aim.vector - mean) / std) ** 2))
             if tried is not None and drop > 0:
-                state = _State(aim, state.slopes, tried, residuals, state.normal.at(white))
+                state = _State(aim, state.slopes, tried, residuals, white, state.normal.at(white))
                 damping, fresh, learnt = damping / 10 if damping > 0.02 else 0.0, False, False
                 if drop < least and renew <= 0:  # at a kink of the model a step never brings what is promised
                     converged = True
@@ -243,7 +245,7 @@ def learn(problem: Problem, state: _State, scales: Scales, passes: int = UPDATES
     """
     for _ in range(passes):
         scales = _discrepancy(problem, state.normal, state.point, scales)
-        left = state.normal.misfits(problem.white(state.residuals), scales)
+        left = state.normal.misfits(state.white, scales)
         before = {c: scales.louder.get(c, 1.0) for c in problem.counts}
         louder = {
             c: max(1.0, before[c] * float(np.sqrt(max(left[c], 0.0) / max(n, 1))))
@@ -273,10 +275,11 @@ def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales)
     the likelihood falls with the square of the scale, and Fisher's information is less than its curvature:
     the larger of both is taken, for the scoring alone jumps to and fro.
     """
+    names = tuple(problem.counts)
     for _ in range(UPDATES):
         step = np.append(-_posterior(problem, point, normal, scales).step, 1.0)
-        old = {(MOTION, c): scales.share_of(c) for c in problem.counts}
-        old |= {(FORMULA, c): scales.formula_of(c) for c in problem.counts}
+        old = {(MOTION, c): scales.share_of(c) for c in names}
+        old |= {(FORMULA, c): scales.formula_of(c) for c in names}
         rise = dict.fromkeys(old, 0.0)  # derivative of the marginal likelihood by the logarithm of a scale
         information = dict.fromkeys(old, 0.0)
         for part in normal.parts:
@@ -294,7 +297,7 @@ def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales)
             curvature = max(information[name], -2 * rise[name]) + SPREAD**-2.0
             further = np.clip(slope / curvature, -1, 1)
             new[name] = float(np.clip(scale * np.exp(further), *bounds))
-        shares, formulas = ({c: new[kind, c] for c in problem.counts} for kind in (MOTION, FORMULA))
+        shares, formulas = ({c: new[kind, c] for c in names} for kind in (MOTION, FORMULA))
         scales = replace(scales, shares=shares, formulas=formulas)
         if all(abs(np.log(found / old[name])) < CLOSE for name, found in new.items()):
             break

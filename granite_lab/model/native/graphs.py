@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from llvmlite import binding
 
-from granite_lab.model import interpreted
+from granite_lab.model import interpreted, kept
 from granite_lab.model.command import corners
 from granite_lab.model.effect import Effect
 from granite_lab.model.graph import Graph, build_graph
@@ -47,10 +47,10 @@ def _version() -> str:
 
 
 def _library(name: str, names: Sequence[str], text: Callable[[], str], effort: int) -> machine.Library:
-    code = machine.kept(name)
+    code = kept.read(f"{name}.o")
     if code is None:
         code = machine.compiled(text(), effort=effort)
-        machine.keep(name, code)
+        kept.keep(f"{name}.o", code)
     return machine.Library(code, names)
 
 

@@ -1,25 +1,13 @@
-"""LLVM's text to machine code in this process, by llvmlite; kept on disk for the next process."""
+"""LLVM's text to machine code in this process, by llvmlite."""
 
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterable
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from llvmlite import binding
-from platformdirs import user_cache_path
-
-FOLDER = "GRANITE_LAB_CACHE"
-"""Environment variable: folder for what is kept, as for results."""
-
-KEPT = 1500
-"""Files that stay in the folder, of about 50 kB each."""
-
-_CHECK = hashlib.sha256().digest_size
-
 
 _loaded: list[Library] = []
 """All libraries stay until the process ends: LLVM frees them in no order that is known to be safe."""
@@ -89,35 +77,3 @@ def key(*parts: str | bytes) -> str:
         digest.update(part.encode() if isinstance(part, str) else part)
         digest.update(b"\0")
     return digest.hexdigest()
-
-
-def _folder() -> Path:
-    named = os.environ.get(FOLDER)
-    return (Path(named) if named else user_cache_path("granite-lab", appauthor=False)) / "machine-code"
-
-
-def kept(name: str) -> bytes | None:
-    """Return the machine code of that name from the folder; None if there is none, or if it is damaged."""
-    file = _folder() / f"{name}.o"
-    try:
-        content = file.read_bytes()
-        os.utime(file)  # what is used stays
-    except OSError:
-        return None
-    check, code = content[:_CHECK], content[_CHECK:]
-    return code if check == hashlib.sha256(code).digest() else None
-
-
-def keep(name: str, code: bytes) -> None:
-    """Put machine code into the folder, whole or not at all; a folder that cannot be written is no fault."""
-    folder = _folder()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        part = folder / f"{name}.{os.getpid()}"
-        part.write_bytes(hashlib.sha256(code).digest() + code)
-        part.replace(folder / f"{name}.o")
-        files = sorted(folder.glob("*.o"), key=lambda file: file.stat().st_mtime)
-        for old in files[:-KEPT]:
-            old.unlink(missing_ok=True)
-    except OSError:
-        return

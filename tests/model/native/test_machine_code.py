@@ -11,7 +11,7 @@ import pytest
 
 from granite_lab.effects import get, library
 from granite_lab.errors import EstimateError
-from granite_lab.model import Accuracy, engine, interpreted
+from granite_lab.model import Accuracy, engine, interpreted, kept
 from granite_lab.model.effect import Effect, EffectParameter, activate
 from granite_lab.model.graph import build_graph
 from granite_lab.model.native import graphs, lowering, machine, program, rosenbrock
@@ -173,17 +173,42 @@ def test_on_request_nothing_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None
 def test_code_is_kept_for_the_next_process_and_damaged_code_is_not_taken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(machine.FOLDER, str(tmp_path))
-    machine.keep("some", b"code")
-    assert machine.kept("some") == b"code"
+    monkeypatch.setenv(kept.FOLDER, str(tmp_path))
+    kept.keep("some.o", b"code")
+    assert kept.read("some.o") == b"code"
     file = tmp_path / "machine-code" / "some.o"
     file.write_bytes(file.read_bytes()[:-1])
-    assert machine.kept("some") is None
-    assert machine.kept("other") is None
-    monkeypatch.setenv(machine.FOLDER, str(file))
-    machine.keep("more", b"code")  # a file is no folder: nothing is kept, and nothing breaks
-    assert machine.kept("more") is None
+    assert kept.read("some.o") is None
+    assert kept.read("other.o") is None
+    monkeypatch.setenv(kept.FOLDER, str(file))
+    kept.keep("more.o", b"code")  # a file is no folder: nothing is kept, and nothing breaks
+    assert kept.read("more.o") is None
     assert [path.name for path in file.parent.iterdir()] == ["some.o"]
+
+
+@pytest.mark.parametrize("name", ["", "tyre_windup", "clock_offset"])
+def test_a_graph_that_was_kept_is_the_one_that_was_built(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(kept.FOLDER, str(tmp_path))
+    effects = (get(name),) if name else ()
+    texts = []
+    for _ in range(2):
+        build_graph.cache_clear()
+        graph = build_graph(effects)
+        parts = [graph.rates, *graph.outputs.values(), *graph.delays.values()]
+        texts.append(ca.Function("f", [graph.t, graph.x, graph.p], parts).serialize())
+        names = [graph.states, list(graph.outputs), list(graph.delays)]
+        texts.append(str(names))
+    assert texts[:2] == texts[2:]
+    assert len(list(tmp_path.glob("*/*.graph"))) == 1
+
+
+def test_a_graph_with_a_users_own_effect_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(kept.FOLDER, str(tmp_path))
+    build_graph.cache_clear()
+    build_graph((Strange(),))
+    assert not list(tmp_path.rglob("*.graph"))
 
 
 LEAN = Accuracy(relative=5e-5, absolute=1e-7, travel=0.0018, lean=True, order=3)
