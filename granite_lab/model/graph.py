@@ -7,7 +7,6 @@ Effects rewrite single quantities on the way.
 from __future__ import annotations
 
 import hashlib
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -67,13 +66,10 @@ def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
     which gives it back six times faster than it is built; one with a user's own effects is not, for nobody
     knows what these depend on.
     """
-    kinds = [kind for e in effects for kind in type(e).__mro__ if kind is not object]
-    if any(vars(e) for e in effects) or not all(k.__module__.startswith("granite_lab.") for k in kinds):
+    if any(vars(e) or not type(e).__module__.startswith("granite_lab.effects.") for e in effects):
         return _built(effects)
-    digest = hashlib.sha256(_sources())
-    for kind in kinds:
-        digest.update(f"{kind.__qualname__} {_source(kind)}\0".encode())
-    name = f"{digest.hexdigest()}.graph"
+    names = " ".join(type(e).__qualname__ for e in effects)
+    name = f"{hashlib.sha256(_sources() + names.encode()).hexdigest()}.graph"
     content = kept.read(name)
     if content is not None:
         return _restored(effects, ca.Function.deserialize(content.decode()))
@@ -98,18 +94,14 @@ def _restored(effects: tuple[Effect, ...], whole: Any) -> Graph:
 
 @cache
 def _sources() -> bytes:
-    """Return a hash of what a graph depends on beside its effects: this package, parameters, libraries."""
-    here = Path(__file__).parent
-    files = [*sorted(here.glob("*.py")), *sorted((here.parent / "parameters").glob("*.py"))]
+    """Return a hash of what a graph depends on: model, effects, parameters and libraries."""
+    package = Path(__file__).parents[1]
+    files = [
+        file for part in ("model", "effects", "parameters") for file in sorted((package / part).glob("*.py"))
+    ]
     paper = repr(model_parameters(load_robot(), load_soil(), load_variants()[0]))
     texts = [ca.CasadiMeta.version(), np.__version__, paper, *(file.read_text("utf-8") for file in files)]
     return hashlib.sha256("\0".join(texts).encode()).digest()
-
-
-@cache
-def _source(kind: type) -> str:
-    """Return the text of the file in which an effect is."""
-    return Path(inspect.getfile(kind)).read_text("utf-8")
 
 
 def _states(effects: tuple[Effect, ...]) -> tuple[str, ...]:
