@@ -36,6 +36,12 @@ def integral(t: Array, x: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(np.diff(t) * (x[1:] + x[:-1]) / 2)))
 
 
+def joined(at: Array | float, t: Array, x: Array) -> Array:
+    """Return at instants `at` [s] what x (N,) is on straight lines between its known samples at t (N,)."""
+    known = np.isfinite(x)
+    return np.asarray(np.interp(at, t[known], x[known]))
+
+
 def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
     """Check the declared unit of stamps (N,) of one sensor, `factor` seconds each, against their values.
 
