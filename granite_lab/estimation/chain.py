@@ -212,7 +212,7 @@ def _orient(
     """Level the axes at standstill and turn x to where the wheels accelerate the robot."""
     levelled = mounting.level(stream, inside(imu.t, still), imu.rotation)
     acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
-    found, _ = mounting.find_forward(stream, levelled, rolling.t, acceleration)
+    found = mounting.find_forward(stream, levelled, rolling.t, acceleration)
     return mounting.to_body(stream, found, levelled=True)
 
 

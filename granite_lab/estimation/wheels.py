@@ -195,7 +195,10 @@ def mask_dead(t: Array, distance: Array) -> tuple[Array, list[str]]:
 
 def _median(values: Array) -> Array:
     """Median over the wheels, NaN where none is known."""
-    return np.asarray(np.ma.filled(np.ma.median(np.ma.masked_invalid(values), axis=1), np.nan))
+    known = np.isfinite(values).any(axis=1)
+    median = np.full(known.size, np.nan)
+    median[known] = np.nanmedian(values[known], axis=1)
+    return median
 
 
 def side_mean(values: Array) -> Array:
