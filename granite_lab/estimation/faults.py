@@ -21,26 +21,16 @@ UNSEEN = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Faults:
-    """Samples that cannot be trusted.
+    """Samples that cannot be trusted."""
 
-    Attributes:
-        doubt: (N,) True for a sample that is missing a value, is a spike, or stands at the sensor's limit.
-        rate_doubt: (N,) the same, where the gyro is concerned.
-        gaps: (start, end) of missing samples [s].
-        plateaus: (start, end) of saturation [s].
-        beyond: per plateau, how far the truth may lie beyond it [m/s^2]; 0 if only a gyro saturated.
-        spikes: (N,) True for single readings thrown off; `thrown`: (N,) by how much [m/s^2].
-        restarts: biases that changed.
-    """
-
-    doubt: np.ndarray
-    rate_doubt: np.ndarray
-    gaps: tuple[Interval, ...]
-    plateaus: tuple[Interval, ...]
-    beyond: tuple[float, ...]
-    spikes: np.ndarray
-    thrown: Array
-    restarts: tuple[Restart, ...] = ()
+    doubt: np.ndarray  # (N,) a value is missing, thrown off, or stands at the sensor's limit
+    rate_doubt: np.ndarray  # (N,) the same, where the gyro is concerned
+    gaps: tuple[Interval, ...]  # missing samples [s]
+    plateaus: tuple[Interval, ...]  # saturation [s]
+    beyond: tuple[float, ...]  # per plateau, how far the truth may lie beyond [m/s^2]; 0 if only a gyro's
+    spikes: np.ndarray  # (N,) single readings thrown off
+    thrown: Array  # (N,) by how much they are [m/s^2]
+    restarts: tuple[Restart, ...] = ()  # biases that changed
 
     def hide(self, begin: float, end: float) -> bool:
         """Whether samples are missing or at their limit in an interval [s]."""
@@ -95,21 +85,14 @@ def find_faults(
 
 @dataclass(frozen=True)
 class Restart:
-    """Biases that changed between two standstills.
+    """Biases that changed between two standstills."""
 
-    Attributes:
-        begin, end: when it happened: a gap, or all the time between the standstills [s].
-        accel, gyro: std of the change, as far as `step` does not tell it [m/s^2], [rad/s].
-        step: change of the gyro's readings, sensor axes [rad/s].
-        gap: it happened in a gap of the samples.
-    """
-
-    begin: float
+    begin: float  # when it happened: a gap, or all the time between the standstills [s]
     end: float
-    accel: float
-    gyro: float
-    step: tuple[float, float, float]
-    gap: bool
+    accel: float  # std of the change [m/s^2]
+    gyro: float  # the same, as far as `step` does not tell it [rad/s]
+    step: tuple[float, float, float]  # change of the gyro's readings, sensor axes [rad/s]
+    gap: bool  # it happened in a gap of the samples
 
     def passed(self, t: Array) -> Array:
         """(N,) share of the change that has passed: at once in a gap, else gradually."""

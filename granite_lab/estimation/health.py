@@ -32,21 +32,13 @@ WHAT = {
 
 @dataclass(frozen=True)
 class Consistency:
-    """How the measurements of one kind met their predictions.
+    """How the measurements of one kind met their predictions."""
 
-    Attributes:
-        nis: mean normalised innovation squared of those that told anything new.
-        count: how many they are.
-        white: correlation of successive normalised innovations; 0 is white, NaN for fewer than eight.
-        chance: probability of Ljung and Box that white ones correlate as much; NaN for too few.
-        wild: share beyond four std.
-    """
-
-    nis: float
-    count: int
-    white: float
-    chance: float
-    wild: float
+    nis: float  # mean normalised innovation squared of those that told anything new
+    count: int  # how many they are
+    white: float  # `correlation` of successive ones
+    chance: float  # `ljung_box` of them
+    wild: float  # share beyond four std
 
 
 def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Faults, noise: Noise) -> Health:

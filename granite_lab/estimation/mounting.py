@@ -15,28 +15,18 @@ from granite_lab.parameters import GRAVITY
 
 @dataclass(frozen=True, eq=False)
 class BodyImu:
-    """The IMU's samples in the axes of R (x forward, y left, z up), at the sensor's place.
+    """The IMU's samples (N,) in the axes of R (x forward, y left, z up), at the sensor's place."""
 
-    Attributes:
-        t: (N,) stamps [s].
-        forward, left, up: (N,) specific force along x, y, z [m/s^2]; NaN where it was not logged.
-        roll_rate, pitch_rate, yaw_rate: (N,) [rad/s]; NaN where not logged.
-        gravity: how much of gravity the forward axis sees per radian of pitch [m/s^2]
-            (0 when the logger removed it).
-        levelled: the axes were levelled at standstill, so pitch counts from there.
-        rotation: from robot to sensor axes.
-    """
-
-    t: Array
-    forward: Array
-    left: Array
-    up: Array
-    roll_rate: Array
+    t: Array  # [s]
+    forward: Array  # specific force along x [m/s^2]; NaN where it was not logged, as the others
+    left: Array  # along y
+    up: Array  # along z
+    roll_rate: Array  # [rad/s]
     pitch_rate: Array
     yaw_rate: Array
-    gravity: float
-    levelled: bool
-    rotation: Rotation
+    gravity: float  # that the forward axis sees per radian of pitch [m/s^2]; 0: the logger removed it
+    levelled: bool  # the axes were levelled at standstill, so pitch counts from there
+    rotation: Rotation  # takes vectors in the sensor's axes to those of R
 
     @cached_property
     def period(self) -> float:

@@ -205,24 +205,14 @@ def robot_slip(found: Smoothed, x: Array, d: Array, i: int, j: int) -> Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """What the wheels did.
+    """What the wheels did; λ_R is for the second half of their constant part, when slip has settled."""
 
-    Attributes:
-        name: (N,) phase of each stamp.
-        steady: the part over which λ_R is taken: the second half of the constant part, when slip has
-            settled [s]; NaN where there is none.
-        plateau: wheel velocity there [m/s].
-        onset: instant at which the wheels set off, with std [s].
-        acceleration: slope of the wheels' velocity on the way up [m/s^2].
-        distance: rolled distance [m].
-    """
-
-    name: tuple[PhaseName, ...]
-    steady: Interval
-    plateau: float
-    onset: Estimate
-    acceleration: float
-    distance: float
+    name: tuple[PhaseName, ...]  # (N,) of each stamp
+    steady: Interval  # that second half [s]; NaN where there is none
+    plateau: float  # wheel velocity there [m/s]
+    onset: Estimate  # instant at which the wheels set off, with std [s]
+    acceleration: float  # slope of the wheels' velocity on the way up [m/s^2]
+    distance: float  # rolled [m]
 
 
 def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:

@@ -65,22 +65,14 @@ WANDER_TIME = 300.0
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """Changes of slip from one bin of time to the next (J in all).
+    """Changes of slip from one bin of time to the next (J in all)."""
 
-    Attributes:
-        begin, end: (J,) of the two bins together [s].
-        slip: (J, 2) mean slip velocity in each [m/s].
-        wheel: (J, 2) mean wheel velocity in each [m/s], signed, at least `COAST`.
-        unsure: (J,) std of the body's velocity by the IMU alone, which both have in common [m/s].
-        drift: (J,) std of its change from one to the other by pitch and biases [m/s].
-    """
-
-    begin: Array
+    begin: Array  # (J,) of the two bins together [s]
     end: Array
-    slip: Array
-    wheel: Array
-    unsure: Array
-    drift: Array
+    slip: Array  # (J, 2) mean slip velocity in each [m/s]
+    wheel: Array  # (J, 2) mean wheel velocity in each [m/s], signed, at least `COAST`
+    unsure: Array  # (J,) std of the body's velocity by the IMU alone, which both have in common [m/s]
+    drift: Array  # (J,) std of its change from one to the other by pitch and biases [m/s]
 
     @property
     def size(self) -> Array:

@@ -47,31 +47,19 @@ AXES = "give its [imu] rotation in the robot's file, or let forward = 'find' loo
 
 @dataclass(frozen=True, eq=False)
 class Rolling:
-    """Wheel motion at the encoders' stamps.
+    """Wheel motion at the encoders' stamps."""
 
-    Attributes:
-        t: (M,) stamps [s].
-        distance: (M, 4) rolled distance of each wheel since the first sample [m], NaN where unknown.
-        mean: (M,) rolled distance, mean of the left and right sides [m].
-        mean_std: (M,) std of one sample of `mean` [m] (quantisation and stamps).
-        velocity, velocity_std: (M, 4) circumferential velocity v_o of each wheel [m/s].
-        speed, speed_std: (M,) velocity of `mean` [m/s].
-        by_rate: the logger gave rates; distances are their integrals and not measurements.
-        step: smallest step of a wheel's distance [m] (of its velocity [m/s] if by_rate).
-        warnings: doubts, one line each.
-    """
-
-    t: Array
-    distance: Array
-    mean: Array
-    mean_std: Array
-    velocity: Array
+    t: Array  # (M,) [s]
+    distance: Array  # (M, 4) rolled distance of each wheel since the first sample [m], NaN where unknown
+    mean: Array  # (M,) rolled distance, mean of the left and right sides [m]
+    mean_std: Array  # (M,) std of one sample of it [m] (quantisation and stamps)
+    velocity: Array  # (M, 4) circumferential velocity v_o of each wheel [m/s]
     velocity_std: Array
-    speed: Array
+    speed: Array  # (M,) velocity of `mean` [m/s]
     speed_std: Array
-    by_rate: bool
-    step: float
-    warnings: tuple[str, ...] = ()
+    by_rate: bool  # the logger gave rates; distances are their integrals and not measurements
+    step: float  # smallest step of a wheel's distance [m] (of its velocity [m/s] if by_rate)
+    warnings: tuple[str, ...] = ()  # doubts, one line each
 
     def speed_at(self, t: Array | float, offset: float = 0.0) -> Array:
         """Return `speed` at instants of a clock that the encoders' lies behind by `offset` [s]."""
