@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
@@ -206,13 +207,9 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
 
 def bridged_rests(rests: Sequence[Interval], turning: Array) -> list[Interval]:
     """Join standstills between which no wheel turned (at `turning` [s]): their ends are no change."""
-    joined: list[Interval] = []
-    for a, b in rests:
-        if joined and not np.any((turning > joined[-1][1]) & (turning < a)):
-            joined[-1] = (joined[-1][0], b)
-        else:
-            joined.append((a, b))
-    return joined
+    between = [(a, b) for (_, a), (b, _) in pairwise(rests) if np.any((turning > a) & (turning < b))]
+    begins, ends = [a for a, _ in rests[:1]], [b for _, b in rests[-1:]]
+    return list(zip(begins + [b for _, b in between], [a for a, _ in between] + ends, strict=True))
 
 
 def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:

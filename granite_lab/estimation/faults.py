@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -108,27 +109,21 @@ def find_restarts(
     in the gaps first. The stream is in the sensor's axes.
     """
     found = []
-    level: list[tuple[Array, Array, float]] = []
-    doubts: list[tuple[float, float]] = []
-    for rest in rests:
-        at = inside(stream.t, [rest]) & ~doubt
-        if not at.any():
-            return ()
-        (force, force_std), (rate, rate_std) = (
-            _level(v[at]) for v in (stream.specific_force, stream.angular_rate)
-        )
-        level.append((force, rate, float(rest[1] - rest[0])))
-        doubts.append((force_std, rate_std))
-    for i in range(len(rests) - 1):
-        (force, rate, time), (force_2, rate_2, time_2) = level[i], level[i + 1]
-        shaken = np.hypot(doubts[i], doubts[i + 1])
-        begin, end = rests[i][1], rests[i + 1][0]
+    places = [inside(stream.t, [rest]) & ~doubt for rest in rests]
+    if not all(at.any() for at in places):
+        return ()
+    forces, rates = ([_level(v[at]) for at in places] for v in (stream.specific_force, stream.angular_rate))
+    for one, two in pairwise(zip(rests, forces, rates, strict=True)):
+        ((start, begin), (force, force_std), (rate, rate_std)) = one
+        ((end, stop), (force_2, force_std_2), (rate_2, rate_std_2)) = two
+        time, time_2 = begin - start, stop - end
         share = np.sqrt(1.0 / max(time, 0.1) + 1.0 / max(time_2, 0.1))
         apart = np.sqrt(2.0 * (end - begin + 0.5 * (time + time_2)) / grade.instability_time)
         turn, size = rate_2 - rate, float(np.linalg.norm(force_2) - np.linalg.norm(force))
         usual_turn = np.hypot(grade.gyro_noise * share, grade.gyro_instability * min(apart, 1.5))
         usual_size = np.hypot(grade.accel_noise * share, 2.0 * grade.accel_instability * min(apart, 1.5))
-        usual_turn, usual_size = np.hypot(usual_turn, shaken[1]), np.hypot(usual_size, shaken[0])
+        usual_turn = np.hypot(usual_turn, np.hypot(rate_std, rate_std_2))
+        usual_size = np.hypot(usual_size, np.hypot(force_std, force_std_2))
         # where the frame lies otherwise than before, the same bias has another share along gravity
         sizes = np.linalg.norm([force, force_2], axis=1)
         tilted = float(np.linalg.norm(force_2 / sizes[1] - force / sizes[0]))
@@ -138,12 +133,12 @@ def find_restarts(
             continue
         accel = max(grade.accel_bias, float(np.linalg.norm(force_2 - force)))
         gyro = max(float(np.abs(turn).max()), 3.0 * float(usual_turn))
-        places = sorted((g for g in gaps if begin <= g[0] and g[1] <= end), key=lambda g: g[0] - g[1])
+        within = sorted((g for g in gaps if begin <= g[0] and g[1] <= end), key=lambda g: g[0] - g[1])
         step = (float(turn[0]), float(turn[1]), float(turn[2]))
-        if len(places) == 1:  # then it is known when, and the standstills tell by how much
+        if len(within) == 1:  # then it is known when, and the standstills tell by how much
             gyro = 3.0 * float(usual_turn)
-        for k, (a, b) in enumerate(places or [(begin, end)]):
-            found.append(Restart(a, b, accel, gyro, step if k == 0 else (0.0, 0.0, 0.0), bool(places)))
+        for k, (a, b) in enumerate(within or [(begin, end)]):
+            found.append(Restart(a, b, accel, gyro, step if k == 0 else (0.0, 0.0, 0.0), bool(within)))
     return tuple(found)
 
 

@@ -274,5 +274,6 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
     )
     logged = {name: stream for name in _STREAMS if (stream := getattr(trial, name)) is not None}
     inside = {name: (stream.t >= begin) & (stream.t <= end) for name, stream in logged.items()}
-    kept = {name: part(logged[name], keep) for name, keep in inside.items() if np.count_nonzero(keep) > 1}
-    return dataclasses.replace(trial, **dict.fromkeys(_STREAMS) | kept)
+    kept: dict[str, Any] = dict.fromkeys(_STREAMS)  # hardly any sample is none
+    kept |= {name: part(logged[name], keep) for name, keep in inside.items() if np.count_nonzero(keep) > 1}
+    return dataclasses.replace(trial, **kept)
