@@ -67,7 +67,7 @@ def level(imu: ImuStream, still: np.ndarray, rotation: Rotation) -> Rotation:
     """Add the smallest turn that puts gravity on R's z axis at standstill; refuse without gravity."""
     up = imu.specific_force[still].mean(axis=0)
     size = float(np.linalg.norm(up))
-    if not np.isfinite(size) or not 0.8 * GRAVITY < size < 1.2 * GRAVITY:
+    if not 0.8 * GRAVITY < size < 1.2 * GRAVITY:
         raise EstimateError(
             f"the IMU's specific force at standstill is {size:.2f} m/s^2, so it cannot be levelled",
             "levelling needs all three accelerometer axes with gravity in them; give [imu] rotation instead",

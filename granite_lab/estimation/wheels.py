@@ -319,13 +319,10 @@ def _speeds(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:
 
 def _relative_signs(speed: Array, live: np.ndarray) -> Array:
     """(4,) signs against the first live wheel; all +1 where the wheels do not move alike."""
-    sign = np.ones(4)
-    first = np.nan_to_num(speed[:, live[0]])
-    for i in live[1:]:
-        likeness = _correlation(first, np.nan_to_num(speed[:, i]))
-        if abs(likeness) < ALIKE:
-            return np.ones(4)
-        sign[i] = np.sign(likeness)
+    sign, moves = np.ones(4), np.nan_to_num(speed[:, live].T)
+    alike = np.array([_correlation(moves[0], one) for one in moves])
+    if np.abs(alike).min() >= ALIKE:
+        sign[live] = np.sign(alike)
     return sign
 
 
