@@ -56,21 +56,12 @@ def find_faults(
     for a, b in runs(bad):
         if b - a > 2:
             gaps.append((float(t[max(a - 1, 0)]), float(t[min(b, t.size - 1)])))
-    clipped, turning = np.zeros((2, t.size), dtype=bool)
-    beyond = np.zeros(t.size)
-    for values, limit, accel in (
-        (stream.specific_force, grade.accel_range, True),
-        (stream.angular_rate, grade.gyro_range, False),
-    ):
-        for axis in values.T:
-            if np.isfinite(axis).any():
-                at_limit = (np.abs(np.nan_to_num(axis)) >= 0.99 * limit) | rail(axis)
-                clipped |= at_limit
-                if not accel:
-                    turning |= at_limit
-                elif at_limit.any():
-                    reach = np.abs(axis - float(np.nanmedian(axis)))
-                    beyond = np.where(at_limit, np.maximum(beyond, np.maximum(reach, UNSEEN)), beyond)
+    at_limit = _at_limit(stream.specific_force, grade.accel_range)
+    turning = np.asarray(_at_limit(stream.angular_rate, grade.gyro_range).any(axis=1))
+    clipped = np.logical_or(at_limit.any(axis=1), turning)
+    force = np.nan_to_num(stream.specific_force)
+    reach = np.maximum(np.abs(force - np.median(force, axis=0)), UNSEEN)
+    beyond = np.where(at_limit, reach, 0.0).max(axis=1)
     # clipped vibration touches the rail again and again: one plateau
     spans = runs(bridged(np.arange(t.size), clipped, 6.5))
     return Faults(
@@ -82,6 +73,12 @@ def find_faults(
         spikes=spikes,
         thrown=thrown,
     )
+
+
+def _at_limit(values: Array, limit: float) -> np.ndarray:
+    """(N, 3) True where an axis is near the sensor's limit, or at a rail of its own."""
+    rails = np.stack([rail(axis) for axis in values.T], axis=1)
+    return np.asarray((np.abs(np.nan_to_num(values)) >= 0.99 * limit) | rails)
 
 
 @dataclass(frozen=True)

@@ -114,8 +114,7 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
                 own = np.concatenate([[0.0], np.cumsum(increment[a + 1 : b, i])])
                 velocity[a:b, i], velocity_std[a:b, i] = slope(t[a:b], own, sigma(1, speed[a:b]))
     speed[~np.isfinite(mean)] = np.nan
-    known = np.isfinite(distance)
-    first = np.where(known.any(axis=0), distance[known.argmax(axis=0), np.arange(distance.shape[1])], 0.0)
+    first = np.nan_to_num(distance[np.isfinite(distance).argmax(axis=0), np.arange(distance.shape[1])])
     return Rolling(
         t=t, distance=np.where(np.isfinite(increment), distance - first, np.nan), mean=mean,
         mean_std=mean_std, velocity=velocity, velocity_std=velocity_std, speed=speed, speed_std=speed_std,
