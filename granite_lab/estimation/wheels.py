@@ -205,9 +205,7 @@ def slope(t: Array, y: Array, sigma: Array) -> tuple[Array, Array]:
     best, best_std = np.full(m, np.nan), np.full(m, np.nan)
     going = np.ones(m, dtype=bool)
     for half in (2, 4, 8):
-        if m < 3 and half > 2:
-            break
-        value, std = _line(t, y, sigma, min(half, max(m - 1, 1)))
+        value, std = _line(t, y, sigma, min(half, m - 1))
         low, high = np.maximum(low, value - MEET * std), np.minimum(high, value + MEET * std)
         going &= low <= high
         best, best_std = np.where(going, value, best), np.where(going, std, best_std)
@@ -234,8 +232,6 @@ def stamp_scatter(t: Array, mean: Array, speed: Array, quantum: float) -> float:
     that of one sample, on evenly spaced stamps.
     """
     fast = np.abs(speed) > 0.3 * max(float(np.nanmax(np.abs(speed), initial=0.0)), MOVING)
-    if mean.size < 12 or fast.sum() < 12:
-        return 0.0
     width = 5
     index = np.arange(mean.size - width + 1)[:, None] + np.arange(width)
     ok = fast[index].all(axis=1) & np.isfinite(mean[index]).all(axis=1)

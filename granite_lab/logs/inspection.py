@@ -303,10 +303,8 @@ def _streams(trial: Trial) -> tuple[StreamReport, ...]:
             t, steps = stream.t, np.diff(stream.t)
             period = float(np.median(steps))
             gap = steps > GAP_PERIODS * period
-            rate, jitter = 1 / period, float(steps[~gap].std())
-            span = (float(t[0]), float(t[-1]))
-            gaps = (int(gap.sum()), float(steps.max()))
-            reports.append(StreamReport(what, len(t), *span, rate, jitter, *gaps))
+            clock = (float(t[0]), float(t[-1]), 1 / period, float(steps[~gap].std()))
+            reports.append(StreamReport(what, len(t), *clock, int(gap.sum()), float(steps.max())))
     return tuple(reports)
 
 
