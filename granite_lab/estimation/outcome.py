@@ -231,16 +231,14 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
             continue
         plateau = float(np.median(part[part > 0.6 * part.max()]))
         flat = np.abs(part - plateau) < BAND * plateau
-        whole = bridged(np.arange(b - a), flat, round(0.2 / period) + 1.5)
-        pieces = runs(whole)
+        pieces = runs(bridged(np.arange(b - a), flat, round(0.2 / period) + 1.5))
         first, last = max(pieces, key=lambda p: p[1] - p[0], default=(0, 0))
         slow = uniform_filter1d(np.gradient(part, t[a:b]), max(round(0.1 / period), 1))
         label = np.where(slow >= 0, UP, DOWN)
+        label[:first], label[last:] = UP, DOWN
         for i, j in pieces:
             if j - i > round(0.3 / period):
                 label[i:j] = STEADY
-        label[:first] = np.where(label[:first] == STEADY, STEADY, UP)
-        label[last:] = np.where(label[last:] == STEADY, STEADY, DOWN)
         name[a:b] = label
         if last - first > longest[1] - longest[0]:
             longest = (a + first, a + last)
