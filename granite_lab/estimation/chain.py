@@ -25,7 +25,7 @@ from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
-from granite_lab.logs.trial import ImuStream, Trial, WheelStream
+from granite_lab.logs.trial import ImuStream, Trial, WheelStream, part
 from granite_lab.parameters import Robot, Soil, Variant, load_soil, load_variants
 
 LONGEST_GAP = 0.5
@@ -238,11 +238,7 @@ def _complete(imu: ImuStream) -> ImuStream:
     columns = np.concatenate([imu.specific_force, imu.angular_rate], axis=1)
     logged = np.isfinite(columns).mean(axis=0) > 0.01
     whole = np.isfinite(columns[:, logged]).all(axis=1)
-    if whole.all():
-        return imu
-    return replace(
-        imu, t=imu.t[whole], specific_force=imu.specific_force[whole], angular_rate=imu.angular_rate[whole]
-    )
+    return imu if whole.all() else part(imu, whole)
 
 
 def _orient(
@@ -251,7 +247,7 @@ def _orient(
     """Level the axes at standstill and turn x to where the wheels accelerate the robot."""
     levelled = mounting.level(stream, inside(imu.t, still), imu.rotation)
     acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
-    found, _ = mounting.find_forward(stream, levelled, rolling.t, acceleration)
+    found = mounting.find_forward(stream, levelled, rolling.t, acceleration)
     return mounting.to_body(stream, found, levelled=True)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import Interval, inside
 from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.wheels import MOVING, Rolling
+from granite_lab.logs.counters import joined
 from granite_lab.logs.trial import Correction, CurrentStream, ImuStream, Series, Trial, WheelStream
 from granite_lab.logs.wheels import opposed
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
@@ -76,15 +76,12 @@ def _signs(logged: WheelStream | None, wheels: WheelStream | None) -> list[Corre
     made: list[Correction] = []
     if logged is None or wheels is None or wheels is logged:
         return made
-    for (i, name), (j, other), sign in product(enumerate(WHEELS), enumerate(WHEELS), (1.0, -1.0)):
-        angle = wheels.angle[:, i]
-        same = np.array_equal(angle, sign * logged.angle[:, j], equal_nan=True)
-        if not same or not np.any(np.nan_to_num(angle)):
-            continue
-        if i != j and np.array_equal(angle, logged.angle[:, i], equal_nan=True):
-            continue
-        if i != j:
-            made.append(Correction(f"taken from the column of {other}", f"encoder {name}", 1, NAN, ""))
+    for i, (name, angle) in enumerate(zip(WHEELS, wheels.angle.T, strict=True)):
+        sources = ((j, sign) for j in sorted(range(4), key=lambda j: j != i) for sign in (1.0, -1.0))
+        same = (s for s in sources if np.array_equal(angle, s[1] * logged.angle[:, s[0]], equal_nan=True))
+        j, sign = next(same, (i, 1.0))
+        if j != i:
+            made.append(Correction(f"taken from the column of {WHEELS[j]}", f"encoder {name}", 1, NAN, ""))
         if sign < 0:
             made.append(Correction("sign turned", f"encoder {name}", -1.0, NAN, ""))
     return made
@@ -205,8 +202,7 @@ def _turn_currents(
         return currents
     values = np.full((t.size, 4), NAN)
     for i in live:
-        fine = np.isfinite(currents.current[:, i])
-        values[:, i] = np.interp(t, t[fine], currents.current[fine, i])
+        values[:, i] = joined(t, t, currents.current[:, i])
         values[:, i] -= float(np.mean(values[still, i])) if still.sum() > 10 else 0.0
     with np.errstate(invalid="ignore"):
         power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)

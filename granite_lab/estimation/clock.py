@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
@@ -16,6 +17,7 @@ from granite_lab.estimation.nodes import Problem, build
 from granite_lab.estimation.rest import Interval, wheels_still
 from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
+from granite_lab.logs.counters import joined
 from granite_lab.logs.trial import Array
 
 LARGEST, FARTHEST = 0.4, 1.0
@@ -91,9 +93,8 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
         return Estimate(0.0)
     grid = np.arange(begin, end, STEP)
     smooth = max(round(0.08 / STEP), 1)
-    good = np.isfinite(imu.forward)
     wheel = uniform_filter1d(np.gradient(rolling.speed_at(grid), STEP), smooth)
-    force = uniform_filter1d(np.interp(grid, imu.t[good], imu.forward[good]), smooth)
+    force = uniform_filter1d(joined(grid, imu.t, imu.forward), smooth)
     # a slow drift of pitch must not outweigh the ramps
     force -= uniform_filter1d(force, round(3.0 / STEP), mode="nearest")
     wheel -= uniform_filter1d(wheel, round(3.0 / STEP), mode="nearest")
@@ -118,13 +119,12 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
         the body's usual lag behind the wheels explains the correlation as well.
     """
     begin, end = max(imu.t[0], rolling.t[0]), min(imu.t[-1], rolling.t[-1])
-    good = np.isfinite(imu.forward)
-    if end - begin < 8.0 * FARTHEST or np.isfinite(rolling.speed).sum() < 32 or good.sum() < 32:
+    if end - begin < 8.0 * FARTHEST or min(np.isfinite(x).sum() for x in (rolling.speed, imu.forward)) < 32:
         return Estimate(0.0)
     step = 2.0 * STEP
     grid = np.arange(begin, end, step)
     speed = rolling.speed_at(grid)
-    force = np.interp(grid, imu.t[good], imu.forward[good])
+    force = joined(grid, imu.t, imu.forward)
     if imu.has_pitch_rate:
         turned = np.cumsum(np.nan_to_num(imu.pitch_rate) * np.diff(imu.t, prepend=imu.t[0]))
         force = force + imu.gravity * np.interp(grid, imu.t, turned)
@@ -207,13 +207,9 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
 
 def bridged_rests(rests: Sequence[Interval], turning: Array) -> list[Interval]:
     """Join standstills between which no wheel turned (at `turning` [s]): their ends are no change."""
-    joined: list[Interval] = []
-    for a, b in rests:
-        if joined and not np.any((turning > joined[-1][1]) & (turning < a)):
-            joined[-1] = (joined[-1][0], b)
-        else:
-            joined.append((a, b))
-    return joined
+    between = [(a, b) for (_, a), (b, _) in pairwise(rests) if np.any((turning > a) & (turning < b))]
+    begins, ends = [a for a, _ in rests[:1]], [b for _, b in rests[-1:]]
+    return list(zip(begins + [b for _, b in between], [a for a, _ in between] + ends, strict=True))
 
 
 def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:

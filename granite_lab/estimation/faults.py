@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,26 +22,16 @@ UNSEEN = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Faults:
-    """Samples that cannot be trusted.
+    """Samples that cannot be trusted."""
 
-    Attributes:
-        doubt: (N,) True for a sample that is missing a value, is a spike, or stands at the sensor's limit.
-        rate_doubt: (N,) the same, where the gyro is concerned.
-        gaps: (start, end) of missing samples [s].
-        plateaus: (start, end) of saturation [s].
-        beyond: per plateau, how far the truth may lie beyond it [m/s^2]; 0 if only a gyro saturated.
-        spikes: (N,) True for single readings thrown off; `thrown`: (N,) by how much [m/s^2].
-        restarts: biases that changed.
-    """
-
-    doubt: np.ndarray
-    rate_doubt: np.ndarray
-    gaps: tuple[Interval, ...]
-    plateaus: tuple[Interval, ...]
-    beyond: tuple[float, ...]
-    spikes: np.ndarray
-    thrown: Array
-    restarts: tuple[Restart, ...] = ()
+    doubt: np.ndarray  # (N,) a value is missing, thrown off, or stands at the sensor's limit
+    rate_doubt: np.ndarray  # (N,) the same, where the gyro is concerned
+    gaps: tuple[Interval, ...]  # missing samples [s]
+    plateaus: tuple[Interval, ...]  # saturation [s]
+    beyond: tuple[float, ...]  # per plateau, how far the truth may lie beyond [m/s^2]; 0 if only a gyro's
+    spikes: np.ndarray  # (N,) single readings thrown off
+    thrown: Array  # (N,) by how much they are [m/s^2]
+    restarts: tuple[Restart, ...] = ()  # biases that changed
 
     def hide(self, begin: float, end: float) -> bool:
         """Whether samples are missing or at their limit in an interval [s]."""
@@ -65,21 +56,12 @@ def find_faults(
     for a, b in runs(bad):
         if b - a > 2:
             gaps.append((float(t[max(a - 1, 0)]), float(t[min(b, t.size - 1)])))
-    clipped, turning = np.zeros((2, t.size), dtype=bool)
-    beyond = np.zeros(t.size)
-    for values, limit, accel in (
-        (stream.specific_force, grade.accel_range, True),
-        (stream.angular_rate, grade.gyro_range, False),
-    ):
-        for axis in values.T:
-            if np.isfinite(axis).any():
-                at_limit = (np.abs(np.nan_to_num(axis)) >= 0.99 * limit) | rail(axis)
-                clipped |= at_limit
-                if not accel:
-                    turning |= at_limit
-                elif at_limit.any():
-                    reach = np.abs(axis - float(np.nanmedian(axis)))
-                    beyond = np.where(at_limit, np.maximum(beyond, np.maximum(reach, UNSEEN)), beyond)
+    at_limit = _at_limit(stream.specific_force, grade.accel_range)
+    turning = np.asarray(_at_limit(stream.angular_rate, grade.gyro_range).any(axis=1))
+    clipped = np.logical_or(at_limit.any(axis=1), turning)
+    force = np.nan_to_num(stream.specific_force)
+    reach = np.maximum(np.abs(force - np.median(force, axis=0)), UNSEEN)
+    beyond = np.where(at_limit, reach, 0.0).max(axis=1)
     # clipped vibration touches the rail again and again: one plateau
     spans = runs(bridged(np.arange(t.size), clipped, 6.5))
     return Faults(
@@ -93,23 +75,22 @@ def find_faults(
     )
 
 
+def _at_limit(values: Array, limit: float) -> np.ndarray:
+    """(N, 3) True where an axis is near the sensor's limit, or at a rail of its own."""
+    rails = np.stack([rail(axis) for axis in values.T], axis=1)
+    return np.asarray((np.abs(np.nan_to_num(values)) >= 0.99 * limit) | rails)
+
+
 @dataclass(frozen=True)
 class Restart:
-    """Biases that changed between two standstills.
+    """Biases that changed between two standstills."""
 
-    Attributes:
-        begin, end: when it happened: a gap, or all the time between the standstills [s].
-        accel, gyro: std of the change, as far as `step` does not tell it [m/s^2], [rad/s].
-        step: change of the gyro's readings, sensor axes [rad/s].
-        gap: it happened in a gap of the samples.
-    """
-
-    begin: float
+    begin: float  # when it happened: a gap, or all the time between the standstills [s]
     end: float
-    accel: float
-    gyro: float
-    step: tuple[float, float, float]
-    gap: bool
+    accel: float  # std of the change [m/s^2]
+    gyro: float  # the same, as far as `step` does not tell it [rad/s]
+    step: tuple[float, float, float]  # change of the gyro's readings, sensor axes [rad/s]
+    gap: bool  # it happened in a gap of the samples
 
     def passed(self, t: Array) -> Array:
         """(N,) share of the change that has passed: at once in a gap, else gradually."""
@@ -125,27 +106,21 @@ def find_restarts(
     in the gaps first. The stream is in the sensor's axes.
     """
     found = []
-    level: list[tuple[Array, Array, float]] = []
-    doubts: list[tuple[float, float]] = []
-    for rest in rests:
-        at = inside(stream.t, [rest]) & ~doubt
-        if not at.any():
-            return ()
-        (force, force_std), (rate, rate_std) = (
-            _level(v[at]) for v in (stream.specific_force, stream.angular_rate)
-        )
-        level.append((force, rate, float(rest[1] - rest[0])))
-        doubts.append((force_std, rate_std))
-    for i in range(len(rests) - 1):
-        (force, rate, time), (force_2, rate_2, time_2) = level[i], level[i + 1]
-        shaken = np.hypot(doubts[i], doubts[i + 1])
-        begin, end = rests[i][1], rests[i + 1][0]
+    places = [inside(stream.t, [rest]) & ~doubt for rest in rests]
+    if not all(at.any() for at in places):
+        return ()
+    forces, rates = ([_level(v[at]) for at in places] for v in (stream.specific_force, stream.angular_rate))
+    for one, two in pairwise(zip(rests, forces, rates, strict=True)):
+        ((start, begin), (force, force_std), (rate, rate_std)) = one
+        ((end, stop), (force_2, force_std_2), (rate_2, rate_std_2)) = two
+        time, time_2 = begin - start, stop - end
         share = np.sqrt(1.0 / max(time, 0.1) + 1.0 / max(time_2, 0.1))
         apart = np.sqrt(2.0 * (end - begin + 0.5 * (time + time_2)) / grade.instability_time)
         turn, size = rate_2 - rate, float(np.linalg.norm(force_2) - np.linalg.norm(force))
         usual_turn = np.hypot(grade.gyro_noise * share, grade.gyro_instability * min(apart, 1.5))
         usual_size = np.hypot(grade.accel_noise * share, 2.0 * grade.accel_instability * min(apart, 1.5))
-        usual_turn, usual_size = np.hypot(usual_turn, shaken[1]), np.hypot(usual_size, shaken[0])
+        usual_turn = np.hypot(usual_turn, np.hypot(rate_std, rate_std_2))
+        usual_size = np.hypot(usual_size, np.hypot(force_std, force_std_2))
         # where the frame lies otherwise than before, the same bias has another share along gravity
         sizes = np.linalg.norm([force, force_2], axis=1)
         tilted = float(np.linalg.norm(force_2 / sizes[1] - force / sizes[0]))
@@ -155,12 +130,12 @@ def find_restarts(
             continue
         accel = max(grade.accel_bias, float(np.linalg.norm(force_2 - force)))
         gyro = max(float(np.abs(turn).max()), 3.0 * float(usual_turn))
-        places = sorted((g for g in gaps if begin <= g[0] and g[1] <= end), key=lambda g: g[0] - g[1])
+        within = sorted((g for g in gaps if begin <= g[0] and g[1] <= end), key=lambda g: g[0] - g[1])
         step = (float(turn[0]), float(turn[1]), float(turn[2]))
-        if len(places) == 1:  # then it is known when, and the standstills tell by how much
+        if len(within) == 1:  # then it is known when, and the standstills tell by how much
             gyro = 3.0 * float(usual_turn)
-        for k, (a, b) in enumerate(places or [(begin, end)]):
-            found.append(Restart(a, b, accel, gyro, step if k == 0 else (0.0, 0.0, 0.0), bool(places)))
+        for k, (a, b) in enumerate(within or [(begin, end)]):
+            found.append(Restart(a, b, accel, gyro, step if k == 0 else (0.0, 0.0, 0.0), bool(within)))
     return tuple(found)
 
 

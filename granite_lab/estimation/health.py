@@ -32,21 +32,13 @@ WHAT = {
 
 @dataclass(frozen=True)
 class Consistency:
-    """How the measurements of one kind met their predictions.
+    """How the measurements of one kind met their predictions."""
 
-    Attributes:
-        nis: mean normalised innovation squared of those that told anything new.
-        count: how many they are.
-        white: correlation of successive normalised innovations; 0 is white, NaN for fewer than eight.
-        chance: probability of Ljung and Box that white ones correlate as much; NaN for too few.
-        wild: share beyond four std.
-    """
-
-    nis: float
-    count: int
-    white: float
-    chance: float
-    wild: float
+    nis: float  # mean normalised innovation squared of those that told anything new
+    count: int  # how many they are
+    white: float  # `correlation` of successive ones
+    chance: float  # `ljung_box` of them
+    wild: float  # share beyond four std
 
 
 def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Faults, noise: Noise) -> Health:
@@ -60,8 +52,7 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         if not of_kind.any():
             of_kind = came.updates.kind == kind
         ratio = (came.value / sigma)[of_kind]
-        wild = float(np.mean(np.abs(ratio) > 4.0))
-        nis = float(np.mean(ratio**2))
+        nis, wild = float(np.mean(ratio**2)), float(np.mean(np.abs(ratio) > 4.0))
         kinds[kind] = Consistency(nis, ratio.size, correlation(ratio), ljung_box(ratio), wild)
     std = np.sqrt(np.maximum(np.diagonal(found.P, axis1=1, axis2=2), 0.0))
 
@@ -75,40 +66,30 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         shaken=noise.gyro_motion / noise.gyro if noise.gyro > 0 else 0.0,
     )  # fmt: skip
     return Health(
-        t=nodes.t[came.updates.node],
-        kind=tuple(came.updates.kind.tolist()),
-        innovation=came.value,
-        innovation_std=sigma,
-        nis={kind: one.nis for kind, one in kinds.items()},
-        accel_bias=spread(found.x[:, BA] + nominal.accel_bias),
-        accel_bias_std=spread(std[:, BA]),
-        gyro_bias=spread(found.x[:, BG] + nominal.gyro_bias),
-        gyro_bias_std=spread(std[:, BG]),
-        rests=rests,
-        verdict=verdict,
-        good=grade == "good",
-        grade=grade,
+        t=nodes.t[came.updates.node], kind=tuple(came.updates.kind.tolist()), innovation=came.value,
+        innovation_std=sigma, nis={kind: one.nis for kind, one in kinds.items()},
+        accel_bias=spread(found.x[:, BA] + nominal.accel_bias), accel_bias_std=spread(std[:, BA]),
+        gyro_bias=spread(found.x[:, BG] + nominal.gyro_bias), gyro_bias_std=spread(std[:, BG]),
+        rests=rests, verdict=verdict, good=grade == "good", grade=grade,
         whiteness={kind: one.white for kind, one in kinds.items()},
         ljung_box={kind: one.chance for kind, one in kinds.items()},
-        gaps=faults.gaps,
-        plateaus=faults.plateaus,
-    )
+        gaps=faults.gaps, plateaus=faults.plateaus,
+    )  # fmt: skip
 
 
-def correlation(ratio: Array) -> float:
-    """Correlation of successive normalised innovations; 0 is white, NaN for fewer than eight."""
+def correlation(ratio: Array, lag: int = 1) -> float:
+    """Correlation of normalised innovations a lag apart; 0 is white, NaN for fewer than eight."""
     if ratio.size < 8 or not np.any(ratio):
         return float("nan")
-    return float(np.sum(ratio[1:] * ratio[:-1]) / np.sum(ratio**2))
+    return float(np.sum(ratio[lag:] * ratio[:-lag]) / np.sum(ratio**2))
 
 
 def ljung_box(ratio: Array, lags: int = 10) -> float:
     """Probability that white innovations correlate as much over some lags by chance (Ljung & Box 1978)."""
     n = ratio.size
-    if n < 5 * lags or not np.any(ratio):
+    if n < 5 * lags:
         return float("nan")
-    power = float(np.sum(ratio**2))
-    r = np.array([float(np.sum(ratio[k:] * ratio[:-k])) / power for k in range(1, lags + 1)])
+    r = np.array([correlation(ratio, lag) for lag in range(1, lags + 1)])
     statistic = n * (n + 2) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
     return float(gammaincc(0.5 * lags, 0.5 * statistic))
 

@@ -15,28 +15,18 @@ from granite_lab.parameters import GRAVITY
 
 @dataclass(frozen=True, eq=False)
 class BodyImu:
-    """The IMU's samples in the axes of R (x forward, y left, z up), at the sensor's place.
+    """The IMU's samples (N,) in the axes of R (x forward, y left, z up), at the sensor's place."""
 
-    Attributes:
-        t: (N,) stamps [s].
-        forward, left, up: (N,) specific force along x, y, z [m/s^2]; NaN where it was not logged.
-        roll_rate, pitch_rate, yaw_rate: (N,) [rad/s]; NaN where not logged.
-        gravity: how much of gravity the forward axis sees per radian of pitch [m/s^2]
-            (0 when the logger removed it).
-        levelled: the axes were levelled at standstill, so pitch counts from there.
-        rotation: from robot to sensor axes.
-    """
-
-    t: Array
-    forward: Array
-    left: Array
-    up: Array
-    roll_rate: Array
+    t: Array  # [s]
+    forward: Array  # specific force along x [m/s^2]; NaN where it was not logged, as the others
+    left: Array  # along y
+    up: Array  # along z
+    roll_rate: Array  # [rad/s]
     pitch_rate: Array
     yaw_rate: Array
-    gravity: float
-    levelled: bool
-    rotation: Rotation
+    gravity: float  # that the forward axis sees per radian of pitch [m/s^2]; 0: the logger removed it
+    levelled: bool  # the axes were levelled at standstill, so pitch counts from there
+    rotation: Rotation  # takes vectors in the sensor's axes to those of R
 
     @cached_property
     def period(self) -> float:
@@ -77,29 +67,15 @@ def level(imu: ImuStream, still: np.ndarray, rotation: Rotation) -> Rotation:
     """Add the smallest turn that puts gravity on R's z axis at standstill; refuse without gravity."""
     up = imu.specific_force[still].mean(axis=0)
     size = float(np.linalg.norm(up))
-    if not np.isfinite(size) or not 0.8 * GRAVITY < size < 1.2 * GRAVITY:
+    if not 0.8 * GRAVITY < size < 1.2 * GRAVITY:
         raise EstimateError(
             f"the IMU's specific force at standstill is {size:.2f} m/s^2, so it cannot be levelled",
             "levelling needs all three accelerometer axes with gravity in them; give [imu] rotation instead",
         )
-    return turn_between(rotation.apply(up / size), np.array([0.0, 0.0, 1.0])) * rotation
+    return Rotation.align_vectors([[0.0, 0.0, 1.0]], [rotation.apply(up / size)])[0] * rotation
 
 
-def turn_between(a: Array, b: Array) -> Rotation:
-    """Return the smallest rotation that takes unit vector a to unit vector b."""
-    axis = np.cross(a, b)
-    sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
-    if sine < 1e-12:
-        if cosine > 0:
-            return Rotation.identity()
-        side = np.cross(a, [1.0, 0.0, 0.0] if abs(a[0]) < 0.9 else [0.0, 1.0, 0.0])
-        return Rotation.from_rotvec(np.pi * side / np.linalg.norm(side))
-    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine))
-
-
-def find_forward(
-    imu: ImuStream, levelled: Rotation, wheel_t: Array, wheel_acceleration: Array
-) -> tuple[Rotation, float]:
+def find_forward(imu: ImuStream, levelled: Rotation, wheel_t: Array, wheel_acceleration: Array) -> Rotation:
     """Turn levelled axes about z until x points where the wheels accelerate the robot to.
 
     The horizontal specific force is regressed on the wheels' acceleration (M,) [m/s^2] over all lags within
@@ -108,27 +84,21 @@ def find_forward(
     Raises:
         EstimateError: nothing accelerates, or the direction is not clear.
     """
-    dt = 0.01
+    dt, width = 0.01, 9
     grid = np.arange(imu.t[0], imu.t[-1], dt)
-    flat = levelled.apply(imu.specific_force)[:, :2]
-    horizontal = np.stack([np.interp(grid, imu.t, flat[:, i]) for i in range(2)], axis=1)
-    horizontal -= np.median(horizontal, axis=0)
-    kernel = np.ones(9) / 9
-    horizontal = np.stack([np.convolve(h, kernel, mode="same") for h in horizontal.T], axis=1)
-    wheel = np.convolve(np.interp(grid, wheel_t, wheel_acceleration, left=0, right=0), kernel, mode="same")
-    best, vector = 0.0, np.zeros(2)
-    for lag in range(-40, 41):
-        moved = np.roll(wheel, lag)
-        product = moved @ horizontal / max(float(moved @ moved), 1e-12)
-        if np.linalg.norm(product) > best:
-            best, vector = float(np.linalg.norm(product)), product
-    power = float(np.sum(wheel**2)) * dt
-    across = horizontal @ np.array([-vector[1], vector[0]]) / max(best, 1e-12)
-    scatter = float(np.std(across)) * np.sqrt(len(kernel) * dt)
-    std = scatter / max(best, 1e-12) / np.sqrt(max(power, 1e-12))
+    flat = [np.interp(grid, imu.t, axis) for axis in levelled.apply(imu.specific_force)[:, :2].T]
+    wheel = np.interp(grid, wheel_t, wheel_acceleration, left=0, right=0)
+    kernel = np.ones(width) / width
+    x, y, wheel = (np.convolve(v, kernel, "same") for v in (*(v - np.median(v) for v in flat), wheel))
+    horizontal, square = np.stack([x, y], axis=1), max(float(wheel @ wheel), 1e-12)
+    vectors = [np.roll(wheel, lag) @ horizontal / square for lag in range(-40, 41)]
+    vector = max(vectors, key=lambda product: float(np.linalg.norm(product)))
+    best = max(float(np.linalg.norm(vector)), 1e-12)
+    across = horizontal @ np.array([-vector[1], vector[0]]) / best
+    std = float(np.std(across)) / best * np.sqrt(width / square)
     if best < 0.2 or std > np.radians(15):
         raise EstimateError(
             "the IMU's forward axis cannot be found: no clear acceleration phase in common with the wheels",
             "give it in the robot's file: [imu] rotation = [roll, pitch, yaw], forward = 'given'",
         )
-    return Rotation.from_euler("z", -np.arctan2(vector[1], vector[0])) * levelled, std
+    return Rotation.from_euler("z", -np.arctan2(vector[1], vector[0])) * levelled

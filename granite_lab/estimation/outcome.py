@@ -205,24 +205,14 @@ def robot_slip(found: Smoothed, x: Array, d: Array, i: int, j: int) -> Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """What the wheels did.
+    """What the wheels did; λ_R is for the second half of their constant part, when slip has settled."""
 
-    Attributes:
-        name: (N,) phase of each stamp.
-        steady: the part over which λ_R is taken: the second half of the constant part, when slip has
-            settled [s]; NaN where there is none.
-        plateau: wheel velocity there [m/s].
-        onset: instant at which the wheels set off, with std [s].
-        acceleration: slope of the wheels' velocity on the way up [m/s^2].
-        distance: rolled distance [m].
-    """
-
-    name: tuple[PhaseName, ...]
-    steady: Interval
-    plateau: float
-    onset: Estimate
-    acceleration: float
-    distance: float
+    name: tuple[PhaseName, ...]  # (N,) of each stamp
+    steady: Interval  # that second half [s]; NaN where there is none
+    plateau: float  # wheel velocity there [m/s]
+    onset: Estimate  # instant at which the wheels set off, with std [s]
+    acceleration: float  # slope of the wheels' velocity on the way up [m/s^2]
+    distance: float  # rolled [m]
 
 
 def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
@@ -241,16 +231,14 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
             continue
         plateau = float(np.median(part[part > 0.6 * part.max()]))
         flat = np.abs(part - plateau) < BAND * plateau
-        whole = bridged(np.arange(b - a), flat, round(0.2 / period) + 1.5)
-        pieces = runs(whole)
+        pieces = runs(bridged(np.arange(b - a), flat, round(0.2 / period) + 1.5))
         first, last = max(pieces, key=lambda p: p[1] - p[0], default=(0, 0))
         slow = uniform_filter1d(np.gradient(part, t[a:b]), max(round(0.1 / period), 1))
         label = np.where(slow >= 0, UP, DOWN)
+        label[:first], label[last:] = UP, DOWN
         for i, j in pieces:
             if j - i > round(0.3 / period):
                 label[i:j] = STEADY
-        label[:first] = np.where(label[:first] == STEADY, STEADY, UP)
-        label[last:] = np.where(label[last:] == STEADY, STEADY, DOWN)
         name[a:b] = label
         if last - first > longest[1] - longest[0]:
             longest = (a + first, a + last)

@@ -25,10 +25,10 @@ from granite_lab.estimation.clock import STILL
 from granite_lab.estimation.error_model import BA, BM, TH, P, SlipModel, V, X, std_of
 from granite_lab.estimation.nodes import Nodes, Problem, build
 from granite_lab.estimation.nominal import Nominal
-from granite_lab.estimation.rest import COAST, Interval
+from granite_lab.estimation.rest import COAST, Interval, inside
 from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, settle, smooth
 from granite_lab.estimation.wheels import MOVING, Rolling
-from granite_lab.logs.counters import runs
+from granite_lab.logs.counters import joined, runs
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
 
@@ -65,22 +65,14 @@ WANDER_TIME = 300.0
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """Changes of slip from one bin of time to the next (J in all).
+    """Changes of slip from one bin of time to the next (J in all)."""
 
-    Attributes:
-        begin, end: (J,) of the two bins together [s].
-        slip: (J, 2) mean slip velocity in each [m/s].
-        wheel: (J, 2) mean wheel velocity in each [m/s], signed, at least `COAST`.
-        unsure: (J,) std of the body's velocity by the IMU alone, which both have in common [m/s].
-        drift: (J,) std of its change from one to the other by pitch and biases [m/s].
-    """
-
-    begin: Array
+    begin: Array  # (J,) of the two bins together [s]
     end: Array
-    slip: Array
-    wheel: Array
-    unsure: Array
-    drift: Array
+    slip: Array  # (J, 2) mean slip velocity in each [m/s]
+    wheel: Array  # (J, 2) mean wheel velocity in each [m/s], signed, at least `COAST`
+    unsure: Array  # (J,) std of the body's velocity by the IMU alone, which both have in common [m/s]
+    drift: Array  # (J,) std of its change from one to the other by pitch and biases [m/s]
 
     @property
     def size(self) -> Array:
@@ -107,7 +99,9 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
             break
         # what the IMU alone knows next to a standstill may show more of it
         found = [between_swings(alone.nominal, interval, problem.rests) for interval in found]
-        problem = replace(problem, rests=_joined([*problem.rests, *found]))
+        still = runs(inside(problem.imu.t, [*problem.rests, *found]))
+        rests = tuple((float(problem.imu.t[a]), float(problem.imu.t[b - 1])) for a, b in still)
+        problem = replace(problem, rests=rests)
     size = changes.size
     rare = -ndtri(0.5 * CHANCE / max(size.size, 1))
     jump = size > rare * usual_size(problem, changes)
@@ -159,31 +153,18 @@ def between_swings(nominal: Nominal, interval: Interval, rests: Sequence[Interva
     return moved(interval[0]), moved(interval[1])
 
 
-def _joined(rests: Sequence[Interval]) -> tuple[Interval, ...]:
-    """Return standstills in order, those that touch as one."""
-    joined: list[Interval] = []
-    for begin, end in sorted(rests):
-        if joined and begin <= joined[-1][1]:
-            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
-        else:
-            joined.append((begin, end))
-    return tuple(joined)
-
-
 def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
     """Compare the rolled distance with the one that the IMU alone finds, bin by bin of each motion."""
     nodes, found = alone.nodes, alone.smoothed
     travelled = np.interp(nodes.t, alone.nominal.t, alone.nominal.x) + found.x[:, X] - found.x[:, P]
     spread = std_of(found.P, {V: 1.0})
     pull = std_of(found.P, {TH: GRAVITY, BA: -1.0, BM: -1.0})
-    known = np.isfinite(rolling.mean)
-    stamps, rolled = rolling.t[known] + offset, rolling.mean[known]
     parts = [np.empty((8, 0))]
     for a, b in runs(nodes.moving):
         begin, end = nodes.t[max(a - 1, 0)], nodes.t[b - 1]
         edges = np.linspace(begin, end, max(round((end - begin) / BIN), 1) + 1)
         width = edges[1] - edges[0]
-        pace = np.diff(np.interp(edges, stamps, rolled)) / width
+        pace = np.diff(joined(edges, rolling.t + offset, rolling.mean)) / width
         slip = pace - np.diff(np.interp(edges, nodes.t, travelled)) / width
         wheel = np.where(pace < 0.0, -1.0, 1.0) * np.maximum(np.abs(pace), COAST)
         unsure, drift = (np.interp(edges[1:-1], nodes.t, std) for std in (spread, pull))

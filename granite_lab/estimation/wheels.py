@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import mean_known
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.logs.counters import runs
+from granite_lab.logs.counters import integral, joined, runs
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import WHEELS, Robot
 
@@ -47,43 +47,30 @@ AXES = "give its [imu] rotation in the robot's file, or let forward = 'find' loo
 
 @dataclass(frozen=True, eq=False)
 class Rolling:
-    """Wheel motion at the encoders' stamps.
+    """Wheel motion at the encoders' stamps."""
 
-    Attributes:
-        t: (M,) stamps [s].
-        distance: (M, 4) rolled distance of each wheel since the first sample [m], NaN where unknown.
-        mean: (M,) rolled distance, mean of the left and right sides [m].
-        mean_std: (M,) std of one sample of `mean` [m] (quantisation and stamps).
-        velocity, velocity_std: (M, 4) circumferential velocity v_o of each wheel [m/s].
-        speed, speed_std: (M,) velocity of `mean` [m/s].
-        by_rate: the logger gave rates; distances are their integrals and not measurements.
-        step: smallest step of a wheel's distance [m] (of its velocity [m/s] if by_rate).
-        warnings: doubts, one line each.
-    """
-
-    t: Array
-    distance: Array
-    mean: Array
-    mean_std: Array
-    velocity: Array
+    t: Array  # (M,) [s]
+    distance: Array  # (M, 4) rolled distance of each wheel since the first sample [m], NaN where unknown
+    mean: Array  # (M,) rolled distance, mean of the left and right sides [m]
+    mean_std: Array  # (M,) std of one sample of it [m] (quantisation and stamps)
+    velocity: Array  # (M, 4) circumferential velocity v_o of each wheel [m/s]
     velocity_std: Array
-    speed: Array
+    speed: Array  # (M,) velocity of `mean` [m/s]
     speed_std: Array
-    by_rate: bool
-    step: float
-    warnings: tuple[str, ...] = ()
+    by_rate: bool  # the logger gave rates; distances are their integrals and not measurements
+    step: float  # smallest step of a wheel's distance [m] (of its velocity [m/s] if by_rate)
+    warnings: tuple[str, ...] = ()  # doubts, one line each
 
     def speed_at(self, t: Array | float, offset: float = 0.0) -> Array:
         """Return `speed` at instants of a clock that the encoders' lies behind by `offset` [s]."""
-        known = np.isfinite(self.speed)
-        return np.asarray(np.interp(t, self.t[known] + offset, self.speed[known]))
+        return joined(t, self.t + offset, self.speed)
 
 
 def bridged(t: np.ndarray, mask: np.ndarray, longest: float) -> np.ndarray:
-    """(N,) mask without the interruptions whose neighbours are less than `longest` apart [unit of t]."""
+    """(N,) mask without the interruptions whose neighbours are at most `longest` apart [unit of t]."""
     closed = mask.copy()
     for a, b in runs(~mask):
-        if a > 0 and b < mask.size and t[b] - t[a - 1] < longest:
+        if a > 0 and b < mask.size and t[b] - t[a - 1] <= longest:
             closed[a:b] = True
     return closed
 
@@ -127,8 +114,7 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
                 own = np.concatenate([[0.0], np.cumsum(increment[a + 1 : b, i])])
                 velocity[a:b, i], velocity_std[a:b, i] = slope(t[a:b], own, sigma(1, speed[a:b]))
     speed[~np.isfinite(mean)] = np.nan
-    known = np.isfinite(distance)
-    first = np.where(known.any(axis=0), distance[known.argmax(axis=0), np.arange(distance.shape[1])], 0.0)
+    first = np.nan_to_num(distance[np.isfinite(distance).argmax(axis=0), np.arange(distance.shape[1])])
     return Rolling(
         t=t, distance=np.where(np.isfinite(increment), distance - first, np.nan), mean=mean,
         mean_std=mean_std, velocity=velocity, velocity_std=velocity_std, speed=speed, speed_std=speed_std,
@@ -144,8 +130,7 @@ def _roll_rates(t: Array, velocity: Array, step: float) -> Rolling:
     scatter = 1.4826 * float(np.median(bend[known])) / np.sqrt(6.0) if known.any() else 0.0
     floor = max(step / np.sqrt(12.0), scatter, 1e-3)
     dt = np.diff(t, prepend=t[0])
-    filled = np.interp(t, t[known], speed[known]) if known.any() else np.zeros_like(speed)
-    mean = np.cumsum(dt * 0.5 * (filled + np.concatenate([[filled[0]], filled[:-1]])))
+    mean = integral(t, joined(t, t, speed) if known.any() else np.zeros_like(speed))
     distance = np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0)
     distance[~np.isfinite(velocity)] = np.nan
     return Rolling(
@@ -158,17 +143,11 @@ def _roll_rates(t: Array, velocity: Array, step: float) -> Rolling:
 def bridge(t: Array, angle: Array) -> Array:
     """Fill the cells of wheels that are sampled at other rows; longer gaps than 3 periods stay NaN."""
     filled = angle.copy()
-    for i in range(angle.shape[1]):
-        known = np.flatnonzero(np.isfinite(angle[:, i]))
-        if known.size < 2 or known.size == t.size:
-            continue
-        period = float(np.median(np.diff(t[known])))
-        after = np.searchsorted(known, np.arange(t.size))
-        inside = (after > 0) & (after < known.size)
-        gap = np.full(t.size, np.inf)
-        gap[inside] = t[known[after[inside]]] - t[known[after[inside] - 1]]
-        use = inside & (gap <= 3.0 * period) & ~np.isfinite(angle[:, i])
-        filled[use, i] = np.interp(t[use], t[known], angle[known, i])
+    for wheel in filled.T:
+        known = np.isfinite(wheel)
+        if 1 < known.sum() < t.size:
+            between = bridged(t, known, 3.0 * float(np.median(np.diff(t[known])))) & ~known
+            wheel[between] = joined(t[between], t, wheel)
     return filled
 
 
@@ -202,11 +181,11 @@ def mask_dead(t: Array, distance: Array) -> tuple[Array, list[str]]:
 
 
 def _median(values: Array) -> Array:
-    """Median over the wheels, NaN where none is known, without a warning."""
-    ordered = np.sort(values, axis=1)  # NaN last
-    n = np.isfinite(values).sum(axis=1)[:, None]
-    middle = np.take_along_axis(ordered, np.concatenate([np.maximum(n - 1, 0) // 2, n // 2], axis=1), axis=1)
-    return np.asarray(np.where(n[:, 0] > 0, 0.5 * (middle[:, 0] + middle[:, 1]), np.nan))
+    """Median over the wheels, NaN where none is known."""
+    known = np.isfinite(values).any(axis=1)
+    median = np.full(known.size, np.nan)
+    median[known] = np.nanmedian(values[known], axis=1)
+    return median
 
 
 def side_mean(values: Array) -> Array:
@@ -226,9 +205,7 @@ def slope(t: Array, y: Array, sigma: Array) -> tuple[Array, Array]:
     best, best_std = np.full(m, np.nan), np.full(m, np.nan)
     going = np.ones(m, dtype=bool)
     for half in (2, 4, 8):
-        if m < 3 and half > 2:
-            break
-        value, std = _line(t, y, sigma, min(half, max(m - 1, 1)))
+        value, std = _line(t, y, sigma, min(half, m - 1))
         low, high = np.maximum(low, value - MEET * std), np.minimum(high, value + MEET * std)
         going &= low <= high
         best, best_std = np.where(going, value, best), np.where(going, std, best_std)
@@ -255,8 +232,6 @@ def stamp_scatter(t: Array, mean: Array, speed: Array, quantum: float) -> float:
     that of one sample, on evenly spaced stamps.
     """
     fast = np.abs(speed) > 0.3 * max(float(np.nanmax(np.abs(speed), initial=0.0)), MOVING)
-    if mean.size < 12 or fast.sum() < 12:
-        return 0.0
     width = 5
     index = np.arange(mean.size - width + 1)[:, None] + np.arange(width)
     ok = fast[index].all(axis=1) & np.isfinite(mean[index]).all(axis=1)
@@ -264,11 +239,8 @@ def stamp_scatter(t: Array, mean: Array, speed: Array, quantum: float) -> float:
         return 0.0
     tt = t[index[ok]] - t[index[ok][:, 2]][:, None]
     # divided differences handle stamps that are not even
-    weights = np.ones_like(tt)
-    for i in range(width):
-        for j in range(width):
-            if i != j:
-                weights[:, i] /= tt[:, i] - tt[:, j]
+    apart = tt[:, :, None] - tt[:, None, :] + np.eye(width)
+    weights = np.divide.reduce(apart, axis=2, initial=1.0)
     contrast = (weights * mean[index[ok]]).sum(axis=1) / np.sqrt((weights**2).sum(axis=1))
     scatter = 1.4826 * float(np.median(np.abs(contrast)))
     typical = float(np.median(np.abs(speed[fast])))
@@ -298,8 +270,7 @@ def check_signs(
     said: list[str] = []
     yaw = None
     if imu is not None and np.isfinite(imu.yaw_rate).any():
-        known = np.isfinite(imu.yaw_rate)
-        yaw = np.interp(grid, imu.t[known], imu.yaw_rate[known] - float(np.median(imu.yaw_rate[known])))
+        yaw = joined(grid, imu.t, imu.yaw_rate - float(np.nanmedian(imu.yaw_rate)))
     sign = _relative_signs(speed, live)
     if (sign[live] < 0).any():
         left, right = ({float(sign[i]) for i in live if i % 2 == side} for side in (0, 1))
@@ -334,25 +305,19 @@ def _speeds(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:
     """Even stamps (K,) [s] and the wheels' velocities there (K, 4) [m/s], smoothed, NaN without encoder."""
     grid = np.arange(wheels.t[0], wheels.t[-1], STEP)
     speed = np.full((grid.size, 4), np.nan)
-    if grid.size < 2:
-        return grid, speed
-    for i in range(4):
-        known = np.isfinite(wheels.angle[:, i])
-        if known.sum() > 2:
-            angle = np.interp(grid, wheels.t[known], wheels.angle[known, i])
-            speed[:, i] = uniform_filter1d(np.gradient(angle, STEP), 9) * robot.wheels.radius
+    for i, angle in enumerate(wheels.angle.T):
+        if grid.size > 1 and np.isfinite(angle).sum() > 2:
+            rate = np.gradient(joined(grid, wheels.t, angle), STEP)
+            speed[:, i] = uniform_filter1d(rate, 9) * robot.wheels.radius
     return grid, speed
 
 
 def _relative_signs(speed: Array, live: np.ndarray) -> Array:
     """(4,) signs against the first live wheel; all +1 where the wheels do not move alike."""
-    sign = np.ones(4)
-    first = np.nan_to_num(speed[:, live[0]])
-    for i in live[1:]:
-        likeness = _correlation(first, np.nan_to_num(speed[:, i]))
-        if abs(likeness) < ALIKE:
-            return np.ones(4)
-        sign[i] = np.sign(likeness)
+    sign, moves = np.ones(4), np.nan_to_num(speed[:, live].T)
+    alike = np.array([_correlation(moves[0], one) for one in moves])
+    if np.abs(alike).min() >= ALIKE:
+        sign[live] = np.sign(alike)
     return sign
 
 
@@ -401,11 +366,8 @@ def _forward_gain(imu: BodyImu, grid: Array, speed: Array) -> tuple[Array, float
     Also how clear the matter is: the share of the force that it explains.
     """
     wheel = _without_trend(np.gradient(speed, STEP))
-    force = []
-    for values in (imu.forward, imu.left):
-        known = np.isfinite(values)
-        level = np.interp(grid, imu.t[known], values[known]) if known.any() else np.zeros(grid.size)
-        force.append(_without_trend(level))
+    axes = (v if np.isfinite(v).any() else np.zeros(v.size) for v in (imu.forward, imu.left))
+    force = [_without_trend(joined(grid, imu.t, values)) for values in axes]
     power = float(wheel @ wheel)
     if power * STEP < 0.01:
         return np.zeros(2), 0.0

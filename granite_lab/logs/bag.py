@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
@@ -69,17 +70,13 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
         what = " ".join(str(error).split())[:120] or type(error).__name__
         hint = "is the recording complete? 'ros2 bag reindex' may repair it"
         raise InputError(f"{path}: cannot be read as a ROS bag: {what}", hint) from None
-    columns = {"t": _stamps(path, rows, doubts)}
-    cells: dict[str, dict[int, float]] = {}
+    columns = defaultdict[str, Array](lambda: np.full(len(rows), np.nan), t=_stamps(path, rows, doubts))
     names, fields = {topic: ROS[role]["fields"] for role, topic in chosen.items()}, dict[str, list[Field]]()
     for row, (topic, _, message) in enumerate(rows):
         if topic not in fields:
             fields[topic] = list(_find(message, names[topic]))
         for name, value in _numbers(message, fields[topic]):
-            cells.setdefault(f"{topic}.{name}", {})[row] = value
-    for name, held in cells.items():
-        columns[name] = np.full(len(rows), np.nan)
-        columns[name][list(held)] = list(held.values())
+            columns[f"{topic}.{name}"][row] = value
     headers, numbers = (tuple(columns),), tuple(columns.values())
     return Table(path, headers, len(columns), "ROS", doubts=tuple(doubts), numbers=numbers), chosen
 

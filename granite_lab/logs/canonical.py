@@ -90,17 +90,13 @@ def trial_info(sources: Sequence[Metadata], given: TrialInfo | None, robot: str 
 
     The robot is decided already.
     """
-    given = given or TrialInfo()
-    merged: Metadata = {}
-    for said in reversed(sources):
-        merged |= {key: value for key, value in said.items() if value is not False and value != ""}
-    extra = {key: text for said in reversed(sources) for key, text in said["extra"].items()}
-    merged |= {key: value for key, value in vars(given).items() if value is not None and value is not False}
-    merged["extra"] = extra | given.extra
+    layers = [*reversed(sources), vars(given or TrialInfo())]
+    said = [(key, value) for layer in layers for key, value in layer.items()]
+    merged = {key: value for key, value in said if value is not None and value is not False and value != ""}
+    merged |= {"robot": robot, "extra": {k: text for layer in layers for k, text in layer["extra"].items()}}
     if "repetition" in merged:
         merged["repetition"] = int(merged["repetition"])
-    names = [f.name for f in dataclasses.fields(TrialInfo) if f.name in merged]
-    return TrialInfo(**{name: merged[name] for name in names} | {"robot": robot})
+    return TrialInfo(**{f.name: merged[f.name] for f in dataclasses.fields(TrialInfo) if f.name in merged})
 
 
 def write_canonical(path: Path, trial: Trial) -> None:

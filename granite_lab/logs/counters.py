@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +33,12 @@ def runs(flags: Mask) -> list[tuple[int, int]]:
 def integral(t: Array, x: Array) -> Array:
     """Integrate samples (N,) over their stamps (N,) by trapezoids, from 0 at the first."""
     return np.concatenate(([0.0], np.cumsum(np.diff(t) * (x[1:] + x[:-1]) / 2)))
+
+
+def joined(at: Array | float, t: Array, x: Array) -> Array:
+    """Return at instants `at` [s] what x (N,) is on straight lines between its known samples at t (N,)."""
+    known = np.isfinite(x)
+    return np.asarray(np.interp(at, t[known], x[known]))
 
 
 def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
@@ -154,15 +159,6 @@ def describe_gaps(t: Array, what: str) -> str:
     return f"{what}: {count}, the longest {steps[worst]:.3f} s at t = {t[worst]:.3f} s"
 
 
-class Wheel(NamedTuple):
-    """One encoder: angle (N,) [rad], rate (N,) [rad/s] if that is logged, and the step of what is logged."""
-
-    angle: Array
-    rate: Array | None
-    step: float
-    doubts: tuple[str, ...]
-
-
 def unwrap(raw: Array, ranges: Sequence[float], slack: float = 0.02) -> tuple[Array, int, float]:
     """Undo the wraps of a counter, exactly for whole numbers.
 
@@ -198,13 +194,15 @@ def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[fl
     return [turn, *(size * turn / per_rev for size in (2.0**16, 2.0**32) if per_rev)]
 
 
-def convert(t: Array, raw: Array, unit: Unit, said: Column, per_rev: float, radius: float) -> Wheel:
+def convert(
+    t: Array, raw: Array, unit: Unit, said: Column, per_rev: float, radius: float, doubts: list[str]
+) -> tuple[Array, Array | None, float]:
     """Turn one encoder's values (N,), finite, at increasing stamps [s] into wheel angle and rate.
 
     The unit says what kind of value they are; scale, wrap and increment are `said` by the column map;
-    `per_rev` are counts per wheel revolution (0: not known); the wheel's radius is in [m].
+    `per_rev` are counts per wheel revolution (0: not known); the wheel's radius is in [m]. Returns the angle
+    (N,) [rad], the rate (N,) [rad/s] if that is logged, and the smallest step of what is logged.
     """
-    doubts: list[str] = []
     counted, is_angle = unit.name in ("counts", "counts/s"), unit.quantity in ("angle", "length")
     values = np.cumsum(raw) if said.increment else raw
     if not said.increment and is_angle:
@@ -217,8 +215,8 @@ def convert(t: Array, raw: Array, unit: Unit, said: Column, per_rev: float, radi
     si = values * factor
     step = (1.0 if counted else quantum(raw)) * abs(factor)
     if is_angle:
-        return Wheel(_without_jumps(t, si, doubts), None, step, tuple(doubts))
-    return Wheel(integral(t, si), si, step, tuple(doubts))
+        return _without_jumps(t, si, doubts), None, step
+    return integral(t, si), si, step
 
 
 def _without_jumps(t: Array, angle: Array, doubts: list[str]) -> Array:

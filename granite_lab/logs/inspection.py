@@ -264,8 +264,7 @@ def _recognised(found: Match) -> list[ColumnReport]:
     why, reports = f"layout '{found.layout.name}'", dict[int, ColumnReport]()
     several = sum(b.channel == "t" for b in found.bindings) > 1
     for b in found.bindings:
-        said = [(key, getattr(b.spec, key)) for key in _SETTINGS]
-        said = [(key, value) for key, value in said if value != getattr(_PLAIN, key)]
+        said = [(k, value) for k in _SETTINGS if (value := getattr(b.spec, k)) != getattr(_PLAIN, k)]
         said += [("optional", True)] if b.channel == "t" and several else []
         to = (*reports[b.place].to, b.channel) if b.place in reports else (b.channel,)
         reports[b.place] = ColumnReport(b.name, b.place, to, b.unit.name, _KNOWN, why, settings=tuple(said))
@@ -303,10 +302,8 @@ def _streams(trial: Trial) -> tuple[StreamReport, ...]:
             t, steps = stream.t, np.diff(stream.t)
             period = float(np.median(steps))
             gap = steps > GAP_PERIODS * period
-            rate, jitter = 1 / period, float(steps[~gap].std())
-            span = (float(t[0]), float(t[-1]))
-            gaps = (int(gap.sum()), float(steps.max()))
-            reports.append(StreamReport(what, len(t), *span, rate, jitter, *gaps))
+            clock = (float(t[0]), float(t[-1]), 1 / period, float(steps[~gap].std()))
+            reports.append(StreamReport(what, len(t), *clock, int(gap.sum()), float(steps.max())))
     return tuple(reports)
 
 

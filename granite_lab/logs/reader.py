@@ -272,13 +272,8 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
         f"no IMU samples while the robot moved: {missing}: the log is cut there and only its longest stretch "
         f"with a rest is used, {begin:.3f} to {end:.3f} s; --from and --to choose another"
     )
-    kept = {name: _within(getattr(trial, name), begin, end) for name in _STREAMS}
+    logged = {name: stream for name in _STREAMS if (stream := getattr(trial, name)) is not None}
+    inside = {name: (stream.t >= begin) & (stream.t <= end) for name, stream in logged.items()}
+    kept: dict[str, Any] = dict.fromkeys(_STREAMS)  # hardly any sample is none
+    kept |= {name: part(logged[name], keep) for name, keep in inside.items() if np.count_nonzero(keep) > 1}
     return dataclasses.replace(trial, **kept)
-
-
-def _within(stream: Any, begin: float, end: float) -> Any:
-    """Return the samples of a stream between two instants; None where hardly any is left."""
-    keep = np.zeros(0, dtype=bool) if stream is None else (stream.t >= begin) & (stream.t <= end)
-    if np.count_nonzero(keep) < 2:
-        return None
-    return part(stream, keep)

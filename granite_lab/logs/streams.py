@@ -199,12 +199,13 @@ def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
             source.doubt(f"{column} is empty; that wheel is taken as without encoder")
             continue
         per_rev, radius = _counts(source, binding, robot), robot.wheels.radius
-        converted = convert(samples.t[seen], raw[seen], binding.unit, binding.spec, per_rev, radius)
-        angle[seen, wheel] = converted.angle
-        if converted.rate is not None:
-            rate[seen, wheel] = converted.rate
-        steps.append(converted.step)
-        for doubt in converted.doubts:
+        said: list[str] = []
+        angle[seen, wheel], turning, step = convert(
+            samples.t[seen], raw[seen], binding.unit, binding.spec, per_rev, radius, said
+        )
+        rate[seen, wheel] = np.nan if turning is None else turning
+        steps.append(step)
+        for doubt in said:
             source.doubt(f"{column}: {doubt}")
         if not seen.all():
             first, last = _longest(~seen, samples.t)

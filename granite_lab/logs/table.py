@@ -200,11 +200,8 @@ def _read(path: Path) -> tuple[bytes, str, tuple[str, ...]]:
         if data.startswith(magic):
             raise InputError(f"{path}: is not text but {what}", "export the log as CSV")
     encoding = _encoding(path, data[: 1 << 16])
-    doubts: tuple[str, ...] = ()
-    if encoding == "cp1252":
-        doubts = (f"{path.name}: not UTF-8, read as Windows-1252",)
-    elif encoding.startswith("utf-16-"):
-        doubts = (f"{path.name}: read as {encoding.upper()}, which the file does not say",)
+    guessed = f"read as {encoding.upper()}, which the file does not say" if encoding[:7] == "utf-16-" else ""
+    guessed = "not UTF-8, read as Windows-1252" if encoding == "cp1252" else guessed
     if encoding == "utf-8-sig":
         data = data.removeprefix(codecs.BOM_UTF8)
     else:
@@ -212,7 +209,7 @@ def _read(path: Path) -> tuple[bytes, str, tuple[str, ...]]:
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if 1 < data.count(b";") == data.count(b";\n") + data.endswith(b";"):
         data = data.replace(b";\n", b"\n").removesuffix(b";")  # rows that end as in MATLAB
-    return data, encoding, doubts
+    return data, encoding, (f"{path.name}: {guessed}",) if guessed else ()
 
 
 def _unpacked(path: Path) -> bytes:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.logs.counters import Mask, quantum, runs
+from granite_lab.logs.counters import Mask, joined, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
@@ -95,7 +95,7 @@ def mean_speed(wheels: WheelStream | None, robot: Robot) -> tuple[Array, Array]:
     if wheels is None or not logged:
         return np.zeros(0), np.zeros(0)
     # A wheel may have rows of its own; in between its angle is a straight line.
-    angles = [np.interp(wheels.t, wheels.t[np.isfinite(a)], a[np.isfinite(a)]) for a in logged]
+    angles = [joined(wheels.t, wheels.t, angle) for angle in logged]
     speed = np.diff(np.mean(angles, axis=0)) / np.diff(wheels.t) * robot.wheels.radius
     return (wheels.t[1:] + wheels.t[:-1]) / 2, np.asarray(speed)
 
