@@ -24,6 +24,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import product
+from math import factorial
 
 import numpy as np
 
@@ -113,45 +115,55 @@ LOST_PITCH = 0.005
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
-    """The steps into each of K nodes from the one before.
+class Course:
+    """How a trial goes, at its K nodes.
 
     Attributes:
-        dt: (K,) how long they last [s].
+        index: (K,) places of the nodes among the IMU's stamps.
+        t, dt: (K,) stamps [s], and how long the step into each node lasts [s].
         coupling: (K,) g cos(pitch) [m/s^2].
-        moving: (K,) False within a standstill.
-        onset: (K,) True for the step that leaves a standstill.
-        w: (K,) wheel speed by which the slip ratio is multiplied [m/s].
+        rest: (K,) True at standstill; `spinning`: (K,) the wheels turn meanwhile.
+        moving, onset: (K,) True for a step that is not within a standstill, and for one that leaves it.
+        speed, growth, unrest: (K,) as in `nodes.Pace`; without wheels, those of the body.
+        w: (K,) wheel speed [m/s], floor included, by which the slip ratio is multiplied.
+        mean_slip: (K,) slip ratio to which S and G are deviations [-].
+        loss, lost: (K,) what the wheels turn too far by it: slip velocity [m/s], and distance [m].
+        thrust: (K,) over mass, against that at standstill [m/s^2]; 0 without wheels.
     """
 
+    index: np.ndarray
+    t: Array
     dt: Array
     coupling: Array
+    rest: np.ndarray
+    spinning: np.ndarray
     moving: np.ndarray
     onset: np.ndarray
+    speed: Array
+    growth: Array
+    unrest: Array
     w: Array
+    mean_slip: Array
+    loss: Array
+    lost: Array
+    thrust: Array
 
 
-def transitions(steps: Steps, gain: Array, slip: SlipModel, noise: Noise, *, pitch_gyro: bool) -> Array:
+def transitions(course: Course, gain: Array, slip: SlipModel, noise: Noise, *, pitch_gyro: bool) -> Array:
     """(K, 14, 14) transition matrices; the accelerometer adds the velocity `gain` (K,) [m/s] in each step."""
-    dt, coupling, w = steps.dt, steps.coupling, steps.w
-    F = np.tile(np.eye(SIZE), (dt.size, 1, 1))
-    on = steps.moving.astype(float)
-    F[:, X, V] = on * dt
-    F[:, X, TH] = on * coupling * dt**2 / 2
-    F[:, X, BA] = F[:, X, BM] = -on * dt**2 / 2
-    F[:, X, BG] = -on * coupling * dt**3 / 6
-    F[:, V, TH] = on * coupling * dt
-    F[:, V, BA] = F[:, V, BM] = -on * dt
-    F[:, V, BG] = -on * coupling * dt**2 / 2
-    F[:, TH, BG] = -on * dt
-    F[:, V, K], F[:, X, K] = -on * gain, -0.5 * on * gain * dt
-    F[:, D, S] = F[:, D, G] = on * w * dt
+    dt, on, coupling = course.dt, course.moving.astype(float), course.coupling
+    F, h = np.tile(np.eye(SIZE), (dt.size, 1, 1)), on * dt
+    F[:, X, V], F[:, V, TH], F[:, X, TH] = h, coupling * h, coupling * h**2 / 2
+    F[:, V, BA] = F[:, V, BM] = -h
+    F[:, X, BA] = F[:, X, BM] = -(h**2) / 2
+    F[:, V, K], F[:, X, K] = -on * gain, -0.5 * gain * h
+    F[:, D, S] = F[:, D, G] = course.w * h
+    if pitch_gyro:
+        F[:, TH, BG], F[:, V, BG], F[:, X, BG] = -h, -coupling * h**2 / 2, -coupling * h**3 / 6
     F[:, BM, BM] = on
     F[:, S, S] = on * (np.exp(-dt / RETURN) if slip.far else 1.0)
     F[:, G, G] = on * np.exp(-dt / slip.time)
     F[:, P:, P:] = on[:, None, None] * resonator(dt, noise)
-    if not pitch_gyro:
-        F[:, TH, BG] = F[:, V, BG] = F[:, X, BG] = 0.0
     return F
 
 
@@ -166,45 +178,40 @@ def resonator(dt: Array, noise: Noise) -> Array:
     )
 
 
-def noises(
-    F: Array, steps: Steps, gyro: Array, size: Array, unrest: Array, slip: SlipModel, noise: Noise
-) -> Array:
+def spread(Q: Array, variance: Array, gains: Mapping[int, Array | float]) -> None:
+    """Add white noise, of the `variance` (K,) in a step, to Q (K, 14, 14) in place.
+
+    It enters the first state of `gains`, the second integrates that one, and so on: an impulse at the share s
+    of the step before its end changes the i-th state by its gain times s^i / i!.
+    """
+    for (i, (one, a)), (j, (other, b)) in product(enumerate(gains.items()), repeat=2):
+        Q[:, one, other] += variance * a * b / (factorial(i) * factorial(j) * (i + j + 1))
+
+
+def noises(F: Array, course: Course, gyro: Array, size: Array, slip: SlipModel, noise: Noise) -> Array:
     """(K, 14, 14) process noise over each step of `transitions` F.
 
     At the nodes (K,): white noise `gyro` of the pitch rate [rad/s sqrt(s)]; rms `size` of the acceleration by
-    vibration [m/s^2], at which the oscillator is kept; relative change `unrest` of the wheel speed [1/s].
+    vibration [m/s^2], at which the oscillator is kept.
     """
-    dt, coupling, moving, onset, w = steps.dt, steps.coupling, steps.moving, steps.onset, steps.w
+    dt, on, onset = course.dt, course.moving.astype(float), course.onset
     Q = np.tile(np.diag(TINY**2), (dt.size, 1, 1))
-    on = moving.astype(float)
-    a2, g2 = on * np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps)) ** 2, on * gyro**2
-    Q[:, V, V] += a2 * dt + coupling**2 * g2 * dt**3 / 3
-    Q[:, X, X] += a2 * dt**3 / 3 + coupling**2 * g2 * dt**5 / 20
-    Q[:, X, V] += a2 * dt**2 / 2 + coupling**2 * g2 * dt**4 / 8
-    Q[:, TH, TH] += g2 * dt
-    Q[:, V, TH] += coupling * g2 * dt**2 / 2
-    Q[:, X, TH] += coupling * g2 * dt**3 / 6
+    accel = np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps))
+    spread(Q, on * accel**2 * dt, {V: 1.0, X: dt})
+    spread(Q, on * gyro**2 * dt, {TH: 1.0, V: course.coupling * dt, X: course.coupling * dt**2})
     Q[:, BA, BA] += noise.accel_walk**2 * dt
     Q[:, BG, BG] += noise.gyro_walk**2 * dt
-    for i, j in ((X, V), (V, TH), (X, TH)):
-        Q[:, j, i] = Q[:, i, j]
-    walk = slip.walk**2 + 2 * slip.limit**2 / RETURN * slip.far + slip.ramp**2 * unrest
-    s2 = on * np.minimum(walk * dt, slip.limit**2) + onset * slip.onset**2
-    g2 = on * (1 - np.exp(-2 * dt / slip.time)) * slip.scatter**2
-    g2 = np.where(onset, slip.scatter**2, g2)
-    Q[:, S, S] += s2
-    Q[:, G, G] += g2
-    both = on * (s2 * ~onset + g2 * ~onset) * dt * w
-    Q[:, D, S] += 0.5 * on * s2 * ~onset * dt * w
-    Q[:, D, G] += 0.5 * on * g2 * ~onset * dt * w
-    Q[:, S, D], Q[:, G, D] = Q[:, D, S], Q[:, D, G]
-    Q[:, D, D] += both * dt * w / 3
     Q[onset, BM, BM] += noise.motion_bias**2
-    stationary = np.zeros((dt.size, 2, 2))
-    stationary[:, 0, 0] = (size / noise.vibration_omega**2) ** 2
-    stationary[:, 1, 1] = (size / noise.vibration_omega) ** 2
+    walk = slip.walk**2 + 2 * slip.limit**2 / RETURN * slip.far + slip.ramp**2 * course.unrest
+    walked = on * np.minimum(walk * dt, slip.limit**2) + onset * slip.onset**2
+    scattered = np.where(onset, 1.0, on * (1 - np.exp(-2 * dt / slip.time))) * slip.scatter**2
+    turned = np.where(onset, 0.0, course.w * dt)  # a standstill is left with the slip ratio that follows it
+    spread(Q, walked, {S: 1.0, D: turned})
+    spread(Q, scattered, {G: 1.0, D: turned})
+    kept = (size[:, None] / noise.vibration_omega ** np.array([2, 1])) ** 2
     A = F[:, P:, P:]
-    Q[:, P:, P:] += np.where(moving[:, None, None], stationary - A @ stationary @ A.transpose(0, 2, 1), 0.0)
+    shaking = kept[:, :, None] * np.eye(2) - (A * kept[:, None]) @ A.transpose(0, 2, 1)
+    Q[:, P:, P:] += on[:, None, None] * shaking
     return Q
 
 
@@ -255,30 +262,25 @@ def in_order(parts: Sequence[Updates]) -> Updates:
 
 
 def rest_updates(
-    imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults, index: np.ndarray, rest: np.ndarray,
-    speed: Array, shaken: Array,
-) -> list[Updates]:  # fmt: skip
+    imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults, course: Course, shaken: Array
+) -> list[Updates]:
     """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill.
 
-    The body may still have the velocity `speed` (K,) [m/s]; wheels that turn shake it by the rms `shaken`
-    (K,) [m/s].
+    Wheels that turn meanwhile shake the body by the rms velocity `shaken` (K,) [m/s].
     """
+    index, rest = course.index, course.rest
     k = np.flatnonzero(rest)
     i = index[k]
     # v_nominal is frozen but for the lever's part, which is zero at rest
-    found = [updates_of("zero_velocity", k, -nominal.v[i], {V: 1.0}, ZERO_VELOCITY**2 + speed[k] ** 2)]
+    R = ZERO_VELOCITY**2 + np.where(course.spinning, 0.0, course.speed)[k] ** 2
+    found = [updates_of("zero_velocity", k, -nominal.v[i], {V: 1.0}, R)]
     usable = nominal.rest & ~faults.doubt & np.isfinite(imu.forward)
     first = np.where((k > 0) & rest[k - 1], index[k - 1] + 1, i)
-
-    def total(values: Array | np.ndarray) -> Array:
-        """Sum over the usable samples since the node before."""
-        sums = np.concatenate([[0.0], np.cumsum(np.where(usable, values, 0.0))])
-        return np.asarray(sums[i + 1] - sums[first])
-
-    n, force, rate = (total(v) for v in (np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)))
-    seen = n > 0
-    k, i = k[seen], i[seen]
-    n, force, rate = n[seen], force[seen], rate[seen]
+    signals = np.stack([np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)])
+    sums = np.pad(np.cumsum(np.where(usable, signals, 0.0), axis=1), ((0, 0), (1, 0)))
+    totals = sums[:, i + 1] - sums[:, first]  # of the usable samples since the node before
+    seen = totals[0] > 0
+    k, i, (n, force, rate) = k[seen], i[seen], totals[:, seen]
     if imu.has_pitch_rate:
         R = noise.gyro**2 / (n * imu.period)
         found.append(updates_of("zero_rate", k, rate / n - nominal.gyro_bias, {BG: 1.0}, R))
@@ -287,44 +289,37 @@ def rest_updates(
     return [*found, updates_of("specific_force", k, z, {BA: 1.0, TH: -nominal.coupling[i]}, R)]
 
 
-def wheel_updates(
-    rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray, spinning: np.ndarray,
-    offset: float, lost: Array, loss: Array, w: Array, growth: Array, thrust: Array,
-) -> tuple[Updates, float]:  # fmt: skip
+def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: float) -> tuple[Updates, float]:
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 
-    Rolled distance counts from the first sample, which is no measurement then; its std [m] is returned. At
-    the nodes: `spinning`, the wheels turn on the spot; `lost` [m] and `loss` [m/s], by the mean slip ratio;
-    `w`, the wheel speed that turns slip ratio into slip velocity [m/s]; `growth` and `thrust` [m/s^2].
+    Rolled distance counts from the first sample, which is no measurement then; its std [m] is returned.
     """
-    t = nominal.t[index]
+    t, w, rest = course.t, course.w, course.rest
     stamps = rolling.t + offset
     known = np.isfinite(rolling.mean) & np.isfinite(rolling.speed)
     known &= (stamps >= t[0] - 1e-3) & (stamps <= t[-1] + 1e-3)
     samples = np.flatnonzero(known)
     place = np.clip(np.searchsorted(t, stamps[samples]), 1, t.size - 1)
     place -= (stamps[samples] - t[place - 1]) < (t[place] - stamps[samples])
-    distance = np.abs(t[place] - stamps[samples])
-    order = np.lexsort((distance, place))
-    first = np.diff(place[order], prepend=-1) > 0
-    acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
-    chosen = np.sort(order[first])
-    k, m = place[chosen], samples[chosen]
-    speed, gained = rolling.speed[m], acceleration[m]
+    order = np.lexsort((np.abs(t[place] - stamps[samples]), place))
+    k, first = np.unique(place[order], return_index=True)
+    m = samples[order[first]]
+    speed, gained = rolling.speed[m], np.gradient(np.nan_to_num(rolling.speed), rolling.t)[m]
     ahead = t[k] - stamps[m]
     if rolling.by_rate:
-        jerk = np.gradient(thrust, t)
-        H = {V: 1.0, PD: -1.0, TAU: growth[k], S: w[k], G: w[k], C: jerk[k]}
-        z = speed + gained * ahead - nominal.v[index[k]] - loss[k]
+        signed = np.sign(course.speed) * course.growth
+        H = {V: 1.0, PD: -1.0, TAU: signed[k], S: w[k], G: w[k], C: np.gradient(course.thrust, t)[k]}
+        z = speed + gained * ahead - nominal.v[course.index[k]] - course.loss[k]
         return updates_of("wheel", k, z, H, rolling.speed_std[m] ** 2), 0.0
     # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
     # is the noise of z as well, or every update would pull the velocity down a little
-    z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained - (nominal.x[index[k]] + lost[k])
+    z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained
+    z -= nominal.x[course.index[k]] + course.lost[k]
     R = rolling.mean_std[m] ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
     start = float(np.sqrt(R[0])) if k.size else 0.0
-    still = rest & np.concatenate([[True], rest[:-1]]) & np.concatenate([rest[1:], [True]])
-    told = ~(still | spinning)[k]  # a constant reading at rest says nothing new
+    still = rest & np.append(True, rest[:-1]) & np.append(rest[1:], True)
+    told = ~(still | course.spinning)[k]  # a constant reading at rest says nothing new
     told[:1] = False
     # an offset also moves the wheel speed that the mean slip goes by
-    H = {X: 1.0, D: 1.0, P: -1.0, C: thrust[k][told], TAU: (speed - loss[k])[told]}
+    H = {X: 1.0, D: 1.0, P: -1.0, C: course.thrust[k][told], TAU: (speed - course.loss[k])[told]}
     return updates_of("wheel", k[told], (z - z[:1])[told], H, R[told]), start

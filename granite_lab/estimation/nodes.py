@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, PD, SIZE, TAU, TH, D, P, S, SlipModel, V, X
+from granite_lab.estimation.error_model import BA, BG, PD, SIZE, TAU, TH, Course, D, P, S, SlipModel, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise, slope
@@ -233,22 +233,30 @@ def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Arr
     return np.asarray(force - float(level) + RESISTANCE * np.tanh(pace.speed / model.V_FLOOR))
 
 
-def _expected_slip(
-    problem: Problem, nominal: Nominal, index: np.ndarray, moving: np.ndarray, offset: float
-) -> tuple[Pace, Array, Array, Array]:
-    """Return the wheels' pace, or the body's without wheels; w, mean slip ratio and slip velocity (K,)."""
-    slip, t, v = problem.slip, nominal.t[index], nominal.v[index]
-    if problem.rolling is not None:
-        pace = pace_of(problem.rolling, offset, t)
-    else:
-        none = np.zeros(t.size)
-        pace = Pace(v, v, none, none, none > 0)
-    w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), COAST)
-    mean_slip = slip.expected(pace.growth, pace.speed)
+def course_of(problem: Problem, nominal: Nominal, offset: float) -> Course:
+    """Choose the nodes, and judge how wheels and body go at them."""
+    slip, rolling = problem.slip, problem.rolling
+    index = choose(nominal, problem.imu.period, problem.spacing)
+    t, rest, v = nominal.t[index], nominal.rest[index], nominal.v[index]
+    before = np.append(True, rest[:-1])
+    moving, none = ~(rest & before), np.zeros(t.size)
+    moving[0] = not rest[0]
+    dt = np.diff(t, prepend=t[0])
+    pace = Pace(v, v, none, none, none > 0) if rolling is None else pace_of(rolling, offset, t)
+    pull = none if rolling is None else thrust(problem.imu, nominal.rest, index, pace)
     if slip.far:
         w = lasting_speed(t, pace.speed, moving)
-        mean_slip = np.clip(model.TYRE * thrust(problem.imu, nominal.rest, index, pace), -0.4, 0.4)
-    return pace, w, mean_slip, np.where(moving, mean_slip * (w if slip.far else pace.speed), 0.0)
+        mean_slip = np.clip(model.TYRE * pull, -0.4, 0.4)
+    else:
+        w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), COAST)
+        mean_slip = slip.expected(pace.growth, pace.speed)
+    loss = np.where(moving, mean_slip * (w if slip.far else pace.speed), 0.0)
+    return Course(
+        index=index, t=t, dt=dt, coupling=nominal.coupling[index], rest=rest,
+        spinning=rest & (np.abs(pace.speed) > MOVING) & problem.spins,
+        moving=moving, onset=before & ~rest & (np.arange(t.size) > 0), speed=pace.speed, growth=pace.growth,
+        unrest=pace.unrest, w=w, mean_slip=mean_slip, loss=loss, lost=np.cumsum(loss * dt), thrust=pull,
+    )  # fmt: skip
 
 
 def build(
@@ -259,42 +267,31 @@ def build(
     The wheels' stamps are moved by `offset` [s]; `left` of the clock offset is expected to be left then.
     """
     imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
-    index = choose(nominal, imu.period, problem.spacing)
-    t, rest = nominal.t[index], nominal.rest[index]
-    dt = np.diff(t, prepend=t[0])
-    moving = ~(rest & np.concatenate([[True], rest[:-1]]))
-    moving[0] = not rest[0]
-    onset = np.concatenate([[False], rest[:-1] & ~rest[1:]])
-    pace, w, mean_slip, loss = _expected_slip(problem, nominal, index, moving, offset)
-    speed = pace.speed
-    lost = np.cumsum(loss * dt)
+    course = course_of(problem, nominal, offset)
+    t, dt, rest, moving, speed = course.t, course.dt, course.rest, course.moving, course.speed
     # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
-    going = speed - (loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
+    going = speed - (course.loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
     gain, omega = np.diff(going, prepend=going[0]), noise.vibration_omega
-    steps = model.Steps(dt, nominal.coupling[index], moving, onset, w)
-    F = model.transitions(steps, gain, slip, noise, pitch_gyro=imu.has_pitch_rate)
+    F = model.transitions(course, gain, slip, noise, pitch_gyro=imu.has_pitch_rate)
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
-    turn = nominal.roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
+    turn = nominal.roll_std * np.abs(nominal.heading_rate[course.index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
     size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
     if nominal.vibration_left is not None:
-        size = size * nominal.vibration_left[index]
-    Q = model.noises(F, steps, gyro, size, pace.unrest, slip, noise)
+        size = size * nominal.vibration_left[course.index]
+    Q = model.noises(F, course, gyro, size, slip, noise)
     if problem.jumps is not None:
-        Q[:, S, S] += moving * problem.jumps[index] * dt / w**2
-    inflate(Q, t, moving, problem.faults, imu, nominal.rest, None if rolling is None else pace.growth)
+        Q[:, S, S] += moving * problem.jumps[course.index] * dt / course.w**2
+    inflate(Q, course, problem, nominal.rest)
     # a standstill that was named: the wheels may spin while the body stands
-    spinning = rest & (np.abs(speed) > MOVING) & problem.spins
-    Q[spinning, D, D] += FREE**2
-    still_speed, shaken = np.where(spinning, 0.0, speed), np.where(spinning, size / omega, 0.0)
-    told = model.rest_updates(imu, nominal, noise, problem.faults, index, rest, still_speed, shaken)
+    Q[course.spinning, D, D] += FREE**2
+    shaken = np.where(course.spinning, size / omega, 0.0)
+    told = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken)
     start = 0.0
     if rolling is not None:
-        pull = thrust(imu, nominal.rest, index, pace)
-        Q[:, D, D] += moving * (problem.compliance * np.gradient(pull, t)) ** 2 * LOOSE_TIME * dt
-        wheels, start = model.wheel_updates(
-            rolling, nominal, index, rest, spinning, offset, lost, loss, w, np.sign(speed) * pace.growth, pull
-        )
+        walked = problem.compliance * np.gradient(course.thrust, t)
+        Q[:, D, D] += moving * walked**2 * LOOSE_TIME * dt
+        wheels, start = model.wheel_updates(rolling, nominal, course, offset)
         told.append(wheels)
     last = np.array([t.size - 1])
     if problem.coasts:  # then the body is as slow as the wheels
@@ -305,7 +302,7 @@ def build(
         told.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
     updates = model.in_order(told)
     for kind, factor in problem.louder.items():
-        updates = replace(updates, R=np.where(updates.kind == kind, factor, 1.0) * updates.R)
+        updates.R[updates.kind == kind] *= factor
     x0 = np.zeros((SIZE, 1))
     x0[[TH, BA, BG, TAU], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias, left.value
     std = np.array([
@@ -316,60 +313,52 @@ def build(
         1e-8 if slip.far else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
     return Nodes(
-        index=index, t=t, moving=moving, lost=lost, mean_slip=mean_slip, w=w, F=F, Q=Q,
-        updates=updates, x0=x0, P0=np.diag(std**2),
+        index=course.index, t=t, moving=moving, lost=course.lost, mean_slip=course.mean_slip, w=course.w,
+        F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2),
     )  # fmt: skip
 
 
-def inflate(
-    Q: Array, t: Array, moving: np.ndarray, faults: Faults, imu: BodyImu, rest: np.ndarray,
-    growth: Array | None,
-) -> None:  # fmt: skip
+def inflate(Q: Array, course: Course, problem: Problem, rest: np.ndarray) -> None:
     """Let velocity, pitch and biases drift over the faults, in place, by as much as may go unseen.
 
-    Q and the wheels' `growth` [m/s^2] (None without wheels) are at the nodes t (K,), `rest` at the samples
-    (N,).
+    Q (K, 14, 14) is at the nodes, `rest` at the samples (N,).
     """
+    imu, faults, t, dt = problem.imu, problem.faults, course.t, course.dt
     if not (faults.doubt.any() or faults.gaps or faults.restarts):
         return
-    dt, period = np.diff(t, prepend=t[0]), imu.period
     active = ~rest & ~faults.doubt
     enough = active.sum() > 2
     shake = 1.4826 * float(np.median(np.abs(np.diff(imu.forward[active])))) if enough else 1.0
-    turning = float(np.std(imu.pitch_rate[active])) if enough and imu.has_pitch_rate else 0.0
+    turn = max(0.02, 2.0 * float(np.std(imu.pitch_rate[active])) if enough and imu.has_pitch_rate else 0.0)
 
-    def over(begin: float, end: float) -> tuple[np.ndarray, Array]:
-        span = (t > begin) & (t - dt < end) & moving
-        return span, dt[span] / max(float(dt[span].sum()), 1e-9)
+    def shares(begin: float, end: float) -> Array:
+        """(K,) share of each step in motion from `begin` to `end` [s]."""
+        within = np.where((t > begin) & (t - dt < end) & course.moving, dt, 0.0)
+        return np.asarray(within / max(float(within.sum()), 1e-9))
 
     def unseen(begin: float, end: float) -> float:
-        if growth is None:
+        if problem.rolling is None:
             return UNSEEN
         # the body follows the wheels within a quarter of a second
         near = (t > begin - 0.25) & (t < end + 0.1)
-        return float(np.hypot(UNEXPLAINED, 1.2 * np.abs(growth[near]).max(initial=0.0)))
+        return float(np.hypot(UNEXPLAINED, 1.2 * np.abs(course.growth[near]).max(initial=0.0)))
 
     def drift(begin: float, end: float, force: float, turn: float) -> None:
-        span, share = over(begin, end)
-        length = max(end - begin, period)
+        share, length = shares(begin, end), max(end - begin, imu.period)
         # what shakes comes back within some hundredths of a second
         unknown = np.hypot(force * length, shake * min(length, 0.03))
-        Q[span, V, V] += unknown**2 * share
-        Q[span, X, X] += (unknown * dt[span]) ** 2 / 3
-        Q[span, X, V] += unknown**2 * share * dt[span] / 2
-        Q[span, V, X] += unknown**2 * share * dt[span] / 2
-        Q[span, TH, TH] += (turn * length) ** 2 * share
+        model.spread(Q, unknown**2 * share, {V: 1.0, X: dt})
+        Q[:, TH, TH] += (turn * length) ** 2 * share
 
-    turn = max(0.02, 2.0 * turning)
     for begin, end in faults.gaps:
         drift(begin, end, unseen(begin, end), turn)
     for end, thrown in zip(imu.t[faults.spikes], faults.thrown[faults.spikes], strict=True):
-        force = unseen(end - period, end)  # of a jolt of the body, unless further than one throws a reading
-        drift(end - period, end, force if thrown < BEYOND * force else 0.0, turn)
+        force = unseen(end - imu.period, end)  # of a jolt of the body, or beyond one
+        drift(end - imu.period, end, force if thrown < BEYOND * force else 0.0, turn)
     for (begin, end), beyond in zip(faults.plateaus, faults.beyond, strict=True):
         at = (imu.t >= begin) & (imu.t <= end)
         drift(begin, end, beyond, 2.0 if faults.rate_doubt[at].any() else 0.0)
     for jump in faults.restarts:
-        span, share = over(jump.begin, jump.end)
-        Q[span, BA, BA] += jump.accel**2 * share
-        Q[span, BG, BG] += jump.gyro**2 * share
+        share = shares(jump.begin, jump.end)
+        Q[:, BA, BA] += jump.accel**2 * share
+        Q[:, BG, BG] += jump.gyro**2 * share
