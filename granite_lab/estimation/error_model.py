@@ -115,37 +115,49 @@ LOST_PITCH = 0.005
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """How a trial goes, at its K nodes.
+class Places:
+    """The K nodes, and the steps into each from the one before.
 
     Attributes:
         index: (K,) places of the nodes among the IMU's stamps.
-        t, dt: (K,) stamps [s], and how long the step into each node lasts [s].
-        coupling: (K,) g cos(pitch) [m/s^2].
-        rest: (K,) True at standstill; `spinning`: (K,) the wheels turn meanwhile.
-        moving, onset: (K,) True for a step that is not within a standstill, and for one that leaves it.
-        speed, growth, unrest: (K,) as in `nodes.Pace`; without wheels, those of the body.
-        w: (K,) wheel speed [m/s], floor included, by which the slip ratio is multiplied.
-        mean_slip: (K,) slip ratio to which S and G are deviations [-].
-        loss, lost: (K,) what the wheels turn too far by it: slip velocity [m/s], and distance [m].
-        thrust: (K,) over mass, against that at standstill [m/s^2]; 0 without wheels.
+        t: (K,) stamps [s].
+        moving: (K,) False for a step within a standstill.
+        lost: (K,) rolled minus travelled distance by the mean slip ratio alone [m].
+        mean_slip: (K,) that slip ratio, to which S and G are deviations.
+        w: (K,) signed wheel speed [m/s], floor included, that turns slip ratio into slip velocity.
     """
 
     index: np.ndarray
     t: Array
+    moving: np.ndarray
+    lost: Array
+    mean_slip: Array
+    w: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Course(Places):
+    """How a trial goes at the nodes.
+
+    Attributes:
+        dt: (K,) how long the steps last [s].
+        coupling: (K,) g cos(pitch) [m/s^2].
+        rest, onset: (K,) True at standstill, and for the step that leaves one.
+        spinning: (K,) True where the wheels turn at standstill.
+        speed, growth, unrest: (K,) as in `nodes.Pace`; without wheels, those of the body.
+        loss: (K,) slip velocity by the mean slip ratio [m/s].
+        thrust: (K,) over mass, against that at standstill [m/s^2]; 0 without wheels.
+    """
+
     dt: Array
     coupling: Array
     rest: np.ndarray
-    spinning: np.ndarray
-    moving: np.ndarray
     onset: np.ndarray
+    spinning: np.ndarray
     speed: Array
     growth: Array
     unrest: Array
-    w: Array
-    mean_slip: Array
     loss: Array
-    lost: Array
     thrust: Array
 
 

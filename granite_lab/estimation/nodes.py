@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
@@ -100,34 +100,20 @@ class Problem:
             stamps = rolling.t + offset
             rolling = part(rolling, (stamps >= begin - 0.5) & (stamps <= end + 0.5))
         rests = tuple((max(a, begin), min(b, end)) for a, b in self.rests if b > begin and a < end)
-        return replace(
-            self, imu=part(self.imu, keep), rolling=rolling, rests=rests, faults=part(self.faults, keep),
-            coasts=False, jumps=None if self.jumps is None else self.jumps[keep],
-        )  # fmt: skip
+        imu, faults = part(self.imu, keep), part(self.faults, keep)
+        return replace(part(self, keep), imu=imu, rolling=rolling, rests=rests, faults=faults, coasts=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Nodes:
+class Nodes(model.Places):
     """Everything the filter needs.
 
     Attributes:
-        index: (K,) places of the nodes among the IMU's stamps.
-        t: (K,) stamps [s].
-        moving: (K,) False where the step into the node lies within a standstill.
-        lost: (K,) rolled minus travelled distance by the mean slip ratio alone [m].
-        mean_slip: (K,) that slip ratio, to which S and G are deviations.
-        w: (K,) signed wheel speed [m/s], floor included, that turns slip ratio into slip velocity.
         F, Q: (K, 14, 14) transition and noise into each node.
         updates: the measurements.
         x0, P0: (14, 1) and (14, 14) initial state and covariance.
     """
 
-    index: np.ndarray
-    t: Array
-    moving: np.ndarray
-    lost: Array
-    mean_slip: Array
-    w: Array
     F: Array
     Q: Array
     updates: model.Updates
@@ -312,10 +298,8 @@ def build(
         1e-6 if rest[0] else slip.scatter, left.std, noise.accel_scale,
         1e-8 if slip.far else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
-    return Nodes(
-        index=course.index, t=t, moving=moving, lost=course.lost, mean_slip=course.mean_slip, w=course.w,
-        F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2),
-    )  # fmt: skip
+    places = {f.name: getattr(course, f.name) for f in fields(model.Places)}
+    return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2))
 
 
 def inflate(Q: Array, course: Course, problem: Problem, rest: np.ndarray) -> None:

@@ -28,7 +28,6 @@ UNSEEN_PITCH = float(np.radians(2.0))
 UNSEEN_ATTITUDE = GRAVITY * float(np.radians(0.3))
 """Random walk of the gravity that a logger leaves in its "linear acceleration" [m/s^2/sqrt(s)]."""
 
-
 BLACKMAN_HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
 """Coefficients of the cosines of the window with four terms and the least side lobes (Harris, 1978)."""
 
@@ -100,28 +99,22 @@ def white(t: Array, signal: Array, rests: Sequence[Interval], prior: float) -> f
     filter's interest; they agree for white noise. Where they differ by more than their own scatter
     (coloured noise, a sensor's low-pass), the longer one is used.
     """
-    sums = {1: [0.0, 0.0], 8: [0.0, 0.0]}
-    for begin, end in rests:
-        part = signal[(t >= begin) & (t <= end)]
-        stamps = t[(t >= begin) & (t <= end)]
-        part, stamps = part[np.isfinite(part)], stamps[np.isfinite(part)]
-        if part.size < 16:
+    sums = np.zeros((2, 2))  # of squares, and of degrees of freedom: differences overlap, so each has 2/3
+    for rest in rests:
+        at = inside(t, [rest]) & np.isfinite(signal)
+        if at.sum() < 16:
             continue
-        dt = float(np.median(np.diff(stamps)))
-        for m, total in sums.items():
-            blocks = part[: part.size // m * m].reshape(-1, m).mean(axis=1)
-            step = np.diff(blocks)
-            total[0] += 0.5 * float(step @ step) * m * dt
-            total[1] += step.size * (2.0 / 3.0)  # differences overlap: fewer degrees of freedom
-    (fine, n_fine), (long, n_long) = sums[1], sums[8]
+        part, dt = signal[at], float(np.median(np.diff(t[at])))
+        for i, m in enumerate((1, 8)):
+            step = np.diff(part[: part.size // m * m].reshape(-1, m).mean(axis=1))
+            sums[i] += (step @ step) * m * dt / 3.0, step.size * 2.0 / 3.0
+    (fine, n_fine), (long, n_long) = sums
     if n_fine == 0:
         return prior
-    fine_var = (PRIOR_SAMPLES * prior**2 + fine * 2.0 / 3.0) / (PRIOR_SAMPLES + n_fine)
-    if n_long >= 8:
-        long_var = long * 2.0 / 3.0 / n_long
-        if abs(np.log(max(long_var, 1e-30) / fine_var)) > 3.0 * np.sqrt(2.0 / n_long):
-            return float(np.sqrt(long_var))
-    return float(np.sqrt(fine_var))
+    variance = (PRIOR_SAMPLES * prior**2 + fine) / (PRIOR_SAMPLES + n_fine)
+    if n_long >= 8 and abs(np.log(max(long / n_long, 1e-30) / variance)) > 3.0 * np.sqrt(2.0 / n_long):
+        variance = long / n_long
+    return float(np.sqrt(variance))
 
 
 def stamp_noise(imu: BodyImu, moving: np.ndarray) -> float:
@@ -154,40 +147,34 @@ def vibration(
         return 0.0, prior_frequency, 0.3
     size = int(min(part.size, 2 ** np.ceil(np.log2(1.28 / dt))))
     frequency, densities = periodograms(part, 1.0 / dt, hann(size))
-    excess = np.maximum(densities.mean(axis=0) - 2.0 * accel**2, 0.0)
     band = frequency >= min(5.0, 0.2 / dt)
-    width = frequency[1] - frequency[0]
-    power = float(excess[band].sum() * width)
-    if power <= (0.5 * accel) ** 2 / dt:
-        return float(np.sqrt(power)), prior_frequency, 0.3
     # a jerk of the body at a change of speed is in few segments: it is no vibration
-    usual = np.maximum(np.median(densities, axis=0) - 2.0 * accel**2, 0.0)[band]
-    if not usual.any():
+    mean, usual = (
+        np.maximum(average(densities, axis=0) - 2.0 * accel**2, 0.0)[band] for average in (np.mean, np.median)
+    )
+    frequency, power = frequency[band], float(mean.sum() * (frequency[1] - frequency[0]))
+    if power <= (0.5 * accel) ** 2 / dt or not usual.any():
         return float(np.sqrt(power)), prior_frequency, 0.3
-    peak = float(frequency[band][np.argmax(usual)])
-    share = np.cumsum(usual) / usual.sum()
-    low, high = np.interp([0.16, 0.84], share, frequency[band])
-    damping = float(np.clip(0.5 * (high - low) / peak, 0.05, 0.7))
-    return float(np.sqrt(power)), peak, damping
+    peak = float(frequency[np.argmax(usual)])
+    low, high = np.interp([0.16, 0.84], np.cumsum(usual) / usual.sum(), frequency)
+    return float(np.sqrt(power)), peak, float(np.clip(0.5 * (high - low) / peak, 0.05, 0.7))
 
 
 def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequence[Interval]) -> Noise:
     """Identify all noise figures of a trial; the grade in the robot's file is the prior."""
-    moving = ~inside(imu.t, rests)
-    speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
-    grade = robot.imu_grade
+    grade, moving = robot.imu_grade, ~inside(imu.t, rests)
     assert grade is not None
-    dt = imu.period
+    speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
     accel = white(imu.t, imu.forward, rests, grade.accel_noise)
-    gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise) if imu.has_pitch_rate else 0.0
-    if not imu.has_pitch_rate:
-        gyro = UNSEEN_PITCH * float(np.sqrt(max(speed, 0.1)))
-    accel = max(accel, grade.accel_step / np.sqrt(12.0) * np.sqrt(dt), 1e-5)
+    accel = max(accel, grade.accel_step * float(np.sqrt(imu.period / 12.0)), 1e-5)
+    gyro = UNSEEN_PITCH * float(np.sqrt(max(speed, 0.1)))
+    if imu.has_pitch_rate:
+        gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise)
     rms, frequency, damping = vibration(imu, moving, accel, robot.imu.vibration_frequency)
     tilt = np.radians(2.0 if imu.levelled else robot.imu.tilt)
     # unseen pitch on setting off (squat), or an unknown error of the attitude the logger worked with
     blind = GRAVITY * np.radians(1.0) if not imu.has_pitch_rate or not imu.gravity else 0.0
-    attitude = 0.0 if imu.gravity else UNSEEN_ATTITUDE
+    attitude, walk = 0.0 if imu.gravity else UNSEEN_ATTITUDE, float(np.sqrt(2.0 / grade.instability_time))
     return Noise(
         accel=accel,
         gyro=gyro,
@@ -195,8 +182,8 @@ def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequenc
         accel_stamps=stamp_noise(imu, moving),
         accel_bias=float(np.hypot(grade.accel_bias, GRAVITY * tilt)),
         gyro_bias=grade.gyro_bias,
-        accel_walk=float(np.hypot(grade.accel_instability * np.sqrt(2.0 / grade.instability_time), attitude)),
-        gyro_walk=grade.gyro_instability * float(np.sqrt(2.0 / grade.instability_time)),
+        accel_walk=float(np.hypot(grade.accel_instability * walk, attitude)),
+        gyro_walk=grade.gyro_instability * walk,
         accel_scale=grade.accel_scale,
         pitch=float(np.radians(2.0)),
         motion_bias=float(np.hypot(2.0 * grade.accel_instability, blind)),

@@ -226,12 +226,9 @@ def with_steady_slip(nodes: Nodes, found: Smoothed) -> Smoothed:
 
 
 def nominal_of(
-    problem: Problem,
-    offset: float,
-    accel_bias: float = 0.0,
-    gyro_bias: float | None = None,
+    problem: Problem, offset: float, accel_bias: float = 0.0, gyro_bias: float | None = None,
     pitch: float = 0.0,
-) -> Nominal:
+) -> Nominal:  # fmt: skip
     """Integrate the IMU of a trial, or of a part of one: from rest, else from the wheels' velocity."""
     t0, velocity = problem.imu.t[0], 0.0
     if problem.rolling is not None and not any(begin <= t0 + 0.05 for begin, _ in problem.rests):
