@@ -23,6 +23,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import softmax
 
 from granite_lab.estimation.nodes import Problem, pace_of
 from granite_lab.estimation.noise import Noise, blackman_harris, spectral_density, vibration
@@ -152,11 +153,11 @@ def level(force: Array, variance: float) -> tuple[float, float]:
     A body that still rocks is levelled no better than the means of its blocks agree.
     """
     force = force[np.isfinite(force)]
+    angle = float(np.arcsin(np.clip(np.mean(force), -1, 1))) if force.size else 0.0
     if force.size < 2 * BLOCKS:
-        return float(np.arcsin(np.clip(np.mean(force), -1, 1))) if force.size else 0.0, np.inf
-    means = [float(np.mean(part)) for part in np.array_split(force, BLOCKS)]
-    scatter = float(np.var(means, ddof=1)) / BLOCKS
-    return float(np.arcsin(np.clip(np.mean(force), -1, 1))), max(variance / force.size, scatter)
+        return angle, np.inf
+    means = [np.mean(part) for part in np.array_split(force, BLOCKS)]
+    return angle, max(variance / force.size, float(np.var(means, ddof=1)) / BLOCKS)
 
 
 def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
@@ -172,22 +173,21 @@ def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
     if problem.jumps is not None:
         on &= problem.jumps == 0.0
     on &= np.diff(nominal.t, prepend=nominal.t[0] - dt) < 3.0 * dt
-    frequencies, densities = [np.empty(0)], [np.empty(0)]
+    turning = problem.robot.wheels.lugs / (2.0 * np.pi * problem.robot.wheels.radius)
+    found = [np.empty((2, 0))]
     for a, b in runs(on):
-        if (b - a) * dt < SHORTEST or 0.5 / dt < 2.0 * HIGH:
+        if (b - a) * dt < SHORTEST:
             continue
         acceleration = np.diff(nominal.v[a:b]) / dt
-        window = blackman_harris(acceleration.size)
-        frequency, density = spectral_density(acceleration, 1.0 / dt, window)
+        frequency, density = spectral_density(acceleration, 1.0 / dt, blackman_harris(acceleration.size))
         use = (frequency > MOTION + LOBE / ((b - a) * dt)) & (frequency < FASTEST / dt)
-        turning = problem.robot.wheels.lugs / (2.0 * np.pi * problem.robot.wheels.radius)
         lug = turning * abs(float(np.mean(pace.speed[a:b])))
         use &= np.abs(frequency - lug) > LUG * lug
-        frequencies.append(frequency[use])
         # the trapezoidal rule of the integration averaged neighbouring samples
-        gain = np.cos(np.pi * frequency[use] * dt) ** 2
-        densities.append(density[use] / gain)
-    return np.concatenate(frequencies), np.concatenate(densities)
+        gain = np.cos(np.pi * frequency * dt) ** 2
+        found.append(np.array([frequency, density / gain])[:, use])
+    frequencies, densities = np.concatenate(found, axis=1)
+    return frequencies, densities
 
 
 def band_means(frequency: Array, density: Array) -> Array:
@@ -208,15 +208,13 @@ def added_share(density: Array, shape: Array, floor: Array) -> float:
         return 0.0
     white = np.concatenate([[0.0], ADDED])
     tail = HEIGHTS[:, None] * shape / np.max(shape)
-    log_posterior = np.empty(white.size)
+    log_posterior, (mean, count) = np.empty(white.size), floor.T
     for i, added in enumerate(white):
         level = 1.0 + added + tail
-        log_likelihood = -TOLD * np.sum(np.log(level) + density / level, axis=1)
+        low = np.sum(np.log(level) + density / level, axis=1)
         # a band as loud as its mean, but not quieter than the white noise
-        mean, count = floor.T
         least = np.maximum(mean, 1.0 + added)
-        above = -TOLD * float(np.sum(count * (np.log(least) + mean / least)))
-        log_posterior[i] = np.logaddexp.reduce(log_likelihood) + above
-    log_posterior += np.log(np.concatenate([[NONE], np.full(ADDED.size, (1.0 - NONE) / ADDED.size)]))
-    weight = np.exp(log_posterior - np.max(log_posterior))
-    return float(weight @ white / weight.sum())
+        high = np.sum(count * (np.log(least) + mean / least))
+        log_posterior[i] = np.logaddexp.reduce(-TOLD * (low + high))
+    log_posterior += np.log(np.append(NONE, np.full(ADDED.size, (1.0 - NONE) / ADDED.size)))
+    return float(softmax(log_posterior) @ white)
