@@ -159,38 +159,30 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     well, every update would find a little more slip than there is.
     """
     known = np.isfinite(rolling.speed) & np.isfinite(rolling.mean)
-    stamps = rolling.t[known] + offset
-    speed = np.interp(t, stamps, rolling.speed[known])
-    grid = np.arange(t[0], t[-1] + GRID, GRID)
+    stamps, grid = rolling.t[known] + offset, np.arange(t[0], t[-1] + GRID, GRID)
+    speed, pace = (np.interp(at, stamps, rolling.speed[known]) for at in (t, grid))
     period = max(float(np.median(np.diff(stamps))), GRID)
     window = max(round(0.16 / GRID), 8 * round(period / GRID)) | 1
     if grid.size <= 3 * window:
-        return Pace(speed, speed, np.zeros(t.size), np.zeros(t.size), np.zeros(t.size, dtype=bool))
+        none = np.zeros(t.size)
+        return Pace(speed, speed, none, none, none > 0)
     path = np.interp(grid, stamps, rolling.mean[known])
-    growth = slope(path, window, 3, GRID, 2)
-    calm = slope(path, 3 * window, 1, GRID)
-    pace = np.interp(grid, stamps, rolling.speed[known])
-    growth = np.where(pace < 0, -growth, growth)
+    growth = np.where(pace < 0, -1.0, 1.0) * slope(path, window, 3, GRID, 2)
     # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
-    one = rolling.mean_std if not rolling.by_rate else rolling.speed_std * period
+    one = rolling.speed_std * period if rolling.by_rate else rolling.mean_std
     sigma = np.interp(grid, stamps, one[known]) * np.sqrt(720 * period / (window * GRID))
-    limit = 0.05 + 3.0 * sigma / (window * GRID) ** 2
+    beyond = np.maximum(np.abs(growth) - 0.05 - 3.0 * sigma / (window * GRID) ** 2, 0.0)
     # the slip ratio goes on changing for some tenths of a second after the wheels have settled
-    relative = np.maximum(np.abs(growth) - limit, 0.0) / np.maximum(np.abs(pace), 0.1)
+    relative = beyond / np.maximum(np.abs(pace), 0.1)
     memory = np.exp(-np.arange(0, 2.0, GRID) / 0.4)
-    lasting = np.convolve(relative, memory / memory.sum(), mode="full")[: grid.size]
-    busy = np.abs(growth) > limit
-    growth = np.where(busy, growth, 0.0)
-    near = maximum_filter1d(busy.astype(float), 3 * window)
-    quick = speed
-    if rolling.by_rate:
-        quick = np.interp(t, grid, slope(path, window, 2, GRID))
-    steady = np.interp(t, grid, near) == 0
+    lasting = np.convolve(relative, memory / memory.sum())[: grid.size]
+    steady = np.interp(t, grid, maximum_filter1d((beyond > 0).astype(float), 3 * window)) == 0
+    quick = np.interp(t, grid, slope(path, window, 2, GRID)) if rolling.by_rate else speed
     return Pace(
         speed=speed,
-        calm=np.where(steady, np.interp(t, grid, calm), quick),
+        calm=np.where(steady, np.interp(t, grid, slope(path, 3 * window, 1, GRID)), quick),
         unrest=np.interp(t, grid, np.maximum(relative, lasting)),
-        growth=np.interp(t, grid, growth),
+        growth=np.interp(t, grid, np.where(beyond > 0, growth, 0.0)),
         steady=steady,
     )
 
@@ -224,10 +216,8 @@ def course_of(problem: Problem, nominal: Nominal, offset: float) -> Course:
     slip, rolling = problem.slip, problem.rolling
     index = choose(nominal, problem.imu.period, problem.spacing)
     t, rest, v = nominal.t[index], nominal.rest[index], nominal.v[index]
-    before = np.append(True, rest[:-1])
-    moving, none = ~(rest & before), np.zeros(t.size)
-    moving[0] = not rest[0]
-    dt = np.diff(t, prepend=t[0])
+    before = np.append(rest[0], rest[:-1])
+    moving, dt, none = ~(rest & before), np.diff(t, prepend=t[0]), np.zeros(t.size)
     pace = Pace(v, v, none, none, none > 0) if rolling is None else pace_of(rolling, offset, t)
     pull = none if rolling is None else thrust(problem.imu, nominal.rest, index, pace)
     if slip.far:
@@ -240,7 +230,7 @@ def course_of(problem: Problem, nominal: Nominal, offset: float) -> Course:
     return Course(
         index=index, t=t, dt=dt, coupling=nominal.coupling[index], rest=rest,
         spinning=rest & (np.abs(pace.speed) > MOVING) & problem.spins,
-        moving=moving, onset=before & ~rest & (np.arange(t.size) > 0), speed=pace.speed, growth=pace.growth,
+        moving=moving, onset=before & ~rest, speed=pace.speed, growth=pace.growth,
         unrest=pace.unrest, w=w, mean_slip=mean_slip, loss=loss, lost=np.cumsum(loss * dt), thrust=pull,
     )  # fmt: skip
 
