@@ -20,13 +20,13 @@ mean is taken, because the std of the estimate goes by its variance.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.special import softmax
 
 from granite_lab.estimation.nodes import Problem, pace_of
 from granite_lab.estimation.noise import Noise, blackman_harris, spectral_density, vibration
+from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import nominal_of, usual
 from granite_lab.logs.counters import runs
@@ -74,12 +74,13 @@ BLOCKS = 4
 
 def with_motion_noise(problem: Problem, offset: float) -> Noise:
     """Return the noise with the white noise in motion, and with what vibration is left beside it."""
-    noise, imu = problem.noise, problem.imu
+    noise, imu, moving = problem.noise, problem.imu, ~inside(problem.imu.t, problem.rests)
     if 0.5 / imu.period < 2.0 * HIGH:
-        force, rate = (folded(problem, signal) for signal in (imu.forward, imu.pitch_rate))
+        force, rate = (folded(signal, moving, imu.period) for signal in (imu.forward, imu.pitch_rate))
         return replace(noise, accel_motion=force, gyro_motion=rate)
-    noise = replace(noise, gyro_motion=lost_pitch(problem, offset))
-    frequency, density = spectrum(problem, offset)
+    nominal = nominal_of(problem, offset)
+    noise = replace(noise, gyro_motion=lost_pitch(problem, nominal))
+    frequency, density = spectrum(problem, nominal, offset)
     density = density / (2.0 * noise.accel**2)
     low = frequency < min(HIGH, BELOW * noise.vibration_frequency)
     ratio = (frequency[low] / noise.vibration_frequency) ** 2
@@ -88,7 +89,6 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
     added = min(added_share(density[low][use], shape[use], floor) for use in (quick | True, quick))
     if added < ADDED[0]:
         return noise
-    moving = ~inside(imu.t, problem.rests)
     white = noise.accel * float(np.sqrt(1.0 + added))
     rms, frequent, damping = vibration(imu, moving, white, problem.robot.imu.vibration_frequency)
     return replace(
@@ -97,20 +97,17 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
     )  # fmt: skip
 
 
-def folded(problem: Problem, signal: Array) -> float:
+def folded(signal: Array, moving: np.ndarray, period: float) -> float:
     """White noise density times sqrt(s) that shaking makes in motion of an IMU too slow to show it.
 
     Sampled below twice its frequency, it is as white as the samples' second differences say.
     """
-    moving = ~inside(problem.imu.t, problem.rests)
     bend = np.diff(signal, n=2)[moving[1:-1]]
     bend = bend[np.isfinite(bend)]
-    if bend.size < 8:
-        return 0.0
-    return float(np.sqrt(np.mean(bend**2) / 6.0 * problem.imu.period))
+    return float(np.sqrt(np.mean(bend**2) / 6.0 * period)) if bend.size >= 8 else 0.0
 
 
-def lost_pitch(problem: Problem, offset: float) -> float:
+def lost_pitch(problem: Problem, nominal: Nominal) -> float:
     """White noise density of the pitch rate [rad/s sqrt(s)] by which the gyro loses the pitch in motion.
 
     From one standstill to the next, the gyro's angle and the accelerometer's level must change alike. On
@@ -119,32 +116,23 @@ def lost_pitch(problem: Problem, offset: float) -> float:
     What is returned is beyond the noise known from the standstills; 0 within chance.
     """
     imu, noise = problem.imu, problem.noise
-    if not imu.has_pitch_rate or not imu.gravity:
+    if not imu.has_pitch_rate or not imu.gravity or len(problem.rests) < 2:
         return 0.0
-    nominal = nominal_of(problem, offset)
-    rested = sum(end - begin for begin, end in problem.rests)
-    places = [(imu.t >= begin) & (imu.t <= end) for begin, end in problem.rests]
+    places = [inside(imu.t, [rest]) for rest in problem.rests]
     white = noise.accel**2 / imu.period / imu.gravity**2
-    levels = [level(imu.forward[at] / imu.gravity, white) for at in places]
-    found = []
-    for i, ((_, begin), (end, _)) in enumerate(pairwise(problem.rests)):
-        length = end - begin
-        if length < SHAKEN or problem.faults.touch(begin, end):
-            continue
-        (before, before_variance), (after, after_variance) = levels[i], levels[i + 1]
-        turned = float(np.mean(nominal.pitch[places[i + 1]]) - np.mean(nominal.pitch[places[i]]))
-        # the specific force of a body that stands is -g sin(pitch)
-        missed = turned + after - before
-        known = noise.gyro**2 * length * (1 + length / rested) + noise.gyro_walk**2 * length**3 / 3
-        known += before_variance + after_variance + noise.accel_walk**2 * length / imu.gravity**2
-        if np.isfinite(known):
-            found.append((missed**2, known, length))
-    if not found:
+    angle, variance = np.array([level(imu.forward[at] / imu.gravity, white) for at in places]).T
+    pitch = np.array([np.mean(nominal.pitch[at]) for at in places])
+    begin, end = np.ravel(problem.rests)[1:-1].reshape(-1, 2).T  # of each motion
+    length, rested = end - begin, np.sum(np.diff(problem.rests))
+    missed = np.diff(pitch + angle)  # the specific force of a body that stands is -g sin(pitch)
+    known = noise.gyro**2 * length * (1 + length / rested) + noise.gyro_walk**2 * length**3 / 3
+    known += variance[:-1] + variance[1:] + noise.accel_walk**2 * length / imu.gravity**2
+    whole = [not problem.faults.touch(*motion) for motion in zip(begin, end, strict=True)]
+    use = (length >= SHAKEN) & np.isfinite(known) & whole
+    missed, known, length = missed[use], known[use], length[use]
+    if not use.any() or float(np.mean(missed**2 / known)) <= usual(length.size):
         return 0.0
-    square, known, length = np.array(found).T
-    if float(np.mean(square / known)) <= usual(square.size):
-        return 0.0
-    return float(np.sqrt(max(np.sum(square - known), 0.0) / np.sum(length)))
+    return float(np.sqrt(max(np.sum(missed**2 - known), 0.0) / np.sum(length)))
 
 
 def level(force: Array, variance: float) -> tuple[float, float]:
@@ -160,15 +148,14 @@ def level(force: Array, variance: float) -> tuple[float, float]:
     return angle, max(variance / force.size, float(np.var(means, ddof=1)) / BLOCKS)
 
 
-def spectrum(problem: Problem, offset: float) -> tuple[Array, Array]:
+def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, Array]:
     """Frequencies (F,) [Hz] and density (F,) [m^2/s^3] of the body's acceleration, over all steady motion.
 
     One periodogram after the other, by the IMU; the lugs' own frequency is left out.
     """
     imu, rolling = problem.imu, problem.rolling
     assert rolling is not None
-    nominal, dt = nominal_of(problem, offset), imu.period
-    pace = pace_of(rolling, offset, nominal.t)
+    dt, pace = imu.period, pace_of(rolling, offset, nominal.t)
     on = pace.steady & ~nominal.rest
     if problem.jumps is not None:
         on &= problem.jumps == 0.0
