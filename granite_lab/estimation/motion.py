@@ -235,7 +235,7 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
 
 
 def mean_known(values: Array) -> Array:
-    """Mean over the wheels, NaN where none is known, without a warning."""
+    """Mean of each row, as over the wheels; NaN where none is known, without a warning."""
     n = np.isfinite(values).sum(axis=1)
     total = np.where(np.isfinite(values), values, 0.0).sum(axis=1)
     return np.where(n > 0, total / np.maximum(n, 1), NAN)
@@ -253,28 +253,22 @@ def _compare(quantity: str, t: Array, own: tuple[Array, Array, Array], reference
     estimate, wheels, spread = (np.interp(stamps, t, values) for values in own)
     if quantity == "distance":
         estimate, wheels, truth = (s - s[0] for s in (estimate, wheels, truth))
-    way, rolled = (travelled(stamps, s, quantity == "distance") for s in (truth, wheels))
-    error = _known(estimate - truth)
-    ratio = _known(np.abs(estimate - truth) / np.where(spread > 0, spread, np.inf))
-    rmse, rmse_wheels = (math.sqrt(_mean(_known(e) ** 2)) for e in (error, wheels - truth))
+
+    def way(values: Array) -> float:
+        known = np.isfinite(values)
+        if quantity == "distance":
+            return float(values[-1] - values[0])
+        return float(np.trapezoid(values[known], stamps[known]))
+
+    rolled = way(wheels)
+    error, error_wheels = estimate - truth, wheels - truth
+    ratio = np.abs(error) / np.where(spread > 0, spread, np.inf)
+    within = np.where(np.isnan(ratio), NAN, ratio <= 2.0)
+    rows = np.stack([error**2, error_wheels**2, error, ratio**2, within])
+    square, square_wheels, bias, nees, coverage = mean_known(rows).tolist()
+    rmse, rmse_wheels = math.sqrt(square), math.sqrt(square_wheels)
     return Judgement(
-        quantity=quantity, samples=stamps.size, rmse=rmse, bias=_mean(error), rmse_wheels=rmse_wheels,
-        improvement=rmse_wheels / rmse if rmse > 0 else NAN, nees=_mean(ratio**2), coverage=_mean(ratio <= 2),
-        slip=1.0 - way / rolled if abs(rolled) > SHORTEST else NAN,
+        quantity=quantity, samples=stamps.size, rmse=rmse, bias=bias, rmse_wheels=rmse_wheels,
+        improvement=rmse_wheels / rmse if rmse > 0 else NAN, nees=nees, coverage=coverage,
+        slip=1.0 - way(truth) / rolled if abs(rolled) > SHORTEST else NAN,
     )  # fmt: skip
-
-
-def travelled(t: Array, value: Array, is_distance: bool) -> float:
-    """Way between the first and the last stamp [m], of a distance or by integrating a velocity."""
-    if is_distance:
-        return float(np.subtract(*_known(value)[[-1, 0]])) if np.isfinite(value).any() else NAN
-    known = np.isfinite(value)
-    return float(np.trapezoid(value[known], t[known]))
-
-
-def _known(values: Array) -> Array:
-    return values[np.isfinite(values)]
-
-
-def _mean(values: np.ndarray) -> float:
-    return float(np.mean(values)) if values.size else NAN

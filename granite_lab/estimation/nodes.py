@@ -55,7 +55,6 @@ MOST = 60_000
 UNEXPLAINED = 0.3
 """Acceleration of the body that the wheels' own, steady or not, does not suggest [m/s^2]."""
 
-
 BEYOND = 3.0
 """A reading that is thrown off by more than this many std of what may go unseen is no jolt of the body."""
 

@@ -28,9 +28,6 @@ UNSEEN_PITCH = float(np.radians(2.0))
 UNSEEN_ATTITUDE = GRAVITY * float(np.radians(0.3))
 """Random walk of the gravity that a logger leaves in its "linear acceleration" [m/s^2/sqrt(s)]."""
 
-BLACKMAN_HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
-"""Coefficients of the cosines of the window with four terms and the least side lobes (Harris, 1978)."""
-
 
 @dataclass(frozen=True)
 class Noise:
@@ -38,8 +35,7 @@ class Noise:
 
     Attributes:
         accel, gyro: white noise [m/s^2 sqrt(s)], [rad/s sqrt(s)].
-        accel_motion: white noise that is there only in motion, below the vibration's band.
-        accel_stamps: what the stamps' scatter makes of vibration; where both show, the larger counts.
+        accel_stamps: what the stamps' scatter makes of vibration; the larger of it and `accel_motion` counts.
         accel_bias, gyro_bias: std before the first standstill [m/s^2], [rad/s]; the former with tilt.
         accel_walk, gyro_walk: random walk of the biases [m/s^2/sqrt(s)], [rad/s/sqrt(s)].
         accel_scale: std of the accelerometer's scale error [-].
@@ -48,12 +44,11 @@ class Noise:
         vibration: rms of the frame's vibration along x in motion [m/s^2] at `vibration_speed` [m/s].
         vibration_frequency: its dominant frequency [Hz].
         vibration_damping: its damping ratio (relative bandwidth over two).
-        gyro_motion: white noise of the gyro that is there only in motion [rad/s sqrt(s)].
+        accel_motion, gyro_motion: white noise that is there only in motion, the former below the vibration.
     """
 
     accel: float
     gyro: float
-    accel_motion: float
     accel_stamps: float
     accel_bias: float
     gyro_bias: float
@@ -66,6 +61,7 @@ class Noise:
     vibration_speed: float
     vibration_frequency: float
     vibration_damping: float
+    accel_motion: float = 0.0
     gyro_motion: float = 0.0
 
     @property
@@ -178,7 +174,6 @@ def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequenc
     return Noise(
         accel=accel,
         gyro=gyro,
-        accel_motion=0.0,
         accel_stamps=stamp_noise(imu, moving),
         accel_bias=float(np.hypot(grade.accel_bias, GRAVITY * tilt)),
         gyro_bias=grade.gyro_bias,
@@ -219,9 +214,9 @@ def hann(size: int) -> Array:
 
 
 def blackman_harris(size: int) -> Array:
-    """Return a symmetric Blackman-Harris window."""
-    phase = 2.0 * np.pi * np.arange(size) / max(1, size - 1)
-    return np.asarray(sum(a * np.cos(k * phase) for k, a in enumerate(BLACKMAN_HARRIS)))
+    """Return the symmetric window of four cosines with the least side lobes (Harris, 1978)."""
+    phase = np.linspace(0.0, 2.0 * np.pi, size)
+    return np.asarray(np.array([0.35875, -0.48829, 0.14128, -0.01168]) @ np.cos(np.outer(range(4), phase)))
 
 
 def slope(values: Array, window: int, order: int, step: float, derivative: int = 1) -> Array:
@@ -229,9 +224,8 @@ def slope(values: Array, window: int, order: int, step: float, derivative: int =
 
     The first and the last value continue beyond the ends; `step` is from sample to sample.
     """
-    return np.asarray(
-        correlate1d(values, _weights(window, order, derivative) / step**derivative, mode="nearest")
-    )
+    weights = _weights(window, order, derivative) / step**derivative
+    return np.asarray(correlate1d(values, weights, mode="nearest"))
 
 
 @cache

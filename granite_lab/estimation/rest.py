@@ -36,7 +36,6 @@ GAINED, TURNED = 0.15, 0.15
 WINDOW = 0.2
 """Length of the window in which stillness is judged [s]."""
 
-
 SWING, SAMPLES = 0.5, 5
 """Length of the window in which a swing of 2 Hz or faster on the tyres shows [s]; means in it."""
 
