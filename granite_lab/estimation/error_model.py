@@ -136,15 +136,33 @@ class Places:
 
 
 @dataclass(frozen=True, eq=False)
-class Course(Places):
-    """How a trial goes at the nodes.
+class Pace:
+    """How the wheels went, at the nodes.
+
+    Attributes:
+        speed: (K,) wheel speed [m/s].
+        calm: (K,) the same, averaged over half a second wherever it is steady [m/s].
+        unrest: (K,) its relative change [1/s].
+        growth: (K,) how fast its magnitude grows [m/s^2]; 0 within the noise.
+        steady: (K,) True where it does not change within a quarter of a second.
+    """
+
+    speed: Array
+    calm: Array
+    unrest: Array
+    growth: Array
+    steady: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Course(Places, Pace):
+    """How a trial goes at the nodes; without wheels the pace is the body's.
 
     Attributes:
         dt: (K,) how long the steps last [s].
         coupling: (K,) g cos(pitch) [m/s^2].
         rest, onset: (K,) True at standstill, and for the step that leaves one.
         spinning: (K,) True where the wheels turn at standstill.
-        speed, growth, unrest: (K,) as in `nodes.Pace`; without wheels, those of the body.
         loss: (K,) slip velocity by the mean slip ratio [m/s].
         thrust: (K,) over mass, against that at standstill [m/s^2]; 0 without wheels.
     """
@@ -154,9 +172,6 @@ class Course(Places):
     rest: np.ndarray
     onset: np.ndarray
     spinning: np.ndarray
-    speed: Array
-    growth: Array
-    unrest: Array
     loss: Array
     thrust: Array
 

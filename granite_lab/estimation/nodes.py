@@ -10,7 +10,22 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, PD, SIZE, TAU, TH, Course, D, P, S, SlipModel, V, X
+from granite_lab.estimation.error_model import (
+    BA,
+    BG,
+    PD,
+    SIZE,
+    TAU,
+    TH,
+    Course,
+    D,
+    P,
+    Pace,
+    S,
+    SlipModel,
+    V,
+    X,
+)
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.noise import Noise, slope
@@ -132,25 +147,6 @@ def choose(nominal: Nominal, period: float, spacing: float) -> np.ndarray:
     return np.flatnonzero(keep)
 
 
-@dataclass(frozen=True, eq=False)
-class Pace:
-    """How the wheels went, at the nodes.
-
-    Attributes:
-        speed: (K,) wheel speed [m/s].
-        calm: (K,) the same, averaged over half a second wherever it is steady [m/s].
-        unrest: (K,) its relative change [1/s].
-        growth: (K,) how fast its magnitude grows [m/s^2]; 0 within the noise.
-        steady: (K,) True where it does not change within a quarter of a second.
-    """
-
-    speed: Array
-    calm: Array
-    unrest: Array
-    growth: Array
-    steady: np.ndarray
-
-
 def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     """Judge the wheels' pace at instants (K,) of the IMU's clock, which theirs lies behind by `offset` [s].
 
@@ -227,10 +223,9 @@ def course_of(problem: Problem, nominal: Nominal, offset: float) -> Course:
         mean_slip = slip.expected(pace.growth, pace.speed)
     loss = np.where(moving, mean_slip * (w if slip.far else pace.speed), 0.0)
     return Course(
-        index=index, t=t, dt=dt, coupling=nominal.coupling[index], rest=rest,
-        spinning=rest & (np.abs(pace.speed) > MOVING) & problem.spins,
-        moving=moving, onset=before & ~rest, speed=pace.speed, growth=pace.growth,
-        unrest=pace.unrest, w=w, mean_slip=mean_slip, loss=loss, lost=np.cumsum(loss * dt), thrust=pull,
+        **vars(pace), index=index, t=t, dt=dt, coupling=nominal.coupling[index], rest=rest, moving=moving,
+        onset=before & ~rest, spinning=rest & (np.abs(pace.speed) > MOVING) & problem.spins, w=w,
+        mean_slip=mean_slip, loss=loss, lost=np.cumsum(loss * dt), thrust=pull,
     )  # fmt: skip
 
 

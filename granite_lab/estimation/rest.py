@@ -186,9 +186,7 @@ def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:
         if np.count_nonzero(at) < 4:
             continue
         t = imu.t[at]
-        pitch_rate, yaw_rate, force = (
-            np.nan_to_num(s[at]) for s in (imu.pitch_rate, imu.yaw_rate, imu.forward)
-        )
+        force, pitch_rate, yaw_rate = np.nan_to_num([imu.forward, imu.pitch_rate, imu.yaw_rate])[:, at]
         turned = integral(t, pitch_rate)
         # it settles, which shows as gravity's share; the mean is bias and slope
         speed = integral(t, force + imu.gravity * turned)
