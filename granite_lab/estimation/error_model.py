@@ -1,6 +1,6 @@
 """The linear model of the drift: states, transition and process noise between two nodes, measurements.
 
-The states are corrections to the nominal motion of `integration`, so they change slowly:
+The states are corrections to the nominal motion of `integrate`, so they change slowly:
 
     x  = x_nominal + X - P          distance of R, without the frame's vibration
     v  = v_nominal + V - PD         velocity of R

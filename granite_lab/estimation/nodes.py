@@ -315,7 +315,9 @@ def inflate(Q: Array, course: Course, problem: Problem, rest: np.ndarray) -> Non
         share, length = shares(begin, end), max(end - begin, imu.period)
         # what shakes comes back within some hundredths of a second
         unknown = np.hypot(force * length, shake * min(length, 0.03))
-        model.spread(Q, unknown**2 * share, {V: 1.0, X: dt})
+        Q[:, V, V] += unknown**2 * share
+        Q[:, [X, V], [V, X]] += (0.5 * unknown**2 * share * dt)[:, None]
+        Q[:, X, X] += (share > 0) * (unknown * dt) ** 2 / 3
         Q[:, TH, TH] += (turn * length) ** 2 * share
 
     for begin, end in faults.gaps:
