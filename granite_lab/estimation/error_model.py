@@ -295,17 +295,15 @@ def rest_updates(
 
     Wheels that turn meanwhile shake the body by the rms velocity `shaken` (K,) [m/s].
     """
-    index, rest = course.index, course.rest
-    k = np.flatnonzero(rest)
-    i = index[k]
+    k = np.flatnonzero(course.rest)
+    i = course.index[k]
     # v_nominal is frozen but for the lever's part, which is zero at rest
     R = ZERO_VELOCITY**2 + np.where(course.spinning, 0.0, course.speed)[k] ** 2
     found = [updates_of("zero_velocity", k, -nominal.v[i], {V: 1.0}, R)]
     usable = nominal.rest & ~faults.doubt & np.isfinite(imu.forward)
-    first = np.where((k > 0) & rest[k - 1], index[k - 1] + 1, i)
-    signals = np.stack([np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)])
-    sums = np.pad(np.cumsum(np.where(usable, signals, 0.0), axis=1), ((0, 0), (1, 0)))
-    totals = sums[:, i + 1] - sums[:, first]  # of the usable samples since the node before
+    place = np.searchsorted(course.index, np.flatnonzero(usable))  # a sample counts at the next node
+    signals = np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)
+    totals = np.array([np.bincount(place, signal[usable], course.t.size)[k] for signal in signals])
     seen = totals[0] > 0
     k, i, (n, force, rate) = k[seen], i[seen], totals[:, seen]
     if imu.has_pitch_rate:

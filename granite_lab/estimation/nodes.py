@@ -137,13 +137,12 @@ class Nodes(model.Places):
 
 def choose(nominal: Nominal, period: float, spacing: float) -> np.ndarray:
     """Pick nodes (K,): stamps `spacing` apart in motion, every 50 ms at rest; fewer in a long log."""
-    t, rest = nominal.t, nominal.rest
-    keep = np.zeros(t.size, dtype=bool)
+    rest = nominal.rest
+    keep = np.zeros(rest.size, dtype=bool)
     keep[np.flatnonzero(~rest)[:: max(1, round(spacing / period), int(np.ceil((~rest).sum() / MOST)))]] = True
     keep[np.flatnonzero(rest)[:: max(1, round(REST_STEP / period))]] = True
-    edge = np.flatnonzero(np.diff(rest.astype(np.int8)) != 0)
-    keep[edge] = keep[edge + 1] = True
-    keep[[0, -1]] = True
+    edge = np.flatnonzero(rest[1:] != rest[:-1])
+    keep[[0, *edge, *(edge + 1), -1]] = True
     return np.flatnonzero(keep)
 
 
