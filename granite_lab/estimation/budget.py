@@ -19,9 +19,8 @@ import numpy as np
 
 from granite_lab.estimate import Kind, Part
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, P, S, V, X
+from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, Noise, P, S, V, X
 from granite_lab.estimation.nodes import Nodes
-from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.smoother import Smoothed, adjoint, widening
 from granite_lab.logs.trial import Array
 

@@ -31,7 +31,6 @@ import numpy as np
 
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.trial import Array
@@ -60,6 +59,65 @@ UNEVEN = 1.0
 
 NEAREST = 1.0e-5
 """Std of the rolled distance beyond quantisation [m]: play, and the wheel's own shape."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise that the filter works with; densities are of both-sided spectra (std times sqrt(dt)).
+
+    Attributes:
+        accel, gyro: white noise [m/s^2 sqrt(s)], [rad/s sqrt(s)].
+        accel_stamps: what the stamps' scatter makes of vibration; the larger of it and `accel_motion` counts.
+        accel_bias, gyro_bias: std before the first standstill [m/s^2], [rad/s]; the former with tilt.
+        accel_walk, gyro_walk: random walk of the biases [m/s^2/sqrt(s)], [rad/s/sqrt(s)].
+        accel_scale: std of the accelerometer's scale error [-].
+        pitch: std of the pitch at the start [rad].
+        motion_bias: std of a bias that is there only in motion [m/s^2].
+        vibration: rms of the frame's vibration along x in motion [m/s^2] at `vibration_speed` [m/s].
+        vibration_frequency: its dominant frequency [Hz].
+        vibration_damping: its damping ratio (relative bandwidth over two).
+        accel_motion, gyro_motion: white noise that is there only in motion, the former below the vibration.
+    """
+
+    accel: float
+    gyro: float
+    accel_stamps: float
+    accel_bias: float
+    gyro_bias: float
+    accel_walk: float
+    gyro_walk: float
+    accel_scale: float
+    pitch: float
+    motion_bias: float
+    vibration: float
+    vibration_speed: float
+    vibration_frequency: float
+    vibration_damping: float
+    accel_motion: float = 0.0
+    gyro_motion: float = 0.0
+
+    @property
+    def vibration_omega(self) -> float:
+        """Angular frequency of the vibration [rad/s]."""
+        return 2 * np.pi * self.vibration_frequency
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the figures by name, unit in the name, as the motion record keeps them."""
+        return {
+            "accel_noise_mps2_sqrts": self.accel,
+            "gyro_noise_radps_sqrts": self.gyro,
+            "accel_noise_in_motion_mps2_sqrts": self.accel_motion,
+            "accel_noise_by_stamps_mps2_sqrts": self.accel_stamps,
+            "accel_bias_prior_mps2": self.accel_bias,
+            "gyro_bias_prior_radps": self.gyro_bias,
+            "accel_bias_walk_mps2_per_sqrts": self.accel_walk,
+            "gyro_bias_walk_radps_per_sqrts": self.gyro_walk,
+            "accel_scale_error_prior": self.accel_scale,
+            "motion_bias_prior_mps2": self.motion_bias,
+            "vibration_mps2": self.vibration,
+            "vibration_frequency_hz": self.vibration_frequency,
+            "vibration_damping": self.vibration_damping,
+        }
 
 
 @dataclass(frozen=True)

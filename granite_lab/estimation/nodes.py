@@ -2,33 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
+from scipy.ndimage import correlate1d, gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import (
-    BA,
-    BG,
-    PD,
-    SIZE,
-    TAU,
-    TH,
-    Course,
-    D,
-    P,
-    Pace,
-    S,
-    SlipModel,
-    V,
-    X,
-)
+from granite_lab.estimation.error_model import BA, BG, PD, SIZE, TAU, TH, Course, D, P, Pace, S, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.noise import Noise, slope
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST, Interval
 from granite_lab.estimation.wheels import MOVING, Rolling
@@ -97,8 +83,8 @@ class Problem:
     robot: Robot
     rests: tuple[Interval, ...]
     faults: Faults
-    noise: Noise
-    slip: SlipModel
+    noise: model.Noise
+    slip: model.SlipModel
     compliance: float = LOOSE
     soft: float = COMPLIANCE
     louder: Mapping[str, float] = field(default_factory=dict)
@@ -144,6 +130,23 @@ def choose(nominal: Nominal, period: float, spacing: float) -> np.ndarray:
     edge = np.flatnonzero(rest[1:] != rest[:-1])
     keep[[0, *edge, *(edge + 1), -1]] = True
     return np.flatnonzero(keep)
+
+
+def slope(values: Array, window: int, order: int, step: float, derivative: int = 1) -> Array:
+    """Return a derivative of polynomials through the neighbours of each sample (Savitzky and Golay).
+
+    The first and the last value continue beyond the ends; `step` is from sample to sample.
+    """
+    weights = _weights(window, order, derivative) / step**derivative
+    return np.asarray(correlate1d(values, weights, mode="nearest"))
+
+
+@cache
+def _weights(window: int, order: int, derivative: int) -> Array:
+    """(window,) weights of the neighbours, a step of 1 apart."""
+    t = np.arange(window) - window // 2
+    fit = np.linalg.pinv(np.vander(t, order + 1, increasing=True))[derivative]
+    return np.asarray(fit * math.factorial(derivative))
 
 
 def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
