@@ -26,7 +26,7 @@ from granite_lab.estimation.error_model import BA, BM, TH, P, SlipModel, V, X, s
 from granite_lab.estimation.nodes import Nodes, Problem, build
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST, Interval
-from granite_lab.estimation.smoother import Solution, forward, nominal_of, settle, smooth
+from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, settle, smooth
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
@@ -268,7 +268,7 @@ def _without_scatter(part: Problem, offset: float) -> tuple[Nodes, Array, Array]
     nominal = nominal_of(part, offset)
     slips = (with_scatter(part.slip, 0.0), with_scatter(part.slip, 1.0))
     known = Estimate(0.0, 1e-3)
-    none, one = (build(replace(part, slip=slip), nominal, offset, known) for slip in slips)
+    none, one = (merged(build(replace(part, slip=slip), nominal, offset, known)) for slip in slips)
     return none, one.Q - none.Q, one.P0 - none.P0
 
 

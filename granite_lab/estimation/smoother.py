@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import islice
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.linalg.blas import daxpy, ddot, dgemm, dgemv, dsymm, dsymv, dsyr
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, S, Updates
+from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, Places, S, Updates
 from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
 from granite_lab.estimation.nominal import Nominal, integrate, quieten
 from granite_lab.logs.trial import Array
@@ -154,6 +154,23 @@ def forward(nodes: Nodes) -> Filtered:
     Ps[:, other, one] = Ps[:, one, other]
     value, variance = np.array(came, dtype=float).reshape(-1, 2).T
     return Filtered(xs, Ps, Innovations(updates, value, variance, lifted / variance[:, None]))
+
+
+def merged(nodes: Nodes) -> Nodes:
+    """Return nodes of which each, but for the first, measures something: steps between them are put together.
+
+    The filter finds the same in them, sooner.
+    """
+    ends, place = np.unique(np.append(0, nodes.updates.node), return_inverse=True)
+    begins = np.append(0, ends[:-1] + 1)
+    F, Q = nodes.F[begins], nodes.Q[begins]
+    for j in range(1, int(np.max(ends - begins)) + 1):
+        longer = begins + j <= ends
+        step = nodes.F[begins[longer] + j]
+        F[longer] = step @ F[longer]
+        Q[longer] = step @ Q[longer] @ step.transpose(0, 2, 1) + nodes.Q[begins[longer] + j]
+    places = {f.name: getattr(nodes, f.name)[ends] for f in fields(Places)}
+    return replace(nodes, **places, F=F, Q=Q, updates=replace(nodes.updates, node=place[1:]))
 
 
 def adjoint(nodes: Nodes, gain: Array, given: Array, added: Array) -> tuple[Array, Array, Array]:
