@@ -19,9 +19,8 @@ import numpy as np
 
 from granite_lab.estimate import Kind, Part
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, P, S, V, X
+from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, Noise, P, S, V, X
 from granite_lab.estimation.nodes import Nodes
-from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.smoother import Smoothed, adjoint, widening
 from granite_lab.logs.trial import Array
 
@@ -132,32 +131,20 @@ def _add_steps(shares: dict[str, float], nodes: Nodes, c: Array) -> None:
     """Add the shares of the noise of all steps, of weights c (K - 1, 14); its blocks are independent."""
     F, Q, w, dt = nodes.F[1:], nodes.Q[1:], nodes.w[1:], np.diff(nodes.t)
 
-    def share(*states: int) -> float:
+    def share(noise: Array, *states: int) -> float:
         own = c[:, states]
-        return float(np.einsum("ki,kij,kj->", own, Q[:, states][:, :, states], own))
+        return float(np.einsum("ki,kij,kj->", own, noise[:, states][:, :, states], own))
 
     for place, name in WALKING.items():
-        shares[name] += share(place)
-    shares[SHAKING] += share(P, PD)
+        shares[name] += share(Q, place)
+    shares[SHAKING] += share(Q, P, PD)
     # the distance that wheels turn ahead of the body is independent of the slip ratio
     by_slip = (np.abs(Q[:, D, S]) + np.abs(Q[:, D, G])) * 2.0 / 3.0 * np.abs(w) * dt
     ahead = float(np.sum(c[:, D] ** 2 * np.fmax(Q[:, D, D] - by_slip, 0.0)))
     shares[SOFT] += ahead
-    shares[VARYING] += share(D, S, G) - ahead
-    own = c[:, [X, V, TH]]
-    by_gyro = float(np.einsum("ki,kij,kj->", own, _gyro(Q, F, dt), own))
-    shares[RATE] += by_gyro
-    shares[WHITE] += share(X, V, TH) - by_gyro
-
-
-def _gyro(Q: Array, F: Array, dt: Array) -> Array:
-    """Return the (K, 3, 3) noise of distance, velocity and pitch in each step that the gyro makes."""
-    h = np.where(dt > 0.0, dt, 1.0)
-    density = np.where(dt > 0.0, np.fmax(Q[:, TH, TH] - model.TINY[TH] ** 2, 0.0) / h, 0.0)
-    a = F[:, V, TH] / h
-    block: Array = np.empty((dt.size, 3, 3))
-    block[:, 0, 0], block[:, 1, 1], block[:, 2, 2] = a**2 * h**5 / 20, a**2 * h**3 / 3, h
-    block[:, 0, 1] = block[:, 1, 0] = a**2 * h**4 / 8
-    block[:, 0, 2] = block[:, 2, 0] = a * h**3 / 6
-    block[:, 1, 2] = block[:, 2, 1] = a * h**2 / 2
-    return density[:, None, None] * block
+    shares[VARYING] += share(Q, D, S, G) - ahead
+    turning, by_gyro = np.fmax(Q[:, TH, TH] - model.TINY[TH] ** 2, 0.0), np.zeros_like(Q)
+    model.spread(by_gyro, turning, {TH: 1.0, V: F[:, V, TH], X: F[:, V, TH] * dt})
+    rate = share(by_gyro, X, V, TH)
+    shares[RATE] += rate
+    shares[WHITE] += share(Q, X, V, TH) - rate

@@ -16,9 +16,8 @@ from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipMod
 from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
-from granite_lab.estimation.motion_noise import with_motion_noise
 from granite_lab.estimation.nodes import Problem
-from granite_lab.estimation.noise import identify
+from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.slip import identify_scatter, with_jumps

@@ -1,6 +1,6 @@
 """The linear model of the drift: states, transition and process noise between two nodes, measurements.
 
-The states are corrections to the nominal motion of `integration`, so they change slowly:
+The states are corrections to the nominal motion of `integrate`, so they change slowly:
 
     x  = x_nominal + X - P          distance of R, without the frame's vibration
     v  = v_nominal + V - PD         velocity of R
@@ -24,12 +24,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import product
+from math import factorial
 
 import numpy as np
 
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.trial import Array
@@ -55,6 +56,65 @@ UNEVEN = 1.0
 
 NEAREST = 1.0e-5
 """Std of the rolled distance beyond quantisation [m]: play, and the wheel's own shape."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise that the filter works with; densities are of both-sided spectra (std times sqrt(dt)).
+
+    Attributes:
+        accel, gyro: white noise [m/s^2 sqrt(s)], [rad/s sqrt(s)].
+        accel_stamps: what the stamps' scatter makes of vibration; the larger of it and `accel_motion` counts.
+        accel_bias, gyro_bias: std before the first standstill [m/s^2], [rad/s]; the former with tilt.
+        accel_walk, gyro_walk: random walk of the biases [m/s^2/sqrt(s)], [rad/s/sqrt(s)].
+        accel_scale: std of the accelerometer's scale error [-].
+        pitch: std of the pitch at the start [rad].
+        motion_bias: std of a bias that is there only in motion [m/s^2].
+        vibration: rms of the frame's vibration along x in motion [m/s^2] at `vibration_speed` [m/s].
+        vibration_frequency: its dominant frequency [Hz].
+        vibration_damping: its damping ratio (relative bandwidth over two).
+        accel_motion, gyro_motion: white noise that is there only in motion, the former below the vibration.
+    """
+
+    accel: float
+    gyro: float
+    accel_stamps: float
+    accel_bias: float
+    gyro_bias: float
+    accel_walk: float
+    gyro_walk: float
+    accel_scale: float
+    pitch: float
+    motion_bias: float
+    vibration: float
+    vibration_speed: float
+    vibration_frequency: float
+    vibration_damping: float
+    accel_motion: float = 0.0
+    gyro_motion: float = 0.0
+
+    @property
+    def vibration_omega(self) -> float:
+        """Angular frequency of the vibration [rad/s]."""
+        return 2 * np.pi * self.vibration_frequency
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the figures by name, unit in the name, as the motion record keeps them."""
+        return {
+            "accel_noise_mps2_sqrts": self.accel,
+            "gyro_noise_radps_sqrts": self.gyro,
+            "accel_noise_in_motion_mps2_sqrts": self.accel_motion,
+            "accel_noise_by_stamps_mps2_sqrts": self.accel_stamps,
+            "accel_bias_prior_mps2": self.accel_bias,
+            "gyro_bias_prior_radps": self.gyro_bias,
+            "accel_bias_walk_mps2_per_sqrts": self.accel_walk,
+            "gyro_bias_walk_radps_per_sqrts": self.gyro_walk,
+            "accel_scale_error_prior": self.accel_scale,
+            "motion_bias_prior_mps2": self.motion_bias,
+            "vibration_mps2": self.vibration,
+            "vibration_frequency_hz": self.vibration_frequency,
+            "vibration_damping": self.vibration_damping,
+        }
 
 
 @dataclass(frozen=True)
@@ -111,45 +171,82 @@ LOST_PITCH = 0.005
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
-    """The steps into each of K nodes from the one before.
+class Places:
+    """The K nodes, and the steps into each from the one before.
 
     Attributes:
-        dt: (K,) how long they last [s].
+        index: (K,) places of the nodes among the IMU's stamps.
+        t: (K,) stamps [s].
+        moving: (K,) False for a step within a standstill.
+        lost: (K,) rolled minus travelled distance by the mean slip ratio alone [m].
+        mean_slip: (K,) that slip ratio, to which S and G are deviations.
+        w: (K,) signed wheel speed [m/s], floor included, that turns slip ratio into slip velocity.
+    """
+
+    index: np.ndarray
+    t: Array
+    moving: np.ndarray
+    lost: Array
+    mean_slip: Array
+    w: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Pace:
+    """How the wheels went, at the nodes.
+
+    Attributes:
+        speed: (K,) wheel speed [m/s].
+        calm: (K,) the same, averaged over half a second wherever it is steady [m/s].
+        unrest: (K,) its relative change [1/s].
+        growth: (K,) how fast its magnitude grows [m/s^2]; 0 within the noise.
+        steady: (K,) True where it does not change within a quarter of a second.
+    """
+
+    speed: Array
+    calm: Array
+    unrest: Array
+    growth: Array
+    steady: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Course(Places, Pace):
+    """How a trial goes at the nodes; without wheels the pace is the body's.
+
+    Attributes:
+        dt: (K,) how long the steps last [s].
         coupling: (K,) g cos(pitch) [m/s^2].
-        moving: (K,) False within a standstill.
-        onset: (K,) True for the step that leaves a standstill.
-        w: (K,) wheel speed by which the slip ratio is multiplied [m/s].
+        rest, onset: (K,) True at standstill, and for the step that leaves one.
+        spinning: (K,) True where the wheels turn at standstill.
+        loss: (K,) slip velocity by the mean slip ratio [m/s].
+        thrust: (K,) over mass, against that at standstill [m/s^2]; 0 without wheels.
     """
 
     dt: Array
     coupling: Array
-    moving: np.ndarray
+    rest: np.ndarray
     onset: np.ndarray
-    w: Array
+    spinning: np.ndarray
+    loss: Array
+    thrust: Array
 
 
-def transitions(steps: Steps, gain: Array, slip: SlipModel, noise: Noise, *, pitch_gyro: bool) -> Array:
+def transitions(course: Course, gain: Array, slip: SlipModel, noise: Noise, *, pitch_gyro: bool) -> Array:
     """(K, 14, 14) transition matrices; the accelerometer adds the velocity `gain` (K,) [m/s] in each step."""
-    dt, coupling, w = steps.dt, steps.coupling, steps.w
-    F = np.tile(np.eye(SIZE), (dt.size, 1, 1))
-    on = steps.moving.astype(float)
-    F[:, X, V] = on * dt
-    F[:, X, TH] = on * coupling * dt**2 / 2
-    F[:, X, BA] = F[:, X, BM] = -on * dt**2 / 2
-    F[:, X, BG] = -on * coupling * dt**3 / 6
-    F[:, V, TH] = on * coupling * dt
-    F[:, V, BA] = F[:, V, BM] = -on * dt
-    F[:, V, BG] = -on * coupling * dt**2 / 2
-    F[:, TH, BG] = -on * dt
-    F[:, V, K], F[:, X, K] = -on * gain, -0.5 * on * gain * dt
-    F[:, D, S] = F[:, D, G] = on * w * dt
+    dt, on, coupling = course.dt, course.moving.astype(float), course.coupling
+    F, h = np.tile(np.eye(SIZE), (dt.size, 1, 1)), on * dt
+    F[:, X, V], F[:, V, TH], F[:, X, TH] = h, coupling * h, coupling * h**2 / 2
+    F[:, V, BA] = F[:, V, BM] = -h
+    F[:, X, BA] = F[:, X, BM] = -(h**2) / 2
+    F[:, V, K], F[:, X, K] = -on * gain, -0.5 * gain * h
+    F[:, D, S] = F[:, D, G] = course.w * h
+    if pitch_gyro:
+        F[:, TH, BG], F[:, V, BG], F[:, X, BG] = -h, -coupling * h**2 / 2, -coupling * h**3 / 6
     F[:, BM, BM] = on
     F[:, S, S] = on * (np.exp(-dt / RETURN) if slip.far else 1.0)
     F[:, G, G] = on * np.exp(-dt / slip.time)
     F[:, P:, P:] = on[:, None, None] * resonator(dt, noise)
-    if not pitch_gyro:
-        F[:, TH, BG] = F[:, V, BG] = F[:, X, BG] = 0.0
     return F
 
 
@@ -164,45 +261,40 @@ def resonator(dt: Array, noise: Noise) -> Array:
     )
 
 
-def noises(
-    F: Array, steps: Steps, gyro: Array, size: Array, unrest: Array, slip: SlipModel, noise: Noise
-) -> Array:
+def spread(Q: Array, variance: Array, gains: Mapping[int, Array | float]) -> None:
+    """Add white noise, of the `variance` (K,) in a step, to Q (K, 14, 14) in place.
+
+    It enters the first state of `gains`, the second integrates that one, and so on: an impulse at the share s
+    of the step before its end changes the i-th state by its gain times s^i / i!.
+    """
+    for (i, (one, a)), (j, (other, b)) in product(enumerate(gains.items()), repeat=2):
+        Q[:, one, other] += variance * a * b / (factorial(i) * factorial(j) * (i + j + 1))
+
+
+def noises(F: Array, course: Course, gyro: Array, size: Array, slip: SlipModel, noise: Noise) -> Array:
     """(K, 14, 14) process noise over each step of `transitions` F.
 
     At the nodes (K,): white noise `gyro` of the pitch rate [rad/s sqrt(s)]; rms `size` of the acceleration by
-    vibration [m/s^2], at which the oscillator is kept; relative change `unrest` of the wheel speed [1/s].
+    vibration [m/s^2], at which the oscillator is kept.
     """
-    dt, coupling, moving, onset, w = steps.dt, steps.coupling, steps.moving, steps.onset, steps.w
+    dt, on, onset = course.dt, course.moving.astype(float), course.onset
     Q = np.tile(np.diag(TINY**2), (dt.size, 1, 1))
-    on = moving.astype(float)
-    a2, g2 = on * np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps)) ** 2, on * gyro**2
-    Q[:, V, V] += a2 * dt + coupling**2 * g2 * dt**3 / 3
-    Q[:, X, X] += a2 * dt**3 / 3 + coupling**2 * g2 * dt**5 / 20
-    Q[:, X, V] += a2 * dt**2 / 2 + coupling**2 * g2 * dt**4 / 8
-    Q[:, TH, TH] += g2 * dt
-    Q[:, V, TH] += coupling * g2 * dt**2 / 2
-    Q[:, X, TH] += coupling * g2 * dt**3 / 6
+    accel = np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps))
+    spread(Q, on * accel**2 * dt, {V: 1.0, X: dt})
+    spread(Q, on * gyro**2 * dt, {TH: 1.0, V: course.coupling * dt, X: course.coupling * dt**2})
     Q[:, BA, BA] += noise.accel_walk**2 * dt
     Q[:, BG, BG] += noise.gyro_walk**2 * dt
-    for i, j in ((X, V), (V, TH), (X, TH)):
-        Q[:, j, i] = Q[:, i, j]
-    walk = slip.walk**2 + 2 * slip.limit**2 / RETURN * slip.far + slip.ramp**2 * unrest
-    s2 = on * np.minimum(walk * dt, slip.limit**2) + onset * slip.onset**2
-    g2 = on * (1 - np.exp(-2 * dt / slip.time)) * slip.scatter**2
-    g2 = np.where(onset, slip.scatter**2, g2)
-    Q[:, S, S] += s2
-    Q[:, G, G] += g2
-    both = on * (s2 * ~onset + g2 * ~onset) * dt * w
-    Q[:, D, S] += 0.5 * on * s2 * ~onset * dt * w
-    Q[:, D, G] += 0.5 * on * g2 * ~onset * dt * w
-    Q[:, S, D], Q[:, G, D] = Q[:, D, S], Q[:, D, G]
-    Q[:, D, D] += both * dt * w / 3
     Q[onset, BM, BM] += noise.motion_bias**2
-    stationary = np.zeros((dt.size, 2, 2))
-    stationary[:, 0, 0] = (size / noise.vibration_omega**2) ** 2
-    stationary[:, 1, 1] = (size / noise.vibration_omega) ** 2
+    walk = slip.walk**2 + 2 * slip.limit**2 / RETURN * slip.far + slip.ramp**2 * course.unrest
+    walked = on * np.minimum(walk * dt, slip.limit**2) + onset * slip.onset**2
+    scattered = np.where(onset, 1.0, on * (1 - np.exp(-2 * dt / slip.time))) * slip.scatter**2
+    turned = np.where(onset, 0.0, course.w * dt)  # a standstill is left with the slip ratio that follows it
+    spread(Q, walked, {S: 1.0, D: turned})
+    spread(Q, scattered, {G: 1.0, D: turned})
+    kept = (size[:, None] / noise.vibration_omega ** np.array([2, 1])) ** 2
     A = F[:, P:, P:]
-    Q[:, P:, P:] += np.where(moving[:, None, None], stationary - A @ stationary @ A.transpose(0, 2, 1), 0.0)
+    shaking = kept[:, :, None] * np.eye(2) - (A * kept[:, None]) @ A.transpose(0, 2, 1)
+    Q[:, P:, P:] += on[:, None, None] * shaking
     return Q
 
 
@@ -253,30 +345,23 @@ def in_order(parts: Sequence[Updates]) -> Updates:
 
 
 def rest_updates(
-    imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults, index: np.ndarray, rest: np.ndarray,
-    speed: Array, shaken: Array,
-) -> list[Updates]:  # fmt: skip
+    imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults, course: Course, shaken: Array
+) -> list[Updates]:
     """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill.
 
-    The body may still have the velocity `speed` (K,) [m/s]; wheels that turn shake it by the rms `shaken`
-    (K,) [m/s].
+    Wheels that turn meanwhile shake the body by the rms velocity `shaken` (K,) [m/s].
     """
-    k = np.flatnonzero(rest)
-    i = index[k]
+    k = np.flatnonzero(course.rest)
+    i = course.index[k]
     # v_nominal is frozen but for the lever's part, which is zero at rest
-    found = [updates_of("zero_velocity", k, -nominal.v[i], {V: 1.0}, ZERO_VELOCITY**2 + speed[k] ** 2)]
+    R = ZERO_VELOCITY**2 + np.where(course.spinning, 0.0, course.speed)[k] ** 2
+    found = [updates_of("zero_velocity", k, -nominal.v[i], {V: 1.0}, R)]
     usable = nominal.rest & ~faults.doubt & np.isfinite(imu.forward)
-    first = np.where((k > 0) & rest[k - 1], index[k - 1] + 1, i)
-
-    def total(values: Array | np.ndarray) -> Array:
-        """Sum over the usable samples since the node before."""
-        sums = np.concatenate([[0.0], np.cumsum(np.where(usable, values, 0.0))])
-        return np.asarray(sums[i + 1] - sums[first])
-
-    n, force, rate = (total(v) for v in (np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)))
-    seen = n > 0
-    k, i = k[seen], i[seen]
-    n, force, rate = n[seen], force[seen], rate[seen]
+    place = np.searchsorted(course.index, np.flatnonzero(usable))  # a sample counts at the next node
+    signals = np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)
+    totals = np.array([np.bincount(place, signal[usable], course.t.size)[k] for signal in signals])
+    seen = totals[0] > 0
+    k, i, (n, force, rate) = k[seen], i[seen], totals[:, seen]
     if imu.has_pitch_rate:
         R = noise.gyro**2 / (n * imu.period)
         found.append(updates_of("zero_rate", k, rate / n - nominal.gyro_bias, {BG: 1.0}, R))
@@ -285,44 +370,37 @@ def rest_updates(
     return [*found, updates_of("specific_force", k, z, {BA: 1.0, TH: -nominal.coupling[i]}, R)]
 
 
-def wheel_updates(
-    rolling: Rolling, nominal: Nominal, index: np.ndarray, rest: np.ndarray, spinning: np.ndarray,
-    offset: float, lost: Array, loss: Array, w: Array, growth: Array, thrust: Array,
-) -> tuple[Updates, float]:  # fmt: skip
+def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: float) -> tuple[Updates, float]:
     """Rolled distance (or speed, where rates were logged) at the node nearest to each sample.
 
-    Rolled distance counts from the first sample, which is no measurement then; its std [m] is returned. At
-    the nodes: `spinning`, the wheels turn on the spot; `lost` [m] and `loss` [m/s], by the mean slip ratio;
-    `w`, the wheel speed that turns slip ratio into slip velocity [m/s]; `growth` and `thrust` [m/s^2].
+    Rolled distance counts from the first sample, which is no measurement then; its std [m] is returned.
     """
-    t = nominal.t[index]
+    t, w, rest = course.t, course.w, course.rest
     stamps = rolling.t + offset
     known = np.isfinite(rolling.mean) & np.isfinite(rolling.speed)
     known &= (stamps >= t[0] - 1e-3) & (stamps <= t[-1] + 1e-3)
     samples = np.flatnonzero(known)
     place = np.clip(np.searchsorted(t, stamps[samples]), 1, t.size - 1)
     place -= (stamps[samples] - t[place - 1]) < (t[place] - stamps[samples])
-    distance = np.abs(t[place] - stamps[samples])
-    order = np.lexsort((distance, place))
-    first = np.diff(place[order], prepend=-1) > 0
-    acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
-    chosen = np.sort(order[first])
-    k, m = place[chosen], samples[chosen]
-    speed, gained = rolling.speed[m], acceleration[m]
+    order = np.lexsort((np.abs(t[place] - stamps[samples]), place))
+    k, first = np.unique(place[order], return_index=True)
+    m = samples[order[first]]
+    speed, gained = rolling.speed[m], np.gradient(np.nan_to_num(rolling.speed), rolling.t)[m]
     ahead = t[k] - stamps[m]
     if rolling.by_rate:
-        jerk = np.gradient(thrust, t)
-        H = {V: 1.0, PD: -1.0, TAU: growth[k], S: w[k], G: w[k], C: jerk[k]}
-        z = speed + gained * ahead - nominal.v[index[k]] - loss[k]
+        signed = np.sign(course.speed) * course.growth
+        H = {V: 1.0, PD: -1.0, TAU: signed[k], S: w[k], G: w[k], C: np.gradient(course.thrust, t)[k]}
+        z = speed + gained * ahead - nominal.v[course.index[k]] - course.loss[k]
         return updates_of("wheel", k, z, H, rolling.speed_std[m] ** 2), 0.0
     # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
     # is the noise of z as well, or every update would pull the velocity down a little
-    z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained - (nominal.x[index[k]] + lost[k])
+    z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained
+    z -= nominal.x[course.index[k]] + course.lost[k]
     R = rolling.mean_std[m] ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
     start = float(np.sqrt(R[0])) if k.size else 0.0
-    still = rest & np.concatenate([[True], rest[:-1]]) & np.concatenate([rest[1:], [True]])
-    told = ~(still | spinning)[k]  # a constant reading at rest says nothing new
+    still = rest & np.append(True, rest[:-1]) & np.append(rest[1:], True)
+    told = ~(still | course.spinning)[k]  # a constant reading at rest says nothing new
     told[:1] = False
     # an offset also moves the wheel speed that the mean slip goes by
-    H = {X: 1.0, D: 1.0, P: -1.0, C: thrust[k][told], TAU: (speed - loss[k])[told]}
+    H = {X: 1.0, D: 1.0, P: -1.0, C: course.thrust[k][told], TAU: (speed - course.loss[k])[told]}
     return updates_of("wheel", k[told], (z - z[:1])[told], H, R[told]), start

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincc
 
-from granite_lab.estimation.error_model import BA, BG, V
+from granite_lab.estimation.error_model import BA, BG, Noise, V
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.motion import Grade, Health
-from granite_lab.estimation.noise import Noise
 from granite_lab.estimation.rest import Interval
 from granite_lab.estimation.smoother import Solution, usual
 from granite_lab.logs.trial import Array

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -220,13 +221,11 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
     found = []
     if trial.reference_v is not None:
         spread = np.hypot(motion.v_std, reference_std)
-        found.append(
-            _compare("velocity", motion.t, motion.v, spread, wheels, trial.reference_v, reference_std)
-        )
+        one = _compare("velocity", motion.t, (motion.v, wheels, spread), trial.reference_v)
+        found.append(replace(one, reference_std=reference_std))
     if trial.reference_x is not None:
-        steps = np.diff(motion.t, prepend=motion.t[0])
-        rolled = np.cumsum(np.nan_to_num(wheels) * steps)
-        found.append(_compare("distance", motion.t, motion.x, motion.x_std, rolled, trial.reference_x))
+        rolled = np.cumsum(np.nan_to_num(wheels) * np.diff(motion.t, prepend=motion.t[0]))
+        found.append(_compare("distance", motion.t, (motion.x, rolled, motion.x_std), trial.reference_x))
     if not found:
         raise EstimateError(
             f"{motion.trial}: there is no external reference to judge by",
@@ -236,49 +235,40 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
 
 
 def mean_known(values: Array) -> Array:
-    """Mean over the wheels, NaN where none is known, without a warning."""
+    """Mean of each row, as over the wheels; NaN where none is known, without a warning."""
     n = np.isfinite(values).sum(axis=1)
     total = np.where(np.isfinite(values), values, 0.0).sum(axis=1)
     return np.where(n > 0, total / np.maximum(n, 1), NAN)
 
 
-def _compare(
-    quantity: str, t: Array, value: Array, std: Array, wheels: Array, reference: Series,
-    reference_std: float = 0.0,
-) -> Judgement:  # fmt: skip
-    """Compare at the reference's own stamps; a distance counts from the first common stamp."""
-    from_start = quantity == "distance"
+def _compare(quantity: str, t: Array, own: tuple[Array, Array, Array], reference: Series) -> Judgement:
+    """Compare estimate, wheels and the former's std with a reference, at its stamps.
+
+    A distance counts from the first common stamp.
+    """
     inside = (reference.t >= t[0]) & (reference.t <= t[-1]) & np.isfinite(reference.value)
     stamps, truth = reference.t[inside], reference.value[inside]
     if stamps.size < 2:
         raise EstimateError(f"the reference's {quantity} does not overlap the log", "check its clock")
-    estimate, by_wheels = np.interp(stamps, t, value), np.interp(stamps, t, wheels)
-    spread = np.interp(stamps, t, std)
-    if from_start:
-        estimate, by_wheels, truth = (s - s[0] for s in (estimate, by_wheels, truth))
-    way, rolled = (travelled(stamps, s, from_start) for s in (truth, by_wheels))
-    error, error_wheels = estimate - truth, by_wheels - truth
-    rmse, rmse_wheels = (_rms(e) for e in (error, error_wheels))
-    known = np.isfinite(error)
-    ratio = (np.abs(error) / np.where(spread > 0, spread, np.inf))[known]
+    estimate, wheels, spread = (np.interp(stamps, t, values) for values in own)
+    if quantity == "distance":
+        estimate, wheels, truth = (s - s[0] for s in (estimate, wheels, truth))
+
+    def way(values: Array) -> float:
+        known = np.isfinite(values)
+        if quantity == "distance":
+            return float(values[-1] - values[0])
+        return float(np.trapezoid(values[known], stamps[known]))
+
+    rolled = way(wheels)
+    error, error_wheels = estimate - truth, wheels - truth
+    ratio = np.abs(error) / np.where(spread > 0, spread, np.inf)
+    within = np.where(np.isnan(ratio), NAN, ratio <= 2.0)
+    rows = np.stack([error**2, error_wheels**2, error, ratio**2, within])
+    square, square_wheels, bias, nees, coverage = mean_known(rows).tolist()
+    rmse, rmse_wheels = math.sqrt(square), math.sqrt(square_wheels)
     return Judgement(
-        quantity=quantity, samples=stamps.size, rmse=rmse,
-        bias=float(np.mean(error[known])) if known.any() else NAN, rmse_wheels=rmse_wheels,
-        improvement=rmse_wheels / rmse if rmse > 0 else NAN,
-        nees=float(np.mean(ratio**2)) if known.any() else NAN,
-        coverage=float(np.mean(ratio <= 2.0)) if known.any() else NAN,
-        slip=1.0 - way / rolled if abs(rolled) > SHORTEST else NAN, reference_std=reference_std,
+        quantity=quantity, samples=stamps.size, rmse=rmse, bias=bias, rmse_wheels=rmse_wheels,
+        improvement=rmse_wheels / rmse if rmse > 0 else NAN, nees=nees, coverage=coverage,
+        slip=1.0 - way(truth) / rolled if abs(rolled) > SHORTEST else NAN,
     )  # fmt: skip
-
-
-def travelled(t: Array, value: Array, is_distance: bool) -> float:
-    """Way between the first and the last stamp [m], of a distance or by integrating a velocity."""
-    known = np.isfinite(value)
-    if is_distance:
-        return float(value[known][-1] - value[known][0]) if known.any() else NAN
-    return float(np.trapezoid(value[known], t[known]))
-
-
-def _rms(error: Array) -> float:
-    known = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else NAN

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
+from scipy.ndimage import correlate1d, gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, PD, SIZE, TAU, TH, D, P, S, SlipModel, V, X
+from granite_lab.estimation.error_model import BA, BG, PD, SIZE, TAU, TH, Course, D, P, Pace, S, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.noise import Noise, slope
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST, Interval
 from granite_lab.estimation.wheels import MOVING, Rolling
@@ -55,7 +56,6 @@ MOST = 60_000
 UNEXPLAINED = 0.3
 """Acceleration of the body that the wheels' own, steady or not, does not suggest [m/s^2]."""
 
-
 BEYOND = 3.0
 """A reading that is thrown off by more than this many std of what may go unseen is no jolt of the body."""
 
@@ -83,8 +83,8 @@ class Problem:
     robot: Robot
     rests: tuple[Interval, ...]
     faults: Faults
-    noise: Noise
-    slip: SlipModel
+    noise: model.Noise
+    slip: model.SlipModel
     compliance: float = LOOSE
     soft: float = COMPLIANCE
     louder: Mapping[str, float] = field(default_factory=dict)
@@ -100,34 +100,20 @@ class Problem:
             stamps = rolling.t + offset
             rolling = part(rolling, (stamps >= begin - 0.5) & (stamps <= end + 0.5))
         rests = tuple((max(a, begin), min(b, end)) for a, b in self.rests if b > begin and a < end)
-        return replace(
-            self, imu=part(self.imu, keep), rolling=rolling, rests=rests, faults=part(self.faults, keep),
-            coasts=False, jumps=None if self.jumps is None else self.jumps[keep],
-        )  # fmt: skip
+        imu, faults = part(self.imu, keep), part(self.faults, keep)
+        return replace(part(self, keep), imu=imu, rolling=rolling, rests=rests, faults=faults, coasts=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Nodes:
+class Nodes(model.Places):
     """Everything the filter needs.
 
     Attributes:
-        index: (K,) places of the nodes among the IMU's stamps.
-        t: (K,) stamps [s].
-        moving: (K,) False where the step into the node lies within a standstill.
-        lost: (K,) rolled minus travelled distance by the mean slip ratio alone [m].
-        mean_slip: (K,) that slip ratio, to which S and G are deviations.
-        w: (K,) signed wheel speed [m/s], floor included, that turns slip ratio into slip velocity.
         F, Q: (K, 14, 14) transition and noise into each node.
         updates: the measurements.
         x0, P0: (14, 1) and (14, 14) initial state and covariance.
     """
 
-    index: np.ndarray
-    t: Array
-    moving: np.ndarray
-    lost: Array
-    mean_slip: Array
-    w: Array
     F: Array
     Q: Array
     updates: model.Updates
@@ -137,33 +123,30 @@ class Nodes:
 
 def choose(nominal: Nominal, period: float, spacing: float) -> np.ndarray:
     """Pick nodes (K,): stamps `spacing` apart in motion, every 50 ms at rest; fewer in a long log."""
-    t, rest = nominal.t, nominal.rest
-    keep = np.zeros(t.size, dtype=bool)
+    rest = nominal.rest
+    keep = np.zeros(rest.size, dtype=bool)
     keep[np.flatnonzero(~rest)[:: max(1, round(spacing / period), int(np.ceil((~rest).sum() / MOST)))]] = True
     keep[np.flatnonzero(rest)[:: max(1, round(REST_STEP / period))]] = True
-    edge = np.flatnonzero(np.diff(rest.astype(np.int8)) != 0)
-    keep[edge] = keep[edge + 1] = True
-    keep[[0, -1]] = True
+    edge = np.flatnonzero(rest[1:] != rest[:-1])
+    keep[[0, *edge, *(edge + 1), -1]] = True
     return np.flatnonzero(keep)
 
 
-@dataclass(frozen=True, eq=False)
-class Pace:
-    """How the wheels went, at the nodes.
+def slope(values: Array, window: int, order: int, step: float, derivative: int = 1) -> Array:
+    """Return a derivative of polynomials through the neighbours of each sample (Savitzky and Golay).
 
-    Attributes:
-        speed: (K,) wheel speed [m/s].
-        calm: (K,) the same, averaged over half a second wherever it is steady [m/s].
-        unrest: (K,) its relative change [1/s].
-        growth: (K,) how fast its magnitude grows [m/s^2]; 0 within the noise.
-        steady: (K,) True where it does not change within a quarter of a second.
+    The first and the last value continue beyond the ends; `step` is from sample to sample.
     """
+    weights = _weights(window, order, derivative) / step**derivative
+    return np.asarray(correlate1d(values, weights, mode="nearest"))
 
-    speed: Array
-    calm: Array
-    unrest: Array
-    growth: Array
-    steady: np.ndarray
+
+@cache
+def _weights(window: int, order: int, derivative: int) -> Array:
+    """(window,) weights of the neighbours, a step of 1 apart."""
+    t = np.arange(window) - window // 2
+    fit = np.linalg.pinv(np.vander(t, order + 1, increasing=True))[derivative]
+    return np.asarray(fit * math.factorial(derivative))
 
 
 def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
@@ -173,38 +156,30 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     well, every update would find a little more slip than there is.
     """
     known = np.isfinite(rolling.speed) & np.isfinite(rolling.mean)
-    stamps = rolling.t[known] + offset
-    speed = np.interp(t, stamps, rolling.speed[known])
-    grid = np.arange(t[0], t[-1] + GRID, GRID)
+    stamps, grid = rolling.t[known] + offset, np.arange(t[0], t[-1] + GRID, GRID)
+    speed, pace = (np.interp(at, stamps, rolling.speed[known]) for at in (t, grid))
     period = max(float(np.median(np.diff(stamps))), GRID)
     window = max(round(0.16 / GRID), 8 * round(period / GRID)) | 1
     if grid.size <= 3 * window:
-        return Pace(speed, speed, np.zeros(t.size), np.zeros(t.size), np.zeros(t.size, dtype=bool))
+        none = np.zeros(t.size)
+        return Pace(speed, speed, none, none, none > 0)
     path = np.interp(grid, stamps, rolling.mean[known])
-    growth = slope(path, window, 3, GRID, 2)
-    calm = slope(path, 3 * window, 1, GRID)
-    pace = np.interp(grid, stamps, rolling.speed[known])
-    growth = np.where(pace < 0, -growth, growth)
+    growth = np.where(pace < 0, -1.0, 1.0) * slope(path, window, 3, GRID, 2)
     # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
-    one = rolling.mean_std if not rolling.by_rate else rolling.speed_std * period
+    one = rolling.speed_std * period if rolling.by_rate else rolling.mean_std
     sigma = np.interp(grid, stamps, one[known]) * np.sqrt(720 * period / (window * GRID))
-    limit = 0.05 + 3.0 * sigma / (window * GRID) ** 2
+    beyond = np.maximum(np.abs(growth) - 0.05 - 3.0 * sigma / (window * GRID) ** 2, 0.0)
     # the slip ratio goes on changing for some tenths of a second after the wheels have settled
-    relative = np.maximum(np.abs(growth) - limit, 0.0) / np.maximum(np.abs(pace), 0.1)
+    relative = beyond / np.maximum(np.abs(pace), 0.1)
     memory = np.exp(-np.arange(0, 2.0, GRID) / 0.4)
-    lasting = np.convolve(relative, memory / memory.sum(), mode="full")[: grid.size]
-    busy = np.abs(growth) > limit
-    growth = np.where(busy, growth, 0.0)
-    near = maximum_filter1d(busy.astype(float), 3 * window)
-    quick = speed
-    if rolling.by_rate:
-        quick = np.interp(t, grid, slope(path, window, 2, GRID))
-    steady = np.interp(t, grid, near) == 0
+    lasting = np.convolve(relative, memory / memory.sum())[: grid.size]
+    steady = np.interp(t, grid, maximum_filter1d((beyond > 0).astype(float), 3 * window)) == 0
+    quick = np.interp(t, grid, slope(path, window, 2, GRID)) if rolling.by_rate else speed
     return Pace(
         speed=speed,
-        calm=np.where(steady, np.interp(t, grid, calm), quick),
+        calm=np.where(steady, np.interp(t, grid, slope(path, 3 * window, 1, GRID)), quick),
         unrest=np.interp(t, grid, np.maximum(relative, lasting)),
-        growth=np.interp(t, grid, growth),
+        growth=np.interp(t, grid, np.where(beyond > 0, growth, 0.0)),
         steady=steady,
     )
 
@@ -233,23 +208,27 @@ def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Arr
     return np.asarray(force - float(level) + RESISTANCE * np.tanh(pace.speed / model.V_FLOOR))
 
 
-def _expected_slip(
-    problem: Problem, nominal: Nominal, index: np.ndarray, moving: np.ndarray, offset: float
-) -> tuple[Pace, Array, Array, Array]:
-    """Return the wheels' pace, or the body's without wheels; w, mean slip ratio and slip velocity (K,)."""
-    slip, t, v = problem.slip, nominal.t[index], nominal.v[index]
-    if problem.rolling is not None:
-        pace = pace_of(problem.rolling, offset, t)
-    else:
-        none = np.zeros(t.size)
-        pace = Pace(v, v, none, none, none > 0)
-    w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), COAST)
-    mean_slip = slip.expected(pace.growth, pace.speed)
+def course_of(problem: Problem, nominal: Nominal, offset: float) -> Course:
+    """Choose the nodes, and judge how wheels and body go at them."""
+    slip, rolling = problem.slip, problem.rolling
+    index = choose(nominal, problem.imu.period, problem.spacing)
+    t, rest, v = nominal.t[index], nominal.rest[index], nominal.v[index]
+    before = np.append(rest[0], rest[:-1])
+    moving, dt, none = ~(rest & before), np.diff(t, prepend=t[0]), np.zeros(t.size)
+    pace = Pace(v, v, none, none, none > 0) if rolling is None else pace_of(rolling, offset, t)
+    pull = none if rolling is None else thrust(problem.imu, nominal.rest, index, pace)
     if slip.far:
         w = lasting_speed(t, pace.speed, moving)
-        mean_slip = slip.steady * thrust(problem.imu, nominal.rest, index, pace) / RESISTANCE
-        mean_slip = np.clip(mean_slip, -0.4, 0.4)
-    return pace, w, mean_slip, np.where(moving, mean_slip * (w if slip.far else pace.speed), 0.0)
+        mean_slip = np.clip(slip.steady * pull / RESISTANCE, -0.4, 0.4)
+    else:
+        w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), COAST)
+        mean_slip = slip.expected(pace.growth, pace.speed)
+    loss = np.where(moving, mean_slip * (w if slip.far else pace.speed), 0.0)
+    return Course(
+        **vars(pace), index=index, t=t, dt=dt, coupling=nominal.coupling[index], rest=rest, moving=moving,
+        onset=before & ~rest, spinning=rest & (np.abs(pace.speed) > MOVING) & problem.spins, w=w,
+        mean_slip=mean_slip, loss=loss, lost=np.cumsum(loss * dt), thrust=pull,
+    )  # fmt: skip
 
 
 def build(
@@ -260,42 +239,31 @@ def build(
     The wheels' stamps are moved by `offset` [s]; `left` of the clock offset is expected to be left then.
     """
     imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
-    index = choose(nominal, imu.period, problem.spacing)
-    t, rest = nominal.t[index], nominal.rest[index]
-    dt = np.diff(t, prepend=t[0])
-    moving = ~(rest & np.concatenate([[True], rest[:-1]]))
-    moving[0] = not rest[0]
-    onset = np.concatenate([[False], rest[:-1] & ~rest[1:]])
-    pace, w, mean_slip, loss = _expected_slip(problem, nominal, index, moving, offset)
-    speed = pace.speed
-    lost = np.cumsum(loss * dt)
+    course = course_of(problem, nominal, offset)
+    t, dt, rest, moving, speed = course.t, course.dt, course.rest, course.moving, course.speed
     # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
-    going = speed - (loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
+    going = speed - (course.loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
     gain, omega = np.diff(going, prepend=going[0]), noise.vibration_omega
-    steps = model.Steps(dt, nominal.coupling[index], moving, onset, w)
-    F = model.transitions(steps, gain, slip, noise, pitch_gyro=imu.has_pitch_rate)
+    F = model.transitions(course, gain, slip, noise, pitch_gyro=imu.has_pitch_rate)
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
-    turn = nominal.roll_std * np.abs(nominal.heading_rate[index]) * np.sqrt(TURN_TIME)
+    turn = nominal.roll_std * np.abs(nominal.heading_rate[course.index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
     size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
     if nominal.vibration_left is not None:
-        size = size * nominal.vibration_left[index]
-    Q = model.noises(F, steps, gyro, size, pace.unrest, slip, noise)
+        size = size * nominal.vibration_left[course.index]
+    Q = model.noises(F, course, gyro, size, slip, noise)
     if problem.jumps is not None:
-        Q[:, S, S] += moving * problem.jumps[index] * dt / w**2
-    inflate(Q, t, moving, problem.faults, imu, nominal.rest, None if rolling is None else pace.growth)
+        Q[:, S, S] += moving * problem.jumps[course.index] * dt / course.w**2
+    inflate(Q, course, problem, nominal.rest)
     # a standstill that was named: the wheels may spin while the body stands
-    spinning = rest & (np.abs(speed) > MOVING) & problem.spins
-    Q[spinning, D, D] += FREE**2
-    still_speed, shaken = np.where(spinning, 0.0, speed), np.where(spinning, size / omega, 0.0)
-    told = model.rest_updates(imu, nominal, noise, problem.faults, index, rest, still_speed, shaken)
+    Q[course.spinning, D, D] += FREE**2
+    shaken = np.where(course.spinning, size / omega, 0.0)
+    told = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken)
     start = 0.0
     if rolling is not None:
-        pull = thrust(imu, nominal.rest, index, pace)
-        Q[:, D, D] += moving * (problem.compliance * np.gradient(pull, t)) ** 2 * LOOSE_TIME * dt
-        wheels, start = model.wheel_updates(
-            rolling, nominal, index, rest, spinning, offset, lost, loss, w, np.sign(speed) * pace.growth, pull
-        )
+        walked = problem.compliance * np.gradient(course.thrust, t)
+        Q[:, D, D] += moving * walked**2 * LOOSE_TIME * dt
+        wheels, start = model.wheel_updates(rolling, nominal, course, offset)
         told.append(wheels)
     last = np.array([t.size - 1])
     if problem.coasts:  # then the body is as slow as the wheels
@@ -306,7 +274,7 @@ def build(
         told.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
     updates = model.in_order(told)
     for kind, factor in problem.louder.items():
-        updates = replace(updates, R=np.where(updates.kind == kind, factor, 1.0) * updates.R)
+        updates.R[updates.kind == kind] *= factor
     x0 = np.zeros((SIZE, 1))
     x0[[TH, BA, BG, TAU], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias, left.value
     std = np.array([
@@ -316,61 +284,53 @@ def build(
         1e-6 if rest[0] else slip.scatter, left.std, noise.accel_scale,
         1e-8 if slip.far else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
-    return Nodes(
-        index=index, t=t, moving=moving, lost=lost, mean_slip=mean_slip, w=w, F=F, Q=Q,
-        updates=updates, x0=x0, P0=np.diag(std**2),
-    )  # fmt: skip
+    places = {f.name: getattr(course, f.name) for f in fields(model.Places)}
+    return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2))
 
 
-def inflate(
-    Q: Array, t: Array, moving: np.ndarray, faults: Faults, imu: BodyImu, rest: np.ndarray,
-    growth: Array | None,
-) -> None:  # fmt: skip
+def inflate(Q: Array, course: Course, problem: Problem, rest: np.ndarray) -> None:
     """Let velocity, pitch and biases drift over the faults, in place, by as much as may go unseen.
 
-    Q and the wheels' `growth` [m/s^2] (None without wheels) are at the nodes t (K,), `rest` at the samples
-    (N,).
+    Q (K, 14, 14) is at the nodes, `rest` at the samples (N,).
     """
+    imu, faults, t, dt = problem.imu, problem.faults, course.t, course.dt
     if not (faults.doubt.any() or faults.gaps or faults.restarts):
         return
-    dt, period = np.diff(t, prepend=t[0]), imu.period
     active = ~rest & ~faults.doubt
     enough = active.sum() > 2
     shake = 1.4826 * float(np.median(np.abs(np.diff(imu.forward[active])))) if enough else 1.0
-    turning = float(np.std(imu.pitch_rate[active])) if enough and imu.has_pitch_rate else 0.0
+    turn = max(0.02, 2.0 * float(np.std(imu.pitch_rate[active])) if enough and imu.has_pitch_rate else 0.0)
 
-    def over(begin: float, end: float) -> tuple[np.ndarray, Array]:
-        span = (t > begin) & (t - dt < end) & moving
-        return span, dt[span] / max(float(dt[span].sum()), 1e-9)
+    def shares(begin: float, end: float) -> Array:
+        """(K,) share of each step in motion from `begin` to `end` [s]."""
+        within = np.where((t > begin) & (t - dt < end) & course.moving, dt, 0.0)
+        return np.asarray(within / max(float(within.sum()), 1e-9))
 
     def unseen(begin: float, end: float) -> float:
-        if growth is None:
+        if problem.rolling is None:
             return UNSEEN
         # the body follows the wheels within a quarter of a second
         near = (t > begin - 0.25) & (t < end + 0.1)
-        return float(np.hypot(UNEXPLAINED, 1.2 * np.abs(growth[near]).max(initial=0.0)))
+        return float(np.hypot(UNEXPLAINED, 1.2 * np.abs(course.growth[near]).max(initial=0.0)))
 
     def drift(begin: float, end: float, force: float, turn: float) -> None:
-        span, share = over(begin, end)
-        length = max(end - begin, period)
+        share, length = shares(begin, end), max(end - begin, imu.period)
         # what shakes comes back within some hundredths of a second
         unknown = np.hypot(force * length, shake * min(length, 0.03))
-        Q[span, V, V] += unknown**2 * share
-        Q[span, X, X] += (unknown * dt[span]) ** 2 / 3
-        Q[span, X, V] += unknown**2 * share * dt[span] / 2
-        Q[span, V, X] += unknown**2 * share * dt[span] / 2
-        Q[span, TH, TH] += (turn * length) ** 2 * share
+        Q[:, V, V] += unknown**2 * share
+        Q[:, [X, V], [V, X]] += (0.5 * unknown**2 * share * dt)[:, None]
+        Q[:, X, X] += (share > 0) * (unknown * dt) ** 2 / 3
+        Q[:, TH, TH] += (turn * length) ** 2 * share
 
-    turn = max(0.02, 2.0 * turning)
     for begin, end in faults.gaps:
         drift(begin, end, unseen(begin, end), turn)
     for end, thrown in zip(imu.t[faults.spikes], faults.thrown[faults.spikes], strict=True):
-        force = unseen(end - period, end)  # of a jolt of the body, unless further than one throws a reading
-        drift(end - period, end, force if thrown < BEYOND * force else 0.0, turn)
+        force = unseen(end - imu.period, end)  # of a jolt of the body, or beyond one
+        drift(end - imu.period, end, force if thrown < BEYOND * force else 0.0, turn)
     for (begin, end), beyond in zip(faults.plateaus, faults.beyond, strict=True):
         at = (imu.t >= begin) & (imu.t <= end)
         drift(begin, end, beyond, 2.0 if faults.rate_doubt[at].any() else 0.0)
     for jump in faults.restarts:
-        span, share = over(jump.begin, jump.end)
-        Q[span, BA, BA] += jump.accel**2 * share
-        Q[span, BG, BG] += jump.gyro**2 * share
+        share = shares(jump.begin, jump.end)
+        Q[:, BA, BA] += jump.accel**2 * share
+        Q[:, BG, BG] += jump.gyro**2 * share

@@ -1,21 +1,40 @@
-"""Noise identified from the trial itself, with the robot's file as prior.
+"""Noise identified from the trial itself: at rest, with the robot's file as prior, and in motion.
 
-Densities and smoothed derivatives are as `scipy.signal` has them, whose import takes half a second.
+An IMU may be noisier in motion than at rest. The integral of white noise wanders without bound, that
+of vibration does not, so neither may be taken for the other. Where the wheels turn steadily, specific
+force without gravity and lever holds
+
+* motion of the body, up to 1.5 Hz, on some ground to 3 Hz;
+* vibration, the derivative of a bounded velocity: below its resonances the density rises as f^2;
+* white noise, as dense there as anywhere.
+
+Between the motion and the resonance the spectrum is taken for white noise and such a rise, whose height
+may be anything: a frame has many resonances, and its rms does not tell how they overlap. Anywhere above it
+may hold more than white noise, but not less, so that what shakes the body for good at some Hz is not taken
+for noise. How likely that makes the periodogram is Whittle's formula [1]; of the white noise the posterior's
+mean is taken, because the std of the estimate goes by its variance.
+
+[1] P. Whittle, Estimation and information in stationary time series, Ark. Mat. 2 (1953).
+
+Densities are as `scipy.signal` has them, whose import takes half a second.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import correlate1d
+from scipy.special import softmax
 
+from granite_lab.estimation.error_model import Noise
 from granite_lab.estimation.mounting import BodyImu
+from granite_lab.estimation.nodes import Problem, pace_of
+from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.smoother import nominal_of, usual
 from granite_lab.estimation.wheels import Rolling
+from granite_lab.logs.counters import runs
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -28,69 +47,44 @@ UNSEEN_PITCH = float(np.radians(2.0))
 UNSEEN_ATTITUDE = GRAVITY * float(np.radians(0.3))
 """Random walk of the gravity that a logger leaves in its "linear acceleration" [m/s^2/sqrt(s)]."""
 
+MOTION, RESTLESS = 1.5, 3.0
+"""The body itself moves at up to this frequency [Hz]: usually, and on restless ground."""
 
-BLACKMAN_HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
-"""Coefficients of the cosines of the window with four terms and the least side lobes (Harris, 1978)."""
+HIGH, BELOW = 10.0, 0.45
+"""Up to this frequency [Hz], and this share of the resonance's, vibration is the tail of the resonance."""
 
+BAND = 5.0
+"""Width of the bands above, none of which may be quieter than the white noise [Hz]."""
 
-@dataclass(frozen=True)
-class Noise:
-    """Noise that the filter works with; densities are of both-sided spectra (std times sqrt(dt)).
+LUG = 0.15
+"""Lugs strike the ground within this share of their frequency."""
 
-    Attributes:
-        accel, gyro: white noise [m/s^2 sqrt(s)], [rad/s sqrt(s)].
-        accel_motion: white noise that is there only in motion, below the vibration's band.
-        accel_stamps: what the stamps' scatter makes of vibration; where both show, the larger counts.
-        accel_bias, gyro_bias: std before the first standstill [m/s^2], [rad/s]; the former with tilt.
-        accel_walk, gyro_walk: random walk of the biases [m/s^2/sqrt(s)], [rad/s/sqrt(s)].
-        accel_scale: std of the accelerometer's scale error [-].
-        pitch: std of the pitch at the start [rad].
-        motion_bias: std of a bias that is there only in motion [m/s^2].
-        vibration: rms of the frame's vibration along x in motion [m/s^2] at `vibration_speed` [m/s].
-        vibration_frequency: its dominant frequency [Hz].
-        vibration_damping: its damping ratio (relative bandwidth over two).
-        gyro_motion: white noise of the gyro that is there only in motion [rad/s sqrt(s)].
-    """
+FASTEST = 0.35
+"""Up to this share of the sampling rate nothing is filtered or folded much."""
 
-    accel: float
-    gyro: float
-    accel_motion: float
-    accel_stamps: float
-    accel_bias: float
-    gyro_bias: float
-    accel_walk: float
-    gyro_walk: float
-    accel_scale: float
-    pitch: float
-    motion_bias: float
-    vibration: float
-    vibration_speed: float
-    vibration_frequency: float
-    vibration_damping: float
-    gyro_motion: float = 0.0
+LOBE = 4.0
+"""Half the width of the window's main lobe, in reciprocals of its length."""
 
-    @property
-    def vibration_omega(self) -> float:
-        """Angular frequency of the vibration [rad/s]."""
-        return 2 * np.pi * self.vibration_frequency
+TOLD = 0.5
+"""What an ordinate under this window tells, against an independent one."""
 
-    def as_dict(self) -> dict[str, float]:
-        """Return the figures by name, unit in the name, as the motion record keeps them."""
-        return {
-            "accel_noise_mps2_sqrts": self.accel,
-            "gyro_noise_radps_sqrts": self.gyro,
-            "accel_noise_in_motion_mps2_sqrts": self.accel_motion,
-            "accel_noise_by_stamps_mps2_sqrts": self.accel_stamps,
-            "accel_bias_prior_mps2": self.accel_bias,
-            "gyro_bias_prior_radps": self.gyro_bias,
-            "accel_bias_walk_mps2_per_sqrts": self.accel_walk,
-            "gyro_bias_walk_radps_per_sqrts": self.gyro_walk,
-            "accel_scale_error_prior": self.accel_scale,
-            "motion_bias_prior_mps2": self.motion_bias,
-            "vibration_mps2": self.vibration,
-            "vibration_frequency_hz": self.vibration_frequency,
-            "vibration_damping": self.vibration_damping,
-        }
+SHORTEST = 2.0
+"""Steady motion shorter than this [s] has no ordinates to speak of."""
+
+ADDED = np.geomspace(0.3, 3e4, 61)
+"""Densities that motion may add, in shares of the one at rest."""
+
+HEIGHTS = np.geomspace(1e-2, 1e6, 81)
+"""Densities of the tail at the highest frequency, in shares of the white one at rest; all equally likely."""
+
+NONE = 0.8
+"""Probability, before the trial is seen, that motion adds nothing."""
+
+SHAKEN = 1.0
+"""A motion shorter than this [s] does not tell how far shaking turns the gyro's pitch."""
+
+BLOCKS = 4
+"""Parts of a standstill whose levels are compared."""
 
 
 def white(t: Array, signal: Array, rests: Sequence[Interval], prior: float) -> float:
@@ -100,28 +94,22 @@ def white(t: Array, signal: Array, rests: Sequence[Interval], prior: float) -> f
     filter's interest; they agree for white noise. Where they differ by more than their own scatter
     (coloured noise, a sensor's low-pass), the longer one is used.
     """
-    sums = {1: [0.0, 0.0], 8: [0.0, 0.0]}
-    for begin, end in rests:
-        part = signal[(t >= begin) & (t <= end)]
-        stamps = t[(t >= begin) & (t <= end)]
-        part, stamps = part[np.isfinite(part)], stamps[np.isfinite(part)]
-        if part.size < 16:
+    sums = np.zeros((2, 2))  # of squares, and of degrees of freedom: differences overlap, so each has 2/3
+    for rest in rests:
+        at = inside(t, [rest]) & np.isfinite(signal)
+        if at.sum() < 16:
             continue
-        dt = float(np.median(np.diff(stamps)))
-        for m, total in sums.items():
-            blocks = part[: part.size // m * m].reshape(-1, m).mean(axis=1)
-            step = np.diff(blocks)
-            total[0] += 0.5 * float(step @ step) * m * dt
-            total[1] += step.size * (2.0 / 3.0)  # differences overlap: fewer degrees of freedom
-    (fine, n_fine), (long, n_long) = sums[1], sums[8]
+        part, dt = signal[at], float(np.median(np.diff(t[at])))
+        for i, m in enumerate((1, 8)):
+            step = np.diff(part[: part.size // m * m].reshape(-1, m).mean(axis=1))
+            sums[i] += (step @ step) * m * dt / 3.0, step.size * 2.0 / 3.0
+    (fine, n_fine), (long, n_long) = sums
     if n_fine == 0:
         return prior
-    fine_var = (PRIOR_SAMPLES * prior**2 + fine * 2.0 / 3.0) / (PRIOR_SAMPLES + n_fine)
-    if n_long >= 8:
-        long_var = long * 2.0 / 3.0 / n_long
-        if abs(np.log(max(long_var, 1e-30) / fine_var)) > 3.0 * np.sqrt(2.0 / n_long):
-            return float(np.sqrt(long_var))
-    return float(np.sqrt(fine_var))
+    variance = (PRIOR_SAMPLES * prior**2 + fine) / (PRIOR_SAMPLES + n_fine)
+    if n_long >= 8 and abs(np.log(max(long / n_long, 1e-30) / variance)) > 3.0 * np.sqrt(2.0 / n_long):
+        variance = long / n_long
+    return float(np.sqrt(variance))
 
 
 def stamp_noise(imu: BodyImu, moving: np.ndarray) -> float:
@@ -154,49 +142,42 @@ def vibration(
         return 0.0, prior_frequency, 0.3
     size = int(min(part.size, 2 ** np.ceil(np.log2(1.28 / dt))))
     frequency, densities = periodograms(part, 1.0 / dt, hann(size))
-    excess = np.maximum(densities.mean(axis=0) - 2.0 * accel**2, 0.0)
     band = frequency >= min(5.0, 0.2 / dt)
-    width = frequency[1] - frequency[0]
-    power = float(excess[band].sum() * width)
-    if power <= (0.5 * accel) ** 2 / dt:
-        return float(np.sqrt(power)), prior_frequency, 0.3
     # a jerk of the body at a change of speed is in few segments: it is no vibration
-    usual = np.maximum(np.median(densities, axis=0) - 2.0 * accel**2, 0.0)[band]
-    if not usual.any():
+    mean, usual = (
+        np.maximum(average(densities, axis=0) - 2.0 * accel**2, 0.0)[band] for average in (np.mean, np.median)
+    )
+    frequency, power = frequency[band], float(mean.sum() * (frequency[1] - frequency[0]))
+    if power <= (0.5 * accel) ** 2 / dt or not usual.any():
         return float(np.sqrt(power)), prior_frequency, 0.3
-    peak = float(frequency[band][np.argmax(usual)])
-    share = np.cumsum(usual) / usual.sum()
-    low, high = np.interp([0.16, 0.84], share, frequency[band])
-    damping = float(np.clip(0.5 * (high - low) / peak, 0.05, 0.7))
-    return float(np.sqrt(power)), peak, damping
+    peak = float(frequency[np.argmax(usual)])
+    low, high = np.interp([0.16, 0.84], np.cumsum(usual) / usual.sum(), frequency)
+    return float(np.sqrt(power)), peak, float(np.clip(0.5 * (high - low) / peak, 0.05, 0.7))
 
 
 def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequence[Interval]) -> Noise:
     """Identify all noise figures of a trial; the grade in the robot's file is the prior."""
-    moving = ~inside(imu.t, rests)
-    speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
-    grade = robot.imu_grade
+    grade, moving = robot.imu_grade, ~inside(imu.t, rests)
     assert grade is not None
-    dt = imu.period
+    speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
     accel = white(imu.t, imu.forward, rests, grade.accel_noise)
-    gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise) if imu.has_pitch_rate else 0.0
-    if not imu.has_pitch_rate:
-        gyro = UNSEEN_PITCH * float(np.sqrt(max(speed, 0.1)))
-    accel = max(accel, grade.accel_step / np.sqrt(12.0) * np.sqrt(dt), 1e-5)
+    accel = max(accel, grade.accel_step * float(np.sqrt(imu.period / 12.0)), 1e-5)
+    gyro = UNSEEN_PITCH * float(np.sqrt(max(speed, 0.1)))
+    if imu.has_pitch_rate:
+        gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise)
     rms, frequency, damping = vibration(imu, moving, accel, robot.imu.vibration_frequency)
     tilt = np.radians(2.0 if imu.levelled else robot.imu.tilt)
     # unseen pitch on setting off (squat), or an unknown error of the attitude the logger worked with
     blind = GRAVITY * np.radians(1.0) if not imu.has_pitch_rate or not imu.gravity else 0.0
-    attitude = 0.0 if imu.gravity else UNSEEN_ATTITUDE
+    attitude, walk = 0.0 if imu.gravity else UNSEEN_ATTITUDE, float(np.sqrt(2.0 / grade.instability_time))
     return Noise(
         accel=accel,
         gyro=gyro,
-        accel_motion=0.0,
         accel_stamps=stamp_noise(imu, moving),
         accel_bias=float(np.hypot(grade.accel_bias, GRAVITY * tilt)),
         gyro_bias=grade.gyro_bias,
-        accel_walk=float(np.hypot(grade.accel_instability * np.sqrt(2.0 / grade.instability_time), attitude)),
-        gyro_walk=grade.gyro_instability * float(np.sqrt(2.0 / grade.instability_time)),
+        accel_walk=float(np.hypot(grade.accel_instability * walk, attitude)),
+        gyro_walk=grade.gyro_instability * walk,
         accel_scale=grade.accel_scale,
         pitch=float(np.radians(2.0)),
         motion_bias=float(np.hypot(2.0 * grade.accel_instability, blind)),
@@ -205,6 +186,141 @@ def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequenc
         vibration_frequency=frequency,
         vibration_damping=damping,
     )
+
+
+def with_motion_noise(problem: Problem, offset: float) -> Noise:
+    """Return the noise with the white noise in motion, and with what vibration is left beside it."""
+    noise, imu, moving = problem.noise, problem.imu, ~inside(problem.imu.t, problem.rests)
+    if 0.5 / imu.period < 2.0 * HIGH:
+        force, rate = (folded(signal, moving, imu.period) for signal in (imu.forward, imu.pitch_rate))
+        return replace(noise, accel_motion=force, gyro_motion=rate)
+    nominal = nominal_of(problem, offset)
+    noise = replace(noise, gyro_motion=lost_pitch(problem, nominal))
+    frequency, density = spectrum(problem, nominal, offset)
+    density = density / (2.0 * noise.accel**2)
+    low = frequency < min(HIGH, BELOW * noise.vibration_frequency)
+    ratio = (frequency[low] / noise.vibration_frequency) ** 2
+    shape, floor = ratio / (1.0 - ratio) ** 2, band_means(frequency[~low], density[~low])
+    quick = frequency[low] > RESTLESS  # what is white is as loud with the slower ordinates as without
+    added = min(added_share(density[low][use], shape[use], floor) for use in (quick | True, quick))
+    if added < ADDED[0]:
+        return noise
+    white = noise.accel * float(np.sqrt(1.0 + added))
+    rms, frequent, damping = vibration(imu, moving, white, problem.robot.imu.vibration_frequency)
+    return replace(
+        noise, accel_motion=noise.accel * float(np.sqrt(added)), vibration=rms,
+        vibration_frequency=frequent, vibration_damping=damping,
+    )  # fmt: skip
+
+
+def folded(signal: Array, moving: np.ndarray, period: float) -> float:
+    """White noise density times sqrt(s) that shaking makes in motion of an IMU too slow to show it.
+
+    Sampled below twice its frequency, it is as white as the samples' second differences say.
+    """
+    bend = np.diff(signal, n=2)[moving[1:-1]]
+    bend = bend[np.isfinite(bend)]
+    return float(np.sqrt(np.mean(bend**2) / 6.0 * period)) if bend.size >= 8 else 0.0
+
+
+def lost_pitch(problem: Problem, nominal: Nominal) -> float:
+    """White noise density of the pitch rate [rad/s sqrt(s)] by which the gyro loses the pitch in motion.
+
+    From one standstill to the next, the gyro's angle and the accelerometer's level must change alike. On
+    rough ground they do not: a gyro that is shaken errs by its scale, its axes and its sensitivity to
+    acceleration, far beyond its noise at rest. Motion over faults, whose noise grows anyway, is left out.
+    What is returned is beyond the noise known from the standstills; 0 within chance.
+    """
+    imu, noise = problem.imu, problem.noise
+    if not imu.has_pitch_rate or not imu.gravity or len(problem.rests) < 2:
+        return 0.0
+    places = [inside(imu.t, [rest]) for rest in problem.rests]
+    white = noise.accel**2 / imu.period / imu.gravity**2
+    angle, variance = np.array([level(imu.forward[at] / imu.gravity, white) for at in places]).T
+    pitch = np.array([np.mean(nominal.pitch[at]) for at in places])
+    begin, end = np.ravel(problem.rests)[1:-1].reshape(-1, 2).T  # of each motion
+    length, rested = end - begin, np.sum(np.diff(problem.rests))
+    missed = np.diff(pitch + angle)  # the specific force of a body that stands is -g sin(pitch)
+    known = noise.gyro**2 * length * (1 + length / rested) + noise.gyro_walk**2 * length**3 / 3
+    known += variance[:-1] + variance[1:] + noise.accel_walk**2 * length / imu.gravity**2
+    whole = [not problem.faults.touch(*motion) for motion in zip(begin, end, strict=True)]
+    use = (length >= SHAKEN) & np.isfinite(known) & whole
+    missed, known, length = missed[use], known[use], length[use]
+    if not use.any() or float(np.mean(missed**2 / known)) <= usual(length.size):
+        return 0.0
+    return float(np.sqrt(max(np.sum(missed**2 - known), 0.0) / np.sum(length)))
+
+
+def level(force: Array, variance: float) -> tuple[float, float]:
+    """Angle [rad] that a standstill's specific force (N,) in g makes, and its variance.
+
+    A body that still rocks is levelled no better than the means of its blocks agree.
+    """
+    force = force[np.isfinite(force)]
+    angle = float(np.arcsin(np.clip(np.mean(force), -1, 1))) if force.size else 0.0
+    if force.size < 2 * BLOCKS:
+        return angle, np.inf
+    means = [np.mean(part) for part in np.array_split(force, BLOCKS)]
+    return angle, max(variance / force.size, float(np.var(means, ddof=1)) / BLOCKS)
+
+
+def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, Array]:
+    """Frequencies (F,) [Hz] and density (F,) [m^2/s^3] of the body's acceleration, over all steady motion.
+
+    One periodogram after the other, by the IMU; the lugs' own frequency is left out.
+    """
+    imu, rolling = problem.imu, problem.rolling
+    assert rolling is not None
+    dt, pace = imu.period, pace_of(rolling, offset, nominal.t)
+    on = pace.steady & ~nominal.rest
+    if problem.jumps is not None:
+        on &= problem.jumps == 0.0
+    on &= np.diff(nominal.t, prepend=nominal.t[0] - dt) < 3.0 * dt
+    turning = problem.robot.wheels.lugs / (2.0 * np.pi * problem.robot.wheels.radius)
+    found = [np.empty((2, 0))]
+    for a, b in runs(on):
+        if (b - a) * dt < SHORTEST:
+            continue
+        acceleration = np.diff(nominal.v[a:b]) / dt
+        frequency, density = spectral_density(acceleration, 1.0 / dt, blackman_harris(acceleration.size))
+        use = (frequency > MOTION + LOBE / ((b - a) * dt)) & (frequency < FASTEST / dt)
+        lug = turning * abs(float(np.mean(pace.speed[a:b])))
+        use &= np.abs(frequency - lug) > LUG * lug
+        # the trapezoidal rule of the integration averaged neighbouring samples
+        gain = np.cos(np.pi * frequency * dt) ** 2
+        found.append(np.array([frequency, density / gain])[:, use])
+    frequencies, densities = np.concatenate(found, axis=1)
+    return frequencies, densities
+
+
+def band_means(frequency: Array, density: Array) -> Array:
+    """(B, 2) mean of the density in each band of width `BAND`, and its number of ordinates."""
+    place = (frequency / BAND).astype(int)
+    count = np.bincount(place)
+    total = np.bincount(place, density)
+    return np.stack([total[count > 0] / count[count > 0], count[count > 0]], axis=1)
+
+
+def added_share(density: Array, shape: Array, floor: Array) -> float:
+    """Return the mean of the white density that motion adds, in shares of that at rest.
+
+    `density` (F,) is the periodogram in such shares, `shape` (F,) the vibration's density over its height,
+    `floor` (B, 2) mean and number of the ordinates in bands that may hold anything besides white noise.
+    """
+    if density.size < 8:
+        return 0.0
+    white = np.concatenate([[0.0], ADDED])
+    tail = HEIGHTS[:, None] * shape / np.max(shape)
+    log_posterior, (mean, count) = np.empty(white.size), floor.T
+    for i, added in enumerate(white):
+        level = 1.0 + added + tail
+        low = np.sum(np.log(level) + density / level, axis=1)
+        # a band as loud as its mean, but not quieter than the white noise
+        least = np.maximum(mean, 1.0 + added)
+        high = np.sum(count * (np.log(least) + mean / least))
+        log_posterior[i] = np.logaddexp.reduce(-TOLD * (low + high))
+    log_posterior += np.log(np.append(NONE, np.full(ADDED.size, (1.0 - NONE) / ADDED.size)))
+    return float(softmax(log_posterior) @ white)
 
 
 def periodograms(values: Array, rate: float, window: Array) -> tuple[Array, Array]:
@@ -232,24 +348,6 @@ def hann(size: int) -> Array:
 
 
 def blackman_harris(size: int) -> Array:
-    """Return a symmetric Blackman-Harris window."""
-    phase = 2.0 * np.pi * np.arange(size) / max(1, size - 1)
-    return np.asarray(sum(a * np.cos(k * phase) for k, a in enumerate(BLACKMAN_HARRIS)))
-
-
-def slope(values: Array, window: int, order: int, step: float, derivative: int = 1) -> Array:
-    """Return a derivative of polynomials through the neighbours of each sample (Savitzky and Golay).
-
-    The first and the last value continue beyond the ends; `step` is from sample to sample.
-    """
-    return np.asarray(
-        correlate1d(values, _weights(window, order, derivative) / step**derivative, mode="nearest")
-    )
-
-
-@cache
-def _weights(window: int, order: int, derivative: int) -> Array:
-    """(window,) weights of the neighbours, a step of 1 apart."""
-    t = np.arange(window) - window // 2
-    fit = np.linalg.pinv(np.vander(t, order + 1, increasing=True))[derivative]
-    return np.asarray(fit * math.factorial(derivative))
+    """Return the symmetric window of four cosines with the least side lobes (Harris, 1978)."""
+    phase = np.linspace(0.0, 2.0 * np.pi, size)
+    return np.asarray(np.array([0.35875, -0.48829, 0.14128, -0.01168]) @ np.cos(np.outer(range(4), phase)))

@@ -73,16 +73,9 @@ class Nominal:
 
 
 def integrate(
-    imu: BodyImu,
-    robot: Robot,
-    rests: Sequence[Interval],
-    faults: Faults,
-    *,
-    accel_bias: float = 0.0,
-    gyro_bias: float | None = None,
-    pitch: float = 0.0,
-    velocity: float = 0.0,
-) -> Nominal:
+    imu: BodyImu, robot: Robot, rests: Sequence[Interval], faults: Faults, *, accel_bias: float = 0.0,
+    gyro_bias: float | None = None, pitch: float = 0.0, velocity: float = 0.0,
+) -> Nominal:  # fmt: skip
     """Integrate gyro and accelerometer from the first sample on, standing still during the rests.
 
     The sensor sits at p = (p_x, p_z) from R, where with pitch rate q and yaw rate r
@@ -97,13 +90,11 @@ def integrate(
     forward = _patched(t, imu.forward, faults.doubt)
     gyro = _patched(t, np.nan_to_num(imu.pitch_rate), faults.rate_doubt)
     yaw = np.nan_to_num(imu.yaw_rate)
-    if gyro_bias is None:
-        gyro_bias = float(np.mean(gyro[rest])) if rest.any() else 0.0
-    yaw_rate = yaw - (float(np.mean(yaw[rest])) if rest.any() else 0.0)
+    levels = [float(np.mean(rate[rest])) if rest.any() else 0.0 for rate in (gyro, yaw)]
+    gyro_bias = levels[0] if gyro_bias is None else gyro_bias
+    yaw_rate = yaw - levels[1]
     roll, roll_std = roll_angle(imu, rest, robot)
-    pitch_rate = (gyro - gyro_bias) * np.cos(roll) - yaw_rate * np.sin(roll)
-    if not imu.has_pitch_rate:
-        pitch_rate = np.zeros(t.size)
+    pitch_rate = ((gyro - gyro_bias) * np.cos(roll) - yaw_rate * np.sin(roll)) * imu.has_pitch_rate
     angle = pitch + cumulate(t, pitch_rate, rest)
     acceleration = forward + imu.gravity * np.sin(angle) - accel_bias
     acceleration += (pitch_rate**2 + yaw_rate**2) * robot.imu.x
@@ -141,15 +132,12 @@ def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, flo
         return np.zeros(imu.t.size), float(np.hypot(tilted, UNKNOWN))
     rate = np.nan_to_num(imu.roll_rate)
     turned = cumulate(imu.t, rate - float(np.mean(rate[rest])), rest)
-    places, seen = [], []
-    for a, b in runs(rest):
-        if known[a:b].any():
-            level = np.clip(np.mean(imu.left[a:b][known[a:b]]) / GRAVITY, -1.0, 1.0)
-            places.append((imu.t[a], imu.t[b - 1]))
-            seen.append((float(level), float(level - np.mean(turned[a:b]))))
-    levels, drifts = np.array(seen).T
-    drift = np.interp(imu.t, np.ravel(places), np.repeat(drifts, 2))
-    level, angle = float(np.mean(levels)), turned + drift
+    stands = [(a, b) for a, b in runs(rest) if known[a:b].any()]
+    levels = np.array([np.mean(imu.left[a:b][known[a:b]]) for a, b in stands])
+    levels = np.clip(levels / GRAVITY, -1.0, 1.0)
+    drifts = levels - [np.mean(turned[a:b]) for a, b in stands]
+    edges = [imu.t[place] for a, b in stands for place in (a, b - 1)]
+    level, angle = float(np.mean(levels)), turned + np.interp(imu.t, edges, np.repeat(drifts, 2))
     varied = float(np.std(angle[~rest])) if (~rest).any() else UNKNOWN
     prior = float(np.hypot(tilted, np.clip(ACROSS * varied, LEAST, UNKNOWN)))
     if abs(level) > EVIDENT * np.hypot(prior, doubt):

@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.wheels import Rolling, bridged
-from granite_lab.logs.counters import runs
+from granite_lab.logs.counters import integral, runs
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import ImuGrade
 
@@ -36,31 +36,26 @@ GAINED, TURNED = 0.15, 0.15
 WINDOW = 0.2
 """Length of the window in which stillness is judged [s]."""
 
-
 SWING, SAMPLES = 0.5, 5
 """Length of the window in which a swing of 2 Hz or faster on the tyres shows [s]; means in it."""
 
 
 def wheels_still(rolling: Rolling) -> np.ndarray:
     """(M,) True where no wheel turns faster than a creep (or than its resolution allows to tell)."""
-    dt = float(np.median(np.diff(rolling.t))) if rolling.t.size > 1 else 1.0
+    t, known = rolling.t, np.isfinite(rolling.speed if rolling.by_rate else rolling.mean)
+    dt = float(np.median(np.diff(t))) if t.size > 1 else 1.0
     size = max(round(WINDOW / dt), 1) | 1
     if rolling.by_rate:
         limit = max(1.01 * rolling.step, 3.0 * CREEP)
-        with np.errstate(invalid="ignore"):
-            fast = np.nanmax(np.abs(rolling.velocity), axis=1, initial=0.0) > limit
-        return ~maximum_filter1d(fast, size) & np.isfinite(rolling.speed)
-    limit = max(CREEP * size * dt, 2.5 * rolling.step)
-    moved = np.zeros(rolling.t.size, dtype=bool)
-    for distance in (*rolling.distance.T, rolling.mean):
-        known = np.isfinite(distance)
-        if known.any():
-            filled = np.interp(rolling.t, rolling.t[known], distance[known])
-            span = maximum_filter1d(filled, size, mode="nearest") - minimum_filter1d(
-                filled, size, mode="nearest"
-            )
-            moved |= (span > limit) & known
-    return ~moved & np.isfinite(rolling.mean)
+        moved = maximum_filter1d((np.abs(np.nan_to_num(rolling.velocity)) > limit).any(axis=1), size)
+    else:
+        limit, moved = max(CREEP * size * dt, 2.5 * rolling.step), np.zeros(t.size, dtype=bool)
+        for distance in (*rolling.distance.T, rolling.mean):
+            counted = np.isfinite(distance)
+            if counted.any():
+                filled = np.interp(t, t[counted], distance[counted])
+                moved |= (maximum_filter1d(filled, size) - minimum_filter1d(filled, size) > limit) & counted
+    return ~moved & known
 
 
 def restlessness(imu: BodyImu, window: float = WINDOW, mean: float = 0.0) -> tuple[Array, Array]:
@@ -69,19 +64,16 @@ def restlessness(imu: BodyImu, window: float = WINDOW, mean: float = 0.0) -> tup
     The samples are averaged over `mean` [s] before.
     """
     size, few = max(round(window / imu.period), 3), max(round(mean / imu.period), 1)
-    force = _moving_std([imu.forward, imu.up], size, few)
-    rate = _moving_std([imu.pitch_rate, imu.yaw_rate], size, few)
-    return force, rate
 
+    def variance(signal: Array) -> Array:
+        if not np.isfinite(signal).any():
+            return np.zeros(signal.size)
+        clean = uniform_filter1d(np.nan_to_num(signal - np.nanmedian(signal)), few, mode="nearest")
+        power, level = (uniform_filter1d(s, size, mode="nearest") for s in (clean**2, clean))
+        return np.maximum(power - level**2, 0.0)
 
-def _moving_std(signals: list[Array], size: int, few: int) -> Array:
-    total = np.zeros(signals[0].size)
-    for signal in signals:
-        if np.isfinite(signal).any():
-            clean = uniform_filter1d(np.nan_to_num(signal - np.nanmedian(signal)), few, mode="nearest")
-            mean = uniform_filter1d(clean, size, mode="nearest")
-            total += np.maximum(uniform_filter1d(clean**2, size, mode="nearest") - mean**2, 0.0)
-    return np.sqrt(total)
+    force = variance(imu.forward) + variance(imu.up)
+    return np.sqrt(force), np.sqrt(variance(imu.pitch_rate) + variance(imu.yaw_rate))
 
 
 def imu_quiet(
@@ -145,25 +137,23 @@ def find_rests(
     Both wheels and IMU must be still where both exist. A wrong clock offset between them only
     shortens the intervals (or lets a coasting end in, whose velocity the update's std covers).
     """
-    if imu is not None:
-        t = imu.t
-    else:
+    if imu is None:
         assert rolling is not None
         t = rolling.t + offset
+    else:
+        t = imu.t
     still = np.ones(t.size, dtype=bool)
     if rolling is not None:
-        source = rolling.t + offset
-        flags = wheels_still(rolling)
+        source, flags = rolling.t + offset, wheels_still(rolling)
         place = np.clip(np.searchsorted(source, t), 1, source.size - 1)
         still = flags[place] & flags[place - 1]
         still &= (t >= source[0] - WINDOW) & (t <= source[-1] + WINDOW)
     if imu is not None:
-        quiet = imu_quiet(imu, grade, still if rolling is not None else None)
+        quiet = imu_quiet(imu, grade, None if rolling is None else still)
         if rolling is None and not imu.gravity:
             quiet &= np.abs(imu.forward - np.nanmedian(imu.forward[quiet])) < 0.2
         still = without_swings(imu, still & quiet, grade)
-    for begin, end in by_hand:
-        still |= (t >= begin) & (t <= end)
+    still |= inside(t, by_hand)
     found = []
     gap = 3.0 * float(np.median(np.diff(t)))
     for a, b in runs(bridged(t, still, 0.06)):
@@ -192,18 +182,19 @@ def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:
         EstimateError: specific force, less its mean, gains a velocity there, or a gyro an angle.
     """
     for begin, end in by_hand:
-        at = (imu.t >= begin) & (imu.t <= end)
+        at = inside(imu.t, [(begin, end)])
         if np.count_nonzero(at) < 4:
             continue
         t = imu.t[at]
-        turned = cumulate(t, np.nan_to_num(imu.pitch_rate[at]))
+        force, pitch_rate, yaw_rate = np.nan_to_num([imu.forward, imu.pitch_rate, imu.yaw_rate])[:, at]
+        turned = integral(t, pitch_rate)
         # it settles, which shows as gravity's share; the mean is bias and slope
-        speed = cumulate(t, np.nan_to_num(imu.forward[at]) + imu.gravity * turned)
+        speed = integral(t, force + imu.gravity * turned)
         speed -= np.interp(t, t[[0, -1]], speed[[0, -1]])
         for gained, limit, what in (
             (speed, GAINED, "its velocity along x changes by {:.2f} m/s"),
             (turned, TURNED, "it turns about y by {:.2f} rad"),
-            (cumulate(t, np.nan_to_num(imu.yaw_rate[at])), TURNED, "it turns about z by {:.2f} rad"),
+            (integral(t, yaw_rate), TURNED, "it turns about z by {:.2f} rad"),
         ):
             if np.ptp(gained) > limit * max(1.0, float(np.sqrt(t[-1] - t[0]))):
                 raise EstimateError(
@@ -213,12 +204,10 @@ def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:
                 )
 
 
-def cumulate(t: Array, rate: Array, rest: np.ndarray | None = None) -> Array:
+def cumulate(t: Array, rate: Array, rest: np.ndarray) -> Array:
     """(N,) integral by the trapezoidal rule from the first sample on; it stops between two at rest."""
     step = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
-    return np.concatenate(
-        [[0.0], np.cumsum(step if rest is None else np.where(rest[1:] & rest[:-1], 0.0, step))]
-    )
+    return np.append(0.0, np.cumsum(np.where(rest[1:] & rest[:-1], 0.0, step)))
 
 
 def inside(t: Array, intervals: Sequence[Interval]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import islice
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.linalg.blas import daxpy, ddot, dgemm, dgemv, dsymm, dsymv, dsyr
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, S, Updates
+from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, Places, S, Updates
 from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
 from granite_lab.estimation.nominal import Nominal, integrate, quieten
 from granite_lab.logs.trial import Array
@@ -64,22 +64,25 @@ class Innovations:
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
-    """Joint estimate of the drift.
-
-    Attributes:
-        x: (K, 14) smoothed states.
-        P: (K, 14, 14) their covariance.
-        gains: (K, 14, 14) smoother gains; the covariance of nodes i < j is
-            gains[i] ... gains[j - 1] P[j], but for `common`.
-        innovations: of the filter.
-        common: (K, 14) one std of an error that all nodes share and the filter does not know; in P already.
-    """
+class Filtered:
+    """States (K, 14) and covariances (K, 14, 14) after the measurements of each node; the innovations."""
 
     x: Array
     P: Array
-    gains: Array
     innovations: Innovations
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed(Filtered):
+    """The same after all measurements.
+
+    Attributes:
+        gains: (K, 14, 14) smoother gains; the covariance of nodes i < j is
+            gains[i] ... gains[j - 1] P[j], but for `common`.
+        common: (K, 14) one std of an error that all nodes share and the filter does not know; in P already.
+    """
+
+    gains: Array
     common: Array
 
     def cross(self, i: int, j: int) -> Array:
@@ -89,15 +92,6 @@ class Smoothed:
             total = total @ self.gains[k]
         one, other = self.common[i], self.common[j]
         return np.asarray(total @ (self.P[j] - np.outer(other, other)) + np.outer(one, other))
-
-
-@dataclass(frozen=True, eq=False)
-class Filtered:
-    """States (K, 14) and covariances (K, 14, 14) after the measurements of each node; the innovations."""
-
-    x: Array
-    P: Array
-    innovations: Innovations
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,20 +112,17 @@ class Settled:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """The last pass: nominal motion, nodes and smoothed drift.
+class Solution(Settled):
+    """The last pass, smoothed.
 
     Attributes:
+        smoothed: the drift.
         offset: of the encoders' clock [s].
-        compliance: by which the displacement between wheels and body walked [s^2].
-        applied: how much of the offset was known beforehand [s]; the rest was left to the filter.
+        applied: how much of it was known beforehand [s]; the rest was left to the filter.
     """
 
-    nominal: Nominal
-    nodes: Nodes
     smoothed: Smoothed
     offset: Estimate
-    compliance: float
     applied: float = 0.0
 
 
@@ -170,17 +161,16 @@ def merged(nodes: Nodes) -> Nodes:
 
     The filter finds the same in them, sooner.
     """
-    ends, place = np.unique(np.concatenate([[0], nodes.updates.node]), return_inverse=True)
-    begins = np.concatenate([[0], ends[:-1] + 1])
+    ends, place = np.unique(np.append(0, nodes.updates.node), return_inverse=True)
+    begins = np.append(0, ends[:-1] + 1)
     F, Q = nodes.F[begins], nodes.Q[begins]
     for j in range(1, int(np.max(ends - begins)) + 1):
         longer = begins + j <= ends
         step = nodes.F[begins[longer] + j]
         F[longer] = step @ F[longer]
         Q[longer] = step @ Q[longer] @ step.transpose(0, 2, 1) + nodes.Q[begins[longer] + j]
-    names = ("index", "t", "moving", "lost", "mean_slip", "w")
-    kept = {name: getattr(nodes, name)[ends] for name in names}
-    return replace(nodes, F=F, Q=Q, updates=replace(nodes.updates, node=place[1:]), **kept)
+    places = {f.name: getattr(nodes, f.name)[ends] for f in fields(Places)}
+    return replace(nodes, **places, F=F, Q=Q, updates=replace(nodes.updates, node=place[1:]))
 
 
 def adjoint(nodes: Nodes, gain: Array, given: Array, added: Array) -> tuple[Array, Array, Array]:
@@ -233,7 +223,7 @@ def backward(nodes: Nodes, found: Filtered) -> Smoothed:
             gain, more = gains[k].T, P[k + 1] - ahead[k - begin]
             x[k] += gains[k].dot(x[k + 1])
             dgemm(1.0, gain, more.dot(gain), 1.0, P[k].T, 1, 0, 1)
-    return Smoothed(x=x, P=P, gains=gains, innovations=found.innovations, common=np.zeros_like(x))
+    return Smoothed(x, P, found.innovations, gains, common=np.zeros_like(x))
 
 
 def with_steady_slip(nodes: Nodes, found: Smoothed) -> Smoothed:
@@ -252,18 +242,18 @@ def with_steady_slip(nodes: Nodes, found: Smoothed) -> Smoothed:
     return replace(found, P=found.P + missed[:, :, None] * missed[:, None, :], common=missed)
 
 
-def first_velocity(problem: Problem, offset: float) -> float:
-    """Velocity to start the integration from: zero at rest, else the wheels' [m/s]."""
-    t0 = problem.imu.t[0]
-    if problem.rolling is None or any(begin <= t0 + 0.05 for begin, _ in problem.rests):
-        return 0.0
-    return float(problem.rolling.speed_at(t0, offset))
-
-
-def nominal_of(problem: Problem, offset: float) -> Nominal:
-    """Integrate the IMU of a trial, or of a part of one, with no bias known beforehand."""
-    velocity = first_velocity(problem, offset)
-    return integrate(problem.imu, problem.robot, problem.rests, problem.faults, velocity=velocity)
+def nominal_of(
+    problem: Problem, offset: float, accel_bias: float = 0.0, gyro_bias: float | None = None,
+    pitch: float = 0.0,
+) -> Nominal:  # fmt: skip
+    """Integrate the IMU of a trial, or of a part of one: from rest, else from the wheels' velocity."""
+    t0, velocity = problem.imu.t[0], 0.0
+    if problem.rolling is not None and not any(begin <= t0 + 0.05 for begin, _ in problem.rests):
+        velocity = float(problem.rolling.speed_at(t0, offset))
+    return integrate(
+        problem.imu, problem.robot, problem.rests, problem.faults, accel_bias=accel_bias,
+        gyro_bias=gyro_bias, pitch=pitch, velocity=velocity,
+    )  # fmt: skip
 
 
 def settle(
@@ -282,12 +272,8 @@ def settle(
     """
     accel_bias, gyro_bias, pitch = 0.0, None, 0.0
     at, std = offset.value if near is None else near, offset.std if np.isfinite(offset.std) else 1e-6
-    velocity = first_velocity(problem, at)
-    for last in (False,) * (PASSES - 1) + (True,):
-        nominal = integrate(
-            problem.imu, problem.robot, problem.rests, problem.faults, accel_bias=accel_bias,
-            gyro_bias=gyro_bias, pitch=pitch, velocity=velocity,
-        )  # fmt: skip
+    for more in range(PASSES - 1, -1, -1):
+        nominal = nominal_of(problem, at, accel_bias, gyro_bias, pitch)
         if problem.rolling is not None:
             steady = pace_of(problem.rolling, at, nominal.t).steady
             nominal = quieten(nominal, steady, problem.noise.vibration_frequency)
@@ -296,16 +282,13 @@ def settle(
         x = smoothed_states(nodes, found)
         level = float(np.max(np.abs(x[:, TH]))) < SETTLED
         # a compliance beyond what the walk allows for calls for another pass
-        compliance = abs(float(x[-1, C]))
-        stiff = compliance < problem.compliance
+        compliance = max(abs(float(x[-1, C])), problem.compliance)
         sizes = mismatch(found.innovations) if robust else {}
-        too_large = {kind: sizes[kind] for kind in NOISY if sizes.get(kind, 1.0) > 1.0}
-        if last or (level and stiff and not too_large):
+        grown = {kind: sizes[kind] for kind in NOISY if sizes.get(kind, 1.0) > 1.0}
+        if not more or (level and compliance == problem.compliance and not grown):
             break
-        louder = {kind: nis * problem.louder.get(kind, 1.0) for kind, nis in too_large.items()}
-        problem = replace(problem, louder={**problem.louder, **louder})
-        if not stiff:
-            problem = replace(problem, compliance=compliance)
+        louder = {kind: nis * problem.louder.get(kind, 1.0) for kind, nis in grown.items()}
+        problem = replace(problem, louder={**problem.louder, **louder}, compliance=compliance)
         if not level:
             middle = x[x.shape[0] // 2]
             accel_bias += float(middle[BA])
@@ -319,7 +302,7 @@ def smooth(last: Settled) -> Solution:
     found = backward(last.nodes, last.found)
     found = replace(found, P=found.P * widening(found.innovations))
     offset = Estimate(last.near + float(found.x[-1, TAU]), float(np.sqrt(found.P[-1, TAU, TAU])))
-    return Solution(last.nominal, last.nodes, found, offset, last.compliance)
+    return Solution(**vars(last), smoothed=found, offset=offset)
 
 
 def mismatch(came: Innovations) -> dict[str, float]:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from granite_lab.estimation import estimate, motion_noise, slip
+from granite_lab.estimation import estimate, noise, slip
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.motion import Motion
-from granite_lab.estimation.noise import blackman_harris, hann, slope, spectral_density
+from granite_lab.estimation.nodes import slope
+from granite_lab.estimation.noise import blackman_harris, hann, spectral_density
 from granite_lab.estimation.nominal import Nominal, quieten
 from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, generate
@@ -70,16 +71,16 @@ def test_a_flat_spectrum_beside_a_tail_gives_back_its_level(level: float) -> Non
     for seed in range(5):
         true = 1.0 + level + 20.0 * shape
         density = true * np.random.default_rng(seed).exponential(size=FREQUENCY.size)
-        added = motion_noise.added_share(density, shape, ANY)
+        added = noise.added_share(density, shape, ANY)
         assert 0.5 * level < added < 1.6 * level
-    assert motion_noise.added_share(np.full(5, 1e4), shape[:5], ANY) == 0.0  # too few to say anything
+    assert noise.added_share(np.full(5, 1e4), shape[:5], ANY) == 0.0  # too few to say anything
 
 
 def test_a_band_that_is_quieter_than_the_low_frequencies_shows_that_those_are_motion() -> None:
     shape = (FREQUENCY / 25.0) ** 2
     density = 20.0 * np.random.default_rng(1).exponential(size=FREQUENCY.size)
-    assert motion_noise.added_share(density, shape, np.array([[25.0, 100.0]])) > 8.0
-    assert motion_noise.added_share(density, shape, np.array([[25.0, 100.0], [1.0, 100.0]])) < 0.5
+    assert noise.added_share(density, shape, np.array([[25.0, 100.0]])) > 8.0
+    assert noise.added_share(density, shape, np.array([[25.0, 100.0], [1.0, 100.0]])) < 0.5
 
 
 def test_a_gyro_that_loses_the_pitch_in_motion_widens_the_std_and_is_named() -> None:
