@@ -210,11 +210,15 @@ def report(result: StudyResult, folder: str | Path) -> Path:
 def discovered(logs: Logs, *, out: calls.File = None, **said: Unpack[Search]) -> tuple[Written, Origin]:
     """Run `discover`, and say what was written."""
     choice, progress = choose(logs, said), said["progress"]
+    execution, options = choice.execution, choice.options
+
+    def ahead(_: Path) -> None:  # imports what follows while other processes work on the trials
+        import granite_lab.study  # noqa: F401, PLC0415, heavy
+
+    outcomes = each_trial(corrected, choice.files, options, execution=execution, done=ahead)
     from granite_lab.running.search import search  # noqa: PLC0415, heavy
     from granite_lab.study import Written, source_of, write  # noqa: PLC0415, heavy
 
-    execution, options = choice.execution, choice.options
-    outcomes = each_trial(corrected, choice.files, options, execution=execution)
     read, failed = sifted(choice.files, outcomes, strict=said["strict"])
     left_out = (*choice.excluded, *failed)
     trials, motions = [trial for trial, _, _ in read], [motion for _, _, motion in read]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -122,11 +124,19 @@ def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> di
     (folder / "figures").mkdir()
     found: dict[str, str] = {}
     pictures = shared_out(_drawn, figures, len(figures), "drew figures", jobs=jobs, few=2)
-    for figure, svg in zip(figures, pictures, strict=True):
-        found[figure.name] = svg.decode()
-        for kind in FORMATS:
-            (folder / "figures" / f"{figure.name}.{kind}").write_bytes(converted(svg, kind, canvas.DPI))
+    with ThreadPoolExecutor(jobs or os.cpu_count()) as threads:  # which Typst does not block
+        written = []
+        for figure, svg in zip(figures, pictures, strict=True):
+            found[figure.name] = svg.decode()
+            paths = (folder / "figures" / f"{figure.name}.{kind}" for kind in FORMATS)
+            written += [threads.submit(_convert, svg, path) for path in paths]
+        for one in written:
+            one.result()
     return found
+
+
+def _convert(svg: bytes, path: Path) -> None:
+    path.write_bytes(converted(svg, path.suffix[1:], canvas.DPI))
 
 
 def _drawn(figures: Sequence[Figure], k: int) -> bytes:  # not converted: Typst hangs in forked processes
