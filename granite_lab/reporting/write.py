@@ -48,7 +48,8 @@ def write_report(
         LabError: a file cannot be written.
     """
     beside = Path(model).name if model is not None else None
-    report = study_report(result, model=beside, folder=_named(folder))
+    named = folder.name if folder.is_absolute() else folder.as_posix()  # of an absolute path only the name
+    report = study_report(result, model=beside, folder=named)
     with _replacing(folder) as new:
         pictures = _write_figures(report.figures, new, jobs)
         _write_tables(report.tables, new)
@@ -65,11 +66,6 @@ def write_report(
                     shutil.copyfile(folder / name, new / name)  # so that report and record belong together
             _write(new / CRATE, crate(report, result.source, new))
     return folder / "index.html"
-
-
-def _named(folder: Path) -> str:
-    """Return a folder as a report may name it: of an absolute path only the name."""
-    return folder.name if folder.is_absolute() else folder.as_posix()
 
 
 def write_finding(finding: Finding, folder: Path, model: Path | str | None = None) -> Path:
@@ -111,8 +107,7 @@ def write_parts(blocks: Sequence[Block], folder: Path, page: str = "") -> list[P
         _write_tables([b for b in blocks if isinstance(b, Table)], new)
         if page:
             _write(new / page, to_markdown(page, blocks=blocks))
-        names = sorted(p.relative_to(new) for p in new.rglob("*") if p.is_file())
-    return [folder / name for name in names]
+        return sorted(folder / p.relative_to(new) for p in new.rglob("*") if p.is_file())
 
 
 def _write(path: Path, text: str) -> None:
@@ -122,21 +117,14 @@ def _write(path: Path, text: str) -> None:
 def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, str]:
     """Write each figure in all formats; return their SVG by name."""
     (folder / "figures").mkdir()
-    found: dict[str, str] = {}
     pictures = shared_out(_drawn, figures, len(figures), "drew figures", jobs=jobs, few=2)
+    found = {figure.name: svg for figure, svg in zip(figures, pictures, strict=True)}
+    wanted = [(name, kind) for name in found for kind in FORMATS]
     with ThreadPoolExecutor(jobs or os.cpu_count()) as threads:  # which Typst does not block
-        written = []
-        for figure, svg in zip(figures, pictures, strict=True):
-            found[figure.name] = svg.decode()
-            paths = (folder / "figures" / f"{figure.name}.{kind}" for kind in FORMATS)
-            written += [threads.submit(_convert, svg, path) for path in paths]
-        for one in written:
-            one.result()
-    return found
-
-
-def _convert(svg: bytes, path: Path) -> None:
-    path.write_bytes(converted(svg, path.suffix[1:], canvas.DPI))
+        made = threads.map(lambda one: converted(found[one[0]], one[1], canvas.DPI), wanted)
+        for (name, kind), content in zip(wanted, made, strict=True):
+            (folder / "figures" / f"{name}.{kind}").write_bytes(content)
+    return {name: svg.decode() for name, svg in found.items()}
 
 
 def _drawn(figures: Sequence[Figure], k: int) -> bytes:  # not converted: Typst hangs in forked processes
