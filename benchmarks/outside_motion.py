@@ -139,7 +139,8 @@ def row(name: str, trials: Sequence[Judged]) -> list[str]:
         f"{np.sqrt(np.mean(way**2)):.2f}", f"{100 * np.mean([j.distance_inside for j in trials]):.0f}",
         f"{slip.mean():+.2f}", f"{np.abs(slip).mean():.2f}",
         f"{100 * np.mean(np.abs(slip) < 100 * SLIP_AIM):.0f}",
-        f"{100 * np.mean([abs(j.slip) < 2 * j.slip_std for j in trials]):.0f}", str(sum(j.grade == "good" for j in trials)),
+        f"{100 * np.mean([abs(j.slip) < 2 * j.slip_std for j in trials]):.0f}",
+        str(sum(j.grade == "good" for j in trials)),
     ]  # fmt: skip
 
 
