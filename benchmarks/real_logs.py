@@ -140,11 +140,11 @@ def gps_noise(run: Velocities) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(beside))) / np.sqrt(2.0))
 
 
-def husky(data: Path) -> LogSet:
+def husky(data: Path, soil: str = FIRM) -> LogSet:
     """Husky against GPS; everything as the slope of a line through five fixes, as the speed by GPS is."""
     found, folder = LogSet(), data / "husky_gps"
     trial = read_trial(folder / "imu.csv", encoders=folder / "odom.csv", reference=folder / "fix.csv")
-    found.add("Husky", trial, "husky_gps", soil=FIRM)
+    found.add("Husky", trial, "husky_gps", soil=soil)
     (run,), (motion,) = found.runs, found.motions.values()
     noise = gps_noise(run)
 

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.against_truth import Velocities, errors, inside, rms, slip_ratio
 from benchmarks.log_set import LogSet, wheel_speed
-from benchmarks.real_logs import boreal, delay, delays, husky, only, small_car, standstills
+from benchmarks.real_logs import FIRM, boreal, delay, delays, husky, only, small_car, standstills
 from benchmarks.slipping_robots import (
     KINDS,
     RESTS,
@@ -25,8 +25,8 @@ from tests.real_logs import DATA, MARKS
 
 
 @cache
-def the_husky() -> LogSet:
-    return husky(DATA)
+def the_husky(soil: str = FIRM) -> LogSet:
+    return husky(DATA, soil)
 
 
 @cache
@@ -56,9 +56,14 @@ class TestWithTheLogs:
         assert rms(errors([run])) < 0.30
         assert abs(np.mean(errors([run]))) < 0.10
         assert inside([run]) >= 0.88
-        # on firm ground wheels slip by 0.5 ± 2 %
+
+    @pytest.mark.parametrize(("soil", "reach"), [("dry_sand", 1.0), (FIRM, 0.09)], ids=["any", "firm"])
+    def test_two_std_of_the_husky_reach_as_far_from_its_wheels_as_the_ground_lets_them_slip(
+        self, soil: str, reach: float
+    ) -> None:
+        (run,) = the_husky(soil).runs
         moving = only(run, run.wheels > 0.3)
-        assert np.median(2.0 * moving.std / moving.wheels) < 0.15
+        assert np.median(2.0 * moving.std / moving.wheels) == pytest.approx(reach, rel=0.2)
 
     def test_the_husky_stands_still_when_gps_does(self) -> None:
         (run,) = the_husky().runs
