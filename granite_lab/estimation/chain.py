@@ -11,7 +11,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
-from granite_lab.estimation.clock import agreed, find_offset, slow_offset
+from granite_lab.estimation.clock import agreed, find_offset, gross_offset, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
 from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.estimation.health import assess
@@ -24,7 +24,7 @@ from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
-from granite_lab.logs.trial import ImuStream, Trial, WheelStream, part
+from granite_lab.logs.trial import Correction, ImuStream, Series, Trial, WheelStream, part
 from granite_lab.parameters import Robot, Soil, Variant, load_soil, load_variants
 
 LONGEST_GAP = 0.5
@@ -94,8 +94,43 @@ def correct(
             )
         motion = motion_without_imu(trial, robot, rolling, known, rests)
         return clean_trial(trial, robot, motion, wheels=wheels, rolling=rolling), motion
+    trial, moved = together(trial, robot)
     solved = solve(trial, robot, rests=rests, distance_measured=distance_measured, soil=soil)
-    return finish(trial, robot, solved, known)
+    clean, motion = finish(trial, robot, solved, known)
+    offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
+    return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
+
+
+def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
+    """Bring the clocks of IMU and encoders together where they are apart by a given offset, or by seconds.
+
+    Returns:
+        the trial, in which encoders, currents and command are moved; by how much [s], 0 where nothing is.
+    """
+    moved, how = trial.info.clock_offset, "given"
+    if moved is None and trial.imu is not None and trial.wheels is not None and trial.wheels.t.size > 2:
+        imu = mounting.to_body(despike(trial.imu)[0], mounted(robot))
+        forward = robot.imu.forward != "find" or trial.imu.robot_axes
+        offset = gross_offset(imu, trial.wheels, robot.wheels.radius, forward_known=forward)
+        moved, how = offset.value, "found by the ramps that both show"
+    if not moved:
+        return trial, 0.0
+    by: float = moved
+    wheels, currents, command = trial.wheels, trial.currents, trial.command
+    correction = Correction(
+        f"offset of their clock, {how}", "stamps of encoders and currents", by, 1e-3 if how == "given" else 0.1, "s"
+    )
+    said = () if how == "given" else (
+        f"the clocks of encoders and IMU are {abs(by):.1f} s apart: brought together by the ramps that both show",
+    )
+    return replace(
+        trial,
+        info=replace(trial.info, clock_offset=0.0 if how == "given" else None),
+        wheels=wheels and replace(wheels, t=wheels.t + by),
+        currents=currents and replace(currents, t=currents.t + by),
+        command=command and Series(command.t + by, command.value),
+        warnings=(*trial.warnings, *said), corrections=(*trial.corrections, correction),
+    ), by  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +173,8 @@ def solve(
     still = find_rests(imu, rolling, grade, by_hand=rests)
     if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and still:
         imu = _orient(stream, imu, rolling, still)
+    level = mounting.by_gravity(stream, imu, inside(imu.t, still), robot)
+    stream, imu, robot = level.stream, level.imu, level.robot
     if rolling is None and not still:
         raise EstimateError(
             f"{trial.name}: neither wheels nor a standstill: nothing anchors the velocity",
@@ -156,7 +193,7 @@ def solve(
     if restarts:
         imu = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
     problem = replace(problem, imu=imu, faults=faults, slip=SlipModel(fades=True))
-    warnings = [*signs, *_complain(problem, offset)]
+    warnings = [*signs, *level.doubts, *_complain(problem, offset)]
     if far:
         slip = replace(FAR, steady=soil.slip, limit=FAR.limit if any_slip else soil.slip_std)
         noise = replace(with_motion_noise(problem, offset.value), gyro=LOST_PITCH)
