@@ -11,9 +11,11 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
-from granite_lab.estimation.clock import agreed, find_offset, gross_offset, slow_offset
+from granite_lab.estimation.clock import GIVEN, agreed, find_offset, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
 from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
+from granite_lab.estimation.gross_clock import together
+from granite_lab.estimation.guard import guard
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import Problem
@@ -24,7 +26,7 @@ from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
-from granite_lab.logs.trial import Correction, ImuStream, Series, Trial, WheelStream, part
+from granite_lab.logs.trial import ImuStream, Trial, WheelStream, part
 from granite_lab.parameters import Robot, Soil, Variant, load_soil, load_variants
 
 LONGEST_GAP = 0.5
@@ -97,40 +99,9 @@ def correct(
     trial, moved = together(trial, robot)
     solved = solve(trial, robot, rests=rests, distance_measured=distance_measured, soil=soil)
     clean, motion = finish(trial, robot, solved, known)
+    motion = guard(motion, load_soil() if soil is None else soil, solved.limits)
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
-
-
-def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
-    """Bring the clocks of IMU and encoders together where they are apart by a given offset, or by seconds.
-
-    Returns:
-        the trial, in which encoders, currents and command are moved; by how much [s], 0 where nothing is.
-    """
-    moved, how = trial.info.clock_offset, "given"
-    if moved is None and trial.imu is not None and trial.wheels is not None and trial.wheels.t.size > 2:
-        imu = mounting.to_body(despike(trial.imu)[0], mounted(robot))
-        forward = robot.imu.forward != "find" or trial.imu.robot_axes
-        offset = gross_offset(imu, trial.wheels, robot.wheels.radius, forward_known=forward)
-        moved, how = offset.value, "found by the ramps that both show"
-    if not moved:
-        return trial, 0.0
-    by: float = moved
-    wheels, currents, command = trial.wheels, trial.currents, trial.command
-    correction = Correction(
-        f"offset of their clock, {how}", "stamps of encoders and currents", by, 1e-3 if how == "given" else 0.1, "s"
-    )
-    said = () if how == "given" else (
-        f"the clocks of encoders and IMU are {abs(by):.1f} s apart: brought together by the ramps that both show",
-    )
-    return replace(
-        trial,
-        info=replace(trial.info, clock_offset=0.0 if how == "given" else None),
-        wheels=wheels and replace(wheels, t=wheels.t + by),
-        currents=currents and replace(currents, t=currents.t + by),
-        command=command and Series(command.t + by, command.value),
-        warnings=(*trial.warnings, *said), corrections=(*trial.corrections, correction),
-    ), by  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,12 +112,14 @@ class Solved:
         problem, solution: what the filter was given, and what the smoother found.
         wheels: the encoders as corrected.
         warnings: what limits the estimate, one line each.
+        limits: those of them that keep its grade from "good".
     """
 
     problem: Problem
     solution: Solution
     wheels: WheelStream | None
     warnings: tuple[str, ...]
+    limits: tuple[str, ...] = ()
 
 
 def solve(
@@ -191,7 +164,8 @@ def solve(
     restarts = find_restarts(stream, still, faults.doubt, faults.gaps, grade)
     faults = replace(faults, restarts=restarts)
     if restarts:
-        imu = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
+        stepless = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
+        imu = replace(stepless, scale=imu.scale, scale_std=imu.scale_std)
     problem = replace(problem, imu=imu, faults=faults, slip=SlipModel(fades=True))
     warnings = [*signs, *level.doubts, *_complain(problem, offset)]
     if far:
@@ -217,7 +191,7 @@ def solve(
     solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
     if far and any_slip:
         solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
-    return Solved(problem, solution, wheels, tuple(warnings))
+    return Solved(problem, solution, wheels, tuple(warnings), level.doubts)
 
 
 def finish(trial: Trial, robot: Robot, solved: Solved, known: Sequence[Variant]) -> tuple[Trial, Motion]:
@@ -252,7 +226,7 @@ def _roll(
 def _clock(trial: Trial, problem: Problem, far: bool) -> tuple[Estimate, Estimate, float]:
     """Return the clock offset as `find_offset` does, or as it is given, or as it shows far from any rest."""
     if trial.info.clock_offset is not None:
-        known = Estimate(trial.info.clock_offset, 1e-3)
+        known = Estimate(trial.info.clock_offset, GIVEN)
     elif far and problem.rolling is not None:
         known = slow_offset(problem.imu, problem.rolling)
     else:

@@ -18,13 +18,16 @@ from granite_lab.estimation.rest import Interval, wheels_still
 from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined
-from granite_lab.logs.trial import Array, WheelStream
+from granite_lab.logs.trial import Array
 
 LARGEST, FARTHEST = 0.4, 1.0
 """Offsets up to this are searched for [s]; the latter where odometry was smoothed."""
 
 STEP = 0.005
 """Spacing of the correlation [s]."""
+
+GIVEN = 1.0e-3
+"""Std of an offset that was given [s]."""
 
 LEAST_RAMP = 0.1
 """Wheels that never accelerate by this much show no offset [m/s^2]."""
@@ -47,9 +50,6 @@ SEEN = 0.5
 
 RIVAL = 0.9
 """Another offset whose correlation is this share of the largest one explains the ramps as well."""
-
-DISTINCT = 0.5
-"""Offsets that are closer than this belong to one peak of the correlation: a ramp takes about as long [s]."""
 
 STILL, MOVED = 0.25, 0.5
 """How much of the log judges a clock offset on the standing and the moving side of a change [s]."""
@@ -116,61 +116,6 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     a, b, c = values[best - 1 : best + 2]
     lag = (best - reach + 0.5 * (a - c) / (a - 2 * b + c)) * STEP
     return Estimate(float(lag - 0.5 * LONGEST_LAG), float(np.hypot(0.02, 0.3 * LONGEST_LAG)))
-
-
-def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_known: bool) -> Estimate:
-    """Find an offset of seconds, as between two computers, by the ramps that wheels and IMU both show.
-
-    The wheels' common acceleration and the horizontal specific force are correlated over all lags at which
-    both sensors cover each other by half. The sign does not count: encoders may count backwards. An axis that
-    is not known to point forward is taken with the other one.
-
-    Args:
-        imu: samples in robot axes.
-        wheels: encoders on their own clock.
-        radius: of the wheels [m].
-        forward_known: the forward axis is that of the robot.
-
-    Returns:
-        how far the encoders' clock lies behind the IMU's [s]; 0 with a std of 0 where an offset within
-        `LARGEST` explains the ramps as well, which `find_offset` refines; std NaN where none is found.
-    """
-    own = [np.arange(t[0], t[-1], STEP) for t in (imu.t, wheels.t)]  # the clocks may be years apart
-    wheel = _ramps(np.gradient(radius * _common_rate(own[1], wheels), STEP))
-    axes = [imu.forward] if forward_known else [imu.forward, imu.left]
-    force = [_ramps(joined(own[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
-    if not force or float(np.max(np.abs(wheel), initial=0.0)) < LEAST_RAMP:
-        return Estimate(0.0)
-    half = min(len(grid) for grid in own) // 2
-    reach = max(len(grid) for grid in own) - half
-    values = np.sqrt(np.sum([correlate(f, wheel, reach)[0] ** 2 for f in force], axis=0))
-    values /= np.sqrt(np.sum(np.square(force)) * np.sum(wheel**2))
-    lags = np.arange(-reach, reach + 1)
-    covered = (lags <= len(own[0]) - half) & (-lags <= len(own[1]) - half)
-    values, offsets = values[covered], STEP * lags[covered] + imu.t[0] - wheels.t[0]
-    best = int(np.argmax(values))
-    if values[np.abs(offsets) <= LARGEST].max(initial=0.0) > RIVAL * values[best]:
-        return Estimate(0.0, 0.0)
-    apart = np.abs(offsets - offsets[best]) > DISTINCT
-    if values[best] < SEEN or values[apart].max(initial=0.0) > RIVAL * values[best]:
-        return Estimate(0.0)
-    return Estimate(float(offsets[best] - 0.5 * LONGEST_LAG), 0.5 * LONGEST_LAG)
-
-
-def _common_rate(grid: Array, wheels: WheelStream) -> Array:
-    """(K,) rate that the wheels have in common, up to its sign [rad/s]: their first principal component."""
-    turned = [joined(grid, wheels.t, a) for a in wheels.angle.T if np.isfinite(a).sum() > 2]
-    if not turned:
-        return np.zeros(grid.size)
-    rates = np.gradient(np.stack(turned), STEP, axis=1)
-    weights = np.linalg.eigh(rates @ rates.T)[1][:, -1]
-    return np.asarray(weights @ rates / np.abs(weights).sum())
-
-
-def _ramps(acceleration: Array) -> Array:
-    """(K,) acceleration on the grid without vibration, and without what is slower than a ramp."""
-    smooth = uniform_filter1d(acceleration, max(round(0.08 / STEP), 1))
-    return np.asarray(smooth - uniform_filter1d(smooth, round(3.0 / STEP), mode="nearest"))
 
 
 def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:

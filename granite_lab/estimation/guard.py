@@ -10,8 +10,10 @@ import numpy as np
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import SlipModel
-from granite_lab.estimation.motion import SHORTEST, Grade, Motion
-from granite_lab.parameters import Soil
+from granite_lab.estimation.health import sentence
+from granite_lab.estimation.motion import SHORTEST, Grade, Motion, mean_known
+from granite_lab.logs.counters import integral
+from granite_lab.parameters import GRAVITY, Soil
 
 FAR = 3.0
 """A slip ratio more than this many std outside of what is possible contradicts its std."""
@@ -52,13 +54,9 @@ def guard(motion: Motion, soil: Soil, limits: Sequence[str] = ()) -> Motion:
         return motion
     order: tuple[Grade, ...] = ("poor", "fair", "good")
     grade = min((motion.health.grade, *(doubt.grade for doubt in doubts)), key=order.index)
-    head = {"poor": "Look twice: ", "fair": "Usable, within its std: ", "good": ""}[grade]
-    verdict = motion.health.verdict
-    for begin in ("Look twice: ", "Usable, within its std: ", "The estimate can be trusted: "):
-        verdict = verdict.removeprefix(begin)
-    reasons = "; ".join(dict.fromkeys(doubt.reason for doubt in doubts))
+    reasons = tuple(dict.fromkeys([*(doubt.reason for doubt in doubts), *motion.health.reasons]))
     health = replace(
-        motion.health, grade=grade, good=grade == "good", verdict=f"{head}{reasons}; {verdict}"
+        motion.health, grade=grade, good=grade == "good", reasons=reasons, verdict=sentence(grade, reasons)
     )
     std = max(doubt.std for doubt in doubts)
     return replace(_widened(motion, std), health=health)
@@ -76,14 +74,13 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
     known = soil.slip_std < 1.0
     usual = soil.slip if known else SlipModel.steady
     for slip, where in _slips(motion):
-        low = -SlipModel.per_acceleration * 9.81 * max(_downhill(motion), 0.0)
+        low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
         beyond = max(low - slip.value, slip.value - 1.0)
         contradicted = beyond > FAR * math.hypot(slip.std, RADIUS)
-        impossible = "rolling wheels on this slope allow" if low < 0.0 else "rolling wheels allow"
         if contradicted:
             yield Doubt(
                 f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % {where} is outside of what "
-                f"{impossible}",
+                "rolling wheels allow",
                 "poor", 0.5 * abs(slip.value - usual),
             )  # fmt: skip
         elif known and abs(slip.value - usual) > FAR * math.hypot(slip.std, soil.slip_std):
@@ -114,21 +111,17 @@ def _downhill(motion: Motion) -> float:
 
 def _widened(motion: Motion, std: float) -> Motion:
     """Return the motion whose std covers an error of the slip ratio of `std` [-], in all that follows it."""
-    rolled = abs(motion.distance_wheels.value)
-    if std == 0.0 or not rolled > 0.0:
+    if std == 0.0:
         return motion
-    pace = np.nan_to_num(np.abs(np.nanmean(motion.v_wheel, axis=1)))
+    pace = np.abs(np.nan_to_num(mean_known(motion.v_wheel)))
+    way = integral(motion.t, pace)
 
     def least(estimate: Estimate, by: float) -> Estimate:
         return replace(estimate, std=max(estimate.std, by))
 
     return replace(
-        motion,
-        v_std=np.hypot(motion.v_std, std * pace),
-        x_std=np.hypot(motion.x_std, std * np.abs(np.interp(motion.t, motion.t, np.cumsum(
-            pace * np.diff(motion.t, prepend=motion.t[0]))))),
-        slip_std=np.hypot(motion.slip_std, std),
-        slip_velocity_std=np.hypot(motion.slip_velocity_std, std * pace),
-        slip_ratio=least(motion.slip_ratio, std),
-        distance=least(motion.distance, std * rolled),
+        motion, v_std=np.maximum(motion.v_std, std * pace), x_std=np.maximum(motion.x_std, std * way),
+        slip_std=np.maximum(motion.slip_std, std),
+        slip_velocity_std=np.maximum(motion.slip_velocity_std, std * pace),
+        slip_ratio=least(motion.slip_ratio, std), distance=least(motion.distance, std * float(way[-1])),
     )  # fmt: skip

@@ -34,6 +34,8 @@ class BodyImu:
     gravity: float  # that the forward axis sees per radian of pitch [m/s^2]; 0: the logger removed it
     levelled: bool  # the axes were levelled at standstill, so pitch counts from there
     rotation: Rotation  # takes vectors in the sensor's axes to those of R
+    scale: float = 0.0  # error of the accelerometer's scale that was taken out
+    scale_std: float = 0.0  # its std
 
     @cached_property
     def period(self) -> float:
@@ -81,10 +83,11 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
     """Put right what gravity at standstill shows of the IMU's mounting and scale beyond its grade.
 
     An error within the grade stays: it is a bias, which the filter estimates. A larger magnitude of the
-    specific force is a scale error common to all axes, known within the bias of the vertical one. That bias is
-    as large as the grade says or the horizontal axes show; where a tilt hides theirs, it may be the whole
+    specific force is a scale error common to all axes, known within the bias of the vertical one. That bias
+    is as large as the grade says or the horizontal axes show; where a tilt hides theirs, it may be the whole
     difference. A larger tilt is one of the mounting, as on level ground; the std of the scale covers a slope
-    of the ground, along which distances are longer by 1 / cos(tilt).
+    of the ground, along which distances are longer by 1 / cos(tilt). A tilt that changes distances by less
+    than `LOCAL` stays.
 
     `stream` is in the sensor's axes, `imu` in the robot's; `still` (N,) is True at standstill.
     """
@@ -96,7 +99,8 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
     doubts, bias = [], grade.accel_bias / GRAVITY
     up = imu.rotation.apply(mean / size)
     tilt = float(np.arccos(np.clip(up[2], -1.0, 1.0)))
-    tilted = not imu.levelled and tilt > BEYOND * float(np.hypot(bias, np.radians(robot.imu.tilt)))
+    usual = float(np.hypot(bias, np.radians(robot.imu.tilt)))
+    tilted = not imu.levelled and tilt > BEYOND * usual and 1.0 - float(np.cos(tilt)) > LOCAL
     excess, scale = size / GRAVITY - 1.0, Estimate(0.0, grade.accel_scale)
     if abs(excess) > BEYOND * float(np.linalg.norm([bias, grade.accel_scale, LOCAL])):
         vertical = abs(excess) if tilted else max(bias, float(np.linalg.norm(up[:2])) / 2.0**0.5)
@@ -118,7 +122,7 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
         )
     if not doubts:
         return Levelled(stream, imu, robot)
-    imu = to_body(stream, rotation, levelled=levelled)
+    imu = replace(to_body(stream, rotation, levelled=levelled), scale=scale.value, scale_std=scale.std)
     robot = replace(robot, imu_grade=replace(grade, accel_scale=scale.std))
     return Levelled(stream, imu, robot, tuple(doubts))
 
