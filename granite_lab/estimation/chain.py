@@ -97,7 +97,8 @@ def correct(
         motion = motion_without_imu(trial, robot, rolling, known, rests)
         return clean_trial(trial, robot, motion, wheels=wheels, rolling=rolling), motion
     trial, moved = together(trial, robot)
-    solved = solve(trial, robot, rests=rests, distance_measured=distance_measured, soil=soil)
+    apart = moved != 0.0 and trial.info.clock_offset is None
+    solved = solve(trial, robot, rests=rests, distance_measured=distance_measured, soil=soil, apart=apart)
     clean, motion = finish(trial, robot, solved, known)
     motion = guard(motion, load_soil() if soil is None else soil, solved.limits)
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
@@ -129,8 +130,12 @@ def solve(
     rests: Sequence[Interval] = (),
     distance_measured: Estimate | None = None,
     soil: Soil | None = None,
+    apart: bool = False,
 ) -> Solved:
-    """Filter and smooth a trial with an IMU; arguments and errors are those of `correct`."""
+    """Filter and smooth a trial with an IMU; arguments and errors are those of `correct`.
+
+    The clocks were `apart` by seconds, and `together` has brought them together roughly.
+    """
     soil = load_soil() if soil is None else soil
     any_slip = soil.slip_std >= UNKNOWN
     grade = robot.imu_grade
@@ -155,7 +160,7 @@ def solve(
         )
     far = rolling is not None and _far_from_rest(still, imu)
     problem = Problem(imu, rolling, robot, still, faults, identify(imu, rolling, robot, still), SlipModel())
-    offset, found, near = _clock(trial, problem, far)
+    offset, found, near = _clock(trial, problem, far, apart)
     if rolling is not None and offset.value != 0.0:
         still = find_rests(imu, rolling, grade, offset=offset.value, by_hand=rests)
         problem = replace(problem, rests=still, noise=identify(imu, rolling, robot, still))
@@ -223,14 +228,14 @@ def _roll(
     return wheels, rolling, said
 
 
-def _clock(trial: Trial, problem: Problem, far: bool) -> tuple[Estimate, Estimate, float]:
+def _clock(trial: Trial, problem: Problem, far: bool, apart: bool) -> tuple[Estimate, Estimate, float]:
     """Return the clock offset as `find_offset` does, or as it is given, or as it shows far from any rest."""
     if trial.info.clock_offset is not None:
         known = Estimate(trial.info.clock_offset, GIVEN)
     elif far and problem.rolling is not None:
         known = slow_offset(problem.imu, problem.rolling)
     else:
-        return find_offset(problem)
+        return find_offset(problem, apart=apart)
     return known, known, known.value
 
 

@@ -152,12 +152,13 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     return Estimate(0.0)
 
 
-def find_offset(problem: Problem) -> tuple[Estimate, Estimate, float]:
+def find_offset(problem: Problem, *, apart: bool = False) -> tuple[Estimate, Estimate, float]:
     """Find the clock offset by correlation, then by the likelihood of onsets and stops.
 
     A body that follows its wheels by tyres, play or a soft mount looks like an offset when it sets off. So
     the whole trial must prefer a large offset to an ordinary latency; and where the wheels seem to be ahead,
-    the body, which never leads them, must be stiff beside.
+    the body, which never leads them, must be stiff beside. Clocks of two computers, which were `apart` by
+    seconds and are brought together roughly, have no ordinary latency.
 
     Returns:
         the offset that the filter is to expect [s], 0 for an ordinary latency; the one that onsets and stops
@@ -168,6 +169,8 @@ def find_offset(problem: Problem) -> tuple[Estimate, Estimate, float]:
     if found is None:
         return coarse, coarse, coarse.value
     usual, unusual = Estimate(0.0, LATENCY), Estimate(found.value, LATENCY)
+    if apart:
+        return found, found, found.value
     likely = found.value * LATENCY**2 / (LATENCY**2 + found.std**2)
     if abs(found.value) < LATEST:
         return usual, found, likely
