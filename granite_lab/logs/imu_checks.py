@@ -139,7 +139,7 @@ def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
     reads = f"the accelerometer, declared in {declared}, reads {raw:.4g} at rest"
     # In the right unit vibration at the calmest stays below gravity.
     if unit and spread * change < 0.5 * STANDARD_GRAVITY:
-        log.doubts.append(f"{reads}: it is in {unit}; converted")
+        log.convert(ACCELERATION, unit, f"{reads}: it is in {unit}")
         return change, False
     if g < 0.8:
         gone = "the logger has removed gravity, so that pitch cannot be levelled"
@@ -164,7 +164,7 @@ def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:
     why = f"it reads up to {peak:.0f} rad/s" if math.isnan(turning) else why
     if (too_large and declared == "rad/s") or (too_small and declared == "deg/s"):
         sizes, found = factors("angular rate"), "deg/s" if too_large else "rad/s"
-        log.doubts.append(f"the gyroscope, declared in {declared}, is in {found} ({why}); converted")
+        log.convert(RATE, found, f"the gyroscope, declared in {declared}, is in {found} ({why})")
         return sizes[found] / sizes[declared]
     if too_large:
         log.doubts.append(f"the gyroscope, declared in {declared}, reads far too much ({why}): wrong unit?")
