@@ -189,7 +189,7 @@ def _longest(flags: Mask, t: Array) -> tuple[int, int]:
 def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
     """Return wheel angles and rates."""
     angle, rate = (np.full(samples.values.shape, np.nan) for _ in range(2))
-    steps: list[float] = []
+    resolution = [0.0] * len(ENCODERS)
     for binding in source.bindings(*ENCODERS):
         column = f"column '{binding.name}'"
         wheel = ENCODERS.index(binding.channel)
@@ -200,11 +200,10 @@ def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
             continue
         per_rev, radius = _counts(source, binding, robot), robot.wheels.radius
         said: list[str] = []
-        angle[seen, wheel], turning, step = convert(
+        angle[seen, wheel], turning, resolution[wheel] = convert(
             samples.t[seen], raw[seen], binding.unit, binding.spec, per_rev, radius, said
         )
         rate[seen, wheel] = np.nan if turning is None else turning
-        steps.append(step)
         for doubt in said:
             source.doubt(f"{column}: {doubt}")
         if not seen.all():
@@ -214,8 +213,9 @@ def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
             if end - begin > 0.1 and (last - first) > 0.02 * len(seen):
                 source.doubt(f"{column}: no sample from t = {begin:.3f} s to {end:.3f} s")
     rates = np.isfinite(rate).any()
-    step = source.metadata.get("enc_step_radps" if rates else "enc_step_rad", max(steps, default=0.0))
-    return WheelStream(samples.t, angle, rate if rates else None, step)
+    if stated := source.metadata.get("enc_step_radps" if rates else "enc_step_rad"):
+        resolution = [stated] * len(ENCODERS)
+    return WheelStream(samples.t, angle, rate if rates else None, tuple(resolution))
 
 
 def _counts(source: Source, binding: Binding, robot: Robot) -> float:
