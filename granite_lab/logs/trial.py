@@ -61,12 +61,14 @@ class WheelStream:
         rate: (M, 4) wheel rate [rad/s] where the logger gives rates; then `angle` is its integral.
         resolution: (4,) smallest step of each wheel's angle [rad], of its logged rate [rad/s];
             0 where it is not known.
+        span: (4,) after which each wheel's counter starts again [rad]; 0: it does not.
     """
 
     t: Array
     angle: Array
     rate: Array | None = None
     resolution: tuple[float, ...] = (0.0,) * len(WHEELS)
+    span: tuple[float, ...] = (0.0,) * len(WHEELS)
 
     @property
     def step(self) -> float:
