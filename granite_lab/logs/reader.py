@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from granite_lab.errors import InputError
+from granite_lab.logs.aliasing import resolve_aliases
 from granite_lab.logs.canonical import trial_info
 from granite_lab.logs.counters import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
@@ -128,7 +129,8 @@ def assemble(
     imu, wheels, clean = _imu(merged, path, doubts), merged.pop("wheels", None), None
     if imu is not None:
         imu, clean = check_units(imu, log)
-    wheels = None if wheels is None else check_wheels(wheels, imu, log)
+    if wheels is not None:
+        wheels = check_wheels(resolve_aliases(wheels, imu, log), imu, log)
     trial = Trial(
         name=name_of(path),
         info=trial_info(said, info, name),
