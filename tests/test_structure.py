@@ -83,10 +83,9 @@ def test_what_hides_and_what_finds_know_nothing_of_each_other() -> None:
             assert "import hidden" not in path.read_text(encoding="utf-8"), path
 
 
-def test_a_module_stays_short_and_the_report_small() -> None:
+def test_a_module_stays_short() -> None:
     lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
     assert [path for path, count in lines.items() if count > 500] == []
-    assert sum(n for path, n in lines.items() if path.is_relative_to(PACKAGE / "reporting")) <= 5000
 
 
 @pytest.mark.parametrize(
