@@ -118,7 +118,7 @@ def motion_as_json(m: Motion) -> dict[str, Any]:
         "steady_s": m.steady,
         "t_start_s": m.t_start.as_json(),
         "clock_offset_s": m.clock_offset.as_json(),
-        "health": picked(m.health, "good", "verdict", "nis", "whiteness", "ljung_box")
+        "health": picked(m.health, "grade", "good", "verdict", "reasons", "nis", "whiteness", "ljung_box")
         | {"rests_s": m.health.rests},
     }
 
