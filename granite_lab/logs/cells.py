@@ -28,6 +28,7 @@ _BLOCK = 20_000  # rows that are read at a time
 _LONGEST = 30  # characters of a cell that a message shows
 _BOOLEANS = {"true": "1", "false": "0"}
 _EMPTY = "leave the cell empty where the sensor has no sample"
+_DATE = "write dates by ISO 8601, or leave the cell empty where the sensor has no sample"
 _POINT = 'write numbers with a decimal point, or say decimal = "," under [table] in a column map'
 _CELLS = (
     "a delimiter too many or too few, or a decimal comma in a comma-separated file; delimiter and decimal "
@@ -88,7 +89,7 @@ def _fault(text: str, decimal: str, kind: str) -> tuple[str, str]:
     """Say what is wrong with a cell, and what to do."""
     shown = repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "…")
     if kind == "date":
-        return f"{shown} is not a date, expected one as 2026-03-01T12:00:00.25Z", _EMPTY
+        return f"{shown} is not a date, expected one as 2026-03-01T12:00:00.25Z", _DATE
     if is_number(text, decimal):
         return f"{shown} is not finite, expected a number", _EMPTY
     point = decimal == "." and is_number(text, ",")
