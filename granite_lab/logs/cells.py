@@ -12,8 +12,9 @@ import pandas as pd
 
 from granite_lab.errors import at
 from granite_lab.logs.counters import Mask
+from granite_lab.logs.dates import seconds
 from granite_lab.logs.rows import MISSING, NUMBER, is_number
-from granite_lab.logs.table import DATED, Table
+from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
@@ -26,6 +27,7 @@ _SHOWN = 5  # lines that a warning lists
 _LONGEST = 30  # characters of a cell that a message shows
 _BOOLEANS = {"true": "1", "True": "1", "TRUE": "1", "false": "0", "False": "0", "FALSE": "0"}
 _EMPTY = "leave the cell empty where the sensor has no sample"
+_DATES = "write dates by ISO 8601, or leave the cell empty"
 _POINT = 'write numbers with a decimal point, or say decimal = "," under [table] in a column map'
 _CELLS = (
     "a delimiter too many or too few, or a decimal comma in a comma-separated file; delimiter and decimal "
@@ -86,7 +88,7 @@ def _fault(text: str, decimal: str, kind: str) -> tuple[str, str]:
     """Say what is wrong with a cell, and what to do."""
     shown = repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "…")
     if kind == "date":
-        return f"{shown} is not a date, expected one as 2026-03-01T12:00:00.25Z", _EMPTY
+        return f"{shown} is not a date, expected one as 2026-03-01T12:00:00.25Z", _DATES
     if is_number(text, decimal):
         return f"{shown} is not finite, expected a number", _EMPTY
     point = decimal == "." and is_number(text, ",")
@@ -127,7 +129,7 @@ def load(table: Table, wanted: Sequence[int], dates: Sequence[int]) -> Cells:
         for place in numbers:
             columns[place], faults[place] = _numbers(frame[place], table.decimal)
     for place in dates:
-        columns[place], faults[place] = _seconds(frame[place])
+        columns[place], faults[place] = seconds(frame[place])
     return Cells(columns, {place: found for place, found in faults.items() if found}, dates)
 
 
@@ -163,15 +165,3 @@ def _numbers(texts: pd.Series, decimal: str) -> tuple[Array, dict[int, str]]:
     faulty = np.flatnonzero(~known | np.isinf(values))
     values[faulty] = np.nan
     return values, {row: str(texts.iloc[row]).strip() for row in faulty.tolist()}
-
-
-def _seconds(texts: pd.Series) -> tuple[Array, dict[int, str]]:
-    """Return dates as [s] since 1970, exact to the microsecond, NaN for an empty cell; and what are none."""
-    written = texts.str.strip().where(texts.str.match(r"\s*\d{4}\D", na=False))
-    if not written.str.contains("T", na=True).all():
-        written = written.str.replace(DATED, r"\1-\2-\3T\4:\5:", regex=True).str.rstrip(":")
-    written = written.str.replace(r"(?<=:\d\d:\d\d)[,_:](?=\d+\D*$)", ".", regex=True)
-    stamps = pd.to_datetime(written, utc=True, format="ISO8601", errors="coerce")
-    wrong = np.flatnonzero(stamps.isna() & texts.notna())
-    since = (stamps - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
-    return np.asarray(since, dtype=np.float64), {row: str(texts.iloc[row]) for row in wrong.tolist()}

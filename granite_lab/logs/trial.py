@@ -41,6 +41,7 @@ class ImuStream:
         angular_rate: (N, 3) [rad/s]; y positive nose down.
         gravity_removed: by the logger.
         robot_axes: the mounting rotation has been applied, as in a corrected trial.
+        stamp_std: std of a delay that all stamps have in common, where samples shared them [s].
     """
 
     t: Array
@@ -48,6 +49,7 @@ class ImuStream:
     angular_rate: Array
     gravity_removed: bool = False
     robot_axes: bool = False
+    stamp_std: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +61,14 @@ class WheelStream:
         angle: (M, 4) accumulated wheel angle [rad], unwrapped; NaN where a wheel was not sampled.
         rate: (M, 4) wheel rate [rad/s] where the logger gives rates; then `angle` is its integral.
         step: smallest step of the angle [rad] (0: not known); for a logged rate, of the rate [rad/s].
+        stamp_std: std of a delay that all stamps have in common, where samples shared them [s].
     """
 
     t: Array
     angle: Array
     rate: Array | None = None
     step: float = 0.0
+    stamp_std: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,7 +119,9 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
             unit, factor = fits[0]
             log.convert(ENCODERS, unit, f"the encoders, declared in {declared}, {gain}: they are in {unit}")
             rate = None if wheels.rate is None else wheels.rate * factor
-            return WheelStream(wheels.t, wheels.angle * factor, rate, wheels.step * factor)
+            return dataclasses.replace(
+                wheels, angle=wheels.angle * factor, rate=rate, step=wheels.step * factor
+            )
         log.doubts.append(f"the wheels {gain}: check wheel radius, counts per revolution and units")
     return wheels
 
