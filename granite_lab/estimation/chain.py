@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -160,6 +161,7 @@ def solve(
         )
     far = rolling is not None and _far_from_rest(still, imu)
     problem = Problem(imu, rolling, robot, still, faults, identify(imu, rolling, robot, still), SlipModel())
+    problem = replace(problem, stamp_std=_stamp_std(trial))
     offset, found, near = _clock(trial, problem, far, apart)
     if rolling is not None and offset.value != 0.0:
         still = find_rests(imu, rolling, grade, offset=offset.value, by_hand=rests)
@@ -237,6 +239,11 @@ def _clock(trial: Trial, problem: Problem, far: bool, apart: bool) -> tuple[Esti
     else:
         return find_offset(problem, apart=apart)
     return known, known, known.value
+
+
+def _stamp_std(trial: Trial) -> float:
+    """Return the std of a delay between IMU and encoders that sharing of stamps leaves open [s]."""
+    return math.hypot(*(one.stamp_std for one in (trial.imu, trial.wheels) if one is not None))
 
 
 def _spun(problem: Problem, offset: float) -> bool:

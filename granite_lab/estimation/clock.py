@@ -168,15 +168,16 @@ def find_offset(problem: Problem, *, apart: bool = False) -> tuple[Estimate, Est
     found = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
     if found is None:
         return coarse, coarse, coarse.value
-    usual, unusual = Estimate(0.0, LATENCY), Estimate(found.value, LATENCY)
+    latency = float(np.hypot(LATENCY, problem.stamp_std))
+    usual, unusual = Estimate(0.0, latency), Estimate(found.value, latency)
     if apart:
         return found, found, found.value
-    likely = found.value * LATENCY**2 / (LATENCY**2 + found.std**2)
-    if abs(found.value) < LATEST:
+    likely = found.value * latency**2 / (latency**2 + found.std**2)
+    if abs(found.value) < LATEST * latency / LATENCY:
         return usual, found, likely
     other = settle(problem, unusual, robust=False)
     lags = found.value > 0.0 and other.compliance > problem.compliance
-    if abs(found.value) < FAR:
+    if abs(found.value) < FAR * latency / LATENCY:
         return usual, found, 0.0 if lags else likely
     one = settle(problem, usual, robust=False).found.innovations
     if other.found.innovations.log_likelihood - one.log_likelihood < UNUSUAL:

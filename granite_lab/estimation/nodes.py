@@ -76,6 +76,7 @@ class Problem:
         jumps: (N,) square of the slip velocity's jumps per second, at the IMU's stamps [m^2/s^3].
         spins: wheels may turn in a standstill.
         spacing: of the nodes in motion [s]; 0: a node at each stamp.
+        stamp_std: std of a delay between the sensors' stamps, where samples shared them [s].
     """
 
     imu: BodyImu
@@ -92,6 +93,7 @@ class Problem:
     jumps: Array | None = None
     spins: bool = True
     spacing: float = 0.0
+    stamp_std: float = 0.0
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:
         """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""

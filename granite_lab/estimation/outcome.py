@@ -145,7 +145,7 @@ def _by_latency(t: Array, v: Array, problem: Problem, solution: Solution) -> Arr
     offset = solution.offset
     if problem.slip.far or not np.isfinite(offset.std):
         return np.zeros(t.size)
-    late = 0.5 * math.hypot(offset.std, offset.value - solution.applied, LATENCY)
+    late = 0.5 * math.hypot(offset.std, offset.value - solution.applied, LATENCY, problem.stamp_std)
     size = max(round(QUICK / problem.imu.period), 1)
     return np.asarray(late * np.abs(uniform_filter1d(np.gradient(v, t), size)))
 

@@ -15,7 +15,6 @@ import pandas as pd
 
 from granite_lab.errors import InputError, at
 from granite_lab.logs.cells import Cells, load
-from granite_lab.logs.counters import GAP_PERIODS, SECONDS, unit_factor
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
 from granite_lab.logs.quantities import (
     ACCELERATION,
@@ -32,6 +31,7 @@ from granite_lab.logs.quantities import (
 )
 from granite_lab.logs.reader import assemble
 from granite_lab.logs.source import read_source, recognise
+from granite_lab.logs.stamps import GAP_PERIODS, SECONDS, unit_factor
 from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
 from granite_lab.logs.wheels import MotionGuess, look, rests

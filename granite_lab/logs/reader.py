@@ -12,11 +12,11 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.aliasing import resolve_aliases
 from granite_lab.logs.canonical import trial_info
-from granite_lab.logs.counters import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
+from granite_lab.logs.stamps import describe_gaps, outside_gaps
 from granite_lab.logs.streams import interval, read_streams
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.logs.wheels import (
@@ -226,11 +226,13 @@ def _imu(merged: dict[str, Any], path: Path, doubts: list[str]) -> ImuStream | N
         if np.count_nonzero(inside) < 2:
             raise _nothing_in_common(path, "accelerometer", acc.t, "gyroscope", gyro.t)
         doubts.append("the gyroscope has stamps of its own; interpolated to the accelerometer's")
+        inside &= outside_gaps(acc.t, gyro.t)
         t, force = acc.t[inside], acc.values[inside]
         rate = np.column_stack([np.interp(t, gyro.t, column) for column in gyro.values.T])
     force = force if "accelerometer" in present else np.full_like(force, np.nan)
     rate = rate if "gyroscope" in present else np.full_like(rate, np.nan)
-    return ImuStream(t, force, rate, merged.get("removed", False))
+    late = max(acc.std, gyro.std)
+    return ImuStream(t, force, rate, merged.get("removed", False), stamp_std=late)
 
 
 def _nothing_in_common(path: Path, one: str, t: Array, other: str, s: Array) -> InputError:

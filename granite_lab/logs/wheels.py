@@ -120,7 +120,7 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
             log.convert(ENCODERS, unit, f"the encoders, declared in {declared}, {gain}: they are in {unit}")
             rate = None if wheels.rate is None else wheels.rate * factor
             resolution = tuple(step * factor for step in wheels.resolution)
-            return WheelStream(wheels.t, wheels.angle * factor, rate, resolution, wheels.span)
+            return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
         log.doubts.append(f"the wheels {gain}: check wheel radius, counts per revolution and units")
     return wheels
 
