@@ -130,19 +130,21 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
 
 def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rolling:
     """Take logged rates, as velocities (M, 4) [m/s]; the distances are their integrals."""
+    dt = np.diff(t, prepend=t[0])
+    increment, warnings = mask_dead(t, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0))
+    velocity = np.where(np.isfinite(increment) | (dt == 0)[:, None], velocity, np.nan)
     speed = side_mean(velocity)
     known = np.isfinite(speed)
     bend = np.abs(np.diff(np.nan_to_num(speed), n=2, prepend=0.0, append=0.0))
     scatter = 1.4826 * float(np.median(bend[known])) / np.sqrt(6.0) if known.any() else 0.0
     floor = max(max(resolution) / np.sqrt(12.0), scatter, 1e-3)
-    dt = np.diff(t, prepend=t[0])
     mean = integral(t, joined(t, t, speed) if known.any() else np.zeros_like(speed))
     distance = np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0)
     distance[~np.isfinite(velocity)] = np.nan
     return Rolling(
         t=t, distance=distance, mean=mean, mean_std=np.full(speed.size, np.nan), velocity=velocity,
         velocity_std=np.where(np.isfinite(velocity), floor, np.nan), speed=speed,
-        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution,
+        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution, warnings=tuple(warnings),
     )  # fmt: skip
 
 
