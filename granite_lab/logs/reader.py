@@ -122,7 +122,9 @@ def assemble(
     name, the_robot = _robot(sources, robot, info, doubts)
     merged, columns = _merge(files, [read_streams(source, the_robot, window) for source in sources])
     doubts += [doubt for source in sources for doubt in source.doubts]
-    log = Log(the_robot, str(path), columns, doubts)
+    log = Log(
+        the_robot, str(path), columns, doubts, {k: u for s in reversed(sources) for k, u in s.units.items()}
+    )
     said = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
     imu, wheels, clean = _imu(merged, path, doubts), merged.pop("wheels", None), None
     if imu is not None:
@@ -137,6 +139,7 @@ def assemble(
         **{kind: merged[kind] for kind in _STREAMS if kind in merged},
         inputs=tuple(dict.fromkeys(file for source in sources for file in source.inputs)),
         layout=" + ".join(dict.fromkeys(source.match.layout.name for source in sources)),
+        units=log.units,
     )
     trial = _checked(trial, clean, log) if whole else trial
     doubts += _across(trial)

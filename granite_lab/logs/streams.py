@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import Mask, integral, runs, stray, tidy, unit_factor, unwrap
+from granite_lab.logs.counters import SECONDS, Mask, integral, runs, stray, tidy, unit_factor, unwrap
 from granite_lab.logs.encoders import Wheel, convert
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import ENCODERS, SENSORS
@@ -110,6 +110,8 @@ def _clock(source: Source) -> Array:
             raise source.refuse(f"{column}: {error.message}", error.hint) from None
         if doubt:
             source.doubt(f"{column}: {doubt}")
+            if not source.bindings("t_add"):
+                source.units["t"] = next(unit for unit, size in SECONDS.items() if size == factor)
         break
     return raw * factor
 

@@ -152,6 +152,7 @@ class Trial:
         warnings: every doubt the reader had, one line each.
         layout: name of the column map that was used.
         corrections: what estimation changed.
+        units: of channels whose column is in another unit than was said.
     """
 
     name: str
@@ -166,6 +167,7 @@ class Trial:
     inputs: tuple[InputFile, ...] = ()
     layout: str = "canonical"
     corrections: tuple[Correction, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
 
 
 def is_bag(path: Path) -> bool:
