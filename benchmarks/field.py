@@ -10,7 +10,7 @@ import json
 import math
 import re
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -52,15 +52,13 @@ class Judged:
     drawn: dict[str, object]
     message: str
 
-    @property
-    def errors(self) -> tuple[tuple[float, float], ...]:
-        """(error, std) of what is known: slip ratio [-] and distance as a share of itself [-]."""
-        way = abs(self.distance_true)
-        pairs = (
+    def of(self, index: int) -> tuple[tuple[float, float], ...]:
+        """Return (error, std) of the slip ratio (0) or the distance (1), nothing where it is not known."""
+        error, std = (
             (self.slip - self.slip_true, self.slip_std),
-            ((self.distance - self.distance_true) / way, self.distance_std / way),
-        )
-        return tuple(pair for pair in pairs if math.isfinite(pair[0]))
+            (self.distance - self.distance_true, self.distance_std),
+        )[index]
+        return ((error, std),) if math.isfinite(error) else ()
 
     @property
     def usable(self) -> bool:
@@ -110,7 +108,7 @@ def table(judged: Sequence[Judged]) -> str:
     for name, of_group in groups.items():
         usable = [j for j in of_group if j.usable]
         for what, index in (("slip ratio", 0), ("distance", 1)):
-            pairs = np.array([e for j in usable for e in _of(j, index)]).reshape(-1, 2)
+            pairs = np.array([e for j in usable for e in j.of(index)]).reshape(-1, 2)
             if not len(pairs):
                 continue
             size = np.abs(pairs[:, 0])
@@ -121,13 +119,6 @@ def table(judged: Sequence[Judged]) -> str:
                 f"({100 * inside / len(pairs):.0f} %) | {beyond} | {ratio:.2f} |"
             )
     return "\n".join(rows)
-
-
-def _of(one: Judged, index: int) -> Iterable[tuple[float, float]]:
-    pairs = one.errors
-    if index == 0:
-        return pairs[:1] if math.isfinite(one.slip) else ()
-    return pairs[-1:] if math.isfinite(one.distance) else ()
 
 
 def main() -> None:
@@ -147,7 +138,7 @@ def main() -> None:
     counts = table(judged)
     print(counts)
     for one in judged:
-        worst = max((abs(e) / s for e, s in one.errors if s > 0), default=0.0)
+        worst = max((abs(e) / s for e, s in (*one.of(0), *one.of(1)) if s > 0), default=0.0)
         if one.usable and worst > 3:
             print(f"seed {one.seed}: {worst:.1f} std, {one.grade}, {one.drawn}")
     if args.page:

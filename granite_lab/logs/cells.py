@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
+import math
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +13,7 @@ import pandas as pd
 
 from granite_lab.errors import at
 from granite_lab.logs.counters import Mask
-from granite_lab.logs.rows import MISSING, NUMBER, is_number
+from granite_lab.logs.rows import MISSING, is_number
 from granite_lab.logs.table import DATED, Table
 from granite_lab.logs.trial import Array
 
@@ -23,9 +24,11 @@ _EXACT = {} if pd.__version__ >= "3.1" else {"float_precision": "round_trip"}
 # digit of most). Spikes are removed from up to one sample in a hundred (`imu_checks.despike`).
 _SHARE, _FEW = 0.01, 2
 _SHOWN = 5  # lines that a warning lists
+_BLOCK = 20_000  # rows that are read at a time
 _LONGEST = 30  # characters of a cell that a message shows
-_BOOLEANS = {"true": "1", "True": "1", "TRUE": "1", "false": "0", "False": "0", "FALSE": "0"}
+_BOOLEANS = {"true": "1", "false": "0"}
 _EMPTY = "leave the cell empty where the sensor has no sample"
+_DATE = "write dates by ISO 8601, or leave the cell empty where the sensor has no sample"
 _POINT = 'write numbers with a decimal point, or say decimal = "," under [table] in a column map'
 _CELLS = (
     "a delimiter too many or too few, or a decimal comma in a comma-separated file; delimiter and decimal "
@@ -86,7 +89,7 @@ def _fault(text: str, decimal: str, kind: str) -> tuple[str, str]:
     """Say what is wrong with a cell, and what to do."""
     shown = repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "…")
     if kind == "date":
-        return f"{shown} is not a date, expected one as 2026-03-01T12:00:00.25Z", _EMPTY
+        return f"{shown} is not a date, expected one as 2026-03-01T12:00:00.25Z", _DATE
     if is_number(text, decimal):
         return f"{shown} is not finite, expected a number", _EMPTY
     point = decimal == "." and is_number(text, ",")
@@ -115,28 +118,54 @@ def load(table: Table, wanted: Sequence[int], dates: Sequence[int]) -> Cells:
     if len(table.rows.lines) == 0:
         raise table.error("no row is whole", _CELLS, table.data_line)
     numbers = [place for place in wanted if place not in dates]
-    columns, faults = dict[int, Array](), dict[int, dict[int, str]]()
-    try:
-        frame = _parse(table, wanted, dates)
-        columns = {place: frame[place].to_numpy(dtype=np.float64) for place in numbers}
-        whole = not any(np.isinf(values).any() for values in columns.values())
-    except (ValueError, OverflowError):
-        whole = False
-    if not whole:
-        frame = _parse(table, wanted, wanted)
+    parts = dict[int, list[Array]]((place, []) for place in numbers)
+    faults = dict[int, dict[int, str]]((place, {}) for place in wanted)
+    texts: list[pd.DataFrame] = []
+    for first, block in _blocks(table.rows.text):
+        frame, plain = _parse(table, block, wanted, dates)
         for place in numbers:
-            columns[place], faults[place] = _numbers(frame[place], table.decimal)
+            values, found = (frame[place].to_numpy(), {}) if plain else _numbers(frame[place], table.decimal)
+            parts[place].append(values)
+            faults[place] |= {first + row: text for row, text in found.items()}
+        texts.append(frame[list(dates)])
+    columns = {place: np.concatenate(values) for place, values in parts.items()}
     for place in dates:
-        columns[place], faults[place] = _seconds(frame[place])
+        columns[place], faults[place] = _seconds(
+            pd.concat([frame[place] for frame in texts], ignore_index=True)
+        )
     return Cells(columns, {place: found for place, found in faults.items() if found}, dates)
 
 
-def _parse(table: Table, wanted: Sequence[int], texts: Sequence[int]) -> pd.DataFrame:
+def _blocks(text: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield rows in blocks, each with the number of its first row: damage slows down its own block alone."""
+    ends = np.flatnonzero(np.frombuffer(text, dtype=np.uint8) == ord("\n"))
+    begin = 0
+    for first in range(0, len(ends) + 1, _BLOCK):
+        end = int(ends[first + _BLOCK - 1]) if first + _BLOCK <= len(ends) else len(text)
+        yield first, text[begin:end]
+        begin = end + 1
+
+
+def _parse(
+    table: Table, block: bytes, wanted: Sequence[int], dates: Sequence[int]
+) -> tuple[pd.DataFrame, bool]:
+    """Return the wanted columns as numbers and dates, or else all as texts; and whether they are numbers."""
+    numbers = [place for place in wanted if place not in dates]
+    try:
+        frame = _read(table, block, wanted, dates)
+    except (ValueError, OverflowError):
+        return _read(table, block, wanted, wanted), False
+    if any(np.isinf(frame[place].to_numpy()).any() for place in numbers):
+        return _read(table, block, wanted, wanted), False
+    return frame, True
+
+
+def _read(table: Table, block: bytes, wanted: Sequence[int], texts: Sequence[int]) -> pd.DataFrame:
     """Let pandas' C engine read the wanted columns, some as texts."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pd.errors.ParserWarning)
         return pd.read_csv(  # type: ignore[call-overload,no-any-return]
-            io.BytesIO(table.rows.text),
+            io.BytesIO(block),
             sep=r"\s+" if table.delimiter == " " else table.delimiter,
             decimal=table.decimal,
             header=None,
@@ -156,13 +185,17 @@ def _parse(table: Table, wanted: Sequence[int], texts: Sequence[int]) -> pd.Data
 
 def _numbers(texts: pd.Series, decimal: str) -> tuple[Array, dict[int, str]]:
     """Return texts as numbers, NaN where they are none, and those by their rows."""
-    cells = texts.fillna("").str.strip().str.replace(decimal, ".", regex=False)
-    cells = cells.replace(dict.fromkeys(MISSING, "nan")).replace(_BOOLEANS)
-    known = cells.str.fullmatch(rf"{NUMBER}|nan").to_numpy(dtype=bool)
-    values = np.array([float(cell) if good else np.nan for cell, good in zip(cells, known, strict=True)])
-    faulty = np.flatnonzero(~known | np.isinf(values))
-    values[faulty] = np.nan
-    return values, {row: str(texts.iloc[row]).strip() for row in faulty.tolist()}
+    values, faults = np.full(len(texts), np.nan), dict[int, str]()
+    for row, text in enumerate(texts.tolist()):
+        cell = text.strip() if isinstance(text, str) else ""
+        cell = _BOOLEANS.get(cell.casefold(), cell)
+        if cell not in MISSING:
+            value = float(cell.replace(decimal, ".")) if is_number(cell, decimal) else math.inf
+            if math.isfinite(value):
+                values[row] = value
+            else:
+                faults[row] = cell
+    return values, faults
 
 
 def _seconds(texts: pd.Series) -> tuple[Array, dict[int, str]]:

@@ -310,6 +310,9 @@ def no_match(tries: list[Match], given: bool) -> InputError:
     near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)))
     if near.columns <= len(near.missing) and not given:
         hint = "granite-lab inspect shows what the columns seem to be and writes a column map for --map"
+        if table.repeated:
+            one, other = (table.names[place] for place in table.repeated[0][1][:2])
+            hint += f"; two columns of one name are '{one}' and '{other}' there"
         return table.error(f"the layout is not known: {shown}", hint, table.header_line)
     lacking = near.missing[0]
     unused = [name for name in names if not any(c.regex.fullmatch(name.strip()) for c in near.layout.column)]

@@ -110,9 +110,9 @@ class ColumnReport:
 def words(name: str) -> tuple[list[str], str]:
     """Split a column's name into words and the unit it may end in: ``gyrX (°/s)``, ``accel_x_g``."""
     unit = ""
-    inside = re.search(r"[\[(]([^\])]*)[\])]\s*$", name)
-    if inside and find_unit(inside.group(1)):
-        unit, name = inside.group(1), name[: inside.start()]
+    inside = max(name.rfind("["), name.rfind("("))
+    if name.rstrip()[-1:] in ("]", ")") and find_unit(name[inside + 1 :]):
+        unit, name = name[inside + 1 :].rstrip()[:-1], name[:inside]
     else:
         parts = name.split("_")
         for count in (2, 1):

@@ -15,11 +15,14 @@ import numpy.typing as npt
 MISSING = ("", "nan", "NaN", "NAN", "Nan", "-nan", "-NaN", "NA", "N/A", "n/a", "null", "NULL", "None", "none")
 DELIMITERS = {";": "semicolon", "\t": "tab", "|": "bar", ",": "comma", " ": "space"}
 # No two parts of it can match the same digits, or a long cell would take quadratic time.
-NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
-_NUMBER = re.compile(rf"{NUMBER}|[+-]?(?:inf|infinity)", re.IGNORECASE)
+_NUMBER = re.compile(
+    r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?|[+-]?(?:inf|infinity)", re.IGNORECASE | re.ASCII
+)  # fmt: skip
 _CELL = re.compile(r'"(?:[^"]|"")*"|\S+')
 LINES_OF_A_CELL = 50  # a quoted cell goes on for so many lines at most
 _OPENS, _CLOSES = re.compile(r'(?:^|[;\t|, ])"[^"]*$'), re.compile(r'[^"]*"(?:[;\t|, ]|$)')
+
+_BEGINS = frozenset(bytes([sign]) for sign in b"+-.0123456789")
 
 Lines = npt.NDArray[np.int64]
 
@@ -53,14 +56,6 @@ def split(row: str, delimiter: str) -> list[str]:
 
 def _unquoted(cell: str) -> str:
     return cell[1:-1].replace('""', '"') if cell[0] == '"' else cell
-
-
-def _written(cells: Sequence[str], delimiter: str) -> bytes:
-    """Return a row in one line, which no reader can take for another number of cells."""
-    line = io.StringIO()
-    row = [cell.replace("\n", " ") for cell in cells]
-    csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow(row)
-    return line.getvalue().removesuffix("\n").encode()
 
 
 def joined(lines: Sequence[str]) -> int:
@@ -107,37 +102,53 @@ def checked(text: bytes, first: int, shape: Shape) -> Rows:
     Blank rows are passed over. A row with a cell too many or too few is damaged, as is one with zero bytes;
     what is one too long and the next one too short cannot cancel.
     """
-    lines, sign = text.split(b"\n"), shape.delimiter.encode()
+    lines, sign, width = text.split(b"\n"), shape.delimiter.encode(), shape.width
     rows, numbers, damaged = list[bytes](), list[int](), list[tuple[int, str]]()
     headers, comments = list[int](), list[int]()
-    plain, at = b'"' not in text and b"\0" not in text, first - 1
-    while at < len(lines):
-        line, span = lines[at], 1
-        if plain or (b'"' not in line and b"\0" not in line):
-            whole = shape.width == (len(line.split()) if sign == b" " else line.count(sign) + 1)
-        else:
-            whole = False
-        if whole and line[:1] != b"#" and line not in shape.headers:
+    plain, begin = b'"' not in text and b"\0" not in text, first - 1
+    for at in range(begin, len(lines)):
+        line = lines[at]
+        # Nearly every row begins with a digit and has its cells; the others are looked at one by one.
+        cells = (len(line.split()) if sign == b" " else line.count(sign) + 1) if plain else 0
+        if cells == width and line[:1] in _BEGINS:
             rows.append(line)
             numbers.append(at + 1)
+        elif at < begin or not line.strip():
+            continue
         elif line.strip() in shape.headers:
             headers.append(at + 1)
         elif line.lstrip()[:1] == b"#":
             comments.append(at + 1)
         elif b"\0" in line:
             damaged.append((at + 1, "zero bytes, expected cells of numbers"))
-        elif line.strip():
-            texts = [part.decode("utf-8", "replace") for part in lines[at : at + LINES_OF_A_CELL]]
-            span = joined(texts)
-            cells = split("\n".join(texts[:span]), shape.delimiter)
-            if shape.fits(cells):
-                rows.append(_written([*cells, ""][: shape.width], shape.delimiter))
+        else:
+            texts, span = _texts(lines, at)
+            row = split(texts, shape.delimiter)
+            begin = at + span
+            if shape.fits(row):
+                rows.append(line if b'"' not in line and len(row) == width else _written(row, shape))
                 numbers.append(at + 1)
-            elif any(cell.strip() for cell in cells):
-                damaged.append((at + 1, _fault(cells, shape)))
-        at += span
+            elif any(cell.strip() for cell in row):
+                damaged.append((at + 1, _fault(row, shape)))
     kept = b"\n".join(rows)
     return Rows(kept, np.array(numbers, dtype=np.int64), tuple(damaged), tuple(headers), tuple(comments))
+
+
+def _texts(lines: Sequence[bytes], at: int) -> tuple[str, int]:
+    """Return the row that begins in a line, and how many lines it takes."""
+    if lines[at].count(b'"') % 2 == 0:
+        return lines[at].decode("utf-8", "replace"), 1
+    texts = [line.decode("utf-8", "replace") for line in lines[at : at + LINES_OF_A_CELL]]
+    span = joined(texts)
+    return "\n".join(texts[:span]), span
+
+
+def _written(cells: Sequence[str], shape: Shape) -> bytes:
+    """Return a row in one line, which no reader can take for another number of cells."""
+    row = [cell.replace("\n", " ") for cell in [*cells, ""][: shape.width]]
+    line = io.StringIO()
+    csv.writer(line, delimiter=shape.delimiter, lineterminator="\n").writerow(row)
+    return line.getvalue().removesuffix("\n").encode()
 
 
 def _fault(cells: Sequence[str], shape: Shape) -> str:

@@ -159,6 +159,8 @@ def show_inspection(inspection: Inspection, console: Console) -> None:
         say(console, str(report.path), "bold")
         if report.problem:
             say(console, report.problem, TONES["bad"])
+        if report.hint:
+            say(console, f"hint: {report.hint}", "dim")
         if report.columns or not report.problem:
             _file(report, console)
 

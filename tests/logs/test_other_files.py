@@ -48,8 +48,8 @@ def test_a_compressed_log_gives_the_record_of_the_plain_file(name: str, plain: P
 
 def test_a_fault_in_a_compressed_log_has_its_line(plain: Path) -> None:
     plain.write_text(plain.read_text().replace("\n0.5,", "\n0.5x,"))
-    with pytest.raises(InputError, match=r"run\.csv\.gz:52: column 't_s': '0\.5x' is not a number"):
-        read_trial(packed(plain, "run.csv.gz"))
+    said = read_trial(packed(plain, "run.csv.gz")).warnings
+    assert any("run.csv.gz:52: column 't_s': '0.5x' is not a number" in line for line in said)
 
 
 def test_damaged_and_unclear_archives_are_refused(plain: Path) -> None:
