@@ -26,6 +26,10 @@ MEET = 2.5
 STUCK_AFTER = 0.25
 """A wheel without a count for this long [s], while the others roll, is taken for a dead encoder."""
 
+SHARED, SLOWEST = 0.2, 1.0e-3
+"""Samples share the error of the last count for this long [s] at most, of wheels this fast [m/s] at least:
+slower ones are about to stand."""
+
 STEP = 0.01
 """Spacing of the grid on which wheels and IMU are compared [s]."""
 
@@ -104,9 +108,15 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     rough, _ = slope(t, np.nan_to_num(mean, nan=0.0), np.full(t.size, quantum / np.sqrt(12)))
     jitter = stamp_scatter(t, mean, rough, quantum)
 
+    period = float(np.median(np.diff(t)))
+
     def sigma(wheels: np.ndarray | int, pace: Array) -> Array:
-        """Std of one sample of a rolled distance [m]: quantisation per wheel, stamps common to all."""
-        return np.asarray(np.sqrt(quantum**2 / 12.0 / wheels + (jitter * pace) ** 2))
+        """Std of one sample of a rolled distance [m]: quantisation per wheel, stamps common to all.
+
+        Samples between two counts share their error; so many of them tell as much as one.
+        """
+        shared = np.clip(quantum / np.maximum(np.abs(pace), SLOWEST) / period, 1.0, max(SHARED / period, 1.0))
+        return np.asarray(np.sqrt(quantum**2 / 12.0 * shared / wheels + (jitter * pace) ** 2))
 
     speed, speed_std = slope(t, np.nan_to_num(mean), sigma(n_live, rough))
     mean_std = sigma(n_live, speed)
@@ -130,19 +140,21 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
 
 def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rolling:
     """Take logged rates, as velocities (M, 4) [m/s]; the distances are their integrals."""
+    dt = np.diff(t, prepend=t[0])
+    increment, warnings = mask_dead(t, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0))
+    velocity = np.where(np.isfinite(increment) | (dt == 0)[:, None], velocity, np.nan)
     speed = side_mean(velocity)
     known = np.isfinite(speed)
     bend = np.abs(np.diff(np.nan_to_num(speed), n=2, prepend=0.0, append=0.0))
     scatter = 1.4826 * float(np.median(bend[known])) / np.sqrt(6.0) if known.any() else 0.0
     floor = max(max(resolution) / np.sqrt(12.0), scatter, 1e-3)
-    dt = np.diff(t, prepend=t[0])
     mean = integral(t, joined(t, t, speed) if known.any() else np.zeros_like(speed))
     distance = np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0)
     distance[~np.isfinite(velocity)] = np.nan
     return Rolling(
         t=t, distance=distance, mean=mean, mean_std=np.full(speed.size, np.nan), velocity=velocity,
         velocity_std=np.where(np.isfinite(velocity), floor, np.nan), speed=speed,
-        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution,
+        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution, warnings=tuple(warnings),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import Mask, integral, powers, quantum, runs, unwrap
+from granite_lab.logs.counters import GAP_PERIODS, Mask, integral, powers, quantum, runs, unwrap
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import Unit
 from granite_lab.logs.trial import Array
@@ -22,6 +22,7 @@ _TREAD = 15.0  # nor does its tread gain more than 1.5 g [m/s^2]: a tyre's frict
 _LOST = 0.5  # wild readings and zeros for lost samples last no longer than this [s]
 _STUCK = (0.1, 10)  # a rate that is repeated for so long [s] and so many samples was not measured, ...
 _OFTEN = 5  # unless so many times shorter repetitions are the rule
+_ROUNDING = 1e-3  # scatter of the levels of a grid, as a share of the largest
 _NEAR = 0.02  # a grid of rates is one of counts per period where it is so close to it
 _CLEAR = 0.4  # steps up to this share of a range are read the short way round without a doubt
 
@@ -77,26 +78,77 @@ def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts
     factor = spec.scale * ((_TURN / wheel.per_rev if wheel.per_rev else math.nan) if counted else unit.factor)
     if unit.quantity in ("length", "speed"):
         factor /= wheel.radius
-    size = abs(factor)
-    step = max(quantum(raw), 1.0 if counted and (raw == np.rint(raw)).all() else 0.0) * size
+    size, whole = abs(factor), counted and bool((raw == np.rint(raw)).all())
     if is_angle:
+        step = size * max(quantum(raw), 1.0 if whole else 0.0)
         if spec.increment:
             return Turning(_without_jumps(t, np.cumsum(values) * factor, wheel.fastest, doubts), None, step)
         span = (width or spec.wrap) * size
         # A step that may be read in two ways is no jump.
-        limit = (
-            max(wheel.fastest, span / float(np.median(np.diff(t)))) if span and len(t) > 1 else wheel.fastest
-        )
+        limit = max(wheel.fastest, span / float(np.median(np.diff(t))) if span and len(t) > 1 else 0.0)
         return Turning(_without_jumps(t, values * factor, limit, doubts), None, step, span)
+    counts = _counts_per_period(t, values, wheel.per_rev * size / _TURN)
+    step = size * (counts.rate if counts else max(quantum(raw) or lattice(raw), 1.0 if whole else 0.0))
     rate = _measured(t, values * factor, step, wheel, doubts)
     known = np.isfinite(rate)
-    filled = np.interp(t, t[known], rate[known]) if known.any() else rate
-    per_count = _TURN / wheel.per_rev if wheel.per_rev else 0.0
-    period = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    if per_count and known.all() and abs(step * period / per_count - 1) < _NEAR:
-        # The logger divided counts by its period: their sum is the counter again.
-        return Turning(np.cumsum(filled) * period, None, per_count)
-    return Turning(integral(t, filled), rate, step)
+    if counts and known.all():
+        return Turning(counts.angle * factor, None, counts.step * size)
+    return Turning(integral(t, np.interp(t, t[known], rate[known]) if known.any() else rate), rate, step)
+
+
+class _Periods(NamedTuple):
+    """Rates that are counts over the time in which they came, in the logged unit."""
+
+    angle: Array  # (N,) the counts, added up
+    step: float  # one count
+    rate: float  # one count in a period
+
+
+def _counts_per_period(t: Array, raw: Array, per_unit: float) -> _Periods | None:
+    """Return the counter (N,) of which the logger made rates by dividing its steps by their time, if it did.
+
+    The time was the one between two stamps, or always the same; `per_unit` counts make one unit of the angle
+    (0: not known). Such rates lie on a grid, which is one count in a period, or not a round number at least.
+    """
+    dt = np.diff(t)
+    if len(t) < 20 or dt.max() > GAP_PERIODS * (period := float(np.median(dt))):
+        return None
+    times = np.append(period, dt)
+    for passed in (times, np.full(len(t), period)):
+        steps = raw * passed
+        step = lattice(steps)
+        one = per_unit > 0 and abs(step * per_unit - 1) < _NEAR
+        # A grid of whole counts, or of the digits that were written, does not depend on the period.
+        if step > 0 and (one or not _is_round(quantum(raw) or step / period)):
+            whole = np.rint(steps / step)
+            return _Periods(np.cumsum(whole) * step, step, step / period)
+    return None
+
+
+def lattice(values: Array) -> float:
+    """Return the step of a coarse grid on which values (N,) lie within their rounding; 0: they do not.
+
+    Unlike `quantum` it finds grids of few levels, and of levels that scatter as stamps do.
+    """
+    size = np.sort(np.abs(values))
+    near = _ROUNDING * size[-1]
+    cuts = np.flatnonzero(np.diff(size) > near) + 1
+    levels = np.split(size, cuts)
+    if not 3 <= len(levels) <= 0.1 / _ROUNDING or any(np.ptp(level) > 3 * near for level in levels):
+        return 0.0
+    middles, weights = np.array([level.mean() for level in levels]), np.array([len(x) for x in levels])
+    middles = middles - middles[0] * (middles[0] <= near)
+    whole = np.rint(middles / np.diff(middles).min())
+    step = float(np.sum(weights * whole * middles) / max(np.sum(weights * whole**2), 1.0))
+    return step if step > 0 and np.abs(middles / step - whole).max() < 0.05 else 0.0
+
+
+def _is_round(step: float) -> bool:
+    """Say whether a grid may be that of written digits: 1, 2, 2.5 or 5 in some decimal place."""
+    if step <= 0:
+        return False
+    digits = step / 10 ** math.floor(math.log10(step) + 1e-6)
+    return any(abs(digits / one - 1) < 1e-3 for one in (1, 2, 2.5, 5))
 
 
 def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[float]:
@@ -174,7 +226,7 @@ def _measured(t: Array, rate: Array, step: float, wheel: Wheel, doubts: list[str
     if np.count_nonzero(wild) > 0.05 * len(wild):  # then it is the unit, which is judged later
         return rate
     wild |= _strayed(t, np.where(wild, np.interp(t, t[~wild], rate[~wild]), rate), step, wheel.radius)
-    stuck = _repeated(t, rate) & ~wild
+    stuck = _repeated(t, rate, step) & ~wild
     for found, what in ((wild, "thrown off or 0 for a lost sample"), (stuck, "that repeat the last one")):
         if found.any():
             at = ", ".join(f"{t[a]:.3f}" for a, _ in runs(found)[:3])
@@ -191,25 +243,25 @@ def _strayed(t: Array, rate: Array, step: float, radius: float) -> Mask:
     found, k = np.zeros(len(rate), dtype=bool), 0
     while k < len(jumps):
         i = jumps[k]
-        # The last jump within reach after which the rate is again what it was before the first.
+        # The first jump within reach after which the rate is again what it was before.
         back = [
             j for j in jumps[k + 1 : k + 50]
             if t[j + 1] - t[i] <= _LOST + dt[i] and abs(rate[j + 1] - rate[i]) < 0.5 * abs(change[i])
         ]  # fmt: skip
+        k += 1
         if back:
-            found[i + 1 : back[-1] + 1] = True
-            k = int(np.searchsorted(jumps, back[-1])) + 1
-        else:
-            k += 1
+            found[i + 1 : back[0] + 1] = True
+            k = int(np.searchsorted(jumps, back[0])) + 1
     return found
 
 
-def _repeated(t: Array, rate: Array) -> Mask:
+def _repeated(t: Array, rate: Array, step: float) -> Mask:
     """(N,) True where a turning wheel's rate repeats the last one much longer than it usually does."""
     edges = np.concatenate(([0], np.flatnonzero(np.diff(rate) != 0) + 1, [len(rate)]))
     lengths, found = np.diff(edges), np.zeros(len(rate), dtype=bool)
-    moving = rate[edges[:-1]] != 0
-    if np.count_nonzero(moving) < 20:
+    moving, changes = rate[edges[:-1]] != 0, np.abs(np.diff(rate))
+    # A rate of coarse steps repeats itself while the wheel turns steadily.
+    if np.count_nonzero(moving) < 20 or float(np.median(changes[changes > 0])) < 3 * step:
         return found
     usual = float(np.quantile(lengths[moving], 0.95))
     for a, b in zip(edges[:-1][moving], edges[1:][moving], strict=True):
