@@ -31,9 +31,10 @@ from granite_lab.logs.quantities import (
 )
 from granite_lab.logs.reader import assemble
 from granite_lab.logs.source import load, read_source, recognise
+from granite_lab.logs.standstill import standstills
 from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
-from granite_lab.logs.wheels import MotionGuess, look, rests
+from granite_lab.logs.wheels import MotionGuess, look
 from granite_lab.parameters import load_robot
 from granite_lab.parameters.quantity import toml
 
@@ -232,7 +233,7 @@ def _inspect(
         told = (*report.doubts, error.message) if error.message != report.problem else report.doubts
         return replace(report, problem=report.problem or error.message, doubts=told)
     the_robot, told = load_robot(trial.info.robot or "granite"), report.doubts + trial.warnings
-    still, motion = tuple(rests(trial, the_robot)), look(trial, the_robot)
+    still, motion = tuple(standstills(trial, the_robot)), look(trial, the_robot)
     return replace(report, streams=_streams(trial), rests=still, motion=motion, doubts=told, trial=trial)
 
 
