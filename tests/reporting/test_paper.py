@@ -20,7 +20,7 @@ from granite_lab.estimate import Part
 from granite_lab.fitting import fit_a_theta
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_report
-from granite_lab.reporting.answers import by_speed
+from granite_lab.reporting.answers import speeds_of
 from granite_lab.reporting.json_report import CRATE as NAME
 from granite_lab.reporting.json_report import changed_files
 from granite_lab.reporting.render import LONG, escaped, to_latex
@@ -91,7 +91,7 @@ def budgeted() -> StudyResult:
 
 
 def test_the_contributions_add_up_to_the_stated_std_and_the_shares_to_one(budgeted: StudyResult) -> None:
-    speeds = by_speed(budgeted, load_paper())
+    speeds = speeds_of(budgeted, load_paper())
     squares: dict[tuple[str, str], float] = defaultdict(float)
     shares: dict[tuple[str, str], float] = defaultdict(float)
     for table in budget_tables(budgeted, speeds):
@@ -115,7 +115,7 @@ def test_the_budgets_stand_in_one_closed_part_of_the_report(budgeted: StudyResul
     assert len(folds) == 1
     assert all(t.virtual for t in report.tables if t.name.startswith("budget"))
     made = made_up_study(speeds=(0.2, 0.3, 0.5), repetitions=2)  # without components
-    assert budget_tables(made, by_speed(made, load_paper())) == []
+    assert budget_tables(made, speeds_of(made, load_paper())) == []
 
 
 def table(rows: int, text: str = "a_b & c") -> Table:
