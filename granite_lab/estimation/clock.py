@@ -14,10 +14,11 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import TAU
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Problem, build
-from granite_lab.estimation.rest import Interval, wheels_still
+from granite_lab.estimation.rest import turning_of
 from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined
+from granite_lab.logs.standstill import Interval, wheels_still
 from granite_lab.logs.trial import Array
 
 LARGEST, FARTHEST = 0.4, 1.0
@@ -204,7 +205,7 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
     """Windows around the first onsets of motion and the first stops, given a rough clock offset [s]."""
     assert problem.rolling is not None
     begin, end = problem.imu.t[0], problem.imu.t[-1]
-    turning = problem.rolling.t[~wheels_still(problem.rolling)] + offset
+    turning = problem.rolling.t[wheels_still(turning_of(problem.rolling)).turns] + offset
     starts, stops = [], []
     for a, b in bridged_rests(problem.rests, turning):
         if b - a < STILL:

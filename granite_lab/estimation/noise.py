@@ -31,10 +31,11 @@ from granite_lab.estimation.error_model import Noise
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Problem, pace_of
 from granite_lab.estimation.nominal import Nominal
-from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import nominal_of, usual
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import runs
+from granite_lab.logs.standstill import Interval
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 

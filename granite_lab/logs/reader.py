@@ -17,6 +17,7 @@ from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_m
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
 from granite_lab.logs.stamps import describe_gaps, outside_gaps
+from granite_lab.logs.standstill import standstills
 from granite_lab.logs.streams import interval, read_streams
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.logs.wheels import (
@@ -24,7 +25,6 @@ from granite_lab.logs.wheels import (
     check_wheels,
     look,
     refuse_counts_and_speed,
-    rests,
     without_free_wheels,
 )
 from granite_lab.parameters import Robot, load_robot
@@ -160,7 +160,7 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
         refuse_counts_and_speed(wheels, log)
         angle = wheels.angle[np.isfinite(wheels.angle)]
         if clean is not None and len(clean.t) > 100 and len(angle) and np.ptp(angle) > 1.0:
-            refuse_axes(clean, rests(trial, log.robot), log)
+            refuse_axes(clean, standstills(dataclasses.replace(trial, imu=clean), log.robot), log)
         wheels = without_free_wheels(wheels, log)
     currents = None if currents is None else check_currents(currents, trial.wheels, log)
     return dataclasses.replace(trial, wheels=wheels, currents=currents)
@@ -263,7 +263,7 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
         return trial
     t = trial.imu.t
     gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > _BRIDGED)]
-    still = rests(trial, robot) if gaps else []
+    still = standstills(trial, robot) if gaps else []
     gaps = [(a, b) for a, b in gaps if not any(begin <= a and b <= end for begin, end in still)]
     if not gaps:
         return trial
