@@ -75,8 +75,8 @@ FEWEST = 8.0
 SHORTEST = 2.0
 """Steady motion shorter than this [s] has no ordinates to speak of."""
 
-SLOPES = (2.0,)
-"""Powers of the frequency with which vibration rises: shaken by forces at, and far below, the resonance."""
+RISE = 2.0
+"""Power of the frequency with which the vibration's density rises: of the derivative of a bounded signal."""
 
 MIDDLE = 5.0
 """The height of a rise is that at this frequency [Hz]."""
@@ -88,7 +88,7 @@ NONE = 0.8
 """Probability, before the trial is seen, that motion adds no white noise."""
 
 ALONE = 0.5
-"""Probability, before the trial is seen, that a band outside the rise holds white noise alone."""
+"""Probability, before the trial is seen, that a band below the rise holds white noise alone."""
 
 NEGLIGIBLE = 0.3
 """White noise in motion below this share of that at rest is none."""
@@ -206,7 +206,7 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
     noise, nominal = problem.noise, nominal_of(problem, offset)
     frequency, force, rate = spectrum(problem, nominal, offset)
     if problem.imu.has_pitch_rate:
-        noise = replace(noise, gyro_motion=white_in_motion(frequency, rate, noise.gyro))
+        noise = replace(noise, gyro_motion=white_in_motion(frequency, rate, noise.gyro, turns=True))
         lost = lost_pitch(replace(problem, noise=noise), nominal)
         noise = replace(noise, gyro_motion=float(np.hypot(noise.gyro_motion, lost)))
     noise = replace(noise, accel_motion=white_in_motion(frequency, force, noise.accel))
@@ -297,21 +297,29 @@ def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, 
     return frequency, force, rate
 
 
-def white_in_motion(frequency: Array, density: Array, rest: float) -> float:
+def white_in_motion(frequency: Array, density: Array, rest: float, *, turns: bool = False) -> float:
     """White noise density (std times sqrt(s)) that motion adds to that at `rest`.
 
-    `frequency` (F,) and `density` (F,) are ordinates of a one-sided periodogram.
+    `frequency` (F,) and `density` (F,) are ordinates of a one-sided periodogram. A body that `turns` on uneven
+    ground does so at any frequency, and its gyro shows that: there a flat spectrum alone is noise.
     """
     if not frequency.size:
         return 0.0
-    level = white_level(frequency, density / (2.0 * rest**2))
+    white, evidence = white_levels(frequency, density / (2.0 * rest**2))
+    if turns:
+        evidence[1:] = np.where(np.arange(white.size) == 0, logsumexp(evidence[1:]), -np.inf)
+    level = float(softmax(logsumexp(evidence, axis=0)) @ white)
     return rest * float(np.sqrt(level - 1.0)) if level - 1.0 > NEGLIGIBLE else 0.0
 
 
-def white_level(frequency: Array, density: Array) -> float:
-    """Return the posterior mean of the white noise, in shares of that at rest, at least 1.
+def white_levels(frequency: Array, density: Array) -> tuple[Array, Array]:
+    """Return candidates of the white noise, in shares of that at rest, and the logarithm of their probability.
 
     `density` (F,) is the periodogram at `frequency` (F,) [Hz] in such shares.
+
+    Returns:
+        (W,) candidates, from 1 on; (2, W) log-probabilities, but for a constant, that they stand alone above the
+        motion, and that they stand below a rise. Without ordinates enough for a rise there is the first row only.
     """
     place = np.floor(PER_OCTAVE * np.log2(frequency)).astype(int)
     bands, place = np.unique(place, return_inverse=True)
@@ -320,23 +328,25 @@ def white_level(frequency: Array, density: Array) -> float:
     decades = np.log10(max(float(np.max(total / count)), 1.0)) + 0.5
     white = np.logspace(0.0, decades, max(int(decades * STEPS), 2))  # (W,)
     height = np.logspace(-2.0, decades + 2.0, int((decades + 4.0) * STEPS / 2))  # (A,) at `MIDDLE`
+    prior = np.log(np.append(NONE, np.full(white.size - 1, (1.0 - NONE) / (white.size - 1))))
     alone, loud = _outside(count, total, white)
     below = _summed(np.logaddexp(np.log(ALONE) + alone, np.log(1.0 - ALONE) + loud))
-    above = _summed(loud[::-1])
-    prior = np.log(np.append(NONE, np.full(white.size - 1, (1.0 - NONE) / (white.size - 1))))
-    found = []
-    for slope in SLOPES:
-        level = white + height[:, None] * (centre[:, None, None] / MIDDLE) ** slope  # (B, A, W)
-        rise = -count[:, None, None] * np.log(level) - total[:, None, None] / level
-        rise = _summed(rise)
-        for begin in np.flatnonzero((centre > MOTION) & (centre < RESTLESS)):
-            ends = [e for e in range(begin + 1, bands.size + 1) if np.sum(count[begin:e]) >= FEWEST]
-            for end in ends:
-                seen = logsumexp(rise[end] - rise[begin], axis=0)
-                found.append(seen + below[begin] + above[bands.size - end] + prior)
-    if not found:
-        return max(float(np.sum(total) / np.sum(count)), 1.0)
-    return float(softmax(logsumexp(found, axis=0)) @ white)
+    above, flat = _summed(loud[::-1])[::-1], _summed(alone[::-1])[::-1]
+    begins = np.flatnonzero((centre > MOTION) & (centre < RESTLESS)).tolist()
+    level = white + height[:, None] * (centre[:, None, None] / MIDDLE) ** RISE  # (B, A, W)
+    rise = _summed(-count[:, None, None] * np.log(level) - total[:, None, None] / level)
+    rises = [
+        below[begin] + logsumexp(rise[end] - rise[begin], axis=0) - np.log(height.size) + above[end]
+        for begin in begins
+        for end in range(begin + 1, bands.size + 1)
+        if np.sum(count[begin:end]) >= FEWEST
+    ]
+    found = [
+        logsumexp([below[begin] + flat[begin] for begin in (0, *begins)], axis=0) - np.log(1 + len(begins))
+    ]
+    if rises:
+        found.append(logsumexp(rises, axis=0) - np.log(len(rises)))
+    return white, np.array(found) + prior
 
 
 def _outside(count: Array, total: Array, white: Array) -> tuple[Array, Array]:
