@@ -306,8 +306,8 @@ def white_in_motion(frequency: Array, density: Array, rest: float, *, turns: boo
     if not frequency.size:
         return 0.0
     white, evidence = white_levels(frequency, density / (2.0 * rest**2))
-    if turns:
-        evidence[1:] = np.where(np.arange(white.size) == 0, logsumexp(evidence[1:]), -np.inf)
+    if turns and len(evidence) > 1:
+        evidence[1] = np.where(white == 1.0, logsumexp(evidence[1]), -np.inf)
     level = float(softmax(logsumexp(evidence, axis=0)) @ white)
     return rest * float(np.sqrt(level - 1.0)) if level - 1.0 > NEGLIGIBLE else 0.0
 
@@ -331,7 +331,7 @@ def white_levels(frequency: Array, density: Array) -> tuple[Array, Array]:
     prior = np.log(np.append(NONE, np.full(white.size - 1, (1.0 - NONE) / (white.size - 1))))
     alone, loud = _outside(count, total, white)
     below = _summed(np.logaddexp(np.log(ALONE) + alone, np.log(1.0 - ALONE) + loud))
-    above, flat = _summed(loud[::-1])[::-1], _summed(alone[::-1])[::-1]
+    above, alone_on = _summed(loud[::-1])[::-1], _summed(alone[::-1])[::-1]
     begins = np.flatnonzero((centre > MOTION) & (centre < RESTLESS)).tolist()
     level = white + height[:, None] * (centre[:, None, None] / MIDDLE) ** RISE  # (B, A, W)
     rise = _summed(-count[:, None, None] * np.log(level) - total[:, None, None] / level)
@@ -341,12 +341,9 @@ def white_levels(frequency: Array, density: Array) -> tuple[Array, Array]:
         for end in range(begin + 1, bands.size + 1)
         if np.sum(count[begin:end]) >= FEWEST
     ]
-    found = [
-        logsumexp([below[begin] + flat[begin] for begin in (0, *begins)], axis=0) - np.log(1 + len(begins))
-    ]
-    if rises:
-        found.append(logsumexp(rises, axis=0) - np.log(len(rises)))
-    return white, np.array(found) + prior
+    flat = [below[begin] + alone_on[begin] for begin in (0, *begins)]
+    families = [logsumexp(models, axis=0) - np.log(len(models)) for models in (flat, rises) if models]
+    return white, np.stack(families) + prior
 
 
 def _outside(count: Array, total: Array, white: Array) -> tuple[Array, Array]:
