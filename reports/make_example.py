@@ -9,11 +9,14 @@ metadata of the files, which are no longer those that were written.
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 from PIL import Image
+
+from granite_lab.folders import LIST
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "reports" / "example"
@@ -21,7 +24,8 @@ COLOURS = 48
 
 
 def study() -> None:
-    """Analyse the samples; what is remembered from before is used."""
+    """Analyse the samples; what is remembered from before is used, and the old example is removed."""
+    shutil.rmtree(EXAMPLE, ignore_errors=True)
     command = "from granite_lab.cli import main; main()"
     arguments = ["study", "data/samples", "--out", "reports/example", "--no-recordings"]
     subprocess.run([sys.executable, "-c", command, *arguments], cwd=ROOT, check=True)
@@ -37,7 +41,8 @@ def slim() -> None:
         png.with_suffix(".pdf").unlink(missing_ok=True)
     for table in (EXAMPLE / "tables").glob("*.tex"):
         table.unlink()
-    (EXAMPLE / "ro-crate-metadata.json").unlink(missing_ok=True)
+    for name in ("ro-crate-metadata.json", LIST):
+        (EXAMPLE / name).unlink(missing_ok=True)
     page = EXAMPLE / "report.md"
     page.write_text(page.read_text(encoding="utf-8").replace(".svg)", ".png)"), encoding="utf-8")
 

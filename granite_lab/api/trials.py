@@ -22,6 +22,7 @@ from granite_lab.effects import library
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
 from granite_lab.fitting.fit import AThetaFit, K92Fit
+from granite_lab.folders import files_of
 from granite_lab.logs.trial import name_of, trial_files
 from granite_lab.results import Failure, StudyResult, TrialResult, load_report
 from granite_lab.running import Execution, Options, each_trial, sifted
@@ -157,8 +158,7 @@ def studied(logs: Logs, **said: Unpack[Chain]) -> tuple[Written, Origin]:
         progress("report", 0)
         written = write(result, options, folder, failures=guard.lines, jobs=jobs)
         if cache is not None and not written.failures:
-            files = sorted(path for path in folder.rglob("*") if path.is_file())
-            known = {path.relative_to(folder).as_posix(): fingerprint(path) for path in files}
+            known = {path.relative_to(folder).as_posix(): fingerprint(path) for path in files_of(folder)}
             cache.put(key, encode(((), known)))
     return written, origin
 
