@@ -26,7 +26,8 @@ from granite_lab.folders import files_of
 from granite_lab.logs.trial import name_of, trial_files
 from granite_lab.results import Failure, StudyResult, TrialResult, load_report
 from granite_lab.running import Execution, Options, each_trial, sifted
-from granite_lab.running.cache import code, content, digest_of, encode, fingerprint
+from granite_lab.running.cache import code, digest_of, fingerprint
+from granite_lab.running.codec import content, encode
 from granite_lab.running.options import corrected
 from granite_lab.running.output import Guard, claimed, tell
 

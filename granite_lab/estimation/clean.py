@@ -96,8 +96,10 @@ def _imu(
     rate = np.stack([imu.roll_rate, imu.pitch_rate, imu.yaw_rate], axis=1)
     angle = float(np.degrees(imu.rotation.magnitude()))
     if angle > 0.0:
-        how = "levelled, x found by the wheels" if imu.levelled else "by the robot's file"
+        how = "levelled at standstill" if imu.levelled else "by the robot's file"
         made.append(Correction(f"turned into robot axes, {how}", "imu", angle, NAN, "deg"))
+    if imu.scale != 0.0:
+        made.append(Correction("scale error taken out", "imu", imu.scale, imu.scale_std, ""))
     if put_back:
         force[:, 0] -= GRAVITY * np.sin(motion.pitch)
         force[:, 2] += GRAVITY * np.cos(motion.pitch)

@@ -58,8 +58,13 @@ class Rolling:
     speed: Array  # (M,) velocity of `mean` [m/s]
     speed_std: Array
     by_rate: bool  # the logger gave rates; distances are their integrals and not measurements
-    step: float  # smallest step of a wheel's distance [m] (of its velocity [m/s] if by_rate)
+    resolution: tuple[float, ...]  # (4,) of each distance [m] (of each velocity [m/s] if by_rate)
     warnings: tuple[str, ...] = ()  # doubts, one line each
+
+    @property
+    def step(self) -> float:
+        """The coarsest resolution of the four [m] or [m/s]."""
+        return max(self.resolution)
 
     def speed_at(self, t: Array | float, offset: float = 0.0) -> Array:
         """Return `speed` at instants of a clock that the encoders' lies behind by `offset` [s]."""
@@ -83,9 +88,10 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     locally smooth motion; the robot's file is the floor of the former.
     """
     t, counts = stream.t, robot.encoders.counts
-    q = (stream.step if stream.step > 0 else 2 * np.pi / counts if counts else 0.0) * robot.wheels.radius
+    usual = 2 * np.pi / counts if counts and stream.rate is None else 0.0
+    resolution = tuple((step or usual) * robot.wheels.radius for step in stream.resolution)
     if stream.rate is not None:
-        return _roll_rates(t, bridge(t, stream.rate) * robot.wheels.radius, q)
+        return _roll_rates(t, bridge(t, stream.rate) * robot.wheels.radius, resolution)
     distance = bridge(t, stream.angle) * robot.wheels.radius
     increment, warnings = mask_dead(t, distance)
     mean_step = side_mean(increment)
@@ -93,7 +99,7 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     lost[0] = False
     mean = np.cumsum(np.nan_to_num(mean_step))
     mean[lost] = np.nan
-    quantum = max(q, 1e-6)
+    quantum = max(*resolution, 1e-6)
     n_live = np.maximum(np.isfinite(increment).sum(axis=1), 1)
     rough, _ = slope(t, np.nan_to_num(mean, nan=0.0), np.full(t.size, quantum / np.sqrt(12)))
     jitter = stamp_scatter(t, mean, rough, quantum)
@@ -118,17 +124,17 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     return Rolling(
         t=t, distance=np.where(np.isfinite(increment), distance - first, np.nan), mean=mean,
         mean_std=mean_std, velocity=velocity, velocity_std=velocity_std, speed=speed, speed_std=speed_std,
-        by_rate=False, step=q, warnings=tuple(warnings),
+        by_rate=False, resolution=resolution, warnings=tuple(warnings),
     )  # fmt: skip
 
 
-def _roll_rates(t: Array, velocity: Array, step: float) -> Rolling:
+def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rolling:
     """Take logged rates, as velocities (M, 4) [m/s]; the distances are their integrals."""
     speed = side_mean(velocity)
     known = np.isfinite(speed)
     bend = np.abs(np.diff(np.nan_to_num(speed), n=2, prepend=0.0, append=0.0))
     scatter = 1.4826 * float(np.median(bend[known])) / np.sqrt(6.0) if known.any() else 0.0
-    floor = max(step / np.sqrt(12.0), scatter, 1e-3)
+    floor = max(max(resolution) / np.sqrt(12.0), scatter, 1e-3)
     dt = np.diff(t, prepend=t[0])
     mean = integral(t, joined(t, t, speed) if known.any() else np.zeros_like(speed))
     distance = np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0)
@@ -136,7 +142,7 @@ def _roll_rates(t: Array, velocity: Array, step: float) -> Rolling:
     return Rolling(
         t=t, distance=distance, mean=mean, mean_std=np.full(speed.size, np.nan), velocity=velocity,
         velocity_std=np.where(np.isfinite(velocity), floor, np.nan), speed=speed,
-        speed_std=np.full(speed.size, floor), by_rate=True, step=step,
+        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution,
     )  # fmt: skip
 
 
@@ -298,7 +304,8 @@ def check_signs(
         return wheels, ()
     angle, rate = (None if v is None else (v * sign)[:, order] for v in (wheels.angle, wheels.rate))
     assert angle is not None
-    return replace(wheels, angle=angle, rate=rate), tuple(said)
+    resolution = tuple(wheels.resolution[i] for i in order)
+    return replace(wheels, angle=angle, rate=rate, resolution=resolution), tuple(said)
 
 
 def _speeds(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:

@@ -78,7 +78,10 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
         for name, value in _numbers(message, fields[topic]):
             columns[f"{topic}.{name}"][row] = value
     headers, numbers = (tuple(columns),), tuple(columns.values())
-    return Table(path, headers, len(columns), "ROS", doubts=tuple(doubts), numbers=numbers), chosen
+    table = Table(
+        path=path, headers=headers, width=len(columns), encoding="ROS", doubts=tuple(doubts), numbers=numbers
+    )  # fmt: skip
+    return table, chosen
 
 
 def _choose(

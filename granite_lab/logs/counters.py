@@ -1,16 +1,14 @@
-"""What counts: time stamps and wheel encoders; their units, wraps, resets, order, gaps and resolution."""
+"""What counts: stamps and counters; their units, wraps, resets, order, gaps and resolution."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from granite_lab.errors import InputError
-from granite_lab.logs.layouts import Column
-from granite_lab.logs.quantities import DATE, Unit, factors
+from granite_lab.logs.quantities import DATE, factors
 from granite_lab.logs.trial import Array
 
 Rows = npt.NDArray[np.intp]
@@ -20,8 +18,7 @@ GAP_PERIODS = 3.0  # a gap is a step of more than this many median periods
 SECONDS = {unit: factor for unit, factor in factors("time").items() if unit != DATE}
 _EPOCH = (9.4e8, 2.6e9)  # 2000 to 2052 in seconds since 1970
 _FASTEST = 20000.0  # [Hz]
-_TURN = 2 * math.pi
-_FASTEST_WHEEL = 300.0  # no wheel of a ground robot turns faster [rad/s]; a step that needs more is a fault
+_ROUNDED = 1e-3  # by this share of a range the values may go beyond it: angles are rounded
 
 
 def runs(flags: Mask) -> list[tuple[int, int]]:
@@ -159,6 +156,11 @@ def describe_gaps(t: Array, what: str) -> str:
     return f"{what}: {count}, the longest {steps[worst]:.3f} s at t = {t[worst]:.3f} s"
 
 
+def powers(count: float = 1.0) -> list[float]:
+    """Return the ranges of counters of 7 to 32 bits, where one count is `count` of the logged unit."""
+    return [2.0**bits * count for bits in range(7, 33)]
+
+
 def unwrap(raw: Array, ranges: Sequence[float], slack: float = 0.02) -> tuple[Array, int, float]:
     """Undo the wraps of a counter, exactly for whole numbers.
 
@@ -172,81 +174,24 @@ def unwrap(raw: Array, ranges: Sequence[float], slack: float = 0.02) -> tuple[Ar
     span = float(np.ptp(raw)) if len(raw) else 0.0
     for width in ranges:
         wraps = np.abs(steps) > width / 2
-        if span > width * (1 + 1e-9) or not wraps.any():
+        count = int(np.count_nonzero(wraps))
+        if span > width * (1 + _ROUNDED) or count == 0:
             continue
-        across = np.abs(steps[wraps] - np.sign(steps[wraps]) * width)
+        short = np.where(wraps, steps - np.sign(steps) * width, steps)
         usual = float(np.abs(steps[~wraps]).max(initial=0.0))
-        if (across <= max(5 * usual or width / 4, slack * width)).all():
+        alike = (np.abs(short[wraps]) <= max(5 * usual, slack * width)).all()
+        # Each wrap makes the steps jump by the range and back; without wraps they change little.
+        changes, left = (np.diff(x, prepend=0.0, append=0.0) for x in (steps, short))
+        saved = float(np.abs(changes).sum() - np.abs(short_way(left, width)).sum())
+        if alike and saved > width * count:
             turns = np.concatenate(([0.0], np.cumsum(np.where(wraps, -np.sign(steps), 0.0))))
-            return raw + turns * width, int(np.count_nonzero(wraps)), width
+            return raw + turns * width, count, width
     return raw, 0, 0.0
 
 
-def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[float]:
-    """List the ranges that a counter in this unit may have; `given` is the column map's (0: none)."""
-    if given:
-        return [given]
-    if unit.name == "counts":
-        return [2.0**16, 2.0**32] if (raw == np.rint(raw)).all() else []
-    if unit.quantity != "angle":
-        return []
-    turn = _TURN / unit.factor  # or a counter that the logger has turned into an angle
-    return [turn, *(size * turn / per_rev for size in (2.0**16, 2.0**32) if per_rev)]
-
-
-def convert(
-    t: Array, raw: Array, unit: Unit, said: Column, per_rev: float, radius: float, doubts: list[str]
-) -> tuple[Array, Array | None, float]:
-    """Turn one encoder's values (N,), finite, at increasing stamps [s] into wheel angle and rate.
-
-    The unit says what kind of value they are; scale, wrap and increment are `said` by the column map;
-    `per_rev` are counts per wheel revolution (0: not known); the wheel's radius is in [m]. Returns the angle
-    (N,) [rad], the rate (N,) [rad/s] if that is logged, and the smallest step of what is logged.
-    """
-    counted, is_angle = unit.name in ("counts", "counts/s"), unit.quantity in ("angle", "length")
-    values = np.cumsum(raw) if said.increment else raw
-    if not said.increment and is_angle:
-        values, wraps, width = unwrap(values, wrap_ranges(values, unit, said.wrap, per_rev))
-        if wraps:
-            doubts.append(f"the counter wrapped {wraps} times at {width:g}; unwrapped")
-    factor = said.scale * ((_TURN / per_rev if per_rev else math.nan) if counted else unit.factor)
-    if unit.quantity in ("length", "speed"):
-        factor /= radius
-    si = values * factor
-    step = (1.0 if counted else quantum(raw)) * abs(factor)
-    if is_angle:
-        return _without_jumps(t, si, doubts), None, step
-    return integral(t, si), si, step
-
-
-def _without_jumps(t: Array, angle: Array, doubts: list[str]) -> Array:
-    """Take out steps that no wheel can make: the counter was reset, or a sample is wrong.
-
-    A single sample from which the next one returns is replaced by the line between its neighbours. After a
-    reset the wheel goes on at the rate between those before and after it.
-    """
-
-    def too_fast(step: Array, time: Array) -> np.ndarray:
-        return np.abs(step) > _FASTEST_WHEEL * time
-
-    wild = too_fast(np.diff(angle), np.diff(t))
-    if not wild.any() or wild.all() or np.count_nonzero(wild) > 0.01 * len(wild) + 2:
-        return angle
-    alone = np.zeros(len(angle), dtype=bool)
-    alone[1:-1] = wild[:-1] & wild[1:] & ~too_fast(angle[2:] - angle[:-2], t[2:] - t[:-2])
-    angle = np.interp(t, t[~alone], angle[~alone])
-    steps, times = np.diff(angle), np.diff(t)
-    wild = too_fast(steps, times)
-    middle = (t[1:] + t[:-1]) / 2
-    usual = np.interp(middle, middle[~wild], (steps / times)[~wild]) * times
-    for found, what, done in (
-        (alone[1:], "thrown off", "replaced by their neighbours"),
-        (wild, "from which the counter starts anew", "joined to what was before"),
-    ):
-        if found.any():
-            at = ", ".join(f"{x:.3f}" for x in t[1:][found][:3])
-            doubts.append(f"{np.count_nonzero(found)} readings {what} (t = {at} s); {done}")
-    return angle - np.concatenate(([0.0], np.cumsum(np.where(wild, steps - usual, 0.0))))
+def short_way(steps: Array, width: Array | float) -> Array:
+    """Return steps (N,) of a counter that starts again after `width`, each read the short way round."""
+    return np.asarray(steps - width * np.rint(steps / width))
 
 
 def quantum(raw: Array) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from granite_lab.errors import InputError
+from granite_lab.errors import InputError, at
+from granite_lab.logs.cells import Cells, load
 from granite_lab.logs.counters import GAP_PERIODS, SECONDS, unit_factor
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
 from granite_lab.logs.quantities import (
@@ -30,7 +31,7 @@ from granite_lab.logs.quantities import (
     words,
 )
 from granite_lab.logs.reader import assemble
-from granite_lab.logs.source import load, read_source, recognise
+from granite_lab.logs.source import read_source, recognise
 from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
 from granite_lab.logs.wheels import MotionGuess, look, rests
@@ -79,6 +80,7 @@ class FileReport:
     motion: MotionGuess | None = None  # a first look at the motion; None without wheels
     doubts: tuple[str, ...] = ()  # everything the reader was not sure of, wraps and saturation included
     problem: str = ""  # why the file cannot be read as it is
+    hint: str = ""  # what to do about that
     trial: Trial | None = field(default=None, compare=False, repr=False)  # in SI; None if it cannot be read
 
     @property
@@ -93,12 +95,12 @@ class FileReport:
             InputError: the file is no table.
         """
         if not self.entries:
-            raise InputError(self.problem, "only a table of numbers can be mapped")
+            raise InputError(self.problem, self.hint or "only a table of numbers can be mapped")
         name = re.sub(r"[^A-Za-z0-9_]+", "_", name_of(self.path)) or "log"
         lines = [_HEAD, *_pairs(("name", name), ("title", f"written from {self.path.name}"), *self.head)]
         if (text := self.dialect) is not None:
             lines += ["", "[table]", *_pairs(("delimiter", text.delimiter_name), ("decimal", text.decimal))]
-            if text.header_line == 0:
+            if text.headers and text.header_line == 0:
                 lines += _pairs(("names", [column.name for column in self.columns]))
         for column in self.entries:
             lines += ["", *_entry(column)]
@@ -121,7 +123,7 @@ class FileReport:
                 "distance_m": motion.distance, "confidence": motion.confidence,
                 "variant_mps": motion.variant.velocity if motion.variant else None,
             },
-            "doubts": list(self.doubts), "problem": self.problem or None,
+            "doubts": list(self.doubts), "problem": self.problem or None, "hint": self.hint or None,
         }  # fmt: skip
 
 
@@ -159,9 +161,7 @@ def _entry(column: ColumnReport) -> list[str]:
     span = f"; values from {column.low:.6g} to {column.high:.6g}" if column.filled > 0 else ""
     sure = f"{column.confidence:.0%} sure, " if column.to else ""
     why = re.sub(r"[\x00-\x1f\x7f]+", " ", f"# {sure}{column.why}{span}")
-    # One without a name is matched by an empty pattern.
-    named = f"name = {toml(column.name)}" if column.name else "pattern = '()'"
-    body = ["[[column]]", named, f"to = {toml(column.to)}"]
+    body = ["[[column]]", *_pairs(("name", column.name), ("to", column.to))]
     body += _pairs(("unit", column.unit), *column.settings) if column.unit or column.to else []
     return [why, *(line if column.to else f"# {line}" for line in body)]
 
@@ -202,14 +202,18 @@ def _inspect(
         found = recognise(path, maps, topics)
         table = found.table
     except InputError as error:
-        report = replace(report, problem=error.message)
+        report = replace(report, problem=error.message, hint=error.hint)
         if is_bag(path):
             return report
         try:
             table = open_table(path, maps[0].table if len(maps) == 1 else None)
         except InputError:
             return report
-    columns, doubts = _numbers(table)
+    try:
+        cells = _cells(table)
+    except InputError as error:
+        return replace(report, problem=report.problem or error.message, hint=report.hint or error.hint)
+    columns, doubts = cells.columns, _named_alike(table) if found is None else []
     entries = _recognised(found) if found is not None else guess(table, columns)
     used = {column.place for column in entries}
     entries += [_unused(table, columns, place) for place in range(table.width) if place not in used]
@@ -224,31 +228,60 @@ def _inspect(
         sure = min((column.confidence for column in entries if column.to), default=0.0)
         report = replace(report, confidence=sure)
         if not any("t" in column.to for column in entries):
-            return report
+            return replace(report, doubts=(*report.doubts, *_damage(table, cells, ())))
     try:
-        source = read_source(found or _bound(report, table), held=columns)
+        source = read_source(found or _bound(report, table), held=cells)
         trial = assemble(path, [("", source)], robot, whole=False)
     except InputError as error:
         told = (*report.doubts, error.message) if error.message != report.problem else report.doubts
-        return replace(report, problem=report.problem or error.message, doubts=told)
-    the_robot, told = load_robot(trial.info.robot or "granite"), report.doubts + trial.warnings
+        return replace(
+            report, problem=report.problem or error.message, hint=report.hint or error.hint, doubts=told
+        )
+    return _measured(report, trial, robot)
+
+
+def _measured(report: FileReport, trial: Trial, robot: str | Path | None) -> FileReport:
+    """Add what the samples say: clocks, standstills, motion, doubts, and the units found right."""
+    the_robot = load_robot(robot or trial.info.robot or "granite")
     still, motion = tuple(rests(trial, the_robot)), look(trial, the_robot)
-    return replace(report, streams=_streams(trial), rests=still, motion=motion, doubts=told, trial=trial)
+    entries = tuple(
+        replace(one, unit=unit) if (unit := next(filter(None, map(trial.units.get, one.to)), "")) else one
+        for one in report.entries
+    )
+    head = dict(report.head)
+    if trial.imu is not None:
+        head = {key: value for key, value in head.items() if key != "gravity_removed"}
+        head |= {"gravity_removed": True} if trial.imu.gravity_removed else {}
+    report = replace(report, entries=entries, head=tuple(head.items()), streams=_streams(trial), rests=still)
+    doubts = tuple(dict.fromkeys(report.doubts + trial.warnings))
+    return replace(report, motion=motion, doubts=doubts, trial=trial)
 
 
-def _numbers(table: Table) -> tuple[dict[int, Array], list[str]]:
-    """Read every column that holds numbers or dates; a faulty one becomes a doubt."""
+def _cells(table: Table) -> Cells:
+    """Read every column that holds numbers or dates."""
     dates = [place for place in range(table.width) if table.is_dated(place)]
     wanted = [place for place in range(table.width) if place in dates or table.is_numeric(place)]
-    columns, doubts = dict[int, Array](), list[str]()
-    with suppress(InputError):
-        return load(table, wanted, dates) if wanted else (columns, doubts)
-    for place in wanted:
-        try:
-            columns |= load(table, [place], [place] if place in dates else [])[0]
-        except InputError as error:
-            doubts.append(error.message)
-    return columns, doubts
+    return load(table, wanted, dates)
+
+
+def _damage(table: Table, cells: Cells, wanted: Collection[int]) -> list[str]:
+    """Return warnings about damaged rows of a table that is not read further."""
+    try:
+        return cells.whole(table, wanted)[1]
+    except InputError as error:
+        return [error.message]
+
+
+def _named_alike(table: Table) -> list[str]:
+    """Return a warning about names that occur more than once."""
+    listed = [f"'{name}' ({', '.join(f'column {k + 1}' for k in places)})" for name, places in table.repeated]
+    if not listed:
+        return []
+    first = table.repeated[0][1]
+    told = f"in a column map they are {' and '.join(repr(table.names[k]) for k in first[:2])}, …"
+    where = at(table.path.name, table.header_line or None)
+    more = ", …" if len(listed) > 6 else ""
+    return [f"{where}: names that occur more than once: {', '.join(listed[:6])}{more}; {told}"]
 
 
 def _ranged(column: ColumnReport, values: Array) -> ColumnReport:
@@ -274,8 +307,8 @@ def _recognised(found: Match) -> list[ColumnReport]:
 def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnReport:
     """Report a column that nothing is taken from, with what it may be."""
     if place not in columns:
-        return ColumnReport(table.header(place), place, why="not used; texts or empty")
-    one = by_name(table.header(place), place)
+        return ColumnReport(table.names[place], place, why="not used; texts or empty")
+    one = _called(table, place)
     what = f"its name suggests {', '.join(one.to)} [{one.unit}]" if one.to else one.why
     return replace(one, to=(), confidence=0.0, why=f"not used; {what}")
 
@@ -283,7 +316,7 @@ def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnRep
 def _bound(report: FileReport, table: Table) -> Match:
     """Bind the columns as they were guessed, if a clock is among them and the header tells them apart."""
     used = [e for e in report.entries if e.to]
-    columns = tuple(Column(to=e.to, name=e.name, pattern="" if e.name else "()", unit=e.unit) for e in used)
+    columns = tuple(Column(to=e.to, name=e.name, unit=e.unit) for e in used)
     found = match(Layout(name=report.path.stem, column=columns), table)
     if found.missing:
         raise InputError(report.problem)
@@ -309,7 +342,7 @@ def _streams(trial: Trial) -> tuple[StreamReport, ...]:
 
 def guess(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
     """Guess what columns (N,) of a log are, from their places and values, dates as seconds since 1970."""
-    found = {place: by_name(table.header(place), place) for place in columns}
+    found = {place: _called(table, place) for place in columns}
     for place in filter(table.is_dated, columns):
         fine = bool((np.diff(columns[place]) != 0).mean() > 0.5) if len(columns[place]) > 1 else False
         _set(found, place, DATE, "dates", to=("t",), confidence=0.95 if fine else 0.3, assumed=False)
@@ -318,10 +351,12 @@ def guess(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
     _time(found, columns)
     _triples(found, columns)
     _encoders(found, columns)
-    for place, one in found.items():
-        if table.headers and table.headers[0].count(one.name) > 1:  # a map cannot tell them apart
-            _set(found, place, one.unit, f"{one.why}; two columns have this name", to=())
     return list(found.values())
+
+
+def _called(table: Table, place: int) -> ColumnReport:
+    """Guess what a column is from its name alone."""
+    return replace(by_name(table.headers[0][place] if table.headers else "", place), name=table.names[place])
 
 
 def _set(found: Found, place: int, unit: str, why: str, **more: Any) -> None:

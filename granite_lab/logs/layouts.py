@@ -14,8 +14,9 @@ from pathlib import Path
 
 from granite_lab.errors import InputError, at
 from granite_lab.files import is_folder
+from granite_lab.logs.dialect import TableFormat
 from granite_lab.logs.quantities import CHANNELS, DATE, ENCODERS, Unit, factors, find_unit, resembling
-from granite_lab.logs.table import Table, TableFormat
+from granite_lab.logs.table import Table, numbered
 from granite_lab.parameters import CATALOGUE, Robot, names
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml
@@ -33,7 +34,7 @@ class Column:
     """
 
     to: tuple[str, ...]  # the channels it feeds; none for a column that only belongs to the picture
-    name: str = ""  # upper and lower case count as one
+    name: str = ""  # upper and lower case count as one; the second of two columns called x is x#2
     pattern: str = ""  # or a regular expression for the whole name; a group called `unit` gives the unit
     unit: str = ""  # unless the name gives it
     scale: float = quantity("", -1e12, 1e12, "factor on the value", default=1.0)  # a wrong sign is -1
@@ -116,6 +117,7 @@ class Log:
     where: str  # the file, for messages
     columns: Mapping[str, Binding]  # channel to the column that feeds it
     doubts: list[str]
+    units: dict[str, str] = field(default_factory=dict)  # of channels whose column has another than it said
 
     def name(self, channel: str) -> str:
         """Return what the file calls the column of a channel."""
@@ -129,6 +131,11 @@ class Log:
     def unit(self, *channels: str) -> str:
         """Return the unit that the first logged of some channels was said to have."""
         return next((self.columns[channel].unit.name for channel in channels if channel in self.columns), "")
+
+    def convert(self, channels: Sequence[str], unit: str, why: str) -> None:
+        """Keep the unit that the columns of some channels turned out to have, and warn of it."""
+        self.units.update((channel, unit) for channel in channels if channel in self.columns)
+        self.doubts.append(f"{why}; converted")
 
     def refuse(self, channels: str | tuple[str, ...], what: str, hint: str = OUT) -> InputError:
         """Return the error that names the columns of some channels."""
@@ -209,31 +216,33 @@ def match(layout: Layout, table: Table) -> Match:
 
     Refuses a needed column that occurs twice, or whose name carries an unknown unit.
     """
-    tries = [_match_row(layout, table, names) for names in table.headers]
-    nothing = Match(table, layout, (), ("a header line",), 0)
-    return max(tries, key=lambda m: (not m.missing, m.columns), default=nothing)
+    rows = table.headers or (("",) * table.width,)
+    return max((_match_row(layout, table, names) for names in rows), key=lambda m: (not m.missing, m.columns))
 
 
 def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
-    """Try a layout with one row of names."""
+    """Try a layout with one row of names; each column may be named as it stands or `numbered`."""
     bare = [name.strip() for name in names]
+    unique = numbered(bare)
     found: dict[int, list[Hit]] = {}
     for index, spec in enumerate(layout.column):
-        if hits := [(place, hit) for place, name in enumerate(bare) if (hit := spec.regex.fullmatch(name))]:
+        fits = spec.regex.fullmatch
+        both = enumerate(zip(bare, unique, strict=True))
+        if hits := [(place, hit) for place, (one, other) in both if (hit := fits(one) or fits(other))]:
             found[index] = hits
     columns = len({place for hits in found.values() for place, _ in hits})
     missing = _missing(layout, set(found))
     bindings: list[Binding] = []
     for index, hits in found.items() if not missing else ():
         spec = layout.column[index]
-        place, hit = _one(table, spec, hits, names)
-        where = f"{at(table.path, table.header_line)}: column '{names[place]}'"
+        place, hit = _one(table, spec, hits, bare, unique)
+        where = f"{at(table.path, table.header_line or None)}: column '{unique[place]}'"
         for channel in spec.to:
             unit = check_unit(hit.groupdict().get("unit") or spec.unit, channel, where)
             if channel == "t" and table.is_dated(place):
                 unit = find_unit(DATE) or unit
             if channel == "t" or all(b.channel != channel for b in bindings):
-                bindings.append(Binding(place, names[place], channel, unit, spec))
+                bindings.append(Binding(place, unique[place], channel, unit, spec))
     return Match(table, layout, tuple(bindings), missing, columns)
 
 
@@ -254,18 +263,23 @@ def _missing(layout: Layout, found: set[int]) -> tuple[str, ...]:
     return tuple(missing if missing or touched else groups[:1])
 
 
-def _one(table: Table, spec: Column, hits: list[Hit], names: Sequence[str]) -> Hit:
+def _one(table: Table, spec: Column, hits: list[Hit], bare: Sequence[str], names: Sequence[str]) -> Hit:
     """Choose between several columns that fit one entry: only an angle beside its own rate is clear."""
     if len(hits) == 1 or not spec.to:
         return hits[0]
-    if spec.to[0] in ENCODERS and len({names[place] for place, _ in hits}) == len(hits):
+    if spec.to[0] in ENCODERS:
         units = [find_unit(hit.groupdict().get("unit") or "") for _, hit in hits]
         angles = [one for one, unit in zip(hits, units, strict=True) if unit and unit.quantity == "angle"]
         if len(angles) == 1:
             return angles[0]
     listed = " and ".join(f"'{names[place]}' (column {place + 1})" for place, _ in hits)
     what = f"{listed} both are {spec.to[0]}, expected one column for it"
-    raise table.error(what, "rename or remove the other one", table.header_line)
+    last, hint = hits[-1][0], "rename or remove the other one"
+    if names[last] != bare[last]:
+        hint += (
+            f'; or write name = "{names[last]}" in a column map, or all names as names = […] under [table]'
+        )
+    raise table.error(what, hint, table.header_line)
 
 
 def best(fits: list[Match]) -> Match:
@@ -289,7 +303,9 @@ def best(fits: list[Match]) -> Match:
 def no_match(tries: list[Match], given: bool) -> InputError:
     """Say what is missing from the layout that comes closest, of those tried on one table."""
     table = tries[0].table
-    names = [name for name in table.headers[0] if name]
+    names, (line, what, hint) = table.names, table.unnamed
+    if line:
+        return table.error(what, hint, line)
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
     near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)))
     if near.columns <= len(near.missing) and not given:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from granite_lab.errors import InputError
+from granite_lab.logs.aliasing import resolve_aliases
 from granite_lab.logs.canonical import trial_info
 from granite_lab.logs.counters import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
@@ -121,12 +122,15 @@ def assemble(
     name, the_robot = _robot(sources, robot, info, doubts)
     merged, columns = _merge(files, [read_streams(source, the_robot, window) for source in sources])
     doubts += [doubt for source in sources for doubt in source.doubts]
-    log = Log(the_robot, str(path), columns, doubts)
+    log = Log(
+        the_robot, str(path), columns, doubts, {k: u for s in reversed(sources) for k, u in s.units.items()}
+    )
     said = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
     imu, wheels, clean = _imu(merged, path, doubts), merged.pop("wheels", None), None
     if imu is not None:
         imu, clean = check_units(imu, log)
-    wheels = None if wheels is None else check_wheels(wheels, imu, log)
+    if wheels is not None:
+        wheels = check_wheels(resolve_aliases(wheels, imu, log), imu, log)
     trial = Trial(
         name=name_of(path),
         info=trial_info(said, info, name),
@@ -135,6 +139,7 @@ def assemble(
         **{kind: merged[kind] for kind in _STREAMS if kind in merged},
         inputs=tuple(dict.fromkeys(file for source in sources for file in source.inputs)),
         layout=" + ".join(dict.fromkeys(source.match.layout.name for source in sources)),
+        units=log.units,
     )
     trial = _checked(trial, clean, log) if whole else trial
     doubts += _across(trial)

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import Mask, convert, integral, runs, stray, tidy, unit_factor, unwrap
+from granite_lab.logs.counters import SECONDS, Mask, integral, runs, stray, tidy, unit_factor, unwrap
+from granite_lab.logs.encoders import Wheel, convert
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import ENCODERS, SENSORS
 from granite_lab.logs.source import Source
@@ -109,6 +110,8 @@ def _clock(source: Source) -> Array:
             raise source.refuse(f"{column}: {error.message}", error.hint) from None
         if doubt:
             source.doubt(f"{column}: {doubt}")
+            if not source.bindings("t_add"):
+                source.units["t"] = next(unit for unit, size in SECONDS.items() if size == factor)
         break
     return raw * factor
 
@@ -189,7 +192,7 @@ def _longest(flags: Mask, t: Array) -> tuple[int, int]:
 def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
     """Return wheel angles and rates."""
     angle, rate = (np.full(samples.values.shape, np.nan) for _ in range(2))
-    steps: list[float] = []
+    resolution, spans = [0.0] * len(ENCODERS), [0.0] * len(ENCODERS)
     for binding in source.bindings(*ENCODERS):
         column = f"column '{binding.name}'"
         wheel = ENCODERS.index(binding.channel)
@@ -198,13 +201,14 @@ def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
         if not seen.any():
             source.doubt(f"{column} is empty; that wheel is taken as without encoder")
             continue
-        per_rev, radius = _counts(source, binding, robot), robot.wheels.radius
+        limits = Wheel.of(robot, _counts(source, binding, robot))
         said: list[str] = []
-        angle[seen, wheel], turning, step = convert(
-            samples.t[seen], raw[seen], binding.unit, binding.spec, per_rev, radius, said
-        )
-        rate[seen, wheel] = np.nan if turning is None else turning
-        steps.append(step)
+        try:
+            found = convert(samples.t[seen], raw[seen], binding.unit, binding.spec, limits, said)
+        except InputError as error:
+            raise source.refuse(f"{column}: {error.message}", error.hint) from None
+        angle[seen, wheel], resolution[wheel], spans[wheel] = found.angle, found.resolution, found.span
+        rate[seen, wheel] = np.nan if found.rate is None else found.rate
         for doubt in said:
             source.doubt(f"{column}: {doubt}")
         if not seen.all():
@@ -214,8 +218,9 @@ def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
             if end - begin > 0.1 and (last - first) > 0.02 * len(seen):
                 source.doubt(f"{column}: no sample from t = {begin:.3f} s to {end:.3f} s")
     rates = np.isfinite(rate).any()
-    step = source.metadata.get("enc_step_radps" if rates else "enc_step_rad", max(steps, default=0.0))
-    return WheelStream(samples.t, angle, rate if rates else None, step)
+    if stated := source.metadata.get("enc_step_radps" if rates else "enc_step_rad"):
+        resolution = [stated] * len(ENCODERS)
+    return WheelStream(samples.t, angle, rate if rates else None, tuple(resolution), tuple(spans))
 
 
 def _counts(source: Source, binding: Binding, robot: Robot) -> float:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from granite_lab.errors import UsageError
 from granite_lab.files import is_folder
 from granite_lab.logs.quantities import WORDS
+from granite_lab.parameters import WHEELS
 
 Array = npt.NDArray[np.float64]
 
@@ -58,13 +59,21 @@ class WheelStream:
         t: (M,) stamps [s], strictly increasing.
         angle: (M, 4) accumulated wheel angle [rad], unwrapped; NaN where a wheel was not sampled.
         rate: (M, 4) wheel rate [rad/s] where the logger gives rates; then `angle` is its integral.
-        step: smallest step of the angle [rad] (0: not known); for a logged rate, of the rate [rad/s].
+        resolution: (4,) smallest step of each wheel's angle [rad], of its logged rate [rad/s];
+            0 where it is not known.
+        span: (4,) after which each wheel's counter starts again [rad]; 0: it does not.
     """
 
     t: Array
     angle: Array
     rate: Array | None = None
-    step: float = 0.0
+    resolution: tuple[float, ...] = (0.0,) * len(WHEELS)
+    span: tuple[float, ...] = (0.0,) * len(WHEELS)
+
+    @property
+    def step(self) -> float:
+        """The coarsest resolution of the four [rad] or [rad/s]."""
+        return max(self.resolution)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +152,7 @@ class Trial:
         warnings: every doubt the reader had, one line each.
         layout: name of the column map that was used.
         corrections: what estimation changed.
+        units: of channels whose column is in another unit than was said.
     """
 
     name: str
@@ -157,6 +167,7 @@ class Trial:
     inputs: tuple[InputFile, ...] = ()
     layout: str = "canonical"
     corrections: tuple[Correction, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
 
 
 def is_bag(path: Path) -> bool:

@@ -117,9 +117,10 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
         fits = [(unit, change) for unit, change in changes.items() if 0.7 < ratio * change < 3]
         if len(fits) == 1:
             unit, factor = fits[0]
-            log.doubts.append(f"the encoders, declared in {declared}, {gain}: they are in {unit}; converted")
+            log.convert(ENCODERS, unit, f"the encoders, declared in {declared}, {gain}: they are in {unit}")
             rate = None if wheels.rate is None else wheels.rate * factor
-            return WheelStream(wheels.t, wheels.angle * factor, rate, wheels.step * factor)
+            resolution = tuple(step * factor for step in wheels.resolution)
+            return WheelStream(wheels.t, wheels.angle * factor, rate, resolution, wheels.span)
         log.doubts.append(f"the wheels {gain}: check wheel radius, counts per revolution and units")
     return wheels
 
@@ -217,8 +218,7 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
     if len(shown) and (high := float(np.quantile(shown, 0.95))) > 3 * limit:
         first = next((channel for channel in CURRENTS if channel in log.columns), "currents")
         much = f"{high:.4g} A, more than the motors can draw ({limit:.3g} A)"
-        remedy = 'they are in mA; converted (say unit = "mA" in a column map)'
-        log.doubts.append(f"{log.column(first)} and its like: {much}: {remedy}")
+        log.convert(CURRENTS, "mA", f"{log.column(first)} and its like: {much}: they are in mA")
         currents = CurrentStream(currents.t, currents.current / 1000)
     t, speed = mean_speed(wheels, log.robot)
     if len(t) < 20:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
-from granite_lab.logs.counters import convert, describe_gaps, quantum, tidy, unit_factor, unwrap
+from granite_lab.logs.counters import describe_gaps, quantum, tidy, unit_factor, unwrap
+from granite_lab.logs.encoders import Wheel, convert
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import find_unit
 from tests.corpus import cli
@@ -235,7 +236,7 @@ def test_a_reset_is_not_taken_for_a_wrap_but_taken_out_and_said() -> None:
     counts = np.concatenate((np.arange(0, 60_000, 50.0), np.arange(0, 5_000, 50.0)))
     assert unwrap(counts, [2.0**16, 2.0**32])[1] == 0
     t = np.arange(len(counts)) / 100
-    angle, _, _ = convert(t, counts, COUNTS, PLAIN, per_rev=10_000, radius=0.1, doubts=(doubts := []))
+    angle = convert(t, counts, COUNTS, PLAIN, Wheel(10_000, 0.1), doubts := []).angle
     assert any("starts anew" in doubt for doubt in doubts)
     np.testing.assert_allclose(np.diff(angle), 50 * 2 * np.pi / 10_000)
 
@@ -245,7 +246,7 @@ def test_a_reading_thrown_off_leaves_the_angle_after_it_as_it_was() -> None:
     counts = true.copy()
     counts[[300, 700]] += 40_000, -25_000
     t = np.arange(len(counts)) / 100
-    angle, _, _ = convert(t, counts, COUNTS, PLAIN, per_rev=10_000, radius=0.1, doubts=(doubts := []))
+    angle = convert(t, counts, COUNTS, PLAIN, Wheel(10_000, 0.1), doubts := []).angle
     np.testing.assert_allclose(angle, true * 2 * np.pi / 10_000)
     assert any("2 readings thrown off" in doubt for doubt in doubts)
 
@@ -281,7 +282,7 @@ def test_velocity_and_distance_of_the_circumference_need_the_radius() -> None:
     t = np.arange(101) / 100
     for text, raw in (("m/s", np.full(101, 0.3)), ("m", 0.3 * t), ("mm", 300 * t)):
         unit = find_unit(text)
-        angle, rate, _ = convert(t, raw, unit, PLAIN, per_rev=0, radius=0.1, doubts=[])
+        angle, rate, *_ = convert(t, raw, unit, PLAIN, Wheel(0, 0.1), [])
         assert angle[-1] == pytest.approx(3.0)
         assert (rate is None) == (text != "m/s")
 
@@ -289,5 +290,5 @@ def test_velocity_and_distance_of_the_circumference_need_the_radius() -> None:
 def test_steps_since_the_last_row_are_added_up() -> None:
     t = np.arange(11) / 10
     said = Column(to=(), scale=-1, increment=True)
-    angle, _, _ = convert(t, np.full(11, 7.0), COUNTS, said, per_rev=70, radius=0.1, doubts=[])
+    angle = convert(t, np.full(11, 7.0), COUNTS, said, Wheel(70, 0.1), []).angle
     assert angle[-1] - angle[0] == pytest.approx(-2 * np.pi)

@@ -1,0 +1,177 @@
+"""Columns of a table as numbers, and the rows that are left out because they are damaged."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from granite_lab.errors import at
+from granite_lab.logs.counters import Mask
+from granite_lab.logs.rows import MISSING, NUMBER, is_number
+from granite_lab.logs.table import DATED, Table
+from granite_lab.logs.trial import Array
+
+# From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
+_EXACT = {} if pd.__version__ >= "3.1" else {"float_precision": "round_trip"}
+# So large a share of damaged rows is left out, and two rows of a short log. Damage that turns a digit into
+# another one does not show; it is about half as frequent (of the eight bits of a digit, four make another
+# digit of most). Spikes are removed from up to one sample in a hundred (`imu_checks.despike`).
+_SHARE, _FEW = 0.01, 2
+_SHOWN = 5  # lines that a warning lists
+_LONGEST = 30  # characters of a cell that a message shows
+_BOOLEANS = {"true": "1", "True": "1", "TRUE": "1", "false": "0", "False": "0", "FALSE": "0"}
+_EMPTY = "leave the cell empty where the sensor has no sample"
+_POINT = 'write numbers with a decimal point, or say decimal = "," under [table] in a column map'
+_CELLS = (
+    "a delimiter too many or too few, or a decimal comma in a comma-separated file; delimiter and decimal "
+    "under [table] in a column map say how the text is laid out"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Columns of a table."""
+
+    columns: Mapping[int, Array]  # place to values (N,), NaN where the cell is empty, says so, or is faulty
+    faults: Mapping[int, Mapping[int, str]] = field(default_factory=dict)  # place to row to what it says
+    dates: Collection[int] = ()  # places of dates
+
+    def whole(self, table: Table, wanted: Collection[int]) -> tuple[Mask, list[str]]:
+        """Return which rows (N,) hold no faulty cell in the wanted columns, and warnings about the others.
+
+        A row with one is left out with all its cells, for what damaged one may have changed a digit of
+        another. The warnings also say what else stands among the rows.
+
+        Raises:
+            InputError: too many rows are damaged, or the columns change their places.
+        """
+        rows, total = table.rows, len(next(iter(self.columns.values()), ()))
+        keep, found = np.ones(total, dtype=bool), {line: (what, _CELLS) for line, what in rows.damaged}
+        for place in wanted:
+            for row, text in self.faults.get(place, {}).items():
+                if keep[row]:
+                    line = int(rows.lines[row]) if table.data_line else row + 1
+                    what, hint = _fault(text, table.decimal, "date" if place in self.dates else "number")
+                    found[line] = f"column '{table.names[place]}': {what}", hint
+                keep[row] = False
+        total += len(rows.damaged)
+        damaged = sorted(found)
+        what, hint = found[damaged[0]] if damaged else ("", "")
+        if len(damaged) > _FEW + _SHARE * total:
+            raise table.error(f"{what}; {len(damaged)} of {total} rows are damaged", hint, damaged[0])
+        self._refuse_header(table, keep, wanted)
+        out, header, comments = "left out", "the header stands here again", "among the rows passed over"
+        return keep, [
+            *_listed(table, damaged, f"{what}: the row was {out}", f"{what}: {{}} damaged rows were {out}"),
+            *_listed(table, rows.headers, header, f"{header}, {{}} times"),
+            *_listed(table, rows.comments, f"a comment {comments}", f"{{}} comments {comments}"),
+        ]
+
+    def _refuse_header(self, table: Table, keep: Mask, wanted: Collection[int]) -> None:
+        """Refuse a row of other names in the middle: the columns behind it are others."""
+        for row in np.flatnonzero(~keep).tolist() if len(wanted) > 1 else ():
+            names = {self.faults.get(place, {}).get(row, "") for place in wanted}
+            if len(names) == len(wanted) and all(name[:1].isalpha() for name in names):
+                what = f"another header in the middle: {', '.join(sorted(names)[:5])}"
+                hint = "cut the file there and read the parts as separate trials"
+                raise table.error(what, hint, int(table.rows.lines[row]))
+
+
+def _fault(text: str, decimal: str, kind: str) -> tuple[str, str]:
+    """Say what is wrong with a cell, and what to do."""
+    shown = repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "…")
+    if kind == "date":
+        return f"{shown} is not a date, expected one as 2026-03-01T12:00:00.25Z", _EMPTY
+    if is_number(text, decimal):
+        return f"{shown} is not finite, expected a number", _EMPTY
+    point = decimal == "." and is_number(text, ",")
+    return f"{shown} is not a number, expected one", _POINT if point else _EMPTY
+
+
+def _listed(table: Table, lines: Sequence[int], one: str, several: str) -> list[str]:
+    """Return a warning about some lines, none if there are none."""
+    if not lines:
+        return []
+    shown = ", ".join(map(str, lines[:_SHOWN])) + (", …" if len(lines) > _SHOWN else "")
+    what = one if len(lines) == 1 else f"{several.format(len(lines))}, lines {shown}"
+    return [f"{at(table.path.name, lines[0])}: {what}"]
+
+
+def load(table: Table, wanted: Sequence[int], dates: Sequence[int]) -> Cells:
+    """Read the columns at some places as numbers, `dates` among them as [s] since 1970 (no zone: UTC).
+
+    Raises:
+        InputError: no row is whole.
+    """
+    if table.numbers:
+        columns = {place: table.numbers[place] for place in wanted}
+        infinite = {place: np.flatnonzero(np.isinf(values)).tolist() for place, values in columns.items()}
+        return Cells(columns, {place: dict.fromkeys(rows, "inf") for place, rows in infinite.items() if rows})
+    if len(table.rows.lines) == 0:
+        raise table.error("no row is whole", _CELLS, table.data_line)
+    numbers = [place for place in wanted if place not in dates]
+    columns, faults = dict[int, Array](), dict[int, dict[int, str]]()
+    try:
+        frame = _parse(table, wanted, dates)
+        columns = {place: frame[place].to_numpy(dtype=np.float64) for place in numbers}
+        whole = not any(np.isinf(values).any() for values in columns.values())
+    except (ValueError, OverflowError):
+        whole = False
+    if not whole:
+        frame = _parse(table, wanted, wanted)
+        for place in numbers:
+            columns[place], faults[place] = _numbers(frame[place], table.decimal)
+    for place in dates:
+        columns[place], faults[place] = _seconds(frame[place])
+    return Cells(columns, {place: found for place, found in faults.items() if found}, dates)
+
+
+def _parse(table: Table, wanted: Sequence[int], texts: Sequence[int]) -> pd.DataFrame:
+    """Let pandas' C engine read the wanted columns, some as texts."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pd.errors.ParserWarning)
+        return pd.read_csv(  # type: ignore[call-overload,no-any-return]
+            io.BytesIO(table.rows.text),
+            sep=r"\s+" if table.delimiter == " " else table.delimiter,
+            decimal=table.decimal,
+            header=None,
+            names=list(range(table.width)),
+            usecols=sorted(set(wanted)),
+            dtype={place: str if place in texts else np.float64 for place in wanted},
+            index_col=False,
+            na_values=list(MISSING),
+            keep_default_na=False,
+            skipinitialspace=True,
+            skip_blank_lines=False,
+            encoding_errors="replace",
+            engine="c",
+            **_EXACT,
+        )
+
+
+def _numbers(texts: pd.Series, decimal: str) -> tuple[Array, dict[int, str]]:
+    """Return texts as numbers, NaN where they are none, and those by their rows."""
+    cells = texts.fillna("").str.strip().str.replace(decimal, ".", regex=False)
+    cells = cells.replace(dict.fromkeys(MISSING, "nan")).replace(_BOOLEANS)
+    known = cells.str.fullmatch(rf"{NUMBER}|nan").to_numpy(dtype=bool)
+    values = np.array([float(cell) if good else np.nan for cell, good in zip(cells, known, strict=True)])
+    faulty = np.flatnonzero(~known | np.isinf(values))
+    values[faulty] = np.nan
+    return values, {row: str(texts.iloc[row]).strip() for row in faulty.tolist()}
+
+
+def _seconds(texts: pd.Series) -> tuple[Array, dict[int, str]]:
+    """Return dates as [s] since 1970, exact to the microsecond, NaN for an empty cell; and what are none."""
+    written = texts.str.strip().where(texts.str.match(r"\s*\d{4}\D", na=False))
+    if not written.str.contains("T", na=True).all():
+        written = written.str.replace(DATED, r"\1-\2-\3T\4:\5:", regex=True).str.rstrip(":")
+    written = written.str.replace(r"(?<=:\d\d:\d\d)[,_:](?=\d+\D*$)", ".", regex=True)
+    stamps = pd.to_datetime(written, utc=True, format="ISO8601", errors="coerce")
+    wrong = np.flatnonzero(stamps.isna() & texts.notna())
+    since = (stamps - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
+    return np.asarray(since, dtype=np.float64), {row: str(texts.iloc[row]) for row in wrong.tolist()}

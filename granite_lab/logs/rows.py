@@ -1,0 +1,146 @@
+"""Rows of a text table: lines split into cells, and each row checked on its own."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+# Cells that stand for "not sampled".
+MISSING = ("", "nan", "NaN", "NAN", "Nan", "-nan", "-NaN", "NA", "N/A", "n/a", "null", "NULL", "None", "none")
+DELIMITERS = {";": "semicolon", "\t": "tab", "|": "bar", ",": "comma", " ": "space"}
+# No two parts of it can match the same digits, or a long cell would take quadratic time.
+NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = re.compile(rf"{NUMBER}|[+-]?(?:inf|infinity)", re.IGNORECASE)
+_CELL = re.compile(r'"(?:[^"]|"")*"|\S+')
+LINES_OF_A_CELL = 50  # a quoted cell goes on for so many lines at most
+_OPENS, _CLOSES = re.compile(r'(?:^|[;\t|, ])"[^"]*$'), re.compile(r'[^"]*"(?:[;\t|, ]|$)')
+
+Lines = npt.NDArray[np.int64]
+
+
+def is_number(cell: str, decimal: str = ".") -> bool:
+    """Say whether a cell reads as a number."""
+    return bool(_NUMBER.fullmatch(cell.strip().replace(decimal, ".")))
+
+
+def split(row: str, delimiter: str) -> list[str]:
+    """Split one row into cells, with regard to quotes.
+
+    A row with a quote that is not closed, or that the csv module cannot read, is one cell.
+    """
+    if '"' not in row:
+        return row.split() if delimiter == " " else [cell.lstrip(" ") for cell in row.split(delimiter)]
+    if delimiter == " ":
+        cells = _CELL.findall(row)
+        quoted = [cell for cell in cells if cell[0] == '"']
+        closed = all(len(cell) > 1 and cell[-1] == '"' for cell in quoted)
+        return [_unquoted(cell) for cell in cells] if closed else [row]
+    lines = [f"{line}\n" for line in row.split("\n")]
+    for strict in (True, False):
+        try:
+            return next(csv.reader(lines, delimiter=delimiter, skipinitialspace=True, strict=strict), [])
+        except csv.Error as error:
+            if "unexpected end" in str(error):
+                break
+    return [row]
+
+
+def _unquoted(cell: str) -> str:
+    return cell[1:-1].replace('""', '"') if cell[0] == '"' else cell
+
+
+def _written(cells: Sequence[str], delimiter: str) -> bytes:
+    """Return a row in one line, which no reader can take for another number of cells."""
+    line = io.StringIO()
+    row = [cell.replace("\n", " ") for cell in cells]
+    csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow(row)
+    return line.getvalue().removesuffix("\n").encode()
+
+
+def joined(lines: Sequence[str]) -> int:
+    """Return how many of some lines the first row takes: more than one where a quoted cell goes on.
+
+    The quote that is open at the end of the first line stands at the beginning of a cell, and the one that
+    closes it at the end of one; else it is a stray quote, and the row ends with its line.
+    """
+    if lines[0].count('"') % 2 == 0 or not _OPENS.search(lines[0]):
+        return 1
+    end = next((k for k, line in enumerate(lines[1:LINES_OF_A_CELL], 1) if line.count('"') % 2), 0)
+    return end + 1 if end and _CLOSES.match(lines[end]) else 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """What every row of a table must be like."""
+
+    delimiter: str
+    width: int  # cells
+    open_end: bool = False  # the last cell is always empty and may be missing
+    headers: frozenset[bytes] = frozenset()  # lines that stand above the table
+
+    def fits(self, cells: Sequence[str]) -> bool:
+        """Say whether a row has the right number of cells; an empty one more or less at its end is none."""
+        more = len(cells) - self.width
+        return more == 0 or (more == -1 and self.open_end) or (more == 1 and not cells[-1].strip())
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The rows of a table that have the right number of cells, and what else stands among them."""
+
+    text: bytes = b""  # these rows alone
+    lines: Lines = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (N,) of each in the file
+    damaged: tuple[tuple[int, str], ...] = ()  # lines that are no rows, and why
+    headers: tuple[int, ...] = ()  # lines that repeat the header
+    comments: tuple[int, ...] = ()  # comment lines
+
+
+def checked(text: bytes, first: int, shape: Shape) -> Rows:
+    """Check every row of a text (UTF-8, plain line ends) from line `first` of it on.
+
+    Blank rows are passed over. A row with a cell too many or too few is damaged, as is one with zero bytes;
+    what is one too long and the next one too short cannot cancel.
+    """
+    lines, sign = text.split(b"\n"), shape.delimiter.encode()
+    rows, numbers, damaged = list[bytes](), list[int](), list[tuple[int, str]]()
+    headers, comments = list[int](), list[int]()
+    plain, at = b'"' not in text and b"\0" not in text, first - 1
+    while at < len(lines):
+        line, span = lines[at], 1
+        if plain or (b'"' not in line and b"\0" not in line):
+            whole = shape.width == (len(line.split()) if sign == b" " else line.count(sign) + 1)
+        else:
+            whole = False
+        if whole and line[:1] != b"#" and line not in shape.headers:
+            rows.append(line)
+            numbers.append(at + 1)
+        elif line.strip() in shape.headers:
+            headers.append(at + 1)
+        elif line.lstrip()[:1] == b"#":
+            comments.append(at + 1)
+        elif b"\0" in line:
+            damaged.append((at + 1, "zero bytes, expected cells of numbers"))
+        elif line.strip():
+            texts = [part.decode("utf-8", "replace") for part in lines[at : at + LINES_OF_A_CELL]]
+            span = joined(texts)
+            cells = split("\n".join(texts[:span]), shape.delimiter)
+            if shape.fits(cells):
+                rows.append(_written([*cells, ""][: shape.width], shape.delimiter))
+                numbers.append(at + 1)
+            elif any(cell.strip() for cell in cells):
+                damaged.append((at + 1, _fault(cells, shape)))
+        at += span
+    kept = b"\n".join(rows)
+    return Rows(kept, np.array(numbers, dtype=np.int64), tuple(damaged), tuple(headers), tuple(comments))
+
+
+def _fault(cells: Sequence[str], shape: Shape) -> str:
+    if len(cells) == 1 and '"' in cells[0]:
+        return "a quote that is not closed"
+    return f"{len(cells)} cell{'s' * (len(cells) > 1)}, expected {shape.width}"
