@@ -9,7 +9,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
@@ -35,9 +35,14 @@ def written_in(folder: Path) -> dict[str, dict[str, str]]:
         document = json.loads(path.read_bytes())
         if document["schema"] != SCHEMA:
             raise ValueError
-        return {
+        parts = {
             part: {str(n): str(sha) for n, sha in files.items()} for part, files in document["parts"].items()
         }
+        if any(
+            Path(name).is_absolute() or ".." in Path(name).parts for part in parts.values() for name in part
+        ):
+            raise ValueError  # by such a list, of a foreign folder, files outside of it would be removed
+        return parts
     except FileNotFoundError:
         return {}
     except OSError as error:
@@ -92,20 +97,27 @@ def replacing(folder: Path, part: str) -> Iterator[Path]:
         raise readable(error, folder, "write") from error
 
 
+def refuse_foreign(folder: Path, names: Iterable[str | Path]) -> None:
+    """Refuse to write files into a folder where others are that granite-lab did not write.
+
+    Raises:
+        LabError: one of the files is in the way.
+    """
+    mine = {name for files in written_in(folder).values() for name in files}
+    for name in map(Path, names):
+        target = folder / name
+        if os.path.lexists(target) and (name.as_posix() not in mine or target.is_dir()):
+            hint = "move it away, or choose another --out"
+            raise LabError(f"{target}: is in the way, and granite-lab did not write it", hint)
+
+
 def _move(new: Path, folder: Path, part: str) -> None:
     """Move the files of a new folder into an old one and bring its list up to date."""
     files = [path.relative_to(new) for path in new.rglob("*") if path.is_file()]
     # The page comes last: whoever opens it finds what it speaks of.
     files.sort(key=lambda name: (name.suffix == ".html", name.as_posix()))
+    refuse_foreign(folder, files)
     parts = written_in(folder)
-    mine = {name for known in parts.values() for name in known}
-    for name in files:
-        target = folder / name
-        if os.path.lexists(target) and (name.as_posix() not in mine or target.is_dir()):
-            raise LabError(
-                f"{target}: is in the way, and granite-lab did not write it",
-                "move it away, or choose another --out",
-            )
     made = {name.as_posix(): sha256(new / name) for name in files}
     stale = {name: sha for name, sha in parts.get(part, {}).items() if name not in made}
     if not made and not stale:

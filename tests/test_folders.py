@@ -16,7 +16,7 @@ from granite_lab.parameters import load_robot, load_soil
 from granite_lab.reporting import write_comparison, write_report
 from granite_lab.results import StudyResult
 from granite_lab.running.output import claimed
-from tests.corpus.cli import lab, refused
+from tests.corpus.cli import SAMPLES, lab, refused
 from tests.reporting.made_up import made_up_study, rename
 
 NAMES = ("index.html", "figures/a.svg", "figures/b.svg", "recordings/a.rrd", "deep/er/c.csv")
@@ -74,9 +74,10 @@ def test_an_old_file_that_was_edited_and_a_folder_in_the_way_stay(tmp_path: Path
     (tmp_path / "d.csv").mkdir()
     with pytest.raises(LabError, match=r"d\.csv: is in the way"):
         write(tmp_path, "report", {"d.csv"}, "3")
-    (tmp_path / LIST).write_text("[]", encoding="utf-8")
-    with pytest.raises(LabError, match="is no list of written files"):
-        write(tmp_path, "report", {"c.csv"}, "4")
+    for text in ("[]", '{"schema": "granite-lab/written/1", "parts": {"report": {"../b.csv": ""}}}'):
+        (tmp_path / LIST).write_text(text, encoding="utf-8")
+        with pytest.raises(LabError, match="is no list of written files"):
+            write(tmp_path, "report", {"c.csv"}, "4")
 
 
 def test_a_block_that_fails_changes_nothing(tmp_path: Path) -> None:
@@ -159,6 +160,8 @@ def test_a_report_keeps_the_figures_and_tables_of_others(tmp_path: Path, study: 
     (tmp_path / "out" / "index.html").write_text("mine", encoding="utf-8")
     with pytest.raises(LabError, match=r"index\.html: is in the way"):
         write_report(study, tmp_path / "out")
+    early = lab("study", SAMPLES / "virtual_v0.3_r1.csv", "--out", tmp_path / "out")
+    refused(early, 1, "index.html: is in the way", "choose another --out")
     assert content(tmp_path / "out") == {"index.html": "mine"}
 
 

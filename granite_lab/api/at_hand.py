@@ -114,7 +114,7 @@ def ingested_in(results: Path) -> tuple[Listed, ...]:
     Raises:
         InputError: a list cannot be read, or a log on it is gone.
     """
-    found = [one for path in sorted((*results.glob(LIST), *results.glob(f"*/{LIST}"))) for one in _read(path)]
+    found = [one for path in sorted(results.rglob(LIST)) for one in _read(path)]
     there = [one for one in found if one.table.is_file()]
     for one in there:
         if not one.log.exists():

@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     from granite_lab.study import Written
 
 
+PAGES = ("index.html", "report.md")
+"""Files of every report: where others stand in their place, it is told before the work."""
+
+
 def _analysed(command: str, logs: Logs, said: Fit) -> tuple[list[TrialResult], Origin]:
     """Return the trials that went through the chain, and what is to be said of all."""
     choice = choose(logs, said)
@@ -138,7 +142,7 @@ def studied(logs: Logs, **said: Unpack[Chain]) -> tuple[Written, Origin]:
 
     folder = None if said["out"] is None else Path(said["out"])
     options, execution, cache = choice.options, choice.execution, choice.execution.cache
-    with claimed(folder) if folder else nullcontext():
+    with claimed(folder, PAGES) if folder else nullcontext():
         result = run(
             choice.files, folder.name if folder else "study", options, execution=execution,
             discover=said["discover"], strict=said["strict"], done=said["done"], progress=progress,
@@ -229,7 +233,7 @@ def discovered(logs: Logs, *, out: calls.File = None, **said: Unpack[Search]) ->
     written = Written(StudyResult(name, (), (), None, source, replace(finding, notes=notes)))
     if out is not None:
         progress("writing the report", 0)
-        with claimed(Path(out)):
+        with claimed(Path(out), PAGES):
             pairs = list(zip(trials, motions, strict=True))
             written = write(written.result, options, Path(out), pairs, jobs=execution.jobs)
     lines = (f"{trial.name}: {line}" for trial in trials for line in trial.warnings)

@@ -11,19 +11,23 @@ from typing import TypeVar
 
 from granite_lab.errors import LabError, printable
 from granite_lab.files import readable, write_text
-from granite_lab.folders import remove_part, remove_unfinished, replacing
+from granite_lab.folders import refuse_foreign, remove_part, remove_unfinished, replacing
 
 T = TypeVar("T")
 
 
 @contextmanager
-def claimed(folder: Path) -> Iterator[None]:
+def claimed(folder: Path, names: Sequence[str] = ()) -> Iterator[None]:
     """Keep other runs out of a folder during the block, and remove what a killed one left behind.
 
     The lock is on the folder itself and leaves no file. A folder that is made here goes if it stays empty.
 
+    Args:
+        folder: of the results.
+        names: of files that will be written.
+
     Raises:
-        LabError: another run writes into it, or it cannot be made.
+        LabError: another run writes into it, it cannot be made, or files of others have these names.
     """
     made = not folder.exists()
     try:
@@ -43,6 +47,7 @@ def claimed(folder: Path) -> Iterator[None]:
             except OSError:  # a file system without locks: two runs at once stay possible there
                 pass
         remove_unfinished(folder)
+        refuse_foreign(folder, names)
         yield
     finally:
         if lock is not None:
