@@ -196,7 +196,20 @@ def lasting_speed(t: Array, speed: Array, moving: np.ndarray) -> Array:
     width = 5.0 * model.MEMORY
     weight = gaussian_filter1d(on, width)
     pace = gaussian_filter1d(on * np.interp(grid, t, np.abs(speed)), width) / np.maximum(weight, 1e-3)
-    return np.where(speed < 0, -1.0, 1.0) * np.maximum(np.interp(t, grid, pace), model.V_FLOOR)
+    return heading(speed) * np.maximum(np.interp(t, grid, pace), model.V_FLOOR)
+
+
+def heading(speed: Array) -> Array:
+    """(K,) direction, 1 or -1, in which wheels of a signed speed (K,) [m/s] turn.
+
+    Below `COAST` it is that of the last speed beyond it, or of the first one: the sign of a speed that is
+    nearly zero is chance, and slip would change its sign with it.
+    """
+    fast = np.flatnonzero(np.abs(speed) >= COAST)
+    if fast.size:
+        last = np.searchsorted(fast, np.arange(speed.size), side="right") - 1
+        speed = speed[fast[np.maximum(last, 0)]]
+    return np.where(speed < 0, -1.0, 1.0)
 
 
 def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Array:
@@ -226,7 +239,7 @@ def course_of(problem: Problem, nominal: Nominal, offset: float) -> Course:
         w = lasting_speed(t, pace.speed, moving)
         mean_slip = np.clip(slip.steady * pull / RESISTANCE, -0.4, 0.4)
     else:
-        w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), COAST)
+        w = heading(pace.calm) * np.maximum(np.abs(pace.calm), COAST)
         mean_slip = slip.expected(pace.growth, pace.speed)
     loss = np.where(moving, mean_slip * (w if slip.far else pace.speed), 0.0)
     return Course(
