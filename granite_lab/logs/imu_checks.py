@@ -90,6 +90,19 @@ def mounted(robot: Robot) -> Rotation:
     return Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True)
 
 
+def with_forward_axis(imu: ImuStream, log: Log) -> ImuStream:
+    """Leave an accelerometer out, with a warning, whose axis that points forward was not logged."""
+    absent = np.isnan(imu.specific_force).all(axis=0)
+    forward = np.abs(mounted(log.robot).as_matrix()[0]) > 0.5
+    needed = absent & (forward | (log.robot.imu.forward == "find"))
+    if absent.all() or not needed.any():
+        return imu
+    axis = "xyz"[int(np.argmax(needed))]
+    why = f"axis {axis} is not in the log, and it points forward or may"
+    log.doubts.append(f"accelerometer: {why}: the accelerometer is not used")
+    return dataclasses.replace(imu, specific_force=np.full_like(imu.specific_force, np.nan))
+
+
 def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
     """Refuse axes that are dead, exchanged or turned, in a log whose wheels move.
 

@@ -12,7 +12,7 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.canonical import trial_info
 from granite_lab.logs.counters import describe_gaps
-from granite_lab.logs.imu_checks import check_units, refuse_axes
+from granite_lab.logs.imu_checks import check_units, refuse_axes, with_forward_axis
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
@@ -127,7 +127,7 @@ def assemble(
     said = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
     imu, wheels, clean = _imu(merged, path, doubts), merged.pop("wheels", None), None
     if imu is not None:
-        imu, clean = check_units(imu, log)
+        imu, clean = check_units(with_forward_axis(imu, log) if whole else imu, log)
     wheels = None if wheels is None else check_wheels(wheels, imu, log)
     trial = Trial(
         name=name_of(path),
