@@ -159,7 +159,9 @@ def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
         log.doubts.append(f"the accelerometer reads {g:.2g} m/s^2 at rest: {gone}")
         return 1.0, True
     what = f"{log.where}: {reads}, expected 9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0"
-    raise InputError(what, "correct the unit in the column's name, or give its scale in a column map")
+    own = log.column(*(channel for channel in ACCELERATION if channel in log.columns))
+    fits = f"unit = … or scale = {STANDARD_GRAVITY / g:.4g}" if g > 0 else "unit = … or scale = …"
+    raise InputError(what, f"give {own} the unit that the logger uses, in a column map by {fits}")
 
 
 def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:
