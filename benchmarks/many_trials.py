@@ -20,13 +20,16 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import cast
 
 from granite_lab.reporting import write_report
+from granite_lab.results import TrialResult
 from granite_lab.running import Cache, Execution, Options
-from granite_lab.running.cache import ALIGNED, encode, sealed, trial_key
+from granite_lab.running.cache import trial_key
+from granite_lab.running.codec import encode
 from granite_lab.study import analyse, study
 
 FIRST = "_000"
@@ -81,15 +84,22 @@ def megabytes(who: int) -> float:
     return resource.getrusage(who).ru_maxrss / 1024
 
 
+def renamed(result: TrialResult, name: str) -> TrialResult:
+    """Return a result as that of a trial of another name."""
+    c = result.comparison
+    comparison = replace(c, motion=replace(c.motion, trial=name), fit=replace(c.fit, trial=name))
+    return TrialResult(replace(result.trial, name=name), comparison)
+
+
 def remember(logs: Sequence[Path], cache: Cache, jobs: int) -> None:
     """Analyse one log of each sample, and remember the results of its copies, which differ in their names."""
     firsts = [log for log in logs if log.stem.endswith(FIRST)]
     study(firsts, "firsts", execution=Execution(jobs, cache=cache))
     for first in firsts:
-        data = encode(((), cache.get(trial_key(analyse.__qualname__, first, Options()))))
+        result = cast(TrialResult, cache.get(trial_key(analyse.__qualname__, first, Options())))
         for log in (log for log in logs if log.stem[: -len(FIRST)] == first.stem[: -len(FIRST)]):
-            named = data[ALIGNED:].replace(first.stem.encode(), log.stem.encode())  # of the same length
-            cache.put(trial_key(analyse.__qualname__, log, Options()), sealed(named))
+            copy = encode(((), renamed(result, log.stem)))
+            cache.put(trial_key(analyse.__qualname__, log, Options()), copy)
 
 
 def measure(folder: Path, jobs: int, *, remembered: bool) -> Cost:

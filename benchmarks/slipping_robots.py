@@ -200,7 +200,9 @@ def sense(course: Course, sensors: Sensors, rng: np.random.Generator) -> Trial:
     angle = np.cumsum(course.wheel)[::skip] / FINE / RADIUS
     angle = angle[:, None] * rng.normal(1.0, 0.002, 4) + rng.uniform(0, step, 4)
     counted = np.floor(angle / step) * step
-    wheels = WheelStream(t[::skip] + rng.normal(0, 3e-4, angle.shape[0]), counted - counted[0], step=step)
+    wheels = WheelStream(
+        t[::skip] + rng.normal(0, 3e-4, angle.shape[0]), counted - counted[0], resolution=(step,) * 4
+    )
     return Trial("virtual", TrialInfo(robot="granite", virtual=True), imu, wheels)
 
 

@@ -1,19 +1,22 @@
 """Write `reports/example`: the report of data/samples, small enough to be kept in version control.
 
 The page and the numbers are what `granite-lab study data/samples` writes. Of the figures only one PNG each is
-kept, with fewer pixels and colours, for the Markdown; of the tables the CSV; there are no recordings, and no
-metadata of the files, which are no longer those that were written.
+kept, with fewer pixels and colours, for the Markdown; of the tables the CSV; there are no recordings.
+The hashes are those of what is kept.
 
     python reports/make_example.py
 """
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
 
 from PIL import Image
+
+from granite_lab.reporting.json_report import dumps, hashes_of
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "reports" / "example"
@@ -37,9 +40,12 @@ def slim() -> None:
         png.with_suffix(".pdf").unlink(missing_ok=True)
     for table in (EXAMPLE / "tables").glob("*.tex"):
         table.unlink()
-    (EXAMPLE / "ro-crate-metadata.json").unlink(missing_ok=True)
     page = EXAMPLE / "report.md"
     page.write_text(page.read_text(encoding="utf-8").replace(".svg)", ".png)"), encoding="utf-8")
+    numbers = EXAMPLE / "report.json"
+    document = json.loads(numbers.read_bytes())
+    document["files"] = [entry for entry in hashes_of(EXAMPLE) if entry["file"] != numbers.name]
+    numbers.write_text(dumps(document), encoding="utf-8")
 
 
 if __name__ == "__main__":

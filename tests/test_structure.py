@@ -83,10 +83,9 @@ def test_what_hides_and_what_finds_know_nothing_of_each_other() -> None:
             assert "import hidden" not in path.read_text(encoding="utf-8"), path
 
 
-def test_a_module_stays_short_and_the_report_small() -> None:
+def test_a_module_stays_short() -> None:
     lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
     assert [path for path, count in lines.items() if count > 500] == []
-    assert sum(n for path, n in lines.items() if path.is_relative_to(PACKAGE / "reporting")) <= 5000
 
 
 @pytest.mark.parametrize(
@@ -104,10 +103,9 @@ def test_a_library_has_one_home(library: str, home: str) -> None:
             assert path.relative_to(PACKAGE).as_posix().startswith(home), path
 
 
-def test_what_is_unpickled_names_only_records() -> None:
+def test_nothing_is_stored_that_could_run_code_when_it_is_read() -> None:
     for path in MODULES:
-        if path != PACKAGE / "running" / "cache.py":  # which refuses all others, see its tests
-            assert not imports_of(path) & {"pickle", "shelve", "marshal", "dill", "cloudpickle"}, path
+        assert not imports_of(path) & {"pickle", "shelve", "marshal", "dill", "cloudpickle"}, path
 
 
 @pytest.mark.parametrize(

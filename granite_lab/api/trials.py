@@ -25,7 +25,8 @@ from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.logs.trial import name_of, trial_files
 from granite_lab.results import Failure, StudyResult, TrialResult, load_report
 from granite_lab.running import Execution, Options, each_trial, sifted
-from granite_lab.running.cache import code, content, digest_of, encode, fingerprint
+from granite_lab.running.cache import code, digest_of, fingerprint
+from granite_lab.running.codec import content, encode
 from granite_lab.running.options import corrected
 from granite_lab.running.output import Guard, claimed, tell
 
@@ -316,21 +317,25 @@ def verify(
     report: Path,
     logs: Sequence[Path] = (),
     *,
+    effects: Path | None = None,
     execution: Execution,
     done: Callable[[Path], None] = lambda _: None,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Verification:
     """Compute a report again from its inputs, nothing remembered, and compare its numbers and tables.
 
-    The files of the report are first compared with its ``ro-crate-metadata.json``, where it has one.
+    The files of the report are first compared with the hashes in its ``report.json``. Nothing that a report
+    names is run: the user's own effects come from `effects` alone.
 
     Args:
         report: a report's folder or its ``report.json``.
         logs: the logs, where they no longer lie where the report says.
+        effects: the file of the user's own effects, where the report was made with one.
         done, progress: as in `study`.
 
     Raises:
         InputError: no report, or its logs cannot be found.
+        UsageError: the report was made with effects of a file, and none is given, or the other way round.
         LabError: of `study`.
     """
     path = report / "report.json" if report.is_dir() else report
@@ -344,8 +349,8 @@ def verify(
     files = trial_files(logs) if logs else list(_recorded(old, left_out, path))
     files = [file for file in files if name_of(file) not in left_out]
     said = [(o["name"], o["value"]) for o in origin["options"]]
-    options = Options.from_given(said)
-    differences = list(reporting.json_report.changed_files(path.parent))
+    options = replace(Options.from_given(said), effects=_agreed(dict(said).get("effects"), effects, path))
+    differences = list(reporting.json_report.changed_files(old, path))
     result = run(
         files, old["name"], options, execution=Execution(execution.jobs, execution.scheduler),
         discover=("discover", "no") not in said, done=done, progress=progress,
@@ -369,6 +374,18 @@ def verify(
     return Verification(path, len(files), tuple(differences), notes)
 
 
+def _agreed(named: str | None, given: Path | None, report: Path) -> Path | None:
+    """Return the given file of effects, if a report was made with one, too."""
+    if named is not None and given is None:
+        raise UsageError(
+            f"{report}: was made with the effect file '{named}', which a verification would run",
+            f"read that file; if you trust it, add --effects {named}",
+        )
+    if given is not None and named is None:
+        raise UsageError(f"{report}: was made without an effect file", "leave out --effects")
+    return given
+
+
 def _recorded(document: dict[str, Any], left_out: Collection[str], report: Path) -> Iterator[Path]:
     """Yield the logs where the report found them."""
     paths = [Path(i["file"]) for i in document["provenance"]["inputs"]]
@@ -387,10 +404,17 @@ def _recorded(document: dict[str, Any], left_out: Collection[str], report: Path)
 def _values(document: dict[str, Any], folder: Path) -> dict[str, str]:
     """Return the values of a report by their place, with the hashes of inputs and tables."""
     origin = document["provenance"]
+    options = [
+        o | {"value": Path(o["value"]).name} if o["name"] == "effects" else o for o in origin["options"]
+    ]
     own = {
-        "provenance": {key: origin[key] for key in ("options", "parameters")},
+        "provenance": {"options": options, "parameters": origin["parameters"]},
         "inputs": {Path(i["file"]).name: i["sha256"] for i in origin["inputs"]},
-        "files": {table["csv"]: fingerprint(folder / table["csv"]) for table in document["tables"]},
+        "files": {
+            table["csv"]: fingerprint(folder / table["csv"])
+            for table in document["tables"]
+            if table["id"] != "inputs"  # which holds paths; the hashes are compared above
+        },
     }
     return dict(_leaves(document | own))
 

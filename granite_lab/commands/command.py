@@ -126,6 +126,8 @@ def command(
             own = {p.name: values.pop(p.name) for p in extra}
             as_json, quiet = values.pop("as_json", False), values.pop("quiet", False)
             show(Call(run or function, said_of(values, known), told, "" if quiet else busy, as_json), **own)
+            if (kept := sys.modules.get("granite_lab.model.kept")) is not None:  # it was needed
+                warn(kept.doubts())
 
         common = [("quiet", Quiet)] * bool(busy) + [("as_json", Json)] * json
         called.__signature__ = inspect.Signature(  # type: ignore[attr-defined]

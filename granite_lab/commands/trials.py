@@ -207,7 +207,8 @@ def study(
 
 def _verify(call: Call[tuple[Written, Origin]], report: Path) -> None:
     execution = Execution(call.said["jobs"], call.said.get("scheduler"))
-    found = call.of(api.verify, report, call.said["logs"], execution=execution)
+    effects = call.said.get("effects")
+    found = call.of(api.verify, report, call.said["logs"], effects=effects, execution=execution)
     warn(found.notes)
     lines = found.differences
     call.json("verify/1", {"same": not lines} | vars(found))

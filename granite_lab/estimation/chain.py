@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -11,19 +12,22 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
-from granite_lab.estimation.clock import agreed, find_offset, slow_offset
+from granite_lab.estimation.clock import GIVEN, agreed, find_offset, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
 from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
+from granite_lab.estimation.gross_clock import together
+from granite_lab.estimation.guard import guard
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
-from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
+from granite_lab.estimation.rest import coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
+from granite_lab.logs.standstill import Interval
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream, part
 from granite_lab.parameters import Robot, Soil, Variant, load_soil, load_variants
 
@@ -94,8 +98,13 @@ def correct(
             )
         motion = motion_without_imu(trial, robot, rolling, known, rests)
         return clean_trial(trial, robot, motion, wheels=wheels, rolling=rolling), motion
-    solved = solve(trial, robot, rests=rests, distance_measured=distance_measured, soil=soil)
-    return finish(trial, robot, solved, known)
+    trial, moved = together(trial, robot)
+    apart = moved != 0.0 and trial.info.clock_offset is None
+    solved = solve(trial, robot, rests=rests, distance_measured=distance_measured, soil=soil, apart=apart)
+    clean, motion = finish(trial, robot, solved, known)
+    motion = guard(motion, load_soil() if soil is None else soil, solved.limits)
+    offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
+    return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +115,14 @@ class Solved:
         problem, solution: what the filter was given, and what the smoother found.
         wheels: the encoders as corrected.
         warnings: what limits the estimate, one line each.
+        limits: those of them that keep its grade from "good".
     """
 
     problem: Problem
     solution: Solution
     wheels: WheelStream | None
     warnings: tuple[str, ...]
+    limits: tuple[str, ...] = ()
 
 
 def solve(
@@ -121,8 +132,12 @@ def solve(
     rests: Sequence[Interval] = (),
     distance_measured: Estimate | None = None,
     soil: Soil | None = None,
+    apart: bool = False,
 ) -> Solved:
-    """Filter and smooth a trial with an IMU; arguments and errors are those of `correct`."""
+    """Filter and smooth a trial with an IMU; arguments and errors are those of `correct`.
+
+    The clocks were `apart` by seconds, and `together` has brought them together roughly.
+    """
     soil = load_soil() if soil is None else soil
     any_slip = soil.slip_std >= UNKNOWN
     grade = robot.imu_grade
@@ -135,28 +150,33 @@ def solve(
     thrown = np.linalg.norm(np.nan_to_num(logged.specific_force - stream.specific_force), axis=1)
     faults = find_faults(imu, stream, grade, spikes, thrown)
     refuse_moved(imu, rests)
-    still = find_rests(imu, rolling, grade, by_hand=rests)
+    still, unseen = find_rests(stream, rolling, grade, by_hand=rests)
     if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and still:
         imu = _orient(stream, imu, rolling, still)
+    level = mounting.by_gravity(stream, imu, inside(imu.t, still), robot)
+    stream, imu, robot = level.stream, level.imu, level.robot
     if rolling is None and not still:
         raise EstimateError(
             f"{trial.name}: neither wheels nor a standstill: nothing anchors the velocity",
             "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
         )
     far = rolling is not None and _far_from_rest(still, imu)
-    problem = Problem(imu, rolling, robot, still, faults, identify(imu, rolling, robot, still), SlipModel())
-    offset, found, near = _clock(trial, problem, far)
+    noise = identify(imu, rolling, robot, still)
+    problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel(), unseen=unseen)
+    problem = replace(problem, stamp_std=_stamp_std(trial))
+    offset, found, near = _clock(trial, problem, far, apart)
     if rolling is not None and offset.value != 0.0:
-        still = find_rests(imu, rolling, grade, offset=offset.value, by_hand=rests)
-        problem = replace(problem, rests=still, noise=identify(imu, rolling, robot, still))
-    problem = replace(problem, coasts=coasts(imu, rolling, grade, offset.value, still))
+        still, unseen = find_rests(stream, rolling, grade, offset=offset.value, by_hand=rests)
+        problem = replace(problem, rests=still, unseen=unseen, noise=identify(imu, rolling, robot, still))
+    problem = replace(problem, coasts=coasts(stream, rolling, grade, offset.value, still))
     _refuse_gaps(trial, faults, still)
     restarts = find_restarts(stream, still, faults.doubt, faults.gaps, grade)
     faults = replace(faults, restarts=restarts)
     if restarts:
-        imu = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
+        stepless = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
+        imu = replace(stepless, scale=imu.scale, scale_std=imu.scale_std)
     problem = replace(problem, imu=imu, faults=faults, slip=SlipModel(fades=True))
-    warnings = [*signs, *_complain(problem, offset)]
+    warnings = [*signs, *level.doubts, *_complain(problem, offset)]
     if far:
         slip = replace(FAR, steady=soil.slip, limit=FAR.limit if any_slip else soil.slip_std)
         noise = replace(with_motion_noise(problem, offset.value), gyro=LOST_PITCH)
@@ -180,7 +200,7 @@ def solve(
     solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
     if far and any_slip:
         solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
-    return Solved(problem, solution, wheels, tuple(warnings))
+    return Solved(problem, solution, wheels, tuple(warnings), level.doubts)
 
 
 def finish(trial: Trial, robot: Robot, solved: Solved, known: Sequence[Variant]) -> tuple[Trial, Motion]:
@@ -212,15 +232,20 @@ def _roll(
     return wheels, rolling, said
 
 
-def _clock(trial: Trial, problem: Problem, far: bool) -> tuple[Estimate, Estimate, float]:
+def _clock(trial: Trial, problem: Problem, far: bool, apart: bool) -> tuple[Estimate, Estimate, float]:
     """Return the clock offset as `find_offset` does, or as it is given, or as it shows far from any rest."""
     if trial.info.clock_offset is not None:
-        known = Estimate(trial.info.clock_offset, 1e-3)
+        known = Estimate(trial.info.clock_offset, GIVEN)
     elif far and problem.rolling is not None:
         known = slow_offset(problem.imu, problem.rolling)
     else:
-        return find_offset(problem)
+        return find_offset(problem, apart=apart)
     return known, known, known.value
+
+
+def _stamp_std(trial: Trial) -> float:
+    """Return the std of a delay between IMU and encoders that sharing of stamps leaves open [s]."""
+    return math.hypot(*(one.stamp_std for one in (trial.imu, trial.wheels) if one is not None))
 
 
 def _spun(problem: Problem, offset: float) -> bool:

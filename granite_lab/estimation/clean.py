@@ -12,10 +12,11 @@ from granite_lab.estimation.error_model import BA
 from granite_lab.estimation.faults import Faults, Restart
 from granite_lab.estimation.motion import NAN, Motion
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.counters import joined
+from granite_lab.logs.standstill import Interval
 from granite_lab.logs.trial import Correction, CurrentStream, ImuStream, Series, Trial, WheelStream
 from granite_lab.logs.wheels import opposed
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
@@ -96,8 +97,10 @@ def _imu(
     rate = np.stack([imu.roll_rate, imu.pitch_rate, imu.yaw_rate], axis=1)
     angle = float(np.degrees(imu.rotation.magnitude()))
     if angle > 0.0:
-        how = "levelled, x found by the wheels" if imu.levelled else "by the robot's file"
+        how = "levelled at standstill" if imu.levelled else "by the robot's file"
         made.append(Correction(f"turned into robot axes, {how}", "imu", angle, NAN, "deg"))
+    if imu.scale != 0.0:
+        made.append(Correction("scale error taken out", "imu", imu.scale, imu.scale_std, ""))
     if put_back:
         force[:, 0] -= GRAVITY * np.sin(motion.pitch)
         force[:, 2] += GRAVITY * np.cos(motion.pitch)

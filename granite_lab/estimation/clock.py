@@ -14,10 +14,11 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import TAU
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Problem, build
-from granite_lab.estimation.rest import Interval, wheels_still
+from granite_lab.estimation.rest import turning_of
 from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined
+from granite_lab.logs.standstill import Interval, wheels_still
 from granite_lab.logs.trial import Array
 
 LARGEST, FARTHEST = 0.4, 1.0
@@ -25,6 +26,12 @@ LARGEST, FARTHEST = 0.4, 1.0
 
 STEP = 0.005
 """Spacing of the correlation [s]."""
+
+GIVEN = 1.0e-3
+"""Std of an offset that was given [s]."""
+
+LEAST_RAMP = 0.1
+"""Wheels that never accelerate by this much show no offset [m/s^2]."""
 
 WIDE, FINE = 0.02, 0.01
 """Spacing of the offsets whose likelihood is compared, at first and about the best of them [s]."""
@@ -40,7 +47,10 @@ LONGEST_LAG = 0.25
 """The body follows the wheels on sand by up to a quarter of a second, and never leads them [s]."""
 
 SEEN = 0.5
-"""Correlation at which the offset of smoothed odometry counts as found."""
+"""Correlation at which the offset of smoothed odometry, or of two computers, counts as found."""
+
+RIVAL = 0.9
+"""Another offset whose correlation is this share of the largest one explains the ramps as well."""
 
 STILL, MOVED = 0.25, 0.5
 """How much of the log judges a clock offset on the standing and the moving side of a change [s]."""
@@ -98,7 +108,7 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     # a slow drift of pitch must not outweigh the ramps
     force -= uniform_filter1d(force, round(3.0 / STEP), mode="nearest")
     wheel -= uniform_filter1d(wheel, round(3.0 / STEP), mode="nearest")
-    if float(np.max(np.abs(wheel))) < 0.1:
+    if float(np.max(np.abs(wheel))) < LEAST_RAMP:
         return Estimate(0.0)
     reach = round(LARGEST / STEP)
     values, best, clearness = correlate(force, wheel, reach)
@@ -137,18 +147,19 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
             continue
         lag = float(lags[best] * step)
         usual = (lags * step >= 0.0) & (lags * step <= LONGEST_LAG)
-        if values[usual].max() > 0.9 * values[best]:
+        if values[usual].max() > RIVAL * values[best]:
             return Estimate(0.0)
         return Estimate(min(lag, max(lag - LONGEST_LAG, 0.0)), 0.25 * width)
     return Estimate(0.0)
 
 
-def find_offset(problem: Problem) -> tuple[Estimate, Estimate, float]:
+def find_offset(problem: Problem, *, apart: bool = False) -> tuple[Estimate, Estimate, float]:
     """Find the clock offset by correlation, then by the likelihood of onsets and stops.
 
     A body that follows its wheels by tyres, play or a soft mount looks like an offset when it sets off. So
     the whole trial must prefer a large offset to an ordinary latency; and where the wheels seem to be ahead,
-    the body, which never leads them, must be stiff beside.
+    the body, which never leads them, must be stiff beside. Clocks of two computers, which were `apart` by
+    seconds and are brought together roughly, have no ordinary latency.
 
     Returns:
         the offset that the filter is to expect [s], 0 for an ordinary latency; the one that onsets and stops
@@ -158,13 +169,16 @@ def find_offset(problem: Problem) -> tuple[Estimate, Estimate, float]:
     found = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
     if found is None:
         return coarse, coarse, coarse.value
-    usual, unusual = Estimate(0.0, LATENCY), Estimate(found.value, LATENCY)
-    likely = found.value * LATENCY**2 / (LATENCY**2 + found.std**2)
-    if abs(found.value) < LATEST:
+    latency = float(np.hypot(LATENCY, problem.stamp_std))
+    usual, unusual = Estimate(0.0, latency), Estimate(found.value, latency)
+    if apart:
+        return found, found, found.value
+    likely = found.value * latency**2 / (latency**2 + found.std**2)
+    if abs(found.value) < LATEST * latency / LATENCY:
         return usual, found, likely
     other = settle(problem, unusual, robust=False)
     lags = found.value > 0.0 and other.compliance > problem.compliance
-    if abs(found.value) < FAR:
+    if abs(found.value) < FAR * latency / LATENCY:
         return usual, found, 0.0 if lags else likely
     one = settle(problem, usual, robust=False).found.innovations
     if other.found.innovations.log_likelihood - one.log_likelihood < UNUSUAL:
@@ -191,7 +205,7 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
     """Windows around the first onsets of motion and the first stops, given a rough clock offset [s]."""
     assert problem.rolling is not None
     begin, end = problem.imu.t[0], problem.imu.t[-1]
-    turning = problem.rolling.t[~wheels_still(problem.rolling)] + offset
+    turning = problem.rolling.t[wheels_still(turning_of(problem.rolling)).turns] + offset
     starts, stops = [], []
     for a, b in bridged_rests(problem.rests, turning):
         if b - a < STILL:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +11,8 @@ from scipy.special import gammaincc
 from granite_lab.estimation.error_model import BA, BG, Noise, V
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.motion import Grade, Health
-from granite_lab.estimation.rest import Interval
 from granite_lab.estimation.smoother import Solution, usual
+from granite_lab.logs.standstill import Interval
 from granite_lab.logs.trial import Array
 
 ANCHORED, SLOW = 0.02, 0.004
@@ -58,7 +59,7 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     def spread(values: Array) -> Array:
         return np.interp(t, nodes.t, values)
 
-    grade, verdict = judge_health(
+    grade, reasons, remark = judge_health(
         kinds, rests, faults, ends=(float(std[0, V]), float(std[-1, V])),
         pace=float(np.max(np.abs(nodes.w))),
         middle=float(np.median(std[nodes.moving, V])) if nodes.moving.any() else 0.0,
@@ -69,7 +70,8 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         innovation_std=sigma, nis={kind: one.nis for kind, one in kinds.items()},
         accel_bias=spread(found.x[:, BA] + nominal.accel_bias), accel_bias_std=spread(std[:, BA]),
         gyro_bias=spread(found.x[:, BG] + nominal.gyro_bias), gyro_bias_std=spread(std[:, BG]),
-        rests=rests, verdict=verdict, good=grade == "good", grade=grade,
+        rests=rests, verdict=sentence(grade, reasons, remark), good=grade == "good", grade=grade,
+        reasons=reasons,
         whiteness={kind: one.white for kind, one in kinds.items()},
         ljung_box={kind: one.chance for kind, one in kinds.items()},
         gaps=faults.gaps, plateaus=faults.plateaus,
@@ -96,8 +98,8 @@ def ljung_box(ratio: Array, lags: int = 10) -> float:
 def judge_health(
     kinds: dict[str, Consistency], rests: tuple[Interval, ...], faults: Faults, *,
     ends: tuple[float, float], pace: float, middle: float, shaken: float,
-) -> tuple[Grade, str]:  # fmt: skip
-    """Return a grade, and one sentence that says why.
+) -> tuple[Grade, tuple[str, ...], str]:  # fmt: skip
+    """Return a grade, the reasons for it, and a remark on a good one.
 
     It is "poor" where nothing anchors the velocity or its std is more than a tenth of the pace, "fair" where
     the std had to be widened or grows for want of samples or of a standstill, and "good" otherwise.
@@ -142,13 +144,19 @@ def judge_health(
     if not rests or middle > VAGUE * max(pace, SLOW):
         if rests:
             complaints.append(f"the velocity is known to {1e3 * middle:.3g} mm/s only")
-        return "poor", "Look twice: " + "; ".join([anchored, *complaints]) + "."
+        return "poor", (anchored, *complaints), ""
     if complaints or loose:
-        return "fair", "Usable, within its std: " + "; ".join([anchored, *complaints]) + "."
+        return "fair", (anchored, *complaints), ""
     wheel, remark = kinds.get("wheel"), ""
     if wheel is not None and wheel.chance < 1e-3 and abs(wheel.white) > 0.1:
         side = "on the safe side" if wheel.white < 0 else "short of the fastest changes"
         remark = f" (the wheels' innovations correlate by {wheel.white:+.2f}: the std is {side})"
-    return "good", (
-        f"The estimate can be trusted: {anchored}, and all measurements agree with their noise{remark}."
-    )
+    return "good", (anchored,), remark
+
+
+def sentence(grade: Grade, reasons: Sequence[str], remark: str = "") -> str:
+    """Return the verdict on an estimate: one sentence that gives the reasons for its grade."""
+    said = "; ".join(reasons)
+    if grade == "good":
+        return f"The estimate can be trusted: {said}, and all measurements agree with their noise{remark}."
+    return {"fair": "Usable, within its std: ", "poor": "Look twice: "}[grade] + said + "."

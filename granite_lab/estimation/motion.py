@@ -47,6 +47,7 @@ class Health:
         ljung_box: probability per update kind that white innovations would correlate as much over ten
             lags by chance; NaN for too few.
         grade: "good"; "fair": usable within a std that had to grow; "poor": look twice.
+        reasons: for the grade, one clause each.
         gaps, plateaus: intervals [s] of missing and of saturated IMU samples.
     """
 
@@ -67,6 +68,7 @@ class Health:
     gaps: tuple[tuple[float, float], ...] = ()
     plateaus: tuple[tuple[float, float], ...] = ()
     grade: Grade = "poor"
+    reasons: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Health(grade='{self.grade}')"

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
+from granite_lab.estimate import Estimate
 from granite_lab.logs.trial import Array, ImuStream
-from granite_lab.parameters import GRAVITY
+from granite_lab.parameters import GRAVITY, Robot
+
+BEYOND = 3.0
+"""What gravity shows beyond this many std of the IMU's grade is an error of mounting or scale."""
+
+LOCAL = 0.0026
+"""Half the range of gravity on Earth about 9.81 m/s^2, as a share (9.780 to 9.832 m/s^2, WGS 84)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +34,8 @@ class BodyImu:
     gravity: float  # that the forward axis sees per radian of pitch [m/s^2]; 0: the logger removed it
     levelled: bool  # the axes were levelled at standstill, so pitch counts from there
     rotation: Rotation  # takes vectors in the sensor's axes to those of R
+    scale: float = 0.0  # error of the accelerometer's scale that was taken out
+    scale_std: float = 0.0  # its std
 
     @cached_property
     def period(self) -> float:
@@ -52,6 +61,70 @@ def to_body(imu: ImuStream, rotation: Rotation, *, levelled: bool = False) -> Bo
         pitch_rate=rate[:, 1], yaw_rate=rate[:, 2], gravity=0.0 if imu.gravity_removed else GRAVITY,
         levelled=levelled, rotation=rotation,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Levelled:
+    """An IMU after its specific force at standstill was compared with gravity.
+
+    Attributes:
+        stream, imu: the samples in the sensor's and in the robot's axes, scaled and levelled.
+        robot: with the std of the accelerometer's scale that is left.
+        doubts: what was put right, and how much that leaves open; one line each.
+    """
+
+    stream: ImuStream
+    imu: BodyImu
+    robot: Robot
+    doubts: tuple[str, ...] = ()
+
+
+def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot) -> Levelled:
+    """Put right what gravity at standstill shows of the IMU's mounting and scale beyond its grade.
+
+    An error within the grade stays: it is a bias, which the filter estimates. A larger magnitude of the
+    specific force is a scale error common to all axes, known within the bias of the vertical one. That bias
+    is as large as the grade says or the horizontal axes show; where a tilt hides theirs, it may be the whole
+    difference. A larger tilt is one of the mounting, as on level ground; the std of the scale covers a slope
+    of the ground, along which distances are longer by 1 / cos(tilt). A tilt that changes distances by less
+    than `LOCAL` stays.
+
+    `stream` is in the sensor's axes, `imu` in the robot's; `still` (N,) is True at standstill.
+    """
+    grade, mean = robot.imu_grade, stream.specific_force[still].mean(axis=0) if still.any() else np.zeros(3)
+    assert grade is not None
+    size = float(np.linalg.norm(mean))
+    if stream.gravity_removed or not 0.8 * GRAVITY < size < 1.2 * GRAVITY:  # an axis is missing, too
+        return Levelled(stream, imu, robot)
+    doubts, bias = [], grade.accel_bias / GRAVITY
+    up = imu.rotation.apply(mean / size)
+    tilt = float(np.arccos(np.clip(up[2], -1.0, 1.0)))
+    usual = float(np.hypot(bias, np.radians(robot.imu.tilt)))
+    tilted = not imu.levelled and tilt > BEYOND * usual and 1.0 - float(np.cos(tilt)) > LOCAL
+    excess, scale = size / GRAVITY - 1.0, Estimate(0.0, grade.accel_scale)
+    if abs(excess) > BEYOND * float(np.linalg.norm([bias, grade.accel_scale, LOCAL])):
+        vertical = abs(excess) if tilted else max(bias, float(np.linalg.norm(up[:2])) / 2.0**0.5)
+        # prior std of the scale: the excess itself; measured by gravity within the bias (Gaussian posterior)
+        share = excess**2 / (excess**2 + vertical**2 + LOCAL**2)
+        left = abs(excess) * float(np.sqrt(1.0 - share))
+        scale = Estimate(share * excess, float(np.hypot(left, grade.accel_scale)))
+        stream = replace(stream, specific_force=stream.specific_force / (1.0 + scale.value))
+        doubts.append(
+            f"the specific force at standstill is {size:.2f} m/s^2, not {GRAVITY:g}: taken for a scale error "
+            f"of {100.0 * scale.value:.1f} ± {100.0 * scale.std:.1f} %"
+        )
+    rotation, levelled = imu.rotation, imu.levelled
+    if tilted:
+        rotation, levelled = level(stream, still, rotation), True
+        scale = replace(scale, std=float(np.hypot(scale.std, 1.0 - np.cos(tilt))))
+        doubts.append(
+            f"the IMU is {np.degrees(tilt):.1f} deg off level at standstill: levelled, as on level ground"
+        )
+    if not doubts:
+        return Levelled(stream, imu, robot)
+    imu = replace(to_body(stream, rotation, levelled=levelled), scale=scale.value, scale_std=scale.std)
+    robot = replace(robot, imu_grade=replace(grade, accel_scale=scale.std))
+    return Levelled(stream, imu, robot, tuple(doubts))
 
 
 def _turn(rotation: Rotation, vectors: Array) -> Array:

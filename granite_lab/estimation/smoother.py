@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
-from scipy.linalg.blas import daxpy, ddot, dgemm, dgemv, dsymm, dsymv, dsyr
+from scipy.linalg import blas
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
@@ -14,6 +15,10 @@ from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C
 from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
 from granite_lab.estimation.nominal import Nominal, integrate, quieten
 from granite_lab.logs.trial import Array
+
+_blas: Any = blas  # its types want keywords, with which a call takes up to three times as long
+daxpy, ddot, dgemm, dgemv = _blas.daxpy, _blas.ddot, _blas.dgemm, _blas.dgemv
+dsymm, dsymv, dsyr = _blas.dsymm, _blas.dsymv, _blas.dsyr
 
 BLOCK = 200
 """Nodes whose matrices are inverted at once: so many stay in the cache."""

@@ -14,6 +14,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import mean_known
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.logs.counters import integral, joined, runs
+from granite_lab.logs.standstill import bridged
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import WHEELS, Robot
 
@@ -25,6 +26,10 @@ MEET = 2.5
 
 STUCK_AFTER = 0.25
 """A wheel without a count for this long [s], while the others roll, is taken for a dead encoder."""
+
+SHARED, SLOWEST = 0.2, 1.0e-3
+"""Samples share the error of the last count for this long [s] at most, of wheels this fast [m/s] at least:
+slower ones are about to stand."""
 
 STEP = 0.01
 """Spacing of the grid on which wheels and IMU are compared [s]."""
@@ -58,21 +63,17 @@ class Rolling:
     speed: Array  # (M,) velocity of `mean` [m/s]
     speed_std: Array
     by_rate: bool  # the logger gave rates; distances are their integrals and not measurements
-    step: float  # smallest step of a wheel's distance [m] (of its velocity [m/s] if by_rate)
+    resolution: tuple[float, ...]  # (4,) of each distance [m] (of each velocity [m/s] if by_rate)
     warnings: tuple[str, ...] = ()  # doubts, one line each
+
+    @property
+    def step(self) -> float:
+        """The coarsest resolution of the four [m] or [m/s]."""
+        return max(self.resolution)
 
     def speed_at(self, t: Array | float, offset: float = 0.0) -> Array:
         """Return `speed` at instants of a clock that the encoders' lies behind by `offset` [s]."""
         return joined(t, self.t + offset, self.speed)
-
-
-def bridged(t: np.ndarray, mask: np.ndarray, longest: float) -> np.ndarray:
-    """(N,) mask without the interruptions whose neighbours are at most `longest` apart [unit of t]."""
-    closed = mask.copy()
-    for a, b in runs(~mask):
-        if a > 0 and b < mask.size and t[b] - t[a - 1] <= longest:
-            closed[a:b] = True
-    return closed
 
 
 def roll(stream: WheelStream, robot: Robot) -> Rolling:
@@ -83,9 +84,10 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     locally smooth motion; the robot's file is the floor of the former.
     """
     t, counts = stream.t, robot.encoders.counts
-    q = (stream.step if stream.step > 0 else 2 * np.pi / counts if counts else 0.0) * robot.wheels.radius
+    usual = 2 * np.pi / counts if counts and stream.rate is None else 0.0
+    resolution = tuple((step or usual) * robot.wheels.radius for step in stream.resolution)
     if stream.rate is not None:
-        return _roll_rates(t, bridge(t, stream.rate) * robot.wheels.radius, q)
+        return _roll_rates(t, bridge(t, stream.rate) * robot.wheels.radius, resolution)
     distance = bridge(t, stream.angle) * robot.wheels.radius
     increment, warnings = mask_dead(t, distance)
     mean_step = side_mean(increment)
@@ -93,14 +95,20 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     lost[0] = False
     mean = np.cumsum(np.nan_to_num(mean_step))
     mean[lost] = np.nan
-    quantum = max(q, 1e-6)
+    quantum = max(*resolution, 1e-6)
     n_live = np.maximum(np.isfinite(increment).sum(axis=1), 1)
     rough, _ = slope(t, np.nan_to_num(mean, nan=0.0), np.full(t.size, quantum / np.sqrt(12)))
     jitter = stamp_scatter(t, mean, rough, quantum)
 
+    period = float(np.median(np.diff(t)))
+
     def sigma(wheels: np.ndarray | int, pace: Array) -> Array:
-        """Std of one sample of a rolled distance [m]: quantisation per wheel, stamps common to all."""
-        return np.asarray(np.sqrt(quantum**2 / 12.0 / wheels + (jitter * pace) ** 2))
+        """Std of one sample of a rolled distance [m]: quantisation per wheel, stamps common to all.
+
+        Samples between two counts share their error; so many of them tell as much as one.
+        """
+        shared = np.clip(quantum / np.maximum(np.abs(pace), SLOWEST) / period, 1.0, max(SHARED / period, 1.0))
+        return np.asarray(np.sqrt(quantum**2 / 12.0 * shared / wheels + (jitter * pace) ** 2))
 
     speed, speed_std = slope(t, np.nan_to_num(mean), sigma(n_live, rough))
     mean_std = sigma(n_live, speed)
@@ -118,25 +126,27 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     return Rolling(
         t=t, distance=np.where(np.isfinite(increment), distance - first, np.nan), mean=mean,
         mean_std=mean_std, velocity=velocity, velocity_std=velocity_std, speed=speed, speed_std=speed_std,
-        by_rate=False, step=q, warnings=tuple(warnings),
+        by_rate=False, resolution=resolution, warnings=tuple(warnings),
     )  # fmt: skip
 
 
-def _roll_rates(t: Array, velocity: Array, step: float) -> Rolling:
+def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rolling:
     """Take logged rates, as velocities (M, 4) [m/s]; the distances are their integrals."""
+    dt = np.diff(t, prepend=t[0])
+    increment, warnings = mask_dead(t, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0))
+    velocity = np.where(np.isfinite(increment) | (dt == 0)[:, None], velocity, np.nan)
     speed = side_mean(velocity)
     known = np.isfinite(speed)
     bend = np.abs(np.diff(np.nan_to_num(speed), n=2, prepend=0.0, append=0.0))
     scatter = 1.4826 * float(np.median(bend[known])) / np.sqrt(6.0) if known.any() else 0.0
-    floor = max(step / np.sqrt(12.0), scatter, 1e-3)
-    dt = np.diff(t, prepend=t[0])
+    floor = max(max(resolution) / np.sqrt(12.0), scatter, 1e-3)
     mean = integral(t, joined(t, t, speed) if known.any() else np.zeros_like(speed))
     distance = np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0)
     distance[~np.isfinite(velocity)] = np.nan
     return Rolling(
         t=t, distance=distance, mean=mean, mean_std=np.full(speed.size, np.nan), velocity=velocity,
         velocity_std=np.where(np.isfinite(velocity), floor, np.nan), speed=speed,
-        speed_std=np.full(speed.size, floor), by_rate=True, step=step,
+        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution, warnings=tuple(warnings),
     )  # fmt: skip
 
 
@@ -298,7 +308,8 @@ def check_signs(
         return wheels, ()
     angle, rate = (None if v is None else (v * sign)[:, order] for v in (wheels.angle, wheels.rate))
     assert angle is not None
-    return replace(wheels, angle=angle, rate=rate), tuple(said)
+    resolution = tuple(wheels.resolution[i] for i in order)
+    return replace(wheels, angle=angle, rate=rate, resolution=resolution), tuple(said)
 
 
 def _speeds(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:

@@ -168,7 +168,7 @@ def _scatter_and_lack_of_fit(points: Points, a: float) -> tuple[float, float]:
         the scatter within speeds beyond the stated std (method of moments), and the p value of the speeds'
         deviation against it; 1 if it cannot be tested.
     """
-    groups, m = points.by_speed(), np.exp(-a * points.v)
+    groups, m = list(points.by_speed().values()), np.exp(-a * points.v)
     deviation, sigma = (points.k - m) / m, points.sigma / m
     n, S = points.v.size, len(groups)
     excess = 0.0
@@ -197,19 +197,22 @@ def _over_speeds(points: Points, a: float, within: float) -> _Weighted:
     spread = within * np.exp(-a * points.v)
     own = points.sigma**2 + spread**2
     weight = np.where(points.inner, 1 / own, 0.0)
-    v = np.unique(np.round(points.v[points.inner], 4))
-    speed_of = np.minimum(np.searchsorted(v, np.round(points.v, 4)), v.size - 1)
+    group_of = np.empty(points.v.size, np.int64)
+    for number, group in enumerate(points.by_speed().values()):
+        group_of[group] = number
+    seen = np.unique(group_of[points.inner])
+    speed_of = np.minimum(np.searchsorted(seen, group_of), seen.size - 1)
     total = np.bincount(speed_of, weight)
-    share, sigma, nothing = weight / total[speed_of], 1 / np.sqrt(total), np.full(v.size, math.nan)
-    k = np.asarray(np.bincount(speed_of, share * points.k), dtype=np.float64)
-    speeds = _paule_mandel(Points(v, k, sigma, nothing, nothing, np.zeros(v.size, np.int64)))
+    share, sigma, nothing = weight / total[speed_of], 1 / np.sqrt(total), np.full(seen.size, math.nan)
+    v, k = (np.asarray(np.bincount(speed_of, share * x), dtype=np.float64) for x in (points.v, points.k))
+    speeds = _paule_mandel(Points(v, k, sigma, nothing, nothing, np.zeros(seen.size, np.int64)))
     between = np.sqrt(np.maximum(np.diag(speeds.covariance) - sigma**2, 0.0))
     sensitivity = share * speeds.sensitivity[speed_of]
     departure = Part(
         "departure of the speeds from the law (27)", "A", "normal", "1", speeds.scatter,
         float(np.linalg.norm(speeds.sensitivity * between)),
     )  # fmt: skip
-    shared = np.where(np.equal.outer(points.v, points.v), between[speed_of] ** 2, 0.0)
+    shared = np.where(np.equal.outer(group_of, group_of), between[speed_of] ** 2, 0.0)
     return replace(
         speeds,
         scatter=within,

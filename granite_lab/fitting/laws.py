@@ -23,6 +23,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import K92Fit, Law, PointRow
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import peak_velocity
+from granite_lab.parameters import by_speed
 
 LEAST_SCATTER = 1e-5
 """Of k_92; keeps the likelihood finite where a law passes through all points."""
@@ -59,10 +60,9 @@ class Points:
         """Return some of the points."""
         return Points(*(getattr(self, f.name)[mask] for f in fields(self)))
 
-    def by_speed(self) -> list[npt.NDArray[np.int64]]:
-        """Return the places of the points of each speed, slowest first."""
-        speed = np.round(self.v, 4)
-        return [np.flatnonzero(speed == v) for v in np.unique(speed)]
+    def by_speed(self) -> dict[float, npt.NDArray[np.int64]]:
+        """Return each speed [m/s], slowest first, and the positions of its points."""
+        return {speed: np.array(positions) for speed, positions in by_speed(self.v).items()}
 
     def log_slope(self) -> float:
         """Return a_θ [s/m] by least squares on log k_92 through (0, 1); NaN where no inner k_92 is > 0."""
@@ -172,9 +172,10 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
         the laws, and notes on what could not be compared.
     """
     notes, groups = [], points.by_speed()
-    speed = np.round(points.v, 4)
-    own = np.equal.outer(speed, np.unique(speed)).astype(np.float64)
-    constants = {f"k_92 at {points.v[group[0]]:.3g} m/s": "" for group in groups}
+    own = np.zeros((points.v.size, len(groups)))
+    for column, group in enumerate(groups.values()):
+        own[group, column] = 1.0
+    constants = {f"k_92 at {speed:.3g} m/s": "" for speed in groups}
     laws = [
         _fit(
             points, "exponential", {"a_theta": "s/m"}, points.exponential, points.start,
@@ -184,7 +185,7 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
     ]  # fmt: skip
     if np.isfinite(points.slip).all() and np.ptp(points.slip) > 1e-3:
         laws.append(_over_slip(points))
-        if any(group.size == 1 for group in groups):
+        if any(group.size == 1 for group in groups.values()):
             notes.append(
                 "Some speeds have one trial. Their k_92 was computed from the λ_R that the line uses, so the "
                 "line over λ_R fits them exactly."
@@ -203,7 +204,7 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
 
 def _over_slip(points: Points) -> Law:
     λ, λ_std = points.slip.copy(), np.zeros(points.v.size)
-    for group in points.by_speed():
+    for group in points.by_speed().values():
         for i in group if group.size > 1 else ():
             others = group[group != i]
             λ[i] = points.slip[others].mean()

@@ -182,7 +182,8 @@ def read_wheels(
     step = 2 * np.pi / enc.counts if enc.counts else 0.0
     if step:
         sampled = np.floor(sampled / step + rng.uniform(0, 1, 4)) * step
-    return WheelStream(stamped(rng, instants, enc.jitter) - clock_offset, sampled - sampled[0], step=step)
+    stamps = stamped(rng, instants, enc.jitter) - clock_offset
+    return WheelStream(stamps, sampled - sampled[0], resolution=(step,) * 4)
 
 
 def read_currents(

@@ -24,11 +24,17 @@ ORDER = 16
 
 REST_ORDER = 2
 
+LEAST = 9
+"""Bins of which a spectrum can be told: several of each coefficient of `REST_ORDER`."""
+
 FAST = 0.8
 """Share of the full speed from which a bin tells of the vibration."""
 
 CUT = 4.0
 """Below this frequency [Hz] a residual without repetitions may be a missing effect, not noise."""
+
+TOP = 0.8
+"""Largest share of the Nyquist frequency at which the band above the cut may begin."""
 
 ABOVE = 2.5
 """The band above `CUT` that tells how loud noise and vibration are ends at this multiple of it."""
@@ -131,7 +137,8 @@ def learn(
     cut = 0.0 if len(residuals) > 1 else CUT
     if rest is None:
         rest = at_rest(list(error[:, speed == 0]), floor, width)
-    driven = _spectrum(list(error[:, speed >= FAST]), ORDER, floor, width, cut)
+    fast = speed >= FAST * min(1.0, float(speed.max()))
+    driven = _spectrum(list(error[:, fast]), ORDER, floor, width, cut)
     vibration = np.fmax(driven - rest, 0.0)
     n = speed.size
     Σ = _covariance(rest, n) + np.outer(speed, speed) * _covariance(vibration, n)
@@ -156,13 +163,15 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
 
     The floor enters as white noise: a sensor at rest on one step of its scale has no noise to learn.
     """
-    rows = [row[np.isfinite(row)] for row in error]
-    rows = [row for row in rows if row.size > 8]
-    if not rows:
-        return np.full(_GRID + 1, floor**2)
+    known = [row[np.isfinite(row)] for row in error]
+    rows = [row for row in known if row.size >= LEAST]
+    if not rows:  # wide bins, of slow sensors: too few for a spectrum, enough for a level
+        few = np.concatenate([np.zeros(0), *known])
+        return np.full(_GRID + 1, floor**2 + (float(np.mean(few**2)) if few.size else 0.0))
     raw = np.mean([np.abs(np.fft.rfft(row, 2 * _GRID)) ** 2 / row.size for row in rows], axis=0)
     f = np.fft.rfftfreq(2 * _GRID, width)
     if cut:
+        cut = min(cut, TOP * 0.5 / width)  # wide bins, of slow sensors, may hold no frequency above the cut
         raw[f < cut] = np.mean(raw[(f >= cut) & (f < ABOVE * cut)])
     order = min(order, sum(row.size for row in rows) // 12)
     r = np.fft.irfft(raw)[: order + 1]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +15,9 @@ from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import Mask, integral, runs
+from granite_lab.logs.counters import Mask, runs
 from granite_lab.logs.layouts import Log
+from granite_lab.logs.pitch_rate import contradicted
 from granite_lab.logs.quantities import ACCELERATION, RATE, SENSORS, STANDARD_GRAVITY, factors, gravity_unit
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
@@ -26,8 +26,6 @@ _WINDOW = 0.5  # length [s] of the windows over which vibration is averaged away
 _TURNS = 2.0  # a gyroscope turns at most so many times as far as gravity; a hundredth is rad/s read as deg/s
 _FASTEST = 60.0  # no ground robot's gyroscope reads more [rad/s]
 _OFF_AXIS = 45.0  # gravity at rest farther than this [deg] from the robot's z axis stands on another axis
-# A wrong pitch rate leaves more velocity than this [m/s] at rest, and another one this many times less.
-_MISSED, _BETTER = 0.12, 4.0
 _HANGS = 0.5  # all axes of a sensor that repeat themselves for longer [s] hang
 _SPIKE = (1.0, 0.3)  # a single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]
 
@@ -297,37 +295,15 @@ def _refuse_gravity(imu: ImuStream, mounting: Array, still: Spans, log: Log) -> 
 
 
 def _refuse_pitch_rate(imu: ImuStream, matrix: Array, still: Spans, log: Log) -> None:
-    """Refuse a pitch rate with which the velocity does not return to zero, where another one does that.
-
-    Between two rests velocity is the integral of specific force less gravity's part by pitch, and pitch
-    is the integral of the pitch rate; both are levelled and unbiased at the rests.
-    """
-    force, rate = imu.specific_force @ matrix.T, np.nan_to_num(imu.angular_rate) @ matrix.T
-    left: dict[str, list[float]] = {}
-    for one, other in pairwise(still):
-        a, b, c, d = np.searchsorted(imu.t, np.add([*one, *other], [0.1, -0.1, 0.1, -0.1]))
-        first, last, motion = slice(a, b), slice(c, d), slice(b, c)
-        few = min(part.stop - part.start for part in (first, last, motion)) < 10
-        if few or other[0] - one[1] > 60:
-            continue
-        t = imu.t[motion]
-        level = [np.arcsin(np.clip(force[rest, 0].mean() / -GRAVITY, -1, 1)) for rest in (first, last)]
-        for j, axis in enumerate("xyz"):
-            bias = (rate[first, j].mean() + rate[last, j].mean()) / 2
-            turned = integral(t, rate[motion, j] - bias)
-            for sign in (1.0, -1.0):
-                # the end is levelled, too: what is left over is drift
-                drift = level[1] - level[0] - sign * turned[-1]
-                pitch = level[0] + sign * turned + (t - t[0]) / (t[-1] - t[0]) * drift
-                speed = np.trapezoid(force[motion, 0] + GRAVITY * np.sin(pitch), t)
-                left.setdefault(f"{'+' if sign > 0 else '-'}{axis}", []).append(abs(float(speed)))
-    missed = {which: float(np.median(found)) for which, found in left.items()}
-    best = min(missed, key=lambda which: missed[which], default="+y")
-    if best != "+y" and missed["+y"] > max(_MISSED, _BETTER * missed[best]):
+    """Refuse a pitch rate that motions between standstills contradict, where another reading of axes fits."""
+    grade = log.robot.imu_grade
+    found = contradicted(imu, matrix, still, grade) if grade is not None else None
+    if found is not None:
+        logged, best = found
         forward = log.name(ACCELERATION[int(np.argmax(np.abs(matrix[0])))])
         sign_of = f"its sign or that of '{forward}' is wrong"
-        what = sign_of if best == "-y" else f"the rate about {best[1]} fits: axes exchanged"
-        left_over = f"{missed['+y']:.2f} m/s are left at standstill, with {best} {missed[best]:.2f} m/s"
+        what = sign_of if best.name == "-y" else f"the rate about {best.name[1]} fits: axes exchanged"
+        left_over = f"{logged.speed:.2f} m/s are left at standstill, with {best.name} {best.speed:.2f} m/s"
         remedy = "scale = -1 in a column map turns a sign, 'to' exchanges axes"
         channel = RATE[int(np.argmax(np.abs(matrix[1])))]
         hint = f"{remedy}; pitch rate is positive nose down"

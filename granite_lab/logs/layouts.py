@@ -276,7 +276,7 @@ def _one(table: Table, spec: Column, hits: list[Hit], bare: Sequence[str], names
     what = f"{listed} both are {spec.to[0]}, expected one column for it"
     last, hint = hits[-1][0], "rename or remove the other one"
     if names[last] != bare[last]:
-        hint += f'; or write name = "{names[last]}" in a column map, or all names as names = […] under its [table]'
+        hint += f'; or write name = "{names[last]}" in a column map, or names = […] under its [table]'
     raise table.error(what, hint, table.header_line)
 
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from granite_lab.errors import UsageError
 from granite_lab.files import is_folder
 from granite_lab.logs.quantities import WORDS
+from granite_lab.parameters import WHEELS
 
 Array = npt.NDArray[np.float64]
 
@@ -41,6 +42,7 @@ class ImuStream:
         angular_rate: (N, 3) [rad/s]; y positive nose down.
         gravity_removed: by the logger.
         robot_axes: the mounting rotation has been applied, as in a corrected trial.
+        stamp_std: std of a delay that all stamps have in common, where samples shared them [s].
     """
 
     t: Array
@@ -48,6 +50,7 @@ class ImuStream:
     angular_rate: Array
     gravity_removed: bool = False
     robot_axes: bool = False
+    stamp_std: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +61,23 @@ class WheelStream:
         t: (M,) stamps [s], strictly increasing.
         angle: (M, 4) accumulated wheel angle [rad], unwrapped; NaN where a wheel was not sampled.
         rate: (M, 4) wheel rate [rad/s] where the logger gives rates; then `angle` is its integral.
-        step: smallest step of the angle [rad] (0: not known); for a logged rate, of the rate [rad/s].
+        resolution: (4,) smallest step of each wheel's angle [rad], of its logged rate [rad/s];
+            0 where it is not known.
+        span: (4,) after which each wheel's counter starts again [rad]; 0: it does not.
+        stamp_std: std of a delay that all stamps have in common, where samples shared them [s].
     """
 
     t: Array
     angle: Array
     rate: Array | None = None
-    step: float = 0.0
+    resolution: tuple[float, ...] = (0.0,) * len(WHEELS)
+    span: tuple[float, ...] = (0.0,) * len(WHEELS)
+    stamp_std: float = 0.0
+
+    @property
+    def step(self) -> float:
+        """The coarsest resolution of the four [rad] or [rad/s]."""
+        return max(self.resolution)
 
 
 @dataclass(frozen=True, eq=False)

@@ -193,7 +193,7 @@ def _digitise(values: Array, limit: float, step: float) -> Array:
 def _encoders(run: Run, robot: Robot, t: Array, origin: float) -> WheelStream:
     angle = np.column_stack([_at(run, f"enc_{wheel[0]}_rad", t - origin) for wheel in WHEELS])
     step = 2 * np.pi / robot.encoders.counts if robot.encoders.counts else 0.0
-    return WheelStream(t, np.floor(angle / step) * step if step else angle, step=step)
+    return WheelStream(t, np.floor(angle / step) * step if step else angle, resolution=(step,) * 4)
 
 
 def _currents(run: Run, robot: Robot, t: Array, origin: float, rng: np.random.Generator) -> CurrentStream:

@@ -25,6 +25,7 @@ from granite_lab.parameters.records import (
     Soil,
     Variant,
     Wheels,
+    by_speed,
 )
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "Soil",
     "Variant",
     "Wheels",
+    "by_speed",
     "load_grade",
     "load_paper",
     "load_robot",

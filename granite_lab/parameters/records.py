@@ -6,6 +6,7 @@ name with the unit behind it (`wheel_base_m`).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from granite_lab.parameters.quantity import quantity
@@ -171,6 +172,21 @@ class Variant:
     velocity: float = quantity("m/s", 0.01, 5.0, "desired velocity of the steady part", "v_Ru")
     acceleration: float = quantity("m/s^2", 0.01, 50, "largest acceleration and deceleration", "a_Rmax")
     distance: float = quantity("m", 0.05, 10000, "total distance", "L_p")
+
+
+def by_speed(velocities: Iterable[float]) -> dict[float, tuple[int, ...]]:
+    """Group commands by their desired velocity [m/s].
+
+    Velocities that print alike, with three significant digits, are one speed. Wherever trials are grouped by
+    speed it is done here, so that tables, figures, recordings and fits have the same groups.
+
+    Returns:
+        each speed as printed [m/s], slowest first, and the positions of its commands.
+    """
+    groups: dict[float, list[int]] = {}
+    for position, velocity in enumerate(velocities):
+        groups.setdefault(float(f"{velocity:.3g}"), []).append(position)
+    return {speed: tuple(groups[speed]) for speed in sorted(groups)}
 
 
 @dataclass(frozen=True, kw_only=True)

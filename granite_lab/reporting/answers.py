@@ -13,7 +13,7 @@ import numpy as np
 from granite_lab.discovery.finding import Finding
 from granite_lab.estimate import mean_over
 from granite_lab.fitting.fit import AThetaFit
-from granite_lab.parameters import Paper, load_paper
+from granite_lab.parameters import Paper, by_speed, load_paper
 from granite_lab.reporting.names import (
     MUCH,
     capital,
@@ -83,15 +83,13 @@ class Speed:
         return self.results[int(ranked[max(int(np.isfinite(slips).sum()) - 1, 0) // 2])]
 
 
-def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
-    """Group the trials by desired velocity, to 0.01 m/s."""
+def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
+    """Group the trials by desired velocity (`parameters.by_speed`)."""
     from granite_lab.fitting.atheta import k92_interval  # noqa: PLC0415, heavy
 
-    groups: dict[float, list[TrialResult]] = {}
-    for trial in result.trials:
-        groups.setdefault(round(trial.comparison.motion.variant.velocity, 2), []).append(trial)
     rows = []
-    for velocity, trials in sorted(groups.items()):
+    for velocity, positions in by_speed(_velocities(result)).items():
+        trials = [result.trials[i] for i in positions]
         fits = [t.comparison.fit for t in trials]
         inner = [f for f in fits if f.status == "ok"]
         *slip, count = mean_over(t.comparison.motion.slip_ratio for t in trials)
@@ -109,6 +107,10 @@ def by_speed(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
             )
         )  # fmt: skip
     return tuple(rows)
+
+
+def _velocities(result: StudyResult) -> list[float]:
+    return [trial.comparison.motion.variant.velocity for trial in result.trials]
 
 
 @dataclass(frozen=True)
@@ -226,7 +228,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     `model` and `folder` are named in commands, the folder by default by the name of the study.
     """
     paper, finding = load_paper(), result.finding
-    speeds = by_speed(result, paper)
+    speeds = speeds_of(result, paper)
     a_theta, agrees = a_theta_of(result.a_theta)
     channels = channels_of(gaps([r.comparison for r in result.trials]))
     questions = []
@@ -441,9 +443,9 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
     if failed := sum(not f.excluded for f in result.failures):
         doubts.append(f"{plural(failed, 'trial')} could not be used")
     if finding is None or not finding.provisional:
-        speeds = Counter(round(r.comparison.motion.variant.velocity, 2) for r in result.trials)
+        speeds = by_speed(_velocities(result))
         doubts += [f"only {plural(len(speeds), 'speed')}"] if 0 < len(speeds) < SPEEDS else []
-        doubts += ["no speed was driven twice"] if speeds and max(speeds.values()) < 2 else []
+        doubts += ["no speed was driven twice"] if speeds and max(map(len, speeds.values())) < 2 else []
     if finding is not None:
         doubts += [reason.rstrip(".") for reason in finding.provisional]
         doubts += [f"{plain(e.id)} has a twin" for e in finding.effects if e.twins]

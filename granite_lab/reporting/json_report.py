@@ -1,42 +1,38 @@
-"""A report for programs: its numbers as JSON, and its provenance as RO-Crate 1.1 metadata [1].
+"""A report for programs: its numbers as JSON, with the SHA-256 of its other files and of the logs.
 
-Slip ratios are fractions, NaN is null. The metadata say which software made which files from which logs.
-
-References:
-    [1] P. Sefton et al., RO-Crate Metadata Specification 1.1.3, https://w3id.org/ro/crate/1.1: root data
-        entity, data entities, and software used to create files.
+Slip ratios are fractions, NaN is null.
 """
 
 from __future__ import annotations
 
 import json
-import mimetypes
-import platform
 from collections.abc import Iterator, Mapping
-from importlib import metadata
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
-from urllib.parse import quote, unquote
 
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.errors import InputError
 from granite_lab.estimation.motion import Motion
-from granite_lab.files import readable, sha256
+from granite_lab.files import sha256
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import FORMATS
-from granite_lab.reporting.render import rendered
-from granite_lab.reporting.report import LIBRARIES, Report, today
+from granite_lab.reporting.report import Report
 from granite_lab.results import SCHEMA, Source, StudyResult, TrialResult, gaps, shown_path
 from granite_lab.shown import jsonable, picked
 
-CRATE = "ro-crate-metadata.json"
 
-_TYPES = {".md": "text/markdown", ".toml": "application/toml", ".tex": "text/x-tex", ".csv": "text/csv"}
+def to_json(
+    result: StudyResult, report: Report, model: Path | str | None = None, files: Path | None = None
+) -> str:
+    """Return the report as one JSON document; the same study gives the same bytes on the same day.
 
-
-def to_json(result: StudyResult, report: Report, model: Path | str | None = None) -> str:
-    """Return the report as one JSON document, which names `model`; the same study gives the same bytes."""
+    Args:
+        result: the study.
+        report: what is shown of it.
+        model: path of the model file, as the document shall name it.
+        files: folder of the report's other files, whose hashes the document holds.
+    """
     finding = result.finding
     document = {
         "schema": SCHEMA,
@@ -58,6 +54,7 @@ def to_json(result: StudyResult, report: Report, model: Path | str | None = None
             for t in report.tables
         ],
         "provenance": provenance_as_json(result.source),
+        "files": [] if files is None else hashes_of(files),
     }
     return dumps(document)
 
@@ -118,7 +115,7 @@ def motion_as_json(m: Motion) -> dict[str, Any]:
         "steady_s": m.steady,
         "t_start_s": m.t_start.as_json(),
         "clock_offset_s": m.clock_offset.as_json(),
-        "health": picked(m.health, "good", "verdict", "nis", "whiteness", "ljung_box")
+        "health": picked(m.health, "grade", "good", "verdict", "reasons", "nis", "whiteness", "ljung_box")
         | {"rests_s": m.health.rests},
     }
 
@@ -150,55 +147,34 @@ def dumps(document: Mapping[str, Any]) -> str:
     return json.dumps(jsonable(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def crate(report: Report, source: Source, root: Path) -> str:
-    """Return the metadata of a report, whose other files are in `root`, as JSON-LD."""
-    versions = {name: metadata.version(name) for name in LIBRARIES} | {"Python": platform.python_version()}
-    text = rendered(
-        CRATE, report=report, source=source, date=today(),
-        parts=[_part(path, root) for path in sorted(p for p in root.rglob("*") if p.is_file())],
-        inputs=[
-            {"@id": f"#input/{quote(name)}", "@type": "CreativeWork", "name": name, "sha256": file.sha256}
-            for file in source.inputs  # what was read is not in the folder
-            for name in [shown_path(file.path)]
-        ],
-        tools=[
-            {"@id": f"#{name}", "@type": "SoftwareApplication", "name": name, "version": version}
-            for name, version in versions.items()
-        ],
-    )  # fmt: skip
-    return json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
+def hashes_of(folder: Path) -> list[dict[str, str]]:
+    """Return path and SHA-256 of each file in a folder."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return [{"file": path.relative_to(folder).as_posix(), "sha256": sha256(path)} for path in files]
 
 
-def _part(path: Path, root: Path) -> dict[str, str]:
-    kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    return {
-        "@id": quote(path.relative_to(root).as_posix()), "@type": "File", "name": path.name,
-        "encodingFormat": kind, "contentSize": str(path.stat().st_size), "sha256": sha256(path),
-    }  # fmt: skip
+def changed_files(document: Mapping[str, Any], path: Path) -> Iterator[str]:
+    """Yield a line for each file of a report that is not what its ``report.json`` holds of it.
 
-
-def changed_files(folder: Path) -> Iterator[str]:
-    """Yield a line for each file of a folder that is not what its metadata record; nothing without metadata.
+    Args:
+        document: content of ``report.json``.
+        path: where that is.
 
     Raises:
-        InputError: the metadata are no RO-Crate metadata.
+        InputError: it holds no hashes, or names files outside its folder.
     """
-    path = folder / CRATE
-    if not path.is_file():
-        return
     try:
-        graph = json.loads(path.read_bytes())["@graph"]
-        known = {e["@id"]: e["sha256"] for e in graph if e["@type"] == "File"}
-    except OSError as error:
-        raise readable(error, path) from None
-    except (ValueError, KeyError, TypeError):
-        raise InputError(
-            f"{path}: is not RO-Crate metadata with a SHA-256 of each file",
-            "delete it to verify the report without it, or run the study again",
-        ) from None
-    for name, known_sha in known.items():
-        file = folder / unquote(name)
+        held = {str(entry["file"]): str(entry["sha256"]) for entry in document["files"]}
+    except (KeyError, TypeError):
+        raise InputError(f"{path}: holds no hashes of the report's files", "run the study again") from None
+    for name, known in held.items():
+        place = PurePosixPath(name)
+        if place.is_absolute() or ".." in place.parts:
+            raise InputError(
+                f"{path}: file '{name}' is not in the folder of the report", "run the study again"
+            )
+        file = path.parent / place
         if not file.is_file():
-            yield f"{unquote(name)}: {CRATE} records it, but it is missing"
-        elif sha256(file) != known_sha:
-            yield f"{unquote(name)}: its content is not what {CRATE} records"
+            yield f"{name}: is missing"
+        elif sha256(file) != known:
+            yield f"{name}: its content was changed"

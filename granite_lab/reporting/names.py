@@ -144,6 +144,12 @@ def shared(lines: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
     )
 
 
+def speed_stem(speed: float) -> str:
+    """Return a speed of `parameters.by_speed` [m/s] as part of a file's name, which no other speed has."""
+    whole, _, decimals = f"{speed:.3g}".partition(".")
+    return f"{whole}p{decimals:0<2}"
+
+
 def capital(text: str) -> str:
     """Return a text with a capital letter in front."""
     return text[:1].upper() + text[1:]

@@ -20,7 +20,7 @@ from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import Speed, channels_of
 from granite_lab.reporting.canvas import Figure, drawing
-from granite_lab.reporting.names import together
+from granite_lab.reporting.names import speed_stem, together
 from granite_lab.reporting.rounding import significant
 from granite_lab.results import gaps, mean_of_known
 
@@ -73,7 +73,7 @@ def motion_figure(speed: Speed) -> Figure:
     like += f"; as {PAPER[speed.velocity]} of the paper" if speed.velocity in PAPER else ""
     title = f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}"
     virtual = any(r.comparison.motion.virtual for r in speed.results)
-    name = f"motion_{speed.velocity:.2f}".replace(".", "p")
+    name = f"motion_{speed_stem(speed.velocity)}"
     return drawing("motion", title, virtual, _history, c, name=name, trial=c.motion.trial, like=like)
 
 
@@ -150,13 +150,14 @@ def _history(c: Comparison) -> Canvas:
             parts.append(f"±2σ of the measurement, not drawn: {significant(wide, 2)} {unit}")
         canvas.key(axis, "; ".join(filter(None, parts)))
     desired = c.run.signals.get("v_desired_mps")
-    if desired is not None:
+    if desired is not None and t.size:
         s, y = canvas.envelope(t, np.interp(t, c.run.t, desired), points=200)
         axes[0].plot(s, y, color=canvas.DESIRED, linestyle=(0, (1, 1)), label="desired")
     for source, ((colour, _), width) in SOURCES.items():
         axes[0].plot([], [], color=colour, linewidth=width, label=source)
     canvas.legend(axes[0])
-    axes[0].set_xlim(t[0], t[-1])
+    # Where the log holds nothing of the command, the empty panels still show its time.
+    axes[0].set_xlim(*((t[0], t[-1]) if t.size > 1 else (-0.5, duration(c.run.variant) + 1.2)))
     return figure
 
 

@@ -12,6 +12,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from granite_lab.discovery.finding import Candidate, Finding, Residual
 from granite_lab.logs.trial import Array
+from granite_lab.parameters import by_speed
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import gap_pair
 from granite_lab.reporting.canvas import AFTER, BEFORE, Figure, drawing
@@ -22,6 +23,7 @@ from granite_lab.reporting.names import (
     listed,
     plain,
     shown_candidates,
+    speed_stem,
     with_found,
 )
 from granite_lab.reporting.rounding import places, shown_as, significant, tidy_unit, times
@@ -133,15 +135,15 @@ def intervals_figure(finding: Finding) -> Figure | None:
 
 
 def _intervals(finding: Finding) -> Canvas:
-    speeds, channels = sorted({d.variant for d in finding.where}), channels_of(finding)
-    heights = [0.13 * len(channels)] * len(speeds)
+    speeds, channels = by_speed(d.variant for d in finding.where), channels_of(finding)
+    heights, own = [0.13 * len(channels)] * len(speeds), {d.variant for d in finding.where}
     figure, axes = canvas.panels(heights, left=canvas.NAMES, gap=0.24, x=canvas.TIME)
-    for axis, speed in zip(axes, speeds, strict=True):
-        for d in (d for d in finding.where if d.variant == speed):
+    for axis, (speed, positions) in zip(axes, speeds.items(), strict=True):
+        for d in (finding.where[i] for i in positions):
             axis.barh(channels.index(d.channel), d.end - d.start, 0.8, d.start, linewidth=0, color=BEFORE)
         canvas.name_rows(axis, [sensor(c) for c in channels], 6.5)
         canvas.key(axis, f"{speed:g} m/s")
-    axes[0].set_xlim(-0.5, max(float(r.t[-1]) for r in finding.residuals if r.variant in speeds))
+    axes[0].set_xlim(-0.5, max(float(r.t[-1]) for r in finding.residuals if r.variant in own))
     return figure
 
 
@@ -150,8 +152,8 @@ def history_figures(finding: Finding) -> list[Figure]:
     known = {g.channel: g.train[0] for g in finding.gaps}
     ranked = sorted(channels_of(finding), key=lambda c: -known.get(c, 0.0))[:SHOWN]
     found = []
-    for velocity in sorted({r.variant for r in finding.residuals}):
-        at = [r for r in finding.residuals if r.variant == velocity]
+    for velocity, positions in by_speed(r.variant for r in finding.residuals).items():
+        at = [finding.residuals[i] for i in positions]
         at = [r for r in at if r.phase == at[-1].phase]  # of two commands at one speed the last is drawn
         own = {c: [r for r in at if r.channel == c] for c in ranked}
         drawn = {c: mean_of(group) for c, group in own.items() if group}
@@ -159,7 +161,7 @@ def history_figures(finding: Finding) -> list[Figure]:
             continue
         n = max(map(len, own.values()))
         title = f"{velocity:g} m/s: {_closer(finding, drawn)}"
-        name = f"found_history_{velocity:.2f}".replace(".", "p")
+        name = f"found_history_{speed_stem(velocity)}"
         what = f"Mean of {n} trials" if n > 1 else "One trial"
         found.append(
             drawing("found_history", title, finding.virtual, _history, finding, drawn, name=name, mean=what)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 
 from granite_lab.estimate import Estimate
 
@@ -13,6 +14,8 @@ NONE = "–"
 
 _SPACE = "\u00a0"  # no line break between a number and its unit
 _UNIT = re.compile(r"(?<=\d) (?=[%°±]|(?:m/s|mm/s|s/m|N m|ms|mrad|points)\b)|(?<=±) ")
+_DIGITS = 15
+"""Decimal digits that a double holds for sure."""
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -22,11 +25,18 @@ def decimals_for(std: float) -> int:
     The rule of the Particle Data Group: of the three leading digits, 100 to 354 keep two, 355 to
     949 keep one, 950 to 999 become 1000 and keep two (which is the same place).
     """
-    exponent = math.floor(math.log10(std))
-    leading = round(std / 10.0 ** (exponent - 2))
-    if leading >= 1000:
-        exponent, leading = exponent + 1, 100
-    return -exponent + (1 if leading < 355 else 0)
+    exponent, digits = _scientific(std, 3)
+    return -exponent + (1 if int(digits.replace(".", "")) < 355 else 0)
+
+
+def _scientific(value: float, digits: int) -> tuple[int, str]:
+    """Return the decimal exponent of a number of any size and its mantissa, rounded to so many digits."""
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    return int(exponent), mantissa
+
+
+def _power(exponent: int) -> str:
+    return f"·10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
 def places(value: float, decimals: int) -> str:
@@ -41,16 +51,10 @@ def significant(value: float, digits: int = 3) -> str:
         return NONE if math.isnan(value) else ("∞" if value > 0 else "−∞")
     if value == 0:
         return "0"
-    exponent = math.floor(math.log10(abs(value)))
+    exponent, mantissa = _scientific(value, digits)
     if -4 <= exponent < 6:
-        decimals = digits - 1 - exponent
-        if round(abs(value), decimals) >= 10.0 ** (exponent + 1):
-            decimals -= 1  # 9.996 with three digits is 10.0
-        return places(value, decimals)
-    mantissa = round(value / 10.0**exponent, digits - 1)
-    if abs(mantissa) >= 10:
-        mantissa, exponent = mantissa / 10, exponent + 1
-    return f"{places(mantissa, digits - 1)}·10{str(exponent).translate(_SUPERSCRIPT)}"
+        return places(value, digits - 1 - exponent)
+    return mantissa.replace("-", "−") + _power(exponent)
 
 
 def with_unit(text: str, unit: str) -> str:
@@ -71,6 +75,8 @@ def tidy_unit(unit: str) -> str:
 def plus_minus(estimate: Estimate, unit: str = "", scale: float = 1.0) -> str:
     """Return ``value ± std unit``, both rounded to the place the standard deviation carries.
 
+    Both have a common power of ten where a plain number would begin or end with many zeros.
+
     Args:
         estimate: value and std, in the unit of the record.
         unit: as printed.
@@ -81,11 +87,18 @@ def plus_minus(estimate: Estimate, unit: str = "", scale: float = 1.0) -> str:
         return NONE
     if not math.isfinite(std) or std == 0:
         return with_unit(significant(value), unit)
-    exponent = math.floor(math.log10(max(abs(value), std)))
-    if exponent >= 6 or decimals_for(std) > 6:
-        shown = Estimate(value / 10.0**exponent, std / 10.0**exponent)
-        return with_unit(f"({plus_minus(shown)})·10{str(exponent).translate(_SUPERSCRIPT)}", unit)
+    exponent, decimals = _scientific(max(abs(value), std), _DIGITS)[0], decimals_for(std)
+    if exponent + decimals >= _DIGITS:  # the last digit of the value says more than its std
+        return with_unit(f"{significant(value, _DIGITS)} ± {significant(std, 2)}", unit)
+    if (exponent >= 6 and decimals < 0) or (exponent < 0 and decimals > 6):
+        both = f"{_shifted(value, exponent, decimals)} ± {_shifted(std, exponent, decimals)}"
+        return with_unit(f"({both}){_power(exponent)}", unit)
     return with_unit(decided(value, std).with_std, unit)
+
+
+def _shifted(value: float, exponent: int, decimals: int) -> str:
+    """Return a number over a power of ten, rounded to the place of so many decimals of the number itself."""
+    return places(float(Decimal(value).scaleb(-exponent)), exponent + decimals)
 
 
 def interval(low: float, high: float, unit: str = "", scale: float = 1.0) -> str:
@@ -200,12 +213,12 @@ def decided(
         unit: as printed.
         scale: from the record's unit to the printed one.
     """
-    spread = abs(std * scale)
+    spread, scaled = abs(std * scale), [x * scale for x in (value, low, high)]
     if math.isfinite(spread) and spread > 0:
         decimals = decimals_for(spread)
-    elif math.isfinite(value) and value:
-        decimals = 2 - math.floor(math.log10(abs(value * scale)))
+    elif math.isfinite(scaled[0]) and scaled[0]:
+        decimals = 2 - _scientific(scaled[0], _DIGITS)[0]
     else:
         decimals = 0
-    rounded = [round(x * scale, decimals) + 0.0 if math.isfinite(x) else math.nan for x in (value, low, high)]
+    rounded = [round(x, decimals) + 0.0 if math.isfinite(x) else math.nan for x in scaled]
     return Number(rounded[0], round(spread, decimals), rounded[1], rounded[2], unit, decimals)

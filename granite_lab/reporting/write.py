@@ -18,7 +18,7 @@ from granite_lab.processes import shared_out
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import channels_of
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, drawn, on_page
-from granite_lab.reporting.json_report import CRATE, crate, dumps, to_json
+from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.render import to_html, to_latex, to_markdown, to_pdf
 from granite_lab.reporting.report import Block, Gallery, made_by, study_report
@@ -30,9 +30,9 @@ from granite_lab.results import StudyResult, gaps
 def write_report(
     result: StudyResult, folder: Path, *, model: Path | str | None = None, jobs: int = 1
 ) -> Path:
-    """Write page, Markdown, JSON, PDF, ``figures/``, ``tables/`` and ``ro-crate-metadata.json``.
+    """Write page, Markdown, PDF, ``figures/``, ``tables/``, and ``report.json`` with the hashes of them all.
 
-    Of a search alone there is ``finding.json`` in place of ``report.json``, and neither PDF nor metadata.
+    Of a search alone there is ``finding.json`` in place of ``report.json``, and no PDF.
     Everything is written beside the folder first and then moved into place; other files there stay.
 
     Args:
@@ -59,12 +59,11 @@ def write_report(
         if report.numbers == "finding.json" and result.finding is not None:
             _write(new / "finding.json", dumps(finding_as_json(result.finding, model)))
         else:
-            _write(new / "report.json", to_json(result, report, model))
             (new / "report.pdf").write_bytes(to_pdf(result, report, made_by(result.source), pictures))
             for name in (MODEL, DESIGN):
                 if (folder / name).is_file():
-                    shutil.copyfile(folder / name, new / name)  # so that report and record belong together
-            _write(new / CRATE, crate(report, result.source, new))
+                    shutil.copyfile(folder / name, new / name)  # so that report and hash belong together
+            _write(new / "report.json", to_json(result, report, model, new))
     return folder / "index.html"
 
 

@@ -26,7 +26,8 @@ from granite_lab.parameters.quantity import noting_files
 from granite_lab.processes import SHORT_OF_MEMORY, crowd, disperse, one_thread, starting
 from granite_lab.results import Failure
 from granite_lab.running import cache as remembered
-from granite_lab.running.cache import Arena, Cache, decode, encode, trial_key
+from granite_lab.running.cache import Cache, trial_key
+from granite_lab.running.codec import Arena, decode, encode
 from granite_lab.running.options import Options
 
 T = TypeVar("T")

@@ -47,6 +47,30 @@ def test_the_published_k92_give_the_published_a_theta():
     assert any("too few for the AICc" in note for note in fit.notes)
 
 
+def test_speeds_that_print_alike_are_one_speed_in_all_laws():
+    """Measured velocities of one command differ in the fourth digit; 0.4983 and 0.5021 are two speeds."""
+    velocities = (0.30012, 0.30034, 0.4983, 0.5021, 0.50213, 0.69988)
+    fits = [
+        made_up_fit(str(i), v, Estimate(math.exp(-4.9 * v), 0.01), Estimate(0.1 + 0.1 * v + 0.01 * i, 0.004))
+        for i, v in enumerate(velocities)
+    ]
+    fit = fit_a_theta(fits)
+    assert list(law(fit, "free").parameters) == [f"k_92 at {v} m/s" for v in ("0.3", "0.498", "0.502", "0.7")]
+    assert fit.a_theta.value == pytest.approx(4.9, abs=0.01)
+
+
+def test_speeds_with_a_lack_of_fit_are_one_point_each_however_their_digits_differ():
+    """What differs by a millionth from equal velocities gives the same fit over speeds."""
+    shift = {0.2: 0.3, 0.3: -0.25, 0.5: 0.3, 0.7: -0.3}
+    equal = rows(np.random.default_rng(5), scatter=0.01, shift=shift)
+    near = [(name, v * (1 + 1e-6 * i), k, slip) for i, (name, v, k, slip) in enumerate(equal)]
+    one, other = fit_a_theta(equal), fit_a_theta(near)
+    assert any("over 4 speeds" in note for note in one.notes)
+    assert other.a_theta.value == pytest.approx(one.a_theta.value, abs=1e-4)
+    assert other.a_theta.std == pytest.approx(one.a_theta.std, rel=1e-3)
+    assert np.allclose(other.sensitivity, one.sensitivity, rtol=1e-3, atol=1e-6)
+
+
 def test_the_published_line_over_slip_is_found():
     line = law(published_fit(), "linear_slip")
     b_0, b_1 = line.parameters["b_0"], line.parameters["b_1"]

@@ -281,6 +281,28 @@ def test_one_run_alone_does_not_take_a_slow_effect_for_noise(missing: np.ndarray
     assert np.sum(signal**2) > 1000
 
 
+@pytest.mark.parametrize("repetitions", [1, 3])
+@pytest.mark.parametrize("share", [1.0, 0.7])
+@pytest.mark.parametrize("rate", [20.0, 10.0, 7.0, 4.0, 2.0])
+def test_noise_is_learnt_at_any_rate(rate: float, share: float, repetitions: int) -> None:
+    """With wide bins no frequency lies above the cut, few bins are in motion and none may reach FAST.
+
+    The noise is white: 1 at rest and 3 at full speed.
+    """
+    rng = np.random.default_rng(round(10 * rate) + repetitions)
+    t = np.arange(-2.0, 8.0, 1 / rate)
+    v = share * np.clip(np.minimum(t / 0.5, (4.0 - t) / 0.5), 0.0, 1.0)
+    std = np.hypot(1.0, np.sqrt(8.0) * v)
+    squares = []
+    for _ in range(60):
+        rows = list(std * rng.normal(size=(repetitions, t.size)))
+        whitener = learn(rows, v, np.zeros(t.size), 1e-3, 1 / rate)[0]
+        squares.append(whitener(std * rng.normal(size=t.size)) ** 2)
+    table = np.median(squares, axis=0)  # few bins at rest may all be small by chance
+    for part in (v == 0, v >= 0.8 * share):
+        assert 0.6 < np.sqrt(table[part].mean() / 0.4549) < 1.8  # the median of a squared normal number
+
+
 def test_all_commands_together_tell_the_noise_at_rest_better_than_one() -> None:
     """Half a second of three repetitions that look alike by chance was once taken for a quiet sensor."""
     rng = np.random.default_rng(4)

@@ -50,7 +50,7 @@ def trials(draw: st.DrawFn) -> Trial:
         name="any",
         info=info,
         imu=ImuStream(ti, force, rate, gravity_removed=removed),
-        wheels=WheelStream(tw, angle, None, draw(st.sampled_from([0.0, 1e-4]))),
+        wheels=WheelStream(tw, angle, None, (draw(st.sampled_from([0.0, 1e-4])),) * 4),
         currents=draw(st.none() | st.just(CurrentStream(tc, current))),
         reference_v=draw(st.none() | st.just(Series(tw, angle[:, 0]))),
     )
@@ -73,7 +73,7 @@ def test_what_is_written_is_read_back_to_the_last_bit(trial: Trial, tmp_path: Pa
 def test_logged_rates_are_written_as_rates_and_integrated_again(tmp_path: Path) -> None:
     t = np.arange(50) / 50
     rate = np.repeat(np.sin(t)[:, None], 4, axis=1)
-    wheels = WheelStream(t, np.zeros_like(rate), rate, 0.01)
+    wheels = WheelStream(t, np.zeros_like(rate), rate, (0.01,) * 4)
     write_canonical(tmp_path / "rates.csv", Trial("rates", TrialInfo(robot="granite"), wheels=wheels))
     back = read_trial(tmp_path / "rates.csv").wheels
     np.testing.assert_array_equal(back.rate, rate)

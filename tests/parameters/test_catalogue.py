@@ -4,8 +4,18 @@ import math
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from granite_lab.parameters import CATALOGUE, load_paper, load_robot, load_soil, load_variants, names
+from granite_lab.parameters import (
+    CATALOGUE,
+    by_speed,
+    load_paper,
+    load_robot,
+    load_soil,
+    load_variants,
+    names,
+)
 from granite_lab.parameters.catalogue import in_force
 
 
@@ -33,6 +43,15 @@ def test_variants_are_table_2_and_paper_is_table_3() -> None:
         (0.7, 2.4, 3.0),
     ]
     assert [p.k92 for p in load_paper().table3] == [0.33, 0.26, 0.111, 0.026]
+
+
+@given(st.lists(st.floats(0.01, 5.0) | st.floats(0.498, 0.503), max_size=20))
+def test_speeds_are_one_if_and_only_if_they_print_alike(velocities: list[float]) -> None:
+    groups = by_speed(velocities)
+    assert sorted(i for group in groups.values() for i in group) == list(range(len(velocities)))
+    assert list(groups) == sorted(groups)
+    for speed, group in groups.items():
+        assert {f"{velocities[i]:.3g}" for i in group} == {f"{speed:.3g}"}
 
 
 @pytest.mark.parametrize("name", names("robots"))

@@ -11,6 +11,7 @@ import pytest
 
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import LabError
+from granite_lab.logs.trial import Series
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting.recording import record_study, record_trial
 from granite_lab.reporting.recording import write as write_module
@@ -318,6 +319,28 @@ def test_a_study_lays_its_trials_over_each_other_on_one_clock(tmp_path: Path, fi
             assert f"/{result.trial.name}/{entity}" in back.entities()
         colours.add((k // 2, back.fixed(slip, "Measurements:colors")[0]))
     assert len(colours) == 4  # each trial has a colour of its own beside the others of its speed
+
+
+def test_speeds_that_print_alike_share_a_row_and_others_have_their_own(tmp_path: Path) -> None:
+    result = made_up_study(speeds=(0.3, 0.5, 0.7), repetitions=1)
+    trials = []
+    for r, velocity in zip(result.trials, (0.49831, 0.49834, 0.5021), strict=True):
+        motion = r.comparison.motion
+        motion = dataclasses.replace(motion, variant=dataclasses.replace(motion.variant, velocity=velocity))
+        trials.append(dataclasses.replace(r, comparison=dataclasses.replace(r.comparison, motion=motion)))
+    back = ReadBack(record_study(dataclasses.replace(result, trials=tuple(trials)), tmp_path / "study.rrd"))
+    own = {e for e in back.entities() if e.startswith("/all_trials/") and "/slip/measured/" in e}
+    assert sorted(e.split("/")[2] for e in own) == ["0", "0", "1"]
+
+
+def test_a_line_without_samples_is_left_out(trial: TrialResult, tmp_path: Path) -> None:
+    """A reference may end before the part of the log that is used begins."""
+    nothing = np.zeros(0)
+    currents = dataclasses.replace(trial.trial.currents, t=nothing, current=np.zeros((0, 4)))
+    bare = dataclasses.replace(trial.trial, reference_v=Series(nothing, nothing), currents=currents)
+    back = ReadBack(record_trial(bare, trial.comparison, tmp_path / "trial.rrd"))
+    assert "/velocity/measured" in back.entities()
+    assert not {"/velocity/reference", "/current/measured"} & back.entities()
 
 
 def test_a_recording_that_fails_leaves_the_old_file_and_nothing_else(

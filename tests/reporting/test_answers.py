@@ -5,12 +5,14 @@ import io
 import json
 import math
 import re
+import unicodedata
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pypdf import PdfReader
 from rich.console import Console
@@ -20,9 +22,9 @@ from granite_lab.estimate import Estimate, mean_over
 from granite_lab.parameters import load_paper, load_variants
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting import terminal
-from granite_lab.reporting.answers import Answers, by_speed, channels_of, of_study
+from granite_lab.reporting.answers import Answers, channels_of, of_study, speeds_of
 from granite_lab.reporting.report import Fold, Gallery, study_report
-from granite_lab.reporting.rounding import decided, decimals_for, interval, percent, plus_minus, significant
+from granite_lab.reporting.rounding import decided, interval, percent, plus_minus, significant
 from granite_lab.reporting.table import say, show_table
 from granite_lab.reporting.tables import slip_table, trial_table
 from granite_lab.reporting.terminal import show_study
@@ -139,10 +141,10 @@ def test_the_mean_takes_the_wider_of_two_intervals() -> None:
 
 
 def test_repetitions_are_grouped_and_the_middle_one_is_drawn(study: StudyResult) -> None:
-    speeds = by_speed(study, load_paper())
+    speeds = speeds_of(study, load_paper())
     assert [(s.velocity, len(s.results)) for s in speeds] == [(0.3, 2), (0.7, 2)]
     assert speeds[1].paper_k92 == 0.026
-    three = by_speed(made_up_study(speeds=(0.2,), repetitions=3), load_paper())[0]
+    three = speeds_of(made_up_study(speeds=(0.2,), repetitions=3), load_paper())[0]
     slips = sorted(r.comparison.motion.slip_ratio.value for r in three.results)
     assert three.typical.comparison.motion.slip_ratio.value == slips[1]
 
@@ -233,15 +235,50 @@ def test_value_std_and_interval_share_one_decimal_place() -> None:
     assert (interval(NAN, 1.0), interval(2.0, 2.0)) == ("–", "2.00")
 
 
-@given(st.floats(-1e5, 1e5), st.floats(1e-5, 1e4))
-def test_rounding_never_moves_a_value_by_more_than_a_fifth_of_its_std(value: float, std: float) -> None:
-    printed = plus_minus(Estimate(value, std)).replace("−", "-").replace("(", "")
-    if "·10" in printed:
-        return
-    # One unit of the last place is at most a tenth of 0.355 of the leading decade of the std.
-    last = 10.0 ** -decimals_for(std)
-    assert abs(float(printed.split(" ± ")[0]) - value) <= 0.5 * last * (1 + 1e-9)
-    assert last <= std / 0.949 * 1.0001 or std < 1e-4
+SIZES = st.builds(lambda sign, power: sign * 10.0**power, st.sampled_from((-1, 1)), st.floats(-30, 30))
+"""Numbers of any size: as many of each decade."""
+
+
+def read_back(printed: str) -> tuple[Decimal, ...]:
+    """Return value and std of what `plus_minus` printed, or the value alone."""
+    text = printed.replace("−", "-")
+    shared = re.fullmatch(r"\((.*)\)·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", text)
+    parts = (shared[1] if shared else text).split(" ± ")
+    power = Decimal(10) ** int(unicodedata.normalize("NFKC", shared[2]).replace("−", "-")) if shared else 1
+    return tuple(Decimal(_as_float(part)) * power for part in parts)
+
+
+def _as_float(text: str) -> str:
+    mantissa, _, power = text.partition("·10")
+    return f"{mantissa}e{unicodedata.normalize('NFKC', power).replace('−', '-') or 0}"
+
+
+@given(SIZES | st.just(0.0), SIZES.map(abs))
+@example(1.7326123451e9, 0.002)
+@example(0.5, 1e-9)
+@example(-1e30, 1e-30)
+def test_a_value_of_any_size_is_rounded_to_its_std(value: float, std: float) -> None:
+    """By at most half a unit of the last place, which is at most a fifth of the std, or as a double is."""
+    shown, spread = read_back(plus_minus(Estimate(value, std)))
+    assert abs(shown - Decimal(value)) <= Decimal(max(0.18 * std, 1e-14 * abs(value)))
+    assert abs(spread - Decimal(std)) <= Decimal(0.18 * std)
+    assert len(plus_minus(Estimate(value, std))) < 45
+
+
+@given(SIZES | st.just(0.0), st.sampled_from((NAN, math.inf, 0.0)))
+def test_a_value_of_any_size_without_std_has_three_digits(value: float, std: float) -> None:
+    (shown,) = read_back(plus_minus(Estimate(value, std)))
+    assert abs(shown - Decimal(value)) <= Decimal(0.00501 * abs(value))
+
+
+@given(*[SIZES | st.sampled_from((NAN, math.inf, -math.inf, 0.0))] * 3)
+def test_numbers_of_any_size_are_printed(value: float, low: float, high: float) -> None:
+    number = decided(value, abs(low), low, high, scale=100)
+    assert number.text == "–" or math.isfinite(value)
+    shown = (interval(low, high), number.with_std, number.interval, percent(value), significant(value, 2))
+    for text in shown:
+        assert text
+        assert "nan" not in text
 
 
 TWINS = ("slip_sinkage", "contact_angle_actual_speed")

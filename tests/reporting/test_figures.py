@@ -17,7 +17,7 @@ from matplotlib.transforms import Bbox
 from granite_lab.logs import inspect_logs
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_report
-from granite_lab.reporting.answers import by_speed
+from granite_lab.reporting.answers import speeds_of
 from granite_lab.reporting.canvas import Figure, envelope, saved, styled
 from granite_lab.reporting.pictures import log_figure
 from granite_lab.reporting.plot_motion import comparison_figure
@@ -121,11 +121,48 @@ def test_svg_text_is_what_was_drawn(of_study: list[Figure]) -> None:
 @pytest.mark.parametrize("trials", [1, 3, 300])
 def test_all_trials_of_a_speed_stand_close_to_it(trials: int) -> None:
     """The speeds of the paper are 0.1 m/s apart: trials of one must not stand at another."""
-    (speed,) = by_speed(made_up_study(speeds=(0.2,), repetitions=1), load_paper())
+    (speed,) = speeds_of(made_up_study(speeds=(0.2,), repetitions=1), load_paper())
     x = spread(dataclasses.replace(speed, results=speed.results * trials))
     assert len(set(x)) == trials
     assert np.mean(x) == pytest.approx(0.2)
     assert max(x) - 0.2 < 0.03
+
+
+def test_speeds_that_round_alike_have_figures_of_their_own() -> None:
+    """0.4983 and 0.5021 m/s are two speeds, 0.49831 and 0.49834 m/s print alike and are one."""
+    for near, names in (((0.4983, 0.5021), {"0p498", "0p502"}), ((0.49831, 0.49834), {"0p498"})):
+        driven = dict(zip((0.3, 0.5), near, strict=True))
+        result, finding = made_up_study(speeds=(0.3, 0.5), repetitions=2), made_up_finding(speeds=(0.3, 0.5))
+        trials = []
+        for r in result.trials:
+            motion = r.comparison.motion
+            variant = dataclasses.replace(motion.variant, velocity=driven[motion.variant.velocity])
+            motion = dataclasses.replace(motion, variant=variant)
+            trials.append(dataclasses.replace(r, comparison=dataclasses.replace(r.comparison, motion=motion)))
+        residuals, where = (
+            tuple(dataclasses.replace(x, variant=driven[x.variant]) for x in rows)
+            for rows in (finding.residuals, finding.where)
+        )
+        finding = dataclasses.replace(finding, residuals=residuals, where=where)
+        result = dataclasses.replace(result, trials=tuple(trials), finding=finding)
+        figures = [figure.name for figure in study_report(result).figures]
+        assert len(set(figures)) == len(figures)
+        assert {f"{kind}_{name}" for kind in ("motion", "found_history") for name in names} == {
+            name for name in figures if name.startswith(("motion_", "found_history_"))
+        }
+
+
+@pytest.mark.parametrize("later", [400.0, -400.0])
+def test_a_trial_whose_log_holds_nothing_of_the_command_has_a_figure_too(later: float) -> None:
+    """The start of a command may be misjudged by minutes: no sample is in the window that is drawn."""
+    c = made_up_study(speeds=(0.3,), repetitions=1).trials[0].comparison
+    drawn = comparison_figure(dataclasses.replace(c, t=c.t + later), 1).draw()
+    low, high = drawn.axes[0].get_xlim()
+    assert low == -0.5
+    assert high > 5
+    assert all(np.asarray(line.get_xdata()).size == 0 for axis in drawn.axes for line in axis.get_lines())
+    assert {axis.texts[0].get_text() for axis in drawn.axes} == {"not measured"}
+    assert len(saved(drawn, "svg")) > 1000
 
 
 def test_thinning_keeps_peaks_and_gaps() -> None:

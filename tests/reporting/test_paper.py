@@ -1,4 +1,4 @@
-"""For the paper: four pages as PDF, budgets that add up to the stated std, LaTeX, and RO-Crate metadata."""
+"""For the paper: four pages as PDF, budgets that add up to the stated std, LaTeX, and hashes of all files."""
 
 import csv
 import hashlib
@@ -20,8 +20,7 @@ from granite_lab.estimate import Part
 from granite_lab.fitting import fit_a_theta
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_report
-from granite_lab.reporting.answers import by_speed
-from granite_lab.reporting.json_report import CRATE as NAME
+from granite_lab.reporting.answers import speeds_of
 from granite_lab.reporting.json_report import changed_files
 from granite_lab.reporting.render import LONG, escaped, to_latex
 from granite_lab.reporting.report import study_report
@@ -91,7 +90,7 @@ def budgeted() -> StudyResult:
 
 
 def test_the_contributions_add_up_to_the_stated_std_and_the_shares_to_one(budgeted: StudyResult) -> None:
-    speeds = by_speed(budgeted, load_paper())
+    speeds = speeds_of(budgeted, load_paper())
     squares: dict[tuple[str, str], float] = defaultdict(float)
     shares: dict[tuple[str, str], float] = defaultdict(float)
     for table in budget_tables(budgeted, speeds):
@@ -115,7 +114,7 @@ def test_the_budgets_stand_in_one_closed_part_of_the_report(budgeted: StudyResul
     assert len(folds) == 1
     assert all(t.virtual for t in report.tables if t.name.startswith("budget"))
     made = made_up_study(speeds=(0.2, 0.3, 0.5), repetitions=2)  # without components
-    assert budget_tables(made, by_speed(made, load_paper())) == []
+    assert budget_tables(made, speeds_of(made, load_paper())) == []
 
 
 def table(rows: int, text: str = "a_b & c") -> Table:
@@ -163,60 +162,39 @@ def test_every_table_of_a_report_is_valid_latex_whatever_its_texts_hold() -> Non
         assert content.isascii(), (one.name, {c for c in content if not c.isascii()})
 
 
-@pytest.fixture(scope="module")
-def entities(folder: Path) -> dict[str, dict[str, Any]]:
-    document = json.loads((folder / NAME).read_text(encoding="utf-8"))
-    assert document["@context"][0] == "https://w3id.org/ro/crate/1.1/context"
-    found = {e["@id"]: e for e in document["@graph"]}
-    assert len(found) == len(document["@graph"])
-    return found
+def test_report_json_holds_the_hash_of_every_other_file(folder: Path) -> None:
+    held = {entry["file"]: entry["sha256"] for entry in document_of(folder)["files"]}
+    files = {p.relative_to(folder).as_posix(): p for p in folder.rglob("*") if p.is_file()}
+    del files["report.json"]
+    assert held == {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
+    assert {"index.html", "report.md", "report.pdf"} < set(held)
+    assert not any("crate" in name for name in files)
 
 
-def linked(value: Any) -> set[str]:
-    """Return all ids that an entity refers to."""
-    if isinstance(value, dict):
-        return {value["@id"]} if set(value) == {"@id"} else set().union(*map(linked, value.values()))
-    return set().union(*map(linked, value)) if isinstance(value, list) else set()
-
-
-def test_descriptor_and_root_are_as_the_specification_asks(entities: dict[str, dict[str, Any]]) -> None:
-    assert entities[NAME]["@type"] == "CreativeWork"
-    assert entities[NAME]["about"] == {"@id": "./"}
-    assert entities[NAME]["conformsTo"] == {"@id": "https://w3id.org/ro/crate/1.1"}
-    root = entities["./"]
-    assert root["@type"] == "Dataset"
-    assert {"name", "description", "datePublished", "license"} <= set(root)
-    assert "virtual" in root["description"]
-    known = set(entities) | {"https://w3id.org/ro/crate/1.1"}
-    assert linked(list(entities.values())) <= known
-
-
-def test_files_software_and_logs_are_recorded(
-    folder: Path, study: StudyResult, entities: dict[str, dict[str, Any]]
-) -> None:
-    files = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - {NAME}
-    assert {name for name, e in entities.items() if e["@type"] == "File"} == files
-    page = hashlib.sha256((folder / "index.html").read_bytes()).hexdigest()
-    assert entities["index.html"]["sha256"] == page
-    action = entities["#study"]
-    assert action["@type"] == "CreateAction"
-    assert entities[action["instrument"]["@id"]]["version"] == study.source.version
-    assert {entities[o["@id"]]["sha256"] for o in action["object"]} == {i.sha256 for i in study.source.inputs}
+def document_of(folder: Path) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((folder / "report.json").read_bytes())
+    return document
 
 
 def test_a_changed_and_a_missing_file_are_named(folder: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(folder, tmp_path / "copy")
-    assert list(changed_files(copy)) == []
+    document = document_of(copy)
+    assert list(changed_files(document, copy / "report.json")) == []
     (copy / "report.md").write_text("edited")
     (copy / "report.pdf").unlink()
-    assert list(changed_files(copy)) == [
-        f"report.md: its content is not what {NAME} records",
-        f"report.pdf: {NAME} records it, but it is missing",
+    assert list(changed_files(document, copy / "report.json")) == [
+        "report.md: its content was changed",
+        "report.pdf: is missing",
     ]
 
 
-def test_other_metadata_are_refused(tmp_path: Path) -> None:
-    assert list(changed_files(tmp_path)) == []
-    (tmp_path / NAME).write_text("{}")
-    with pytest.raises(InputError, match="is not RO-Crate metadata"):
-        list(changed_files(tmp_path))
+@pytest.mark.parametrize("name", ["../secret", "/etc/hostname", "tables/../../secret"])
+def test_a_report_that_names_files_outside_its_folder_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is not in the folder of the report"):
+        list(changed_files({"files": [{"file": name, "sha256": ""}]}, tmp_path / "report.json"))
+
+
+@pytest.mark.parametrize("document", [{}, {"files": None}, {"files": [1]}, {"files": [{"file": "x"}]}])
+def test_a_report_without_hashes_is_refused(document: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no hashes"):
+        list(changed_files(document, tmp_path / "report.json"))

@@ -17,6 +17,7 @@ import pytest
 from granite_lab.errors import LabError
 from granite_lab.running.output import claimed
 from tests.corpus.cli import lab, refused
+from tests.effects.example import EXAMPLE
 from tests.running.processes import (
     STUDY,
     TWO,
@@ -196,6 +197,36 @@ def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path, s
     assert f"files.tables/{table.name}: " in told
     assert f"inputs.{TWO[0]}.csv: " in told
     assert "differs in" in errors
+
+
+def test_verify_runs_no_file_that_a_report_names(tmp_path: Path, studied: Undisturbed) -> None:
+    """The report of a stranger names an effect file, which would do anything."""
+    for name in ("logs", "report"):
+        shutil.copytree(studied.folder / name, tmp_path / name)
+    trap = tmp_path / "trap.py"
+    trap.write_text("from pathlib import Path\nPath('sprung').write_text('')\n" + EXAMPLE, encoding="utf-8")
+    report = tmp_path / "report" / "report.json"
+    document = json.loads(report.read_bytes())
+    document["provenance"]["options"] = [{"name": "effects", "value": "trap.py"}]
+    report.write_text(json.dumps(document), encoding="utf-8")
+    done = lab("study", "--verify", "report", cwd=tmp_path)
+    refused(done, 2, "report.json: was made with the effect file 'trap.py', which a verification would run")
+    assert done.hint.endswith("add --effects trap.py")
+    assert not (tmp_path / "sprung").exists()
+
+    document["provenance"]["options"] = []
+    report.write_text(json.dumps(document), encoding="utf-8")
+    done = lab("study", "--verify", "report", "--effects", "trap.py", cwd=tmp_path)
+    refused(done, 2, "was made without an effect file")
+
+
+def test_verify_takes_the_effects_that_it_is_given(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(EXAMPLE, encoding="utf-8")
+    undisturbed(tmp_path, *STUDY[:6], "--no-recordings", "--no-discover", "--effects", "own.py", logs=TWO[1:])
+    (tmp_path / "read").mkdir()
+    shutil.move(tmp_path / "own.py", tmp_path / "read" / "own.py")
+    output, _ = study(tmp_path, "--verify", "report", "--effects", "read/own.py")
+    assert output.strip() == "report/report.json: identical, recomputed from 1 log"
 
 
 def test_verify_refuses_what_is_no_report(tmp_path: Path) -> None:

@@ -111,7 +111,9 @@ def drive(
         name=f"long-{seed}",
         info=TrialInfo(robot="granite", virtual=True),
         imu=ImuStream(stamps, specific, angular),
-        wheels=WheelStream(t[::skip], np.repeat((angle - angle[0])[:, None], 4, axis=1), step=step),
+        wheels=WheelStream(
+            t[::skip], np.repeat((angle - angle[0])[:, None], 4, axis=1), resolution=(step,) * 4
+        ),
     )
     return Drive(trial, t, v, wheel)
 

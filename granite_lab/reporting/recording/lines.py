@@ -83,7 +83,7 @@ class Line:
     def shown(self) -> Line:
         """Return the line as drawn: in the shown unit, thinned, NaN for what is not finite."""
         rows = len(self.t)
-        spacing = (self.t[-1] - self.t[0]) / max(rows - 1, 1)
+        spacing = float(np.ptp(self.t)) / (rows - 1) if rows > 1 else 0.0
         n = max(1, round(self.step / spacing) if spacing > 0 else 1, -(-rows // MOST_ROWS))
         unit, factor = SHOWN.get(self.unit, (self.unit, 1.0))
         value = factor * self.value[::n]

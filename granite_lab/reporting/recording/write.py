@@ -17,6 +17,7 @@ from rerun.blueprint.encodings import TextLogColumn, TextLogColumnKind, Timeline
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.logs.trial import Trial
+from granite_lab.parameters import by_speed
 from granite_lab.reporting.names import capital
 from granite_lab.reporting.recording.lines import (
     CHANNELS,
@@ -126,9 +127,10 @@ def overlay(rows: Mapping[str, Sequence[Line]], many: int) -> Any:
         pair = []
         for plot, what in (("velocity", "velocity"), ("slip", "slip, mean of the wheels")):
             root = f"{OVERLAY}/{i}/{plot}"
-            own = [line for line in lines if line.entity.startswith(f"{root}/")]
-            pair.append(_series(f"/{root}", f"{speed}: {what}", own, legend=many <= MOST_NAMED))
-        views.append(rrb.Horizontal(*pair, name=speed))
+            if own := [line for line in lines if line.entity.startswith(f"{root}/")]:
+                pair.append(_series(f"/{root}", f"{speed}: {what}", own, legend=many <= MOST_NAMED))
+        if pair:
+            views.append(rrb.Horizontal(*pair, name=speed))
     key = rrb.TextDocumentView(origin="/key", name="Key")
     return rrb.Horizontal(rrb.Vertical(*views), key, column_shares=[6, 1], name="All trials")
 
@@ -168,16 +170,15 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
     names = _distinct([drawable(r.trial.name) for r in result.trials])
     known = zip(names, result.trials, strict=True)
     contents = {name: _Content(r.trial, r.comparison, finding) for name, r in known}
-    speeds: dict[float, list[str]] = {}
-    for name, own in contents.items():
-        speeds.setdefault(own.comparison.motion.variant.velocity, []).append(name)
+    speeds = by_speed(own.comparison.motion.variant.velocity for own in contents.values())
     tabs, rows = [], {}
-    for i, speed in enumerate(sorted(speeds)):
-        layouts = [contents[name].layout(root_of(name), name) for name in speeds[speed]]
+    for i, (speed, positions) in enumerate(speeds.items()):
+        of_speed = [names[position] for position in positions]
+        layouts = [contents[name].layout(root_of(name), name) for name in of_speed]
         tabs.append(rrb.Tabs(*layouts, name=f"{speed:.3g} m/s"))
         rows[f"{speed:.3g} m/s"] = [
             line
-            for name, colour in zip(speeds[speed], cycle(OF_TRIALS))
+            for name, colour in zip(of_speed, cycle(OF_TRIALS))
             for line in overlaid(f"{OVERLAY}/{i}", name, contents[name].comparison, colour)
         ]
     first = overlay(rows, max(map(len, speeds.values())))

@@ -1,0 +1,120 @@
+"""Clocks that are seconds apart, as those of two computers: found before anything compares the sensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from granite_lab.estimate import Estimate
+from granite_lab.estimation import mounting
+from granite_lab.estimation.clock import (
+    GIVEN,
+    LARGEST,
+    LEAST_RAMP,
+    LONGEST_LAG,
+    RIVAL,
+    SEEN,
+    STEP,
+    correlate,
+)
+from granite_lab.estimation.mounting import BodyImu
+from granite_lab.logs.counters import joined
+from granite_lab.logs.imu_checks import despike, mounted
+from granite_lab.logs.trial import Array, Correction, Series, Trial, WheelStream
+from granite_lab.parameters import Robot
+
+DISTINCT = 0.5
+"""Offsets that are closer than this belong to one peak of the correlation: a ramp takes about as long [s]."""
+
+
+def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
+    """Bring the clocks of IMU and encoders together where they are apart by a given offset, or by seconds.
+
+    Returns:
+        the trial, in which encoders, currents and command are moved; by how much [s], 0 where nothing is.
+    """
+    given, warnings = trial.info.clock_offset, trial.warnings
+    if given is not None:
+        offset, how = Estimate(given, GIVEN), "given"
+    elif trial.imu is not None and trial.wheels is not None and trial.wheels.t.size > 2:
+        imu = mounting.to_body(despike(trial.imu)[0], mounted(robot))
+        forward = robot.imu.forward != "find" or trial.imu.robot_axes
+        offset = gross_offset(imu, trial.wheels, robot.wheels.radius, forward_known=forward)
+        how = "found by the ramps that both show"
+    else:
+        return trial, 0.0
+    by = offset.value
+    if by == 0.0:
+        return trial, by
+    if given is None:
+        apart = f"the clocks of encoders and IMU are {abs(by):.1f} s apart"
+        warnings = (*warnings, f"{apart}: brought together by the ramps that both show")
+    made = Correction(f"offset of their clock, {how}", "stamps of encoders and currents", by, offset.std, "s")
+    wheels, currents, command = trial.wheels, trial.currents, trial.command
+    moved = replace(
+        trial,
+        info=replace(trial.info, clock_offset=None if given is None else 0.0),
+        wheels=wheels and replace(wheels, t=wheels.t + by),
+        currents=currents and replace(currents, t=currents.t + by),
+        command=command and Series(command.t + by, command.value),
+        warnings=warnings,
+        corrections=(*trial.corrections, made),
+    )
+    return moved, by
+
+
+def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_known: bool) -> Estimate:
+    """Find an offset of seconds, as between two computers, by the ramps that wheels and IMU both show.
+
+    The wheels' common acceleration and the horizontal specific force are correlated over all lags at which
+    both sensors cover each other by half. The sign does not count: encoders may count backwards. An axis that
+    is not known to point forward is taken with the other one.
+
+    Args:
+        imu: samples in robot axes.
+        wheels: encoders on their own clock.
+        radius: of the wheels [m].
+        forward_known: the forward axis is that of the robot.
+
+    Returns:
+        how far the encoders' clock lies behind the IMU's [s]; 0 with a std of 0 where an offset within
+        `LARGEST` explains the ramps as well, which `find_offset` refines; std NaN where none is found.
+    """
+    own = [np.arange(t[0], t[-1], STEP) for t in (imu.t, wheels.t)]  # the clocks may be years apart
+    wheel = _ramps(np.gradient(radius * _common_rate(own[1], wheels), STEP))
+    axes = [imu.forward] if forward_known else [imu.forward, imu.left]
+    force = [_ramps(joined(own[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
+    if not force or float(np.max(np.abs(wheel), initial=0.0)) < LEAST_RAMP:
+        return Estimate(0.0)
+    half = min(len(grid) for grid in own) // 2
+    reach = max(len(grid) for grid in own) - half
+    values = np.sqrt(np.sum([correlate(f, wheel, reach)[0] ** 2 for f in force], axis=0))
+    values /= np.sqrt(np.sum(np.square(force)) * np.sum(wheel**2))
+    lags = np.arange(-reach, reach + 1)
+    covered = (lags <= len(own[0]) - half) & (-lags <= len(own[1]) - half)
+    values, offsets = values[covered], STEP * lags[covered] + imu.t[0] - wheels.t[0]
+    best = int(np.argmax(values))
+    if values[np.abs(offsets) <= LARGEST].max(initial=0.0) > RIVAL * values[best]:
+        return Estimate(0.0, 0.0)
+    apart = np.abs(offsets - offsets[best]) > DISTINCT
+    if values[best] < SEEN or values[apart].max(initial=0.0) > RIVAL * values[best]:
+        return Estimate(0.0)
+    return Estimate(float(offsets[best] - 0.5 * LONGEST_LAG), 0.5 * LONGEST_LAG)
+
+
+def _common_rate(grid: Array, wheels: WheelStream) -> Array:
+    """(K,) rate that the wheels have in common, up to its sign [rad/s]: their first principal component."""
+    turned = [joined(grid, wheels.t, a) for a in wheels.angle.T if np.isfinite(a).sum() > 2]
+    if not turned:
+        return np.zeros(grid.size)
+    rates = np.gradient(np.stack(turned), STEP, axis=1)
+    weights = np.linalg.eigh(rates @ rates.T)[1][:, -1]
+    return np.asarray(weights @ rates / np.abs(weights).sum())
+
+
+def _ramps(acceleration: Array) -> Array:
+    """(K,) acceleration on the grid without vibration, and without what is slower than a ramp."""
+    smooth = uniform_filter1d(acceleration, max(round(0.08 / STEP), 1))
+    return np.asarray(smooth - uniform_filter1d(smooth, round(3.0 / STEP), mode="nearest"))

@@ -1,0 +1,127 @@
+"""The last look at an estimate: what wheels, ground and clocks allow, whatever the filter says of itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.error_model import SlipModel
+from granite_lab.estimation.health import sentence
+from granite_lab.estimation.motion import SHORTEST, Grade, Motion, mean_known
+from granite_lab.logs.counters import integral
+from granite_lab.parameters import GRAVITY, Soil
+
+FAR = 3.0
+"""A slip ratio more than this many std outside of what is possible contradicts its std."""
+
+RADIUS = 0.04
+"""Std of the effective wheel radius against the robot's file, as a share: deflection, wear and lugs of a tyre
+change the rolling radius by some per cent (Wong, Theory of Ground Vehicles, section 1.2)."""
+
+UNFIT = 4.0
+"""Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One reason why an estimate is worth less than its filter says.
+
+    Attributes:
+        reason: in plain words.
+        grade: the best that the estimate can still be.
+        std: of slip ratios that covers what is seen [-]; 0 where the std need not grow.
+    """
+
+    reason: str
+    grade: Grade
+    std: float = 0.0
+
+
+def guard(motion: Motion, soil: Soil, limits: Sequence[str] = ()) -> Motion:
+    """Return the motion with the grade, and the std, that everything known beside the filter allows.
+
+    Args:
+        motion: as estimated.
+        soil: what the robot drives on; its slip ratio counts where the soil states one.
+        limits: what was put right or could not be judged and keeps the grade from "good", one line each.
+    """
+    doubts = [*(Doubt(line, "fair") for line in limits), *_doubts(motion, soil)]
+    if not doubts:
+        return motion
+    order: tuple[Grade, ...] = ("poor", "fair", "good")
+    grade = min((motion.health.grade, *(doubt.grade for doubt in doubts)), key=order.index)
+    reasons = tuple(dict.fromkeys([*(doubt.reason for doubt in doubts), *motion.health.reasons]))
+    health = replace(
+        motion.health, grade=grade, good=grade == "good", reasons=reasons, verdict=sentence(grade, reasons)
+    )
+    std = max(doubt.std for doubt in doubts)
+    return replace(_widened(motion, std), health=health)
+
+
+def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
+    """Yield what contradicts an estimate of body velocity."""
+    if not np.isfinite(motion.v).any():
+        return
+    if motion.distance_wheels.value and not math.isfinite(motion.clock_offset.std):
+        yield Doubt("the time offset of IMU and encoders does not show", "fair")
+    for kind, nis in motion.health.nis.items():
+        if nis > UNFIT**2:
+            yield Doubt(f"innovations ({kind}) are {math.sqrt(nis):.1f} times as large as predicted", "poor")
+    known = soil.slip_std < 1.0
+    usual = soil.slip if known else SlipModel.steady
+    for slip, where in _slips(motion):
+        low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
+        beyond = max(low - slip.value, slip.value - 1.0)
+        contradicted = beyond > FAR * math.hypot(slip.std, RADIUS)
+        if contradicted:
+            yield Doubt(
+                f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % {where} is outside of what "
+                "rolling wheels allow",
+                "poor", 0.5 * abs(slip.value - usual),
+            )  # fmt: skip
+        elif known and abs(slip.value - usual) > FAR * math.hypot(slip.std, soil.slip_std):
+            yield Doubt(
+                f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where} contradicts the "
+                f"soil's {100 * soil.slip:.1f} ± {100 * soil.slip_std:.1f} %",
+                "poor", 0.5 * abs(slip.value - usual),
+            )  # fmt: skip
+
+
+def _slips(motion: Motion) -> Iterator[tuple[Estimate, str]]:
+    """Yield the slip ratios by (2) over the steady part and over the whole way, where they are known."""
+    if math.isfinite(motion.slip_ratio.value):
+        yield motion.slip_ratio, "in the steady part"
+    rolled = motion.distance_wheels.value
+    if abs(rolled) > SHORTEST:
+        yield Estimate(1.0 - motion.distance.value / rolled, motion.distance.std / abs(rolled)), "over all"
+
+
+def _downhill(motion: Motion) -> float:
+    """Return the slope by which the robot drives down [rad]: the upper bound of the mean pitch in motion."""
+    moving = np.array([phase != "rest" for phase in motion.phase])
+    if not moving.any():
+        return 0.0
+    ahead = math.copysign(1.0, motion.distance_wheels.value)
+    return float(np.mean(ahead * motion.pitch[moving] + 2.0 * motion.pitch_std[moving]))
+
+
+def _widened(motion: Motion, std: float) -> Motion:
+    """Return the motion whose std covers an error of the slip ratio of `std` [-], in all that follows it."""
+    if std == 0.0:
+        return motion
+    pace = np.abs(np.nan_to_num(mean_known(motion.v_wheel)))
+    way = integral(motion.t, pace)
+
+    def least(estimate: Estimate, by: float) -> Estimate:
+        return replace(estimate, std=max(estimate.std, by))
+
+    return replace(
+        motion, v_std=np.maximum(motion.v_std, std * pace), x_std=np.maximum(motion.x_std, std * way),
+        slip_std=np.maximum(motion.slip_std, std),
+        slip_velocity_std=np.maximum(motion.slip_velocity_std, std * pace),
+        slip_ratio=least(motion.slip_ratio, std), distance=least(motion.distance, std * float(way[-1])),
+    )  # fmt: skip

@@ -1,0 +1,270 @@
+"""Values of wheel encoders to angles and rates: units, ranges, resets, wild readings, resolution."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from granite_lab.errors import InputError
+from granite_lab.logs.counters import GAP_PERIODS, Mask, integral, powers, quantum, runs, unwrap
+from granite_lab.logs.layouts import Column
+from granite_lab.logs.quantities import Unit
+from granite_lab.logs.trial import Array
+from granite_lab.parameters import Robot
+
+_TURN = 2 * math.pi
+_FASTEST_WHEEL = 300.0  # no wheel of a ground robot turns faster [rad/s]; a step that needs more is a fault
+_DOWNHILL = 3.0  # nor does a wheel turn this many times as fast as its motor can drive it
+_TREAD = 15.0  # nor does its tread gain more than 1.5 g [m/s^2]: a tyre's friction, with a margin
+_LOST = 0.5  # wild readings and zeros for lost samples last no longer than this [s]
+_STUCK = (0.1, 10)  # a rate that is repeated for so long [s] and so many samples was not measured, ...
+_OFTEN = 5  # unless so many times shorter repetitions are the rule
+_ROUNDING = 1e-3  # scatter of the levels of a grid, as a share of the largest
+_NEAR = 0.02  # a grid of rates is one of counts per period where it is so close to it
+_CLEAR = 0.4  # steps up to this share of a range are read the short way round without a doubt
+
+
+class Turning(NamedTuple):
+    """What one encoder says of its wheel.
+
+    Attributes:
+        angle: (N,) [rad].
+        rate: (N,) [rad/s] where that is logged, NaN where a reading is no measurement.
+        resolution: smallest step of what is logged [rad] or [rad/s]; 0: not known.
+        span: after which the angle starts again [rad]; 0: it does not.
+    """
+
+    angle: Array
+    rate: Array | None
+    resolution: float
+    span: float = 0.0
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """What the units and limits of an encoder depend on."""
+
+    per_rev: float = 0.0  # counts per wheel revolution; 0: not known
+    radius: float = 1.0  # [m]
+    fastest: float = _FASTEST_WHEEL  # [rad/s]
+
+    @classmethod
+    def of(cls, robot: Robot, per_rev: float) -> Wheel:
+        """Return the wheel of a robot, which its motors limit where they are known."""
+        drive, fastest = robot.drive, _FASTEST_WHEEL
+        if drive:
+            fastest = _DOWNHILL * drive.voltage_max / (drive.emf_constant * drive.gear_ratio)
+        return cls(per_rev, robot.wheels.radius, min(fastest, _FASTEST_WHEEL))
+
+
+def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts: list[str]) -> Turning:
+    """Turn one encoder's values (N,), finite, at increasing stamps [s] into wheel angle and rate.
+
+    The unit says what kind of value they are; scale, wrap and increment are those of the column map.
+
+    Raises:
+        InputError: a rate whose overflows cannot be undone.
+    """
+    counted, is_angle = unit.name in ("counts", "counts/s"), unit.quantity in ("angle", "length")
+    values, wraps, width = unwrap(raw, wrap_ranges(raw, unit, spec.wrap, wheel.per_rev))
+    if wraps:
+        what = "rate overflowed" if not is_angle else "counter wrapped"
+        doubts.append(f"the {what} {wraps} times at {width:g}; unwrapped")
+    if wraps and not is_angle:
+        values = _anchored(raw, values, width)
+    factor = spec.scale * ((_TURN / wheel.per_rev if wheel.per_rev else math.nan) if counted else unit.factor)
+    if unit.quantity in ("length", "speed"):
+        factor /= wheel.radius
+    size, whole = abs(factor), counted and bool((raw == np.rint(raw)).all())
+    if is_angle:
+        step = size * max(quantum(raw), 1.0 if whole else 0.0)
+        if spec.increment:
+            return Turning(_without_jumps(t, np.cumsum(values) * factor, wheel.fastest, doubts), None, step)
+        span = (width or spec.wrap) * size
+        # A step that may be read in two ways is no jump.
+        limit = max(wheel.fastest, span / float(np.median(np.diff(t))) if span and len(t) > 1 else 0.0)
+        return Turning(_without_jumps(t, values * factor, limit, doubts), None, step, span)
+    counts = _counts_per_period(t, values, wheel.per_rev * size / _TURN)
+    step = size * (counts.rate if counts else max(quantum(raw) or lattice(raw), 1.0 if whole else 0.0))
+    rate = _measured(t, values * factor, step, wheel, doubts)
+    known = np.isfinite(rate)
+    if counts and known.all():
+        return Turning(counts.angle * factor, None, counts.step * size)
+    return Turning(integral(t, np.interp(t, t[known], rate[known]) if known.any() else rate), rate, step)
+
+
+class _Periods(NamedTuple):
+    """Rates that are counts over the time in which they came, in the logged unit."""
+
+    angle: Array  # (N,) the counts, added up
+    step: float  # one count
+    rate: float  # one count in a period
+
+
+def _counts_per_period(t: Array, raw: Array, per_unit: float) -> _Periods | None:
+    """Return the counter (N,) of which the logger made rates by dividing its steps by their time, if it did.
+
+    The time was the one between two stamps, or always the same; `per_unit` counts make one unit of the angle
+    (0: not known). Such rates lie on a grid, which is one count in a period, or not a round number at least.
+    """
+    dt = np.diff(t)
+    if len(t) < 20 or dt.max() > GAP_PERIODS * (period := float(np.median(dt))):
+        return None
+    times = np.append(period, dt)
+    for passed in (times, np.full(len(t), period)):
+        steps = raw * passed
+        step = lattice(steps)
+        one = per_unit > 0 and abs(step * per_unit - 1) < _NEAR
+        # A grid of whole counts, or of the digits that were written, does not depend on the period.
+        if step > 0 and (one or not _is_round(quantum(raw) or step / period)):
+            whole = np.rint(steps / step)
+            return _Periods(np.cumsum(whole) * step, step, step / period)
+    return None
+
+
+def lattice(values: Array) -> float:
+    """Return the step of a coarse grid on which values (N,) lie within their rounding; 0: they do not.
+
+    Unlike `quantum` it finds grids of few levels, and of levels that scatter as stamps do.
+    """
+    size = np.sort(np.abs(values))
+    near = _ROUNDING * size[-1]
+    cuts = np.flatnonzero(np.diff(size) > near) + 1
+    levels = np.split(size, cuts)
+    if not 3 <= len(levels) <= 0.1 / _ROUNDING or any(np.ptp(level) > 3 * near for level in levels):
+        return 0.0
+    middles, weights = np.array([level.mean() for level in levels]), np.array([len(x) for x in levels])
+    middles = middles - middles[0] * (middles[0] <= near)
+    whole = np.rint(middles / np.diff(middles).min())
+    step = float(np.sum(weights * whole * middles) / max(np.sum(weights * whole**2), 1.0))
+    return step if step > 0 and np.abs(middles / step - whole).max() < 0.05 else 0.0
+
+
+def _is_round(step: float) -> bool:
+    """Say whether a grid may be that of written digits: 1, 2, 2.5 or 5 in some decimal place."""
+    if step <= 0:
+        return False
+    digits = step / 10 ** math.floor(math.log10(step) + 1e-6)
+    return any(abs(digits / one - 1) < 1e-3 for one in (1, 2, 2.5, 5))
+
+
+def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[float]:
+    """List the ranges that a counter in this unit may have; `given` is the column map's (0: none)."""
+    if given:
+        return [given]
+    if unit.name in ("counts", "counts/s"):
+        of_turn = [per_rev] if per_rev and unit.name == "counts" else []
+        return sorted([*powers(), *of_turn]) if (raw == np.rint(raw)).all() else []
+    if unit.quantity not in ("angle", "angular rate"):
+        return []
+    turn, counts = _TURN / unit.factor, list[float]()
+    if per_rev:  # a counter that the logger has turned into an angle, which may be rounded
+        count = turn / per_rev
+        whole = np.abs(raw / count - np.rint(raw / count)).max(initial=0.0) < _NEAR
+        counts = powers(count) if whole else [size * count for size in (2.0**16, 2.0**32)]
+    return sorted([turn, *counts]) if unit.quantity == "angle" else counts
+
+
+def _anchored(raw: Array, rate: Array, width: float) -> Array:
+    """Return rates (N,) that overflowed, 0 where the logged ones rest at 0; refuse what cannot be read.
+
+    The first reading may have overflowed already; a change of nearly half the range may be one by the rest.
+    """
+    step = float(np.abs(np.diff(rate)).max(initial=0.0))
+    calm = np.abs(raw) <= 1e-3 * width
+    rests = [(a, b) for a, b in runs(calm) if b - a >= 5]
+    turns = {round(float(rate[k] - raw[k]) / width) for a, b in rests for k in range(a, b)}
+    if step > _CLEAR * width or len(turns) != 1:
+        why = f"by up to {step / width:.0%} of its range" if turns else "and never rests at 0"
+        what = f"the rate overflows at {width:g} and changes from sample to sample {why}"
+        raise InputError(f"{what}: not to be read", "log it in wider numbers, or log the counter itself")
+    return rate - turns.pop() * width
+
+
+def _without_jumps(t: Array, angle: Array, fastest: float, doubts: list[str]) -> Array:
+    """Take out steps that no wheel can make: the counter was reset, or a sample is wrong.
+
+    A single sample from which the next one returns is replaced by the line between its neighbours. After a
+    reset the wheel goes on at the rate between those before and after it.
+    """
+
+    def too_fast(step: Array, time: Array) -> np.ndarray:
+        return np.abs(step) > fastest * time
+
+    wild = too_fast(np.diff(angle), np.diff(t))
+    if not wild.any() or wild.all() or np.count_nonzero(wild) > 0.01 * len(wild) + 2:
+        return angle
+    alone = np.zeros(len(angle), dtype=bool)
+    alone[1:-1] = wild[:-1] & wild[1:] & ~too_fast(angle[2:] - angle[:-2], t[2:] - t[:-2])
+    angle = np.interp(t, t[~alone], angle[~alone])
+    steps, times = np.diff(angle), np.diff(t)
+    wild = too_fast(steps, times)
+    middle = (t[1:] + t[:-1]) / 2
+    usual = np.interp(middle, middle[~wild], (steps / times)[~wild]) * times
+    for found, what, done in (
+        (alone[1:], "thrown off", "replaced by their neighbours"),
+        (wild, "from which the counter starts anew", "joined to what was before"),
+    ):
+        if found.any():
+            at = ", ".join(f"{x:.3f}" for x in t[1:][found][:3])
+            doubts.append(f"{np.count_nonzero(found)} readings {what} (t = {at} s); {done}")
+    return angle - np.concatenate(([0.0], np.cumsum(np.where(wild, steps - usual, 0.0))))
+
+
+def _measured(t: Array, rate: Array, step: float, wheel: Wheel, doubts: list[str]) -> Array:
+    """Return rates (N,) [rad/s], NaN where a reading is none of the wheel's, which is reported.
+
+    Such readings are beyond what the wheel can do, leave their neighbours and return faster than a wheel can
+    (thrown off, or 0 for a lost sample), or repeat the one before for longer than the resolution explains.
+    """
+    if len(t) < 5:
+        return rate
+    wild = np.abs(rate) > wheel.fastest
+    if np.count_nonzero(wild) > 0.05 * len(wild):  # then it is the unit, which is judged later
+        return rate
+    wild |= _strayed(t, np.where(wild, np.interp(t, t[~wild], rate[~wild]), rate), step, wheel.radius)
+    stuck = _repeated(t, rate, step) & ~wild
+    for found, what in ((wild, "thrown off or 0 for a lost sample"), (stuck, "that repeat the last one")):
+        if found.any():
+            at = ", ".join(f"{t[a]:.3f}" for a, _ in runs(found)[:3])
+            doubts.append(f"{np.count_nonzero(found)} readings {what} (t = {at} s); left out")
+    return np.where(wild | stuck, np.nan, rate)
+
+
+def _strayed(t: Array, rate: Array, step: float, radius: float) -> Mask:
+    """(N,) True from a jump that no wheel makes to the one by which the rate returns."""
+    change, dt = np.diff(rate), np.diff(t)
+    top = float(np.quantile(np.abs(rate), 0.95))
+    limit = np.maximum(_TREAD / radius * dt, max(3 * step, 0.3 * top))
+    jumps = np.flatnonzero(np.abs(change) > limit)
+    found, k = np.zeros(len(rate), dtype=bool), 0
+    while k < len(jumps):
+        i = jumps[k]
+        # The first jump within reach after which the rate is again what it was before.
+        back = [
+            j for j in jumps[k + 1 : k + 50]
+            if t[j + 1] - t[i] <= _LOST + dt[i] and abs(rate[j + 1] - rate[i]) < 0.5 * abs(change[i])
+        ]  # fmt: skip
+        k += 1
+        if back:
+            found[i + 1 : back[0] + 1] = True
+            k = int(np.searchsorted(jumps, back[0])) + 1
+    return found
+
+
+def _repeated(t: Array, rate: Array, step: float) -> Mask:
+    """(N,) True where a turning wheel's rate repeats the last one much longer than it usually does."""
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(rate) != 0) + 1, [len(rate)]))
+    lengths, found = np.diff(edges), np.zeros(len(rate), dtype=bool)
+    moving, changes = rate[edges[:-1]] != 0, np.abs(np.diff(rate))
+    # A rate of coarse steps repeats itself while the wheel turns steadily.
+    if np.count_nonzero(moving) < 20 or float(np.median(changes[changes > 0])) < 3 * step:
+        return found
+    usual = float(np.quantile(lengths[moving], 0.95))
+    for a, b in zip(edges[:-1][moving], edges[1:][moving], strict=True):
+        if b - a >= max(_STUCK[1], _OFTEN * usual) and t[b - 1] - t[a] >= _STUCK[0]:
+            found[a + 1 : b] = True
+    return found
