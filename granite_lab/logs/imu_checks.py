@@ -88,6 +88,19 @@ def mounted(robot: Robot) -> Rotation:
     return Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True)
 
 
+def with_forward_axis(imu: ImuStream, log: Log) -> ImuStream:
+    """Leave an accelerometer out, with a warning, whose axis that points forward was not logged."""
+    absent = np.isnan(imu.specific_force).all(axis=0)
+    forward = np.abs(mounted(log.robot).as_matrix()[0]) > 0.5
+    needed = absent & (forward | (log.robot.imu.forward == "find"))
+    if absent.all() or not needed.any():
+        return imu
+    axis = "xyz"[int(np.argmax(needed))]
+    why = f"axis {axis} is not in the log, and it points forward or may"
+    log.doubts.append(f"accelerometer: {why}: the accelerometer is not used")
+    return dataclasses.replace(imu, specific_force=np.full_like(imu.specific_force, np.nan))
+
+
 def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
     """Refuse axes that are dead, exchanged or turned, in a log whose wheels move.
 
@@ -144,7 +157,9 @@ def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
         log.doubts.append(f"the accelerometer reads {g:.2g} m/s^2 at rest: {gone}")
         return 1.0, True
     what = f"{log.where}: {reads}, expected 9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0"
-    raise InputError(what, "correct the unit in the column's name, or give its scale in a column map")
+    own = log.column(*(channel for channel in ACCELERATION if channel in log.columns))
+    fits = f"unit = … or scale = {STANDARD_GRAVITY / g:.4g}" if g > 0 else "unit = … or scale = …"
+    raise InputError(what, f"give {own} the unit that the logger uses, in a column map by {fits}")
 
 
 def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:

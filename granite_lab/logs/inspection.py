@@ -15,7 +15,7 @@ import pandas as pd
 
 from granite_lab.errors import InputError, at
 from granite_lab.logs.cells import Cells, load
-from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
+from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match, no_match
 from granite_lab.logs.quantities import (
     ACCELERATION,
     DATE,
@@ -214,7 +214,7 @@ def _inspect(
         cells = _cells(table)
     except InputError as error:
         return replace(report, problem=report.problem or error.message, hint=report.hint or error.hint)
-    columns, doubts = cells.columns, _named_alike(table) if found is None else []
+    columns, doubts = cells.columns, _named_alike(table) if found is None else _passed_over(found, maps)
     entries = _recognised(found) if found is not None else guess(table, columns)
     used = {column.place for column in entries}
     entries += [_unused(table, columns, place) for place in range(table.width) if place not in used]
@@ -271,6 +271,17 @@ def _damage(table: Table, cells: Cells, wanted: Collection[int]) -> list[str]:
         return cells.whole(table, wanted)[1]
     except InputError as error:
         return [error.message]
+
+
+def _passed_over(found: Match, maps: Sequence[Layout]) -> list[str]:
+    """Return a warning that no given map fits a file that the catalogue knows."""
+    if not maps or found.layout in maps or is_bag(found.table.path):
+        return []
+    try:
+        why = no_match([match(layout, found.table) for layout in maps], given=True).message
+    except InputError as error:
+        why = error.message
+    return [f"read by layout '{found.layout.name}', for no given map fits: {why}"]
 
 
 def _named_alike(table: Table) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.aliasing import resolve_aliases
 from granite_lab.logs.canonical import trial_info
-from granite_lab.logs.imu_checks import check_units, refuse_axes
+from granite_lab.logs.imu_checks import check_units, refuse_axes, with_forward_axis
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
@@ -128,7 +128,7 @@ def assemble(
     said = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
     imu, wheels, clean = _imu(merged, path, doubts), merged.pop("wheels", None), None
     if imu is not None:
-        imu, clean = check_units(imu, log)
+        imu, clean = check_units(with_forward_axis(imu, log) if whole else imu, log)
     if wheels is not None:
         wheels = check_wheels(resolve_aliases(wheels, imu, log), imu, log)
     trial = Trial(
@@ -151,7 +151,7 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
     """Refuse columns that cannot be what they are called; `clean` is the IMU without spikes."""
     wheels, currents = trial.wheels, trial.currents
     if clean is None and wheels is None:
-        hint = "a trial needs at least one of them"
+        hint = "a trial needs one of them; a column map (inspect --write-map) says which columns they are"
         raise InputError(f"{log.where}: neither IMU nor encoder samples", hint)
     if wheels is not None:
         called = tuple(channel for channel in log.columns if channel.startswith("imu_"))
