@@ -125,7 +125,8 @@ def motion_without_imu(
     )  # fmt: skip
     first, last = rolling.mean[np.isfinite(rolling.speed)][[0, -1]]
     rolled = Estimate(float(last - first), rolling.step)
-    said = f"{lacking[0].lower() + lacking[1:]}: body velocity and slip cannot be estimated, only wheel velocities"
+    lost = "body velocity and slip cannot be estimated, only wheel velocities"
+    said = f"{lacking[0].lower()}{lacking[1:]}: {lost}"
     return Motion(
         trial=trial.name, virtual=trial.info.virtual, t=t, x=blank, x_std=blank, v=blank, v_std=blank,
         pitch=blank, pitch_std=blank, v_wheel=rolling.velocity, v_wheel_std=rolling.velocity_std, slip=four,
