@@ -22,6 +22,7 @@ from granite_lab.estimation import error_model as model
 from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, Noise, P, S, V, X
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.smoother import Smoothed, adjoint, widening
+from granite_lab.logs.standstill import ZERO_VELOCITY
 from granite_lab.logs.trial import Array
 
 LEVEL, TURN, ONLY = "accelerometer bias with mounting tilt", "gyro bias", "bias that is there only in motion"
@@ -94,7 +95,7 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
         LATE: ("B", "s", float(start[TAU])),
         SOFT: ("B", "s²", float(start[C])),
         SCALE: ("B", "1", float(start[K])),
-        MEASURED["zero_velocity"]: ("B", "m/s", model.ZERO_VELOCITY),
+        MEASURED["zero_velocity"]: ("B", "m/s", ZERO_VELOCITY),
         MEASURED["distance"]: ("B", "m", 0.0),
         BEGUN[V]: ("B", "m/s", float(start[V])),
         WALKING[BA]: ("B", "m/s²/√s", noise.accel_walk),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,11 +22,12 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
-from granite_lab.estimation.rest import Interval, coasts, find_rests, inside, refuse_moved
+from granite_lab.estimation.rest import coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
+from granite_lab.logs.standstill import Interval
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream, part
 from granite_lab.parameters import Robot, Soil, Variant, load_soil, load_variants
 
@@ -148,7 +150,7 @@ def solve(
     thrown = np.linalg.norm(np.nan_to_num(logged.specific_force - stream.specific_force), axis=1)
     faults = find_faults(imu, stream, grade, spikes, thrown)
     refuse_moved(imu, rests)
-    still = find_rests(imu, rolling, grade, by_hand=rests)
+    still, unseen = find_rests(stream, rolling, grade, by_hand=rests)
     if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and still:
         imu = _orient(stream, imu, rolling, still)
     level = mounting.by_gravity(stream, imu, inside(imu.t, still), robot)
@@ -159,12 +161,14 @@ def solve(
             "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
         )
     far = rolling is not None and _far_from_rest(still, imu)
-    problem = Problem(imu, rolling, robot, still, faults, identify(imu, rolling, robot, still), SlipModel())
+    noise = identify(imu, rolling, robot, still)
+    problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel(), unseen=unseen)
+    problem = replace(problem, stamp_std=_stamp_std(trial))
     offset, found, near = _clock(trial, problem, far, apart)
     if rolling is not None and offset.value != 0.0:
-        still = find_rests(imu, rolling, grade, offset=offset.value, by_hand=rests)
-        problem = replace(problem, rests=still, noise=identify(imu, rolling, robot, still))
-    problem = replace(problem, coasts=coasts(imu, rolling, grade, offset.value, still))
+        still, unseen = find_rests(stream, rolling, grade, offset=offset.value, by_hand=rests)
+        problem = replace(problem, rests=still, unseen=unseen, noise=identify(imu, rolling, robot, still))
+    problem = replace(problem, coasts=coasts(stream, rolling, grade, offset.value, still))
     _refuse_gaps(trial, faults, still)
     restarts = find_restarts(stream, still, faults.doubt, faults.gaps, grade)
     faults = replace(faults, restarts=restarts)
@@ -244,6 +248,11 @@ def _clock(trial: Trial, problem: Problem, far: bool, apart: bool) -> tuple[Esti
     else:
         return find_offset(problem, apart=apart)
     return known, known, known.value
+
+
+def _stamp_std(trial: Trial) -> float:
+    """Return the std of a delay between IMU and encoders that sharing of stamps leaves open [s]."""
+    return math.hypot(*(one.stamp_std for one in (trial.imu, trial.wheels) if one is not None))
 
 
 def _spun(problem: Problem, offset: float) -> bool:

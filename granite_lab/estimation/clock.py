@@ -14,10 +14,11 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import TAU
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Problem, build
-from granite_lab.estimation.rest import Interval, wheels_still
+from granite_lab.estimation.rest import turning_of
 from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined
+from granite_lab.logs.standstill import Interval, wheels_still
 from granite_lab.logs.trial import Array
 
 LARGEST, FARTHEST = 0.4, 1.0
@@ -168,15 +169,16 @@ def find_offset(problem: Problem, *, apart: bool = False) -> tuple[Estimate, Est
     found = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
     if found is None:
         return coarse, coarse, coarse.value
-    usual, unusual = Estimate(0.0, LATENCY), Estimate(found.value, LATENCY)
+    latency = float(np.hypot(LATENCY, problem.stamp_std))
+    usual, unusual = Estimate(0.0, latency), Estimate(found.value, latency)
     if apart:
         return found, found, found.value
-    likely = found.value * LATENCY**2 / (LATENCY**2 + found.std**2)
-    if abs(found.value) < LATEST:
+    likely = found.value * latency**2 / (latency**2 + found.std**2)
+    if abs(found.value) < LATEST * latency / LATENCY:
         return usual, found, likely
     other = settle(problem, unusual, robust=False)
     lags = found.value > 0.0 and other.compliance > problem.compliance
-    if abs(found.value) < FAR:
+    if abs(found.value) < FAR * latency / LATENCY:
         return usual, found, 0.0 if lags else likely
     one = settle(problem, usual, robust=False).found.innovations
     if other.found.innovations.log_likelihood - one.log_likelihood < UNUSUAL:
@@ -203,7 +205,7 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
     """Windows around the first onsets of motion and the first stops, given a rough clock offset [s]."""
     assert problem.rolling is not None
     begin, end = problem.imu.t[0], problem.imu.t[-1]
-    turning = problem.rolling.t[~wheels_still(problem.rolling)] + offset
+    turning = problem.rolling.t[wheels_still(turning_of(problem.rolling)).turns] + offset
     starts, stops = [], []
     for a, b in bridged_rests(problem.rests, turning):
         if b - a < STILL:

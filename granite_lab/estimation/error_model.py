@@ -33,6 +33,7 @@ from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.wheels import Rolling
+from granite_lab.logs.standstill import ZERO_VELOCITY
 from granite_lab.logs.trial import Array
 
 X, D, V, TH, BA, BG, BM, S, G, TAU, K, C, P, PD = range(14)
@@ -47,9 +48,6 @@ RETURN, MEMORY = 30.0, 2.0
 
 V_FLOOR = 0.02
 """v_floor of (1) [m/s]."""
-
-ZERO_VELOCITY = 3.0e-4
-"""Std of the zero-velocity update [m/s]: what a robot that stands may still move."""
 
 UNEVEN = 1.0
 """Acceleration that may come or go between a sample of the wheels and the nearest of the IMU [m/s^2]."""
@@ -345,17 +343,20 @@ def in_order(parts: Sequence[Updates]) -> Updates:
 
 
 def rest_updates(
-    imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults, course: Course, shaken: Array
-) -> list[Updates]:
+    imu: BodyImu, nominal: Nominal, noise: Noise, faults: Faults, course: Course, shaken: Array,
+    creeps: np.ndarray,
+) -> list[Updates]:  # fmt: skip
     """Zero-velocity and zero-rate updates, and the level that specific force gives at standstill.
 
-    Wheels that turn meanwhile shake the body by the rms velocity `shaken` (K,) [m/s].
+    Wheels that turn meanwhile shake the body by the rms velocity `shaken` (K,) [m/s]. Where it may yet creep,
+    `creeps` (K,), the velocity is not measured.
     """
     k = np.flatnonzero(course.rest)
     i = course.index[k]
     # v_nominal is frozen but for the lever's part, which is zero at rest
     R = ZERO_VELOCITY**2 + np.where(course.spinning, 0.0, course.speed)[k] ** 2
-    found = [updates_of("zero_velocity", k, -nominal.v[i], {V: 1.0}, R)]
+    stands = ~creeps[k]
+    found = [updates_of("zero_velocity", k[stands], -nominal.v[i[stands]], {V: 1.0}, R[stands])]
     usable = nominal.rest & ~faults.doubt & np.isfinite(imu.forward)
     place = np.searchsorted(course.index, np.flatnonzero(usable))  # a sample counts at the next node
     signals = np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)
@@ -391,7 +392,7 @@ def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: fl
         signed = np.sign(course.speed) * course.growth
         H = {V: 1.0, PD: -1.0, TAU: signed[k], S: w[k], G: w[k], C: np.gradient(course.thrust, t)[k]}
         z = speed + gained * ahead - nominal.v[course.index[k]] - course.loss[k]
-        return updates_of("wheel", k, z, H, rolling.speed_std[m] ** 2), 0.0
+        return updates_of("wheel", k, z, H, rolling.speed_std[m] ** 2 * repeated(speed)), 0.0
     # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
     # is the noise of z as well, or every update would pull the velocity down a little
     z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained
@@ -403,4 +404,11 @@ def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: fl
     told[:1] = False
     # an offset also moves the wheel speed that the mean slip goes by
     H = {X: 1.0, D: 1.0, P: -1.0, C: course.thrust[k][told], TAU: (speed - course.loss[k])[told]}
-    return updates_of("wheel", k[told], (z - z[:1])[told], H, R[told]), start
+    R = R[told] * repeated(rolling.mean[m][told])
+    return updates_of("wheel", k[told], (z - z[:1])[told], H, R), start
+
+
+def repeated(reading: Array) -> Array:
+    """(U,) how often each of successive readings is repeated: they have one rounding error in common."""
+    group = np.cumsum(np.diff(reading, prepend=np.nan) != 0) - 1
+    return np.bincount(group)[group].astype(float) if group.size else np.ones(0)

@@ -16,8 +16,9 @@ from granite_lab.estimation.error_model import BA, BG, PD, SIZE, TAU, TH, Course
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nominal import Nominal
-from granite_lab.estimation.rest import COAST, Interval
+from granite_lab.estimation.rest import COAST
 from granite_lab.estimation.wheels import MOVING, Rolling
+from granite_lab.logs.standstill import ZERO_VELOCITY, Interval
 from granite_lab.logs.trial import Array, part
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -73,9 +74,11 @@ class Problem:
         soft: std of the compliance itself [s^2].
         louder: factors on the variance of kinds of measurements.
         coasts: the log ends while the wheels coast to rest.
+        unseen: (N,) std of the velocity that a standstill may begin with, at its first sample [m/s].
         jumps: (N,) square of the slip velocity's jumps per second, at the IMU's stamps [m^2/s^3].
         spins: wheels may turn in a standstill.
         spacing: of the nodes in motion [s]; 0: a node at each stamp.
+        stamp_std: std of a delay between the sensors' stamps, where samples shared them [s].
     """
 
     imu: BodyImu
@@ -89,9 +92,11 @@ class Problem:
     soft: float = COMPLIANCE
     louder: Mapping[str, float] = field(default_factory=dict)
     coasts: bool = False
+    unseen: Array | None = None
     jumps: Array | None = None
     spins: bool = True
     spacing: float = 0.0
+    stamp_std: float = 0.0
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:
         """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""
@@ -257,8 +262,13 @@ def build(
     inflate(Q, course, problem, nominal.rest)
     # a standstill that was named: the wheels may spin while the body stands
     Q[course.spinning, D, D] += FREE**2
+    begins, creep = np.zeros(t.size, dtype=bool), np.zeros(t.size)
+    if problem.unseen is not None:  # what a standstill begins with is gone by the next node
+        creep[1:] = (rest * problem.unseen[course.index])[:-1]
+        begins[:-1] = creep[1:] > 0
+        Q[:, V, V] += creep**2
     shaken = np.where(course.spinning, size / omega, 0.0)
-    told = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken)
+    told = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken, begins)
     start = 0.0
     if rolling is not None:
         walked = problem.compliance * np.gradient(course.thrust, t)
@@ -267,7 +277,7 @@ def build(
         told.append(wheels)
     last = np.array([t.size - 1])
     if problem.coasts:  # then the body is as slow as the wheels
-        R = model.ZERO_VELOCITY**2 + float(speed[-1]) ** 2
+        R = ZERO_VELOCITY**2 + float(speed[-1]) ** 2
         told.append(model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R))
     if distance is not None:
         missed = distance.value - float(nominal.x[-1])
@@ -278,7 +288,7 @@ def build(
     x0 = np.zeros((SIZE, 1))
     x0[[TH, BA, BG, TAU], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias, left.value
     std = np.array([
-        1e-6, np.hypot(1e-6, start), model.ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0]), noise.pitch,
+        1e-6, np.hypot(1e-6, start), ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0]), noise.pitch,
         noise.accel_bias, max(noise.gyro_bias, abs(nominal.gyro_bias)),
         1e-7 if rest[0] else noise.motion_bias, 1e-6 if rest[0] else slip.limit,
         1e-6 if rest[0] else slip.scatter, left.std, noise.accel_scale,

@@ -1,20 +1,24 @@
 """Noise identified from the trial itself: at rest, with the robot's file as prior, and in motion.
 
-An IMU may be noisier in motion than at rest. The integral of white noise wanders without bound, that
-of vibration does not, so neither may be taken for the other. Where the wheels turn steadily, specific
-force without gravity and lever holds
+An IMU may be noisier in motion than at rest. The integral of white noise drifts without bound, that
+of vibration does not, so neither may be taken for the other. While the wheels turn steadily, the signal of an
+accelerometer or a gyroscope consists of
 
-* motion of the body, up to 1.5 Hz, on some ground to 3 Hz;
-* vibration, the derivative of a bounded velocity: below its resonances the density rises as f^2;
-* white noise, as dense there as anywhere.
+* motion of the body, below 1.5 Hz, on some ground below 3 Hz;
+* vibration, the derivative of a bounded velocity or angle: below its resonances the density rises at least
+  as f^2;
+* white noise, of the same density at all frequencies.
 
-Between the motion and the resonance the spectrum is taken for white noise and such a rise, whose height
-may be anything: a frame has many resonances, and its rms does not tell how they overlap. Anywhere above it
-may hold more than white noise, but not less, so that what shakes the body for good at some Hz is not taken
-for noise. How likely that makes the periodogram is Whittle's formula [1]; of the white noise the posterior's
-mean is taken, because the std of the estimate goes by its variance.
+The spectrum is white noise and such a rise between two frequencies, the end of the motion and a resonance, and
+below and above at least white noise. The frequencies, the slope and the height of the rise, and the level of the
+white noise are unknown; Whittle's likelihood of the periodogram [1] weighs them, and the models are averaged [2].
+So vibration is bounded only where its spectrum is seen to fall towards low frequencies. A flat spectrum is white
+noise, also that of vibration which a slow sensor folds to low frequencies. Where a motion is too short to show a
+spectrum, all of its power is white noise. Of the density the posterior's mean is taken, because the std of the
+estimate goes by it.
 
 [1] P. Whittle, Estimation and information in stationary time series, Ark. Mat. 2 (1953).
+[2] J. A. Hoeting et al., Bayesian model averaging: a tutorial, Stat. Sci. 14 (1999).
 
 Densities are as `scipy.signal` has them, whose import takes half a second.
 """
@@ -25,16 +29,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import softmax
+from scipy.special import logsumexp, softmax
 
 from granite_lab.estimation.error_model import Noise
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Problem, pace_of
 from granite_lab.estimation.nominal import Nominal
-from granite_lab.estimation.rest import Interval, inside
+from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import nominal_of, usual
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import runs
+from granite_lab.logs.standstill import Interval
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -50,11 +55,8 @@ UNSEEN_ATTITUDE = GRAVITY * float(np.radians(0.3))
 MOTION, RESTLESS = 1.5, 3.0
 """The body itself moves at up to this frequency [Hz]: usually, and on restless ground."""
 
-HIGH, BELOW = 10.0, 0.45
-"""Up to this frequency [Hz], and this share of the resonance's, vibration is the tail of the resonance."""
-
-BAND = 5.0
-"""Width of the bands above, none of which may be quieter than the white noise [Hz]."""
+PER_OCTAVE = 6
+"""Bands of the spectrum in each octave."""
 
 LUG = 0.15
 """Lugs strike the ground within this share of their frequency."""
@@ -65,20 +67,32 @@ FASTEST = 0.35
 LOBE = 4.0
 """Half the width of the window's main lobe, in reciprocals of its length."""
 
-TOLD = 0.5
-"""What an ordinate under this window tells, against an independent one."""
+INDEPENDENT = 0.5
+"""Independent ordinates for each ordinate: the reciprocal of the window's noise bandwidth (Harris, 1978)."""
+
+FEWEST = 8.0
+"""A rise is seen in at least so many independent ordinates."""
 
 SHORTEST = 2.0
 """Steady motion shorter than this [s] has no ordinates to speak of."""
 
-ADDED = np.geomspace(0.3, 3e4, 61)
-"""Densities that motion may add, in shares of the one at rest."""
+RISE = 2.0
+"""Power of the frequency with which the vibration's density rises: of the derivative of a bounded signal."""
 
-HEIGHTS = np.geomspace(1e-2, 1e6, 81)
-"""Densities of the tail at the highest frequency, in shares of the white one at rest; all equally likely."""
+MIDDLE = 5.0
+"""The height of a rise is that at this frequency [Hz]."""
+
+STEPS = 10
+"""Candidates of a density in each decade."""
 
 NONE = 0.8
-"""Probability, before the trial is seen, that motion adds nothing."""
+"""Probability, before the trial is seen, that motion adds no white noise."""
+
+ALONE = 0.5
+"""Probability, before the trial is seen, that a band below the rise holds white noise alone."""
+
+NEGLIGIBLE = 0.3
+"""White noise in motion below this share of that at rest is none."""
 
 SHAKEN = 1.0
 """A motion shorter than this [s] does not tell how far shaking turns the gyro's pitch."""
@@ -190,37 +204,18 @@ def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequenc
 
 def with_motion_noise(problem: Problem, offset: float) -> Noise:
     """Return the noise with the white noise in motion, and with what vibration is left beside it."""
-    noise, imu, moving = problem.noise, problem.imu, ~inside(problem.imu.t, problem.rests)
-    if 0.5 / imu.period < 2.0 * HIGH:
-        force, rate = (folded(signal, moving, imu.period) for signal in (imu.forward, imu.pitch_rate))
-        return replace(noise, accel_motion=force, gyro_motion=rate)
-    nominal = nominal_of(problem, offset)
-    noise = replace(noise, gyro_motion=lost_pitch(problem, nominal))
-    frequency, density = spectrum(problem, nominal, offset)
-    density = density / (2.0 * noise.accel**2)
-    low = frequency < min(HIGH, BELOW * noise.vibration_frequency)
-    ratio = (frequency[low] / noise.vibration_frequency) ** 2
-    shape, floor = ratio / (1.0 - ratio) ** 2, band_means(frequency[~low], density[~low])
-    quick = frequency[low] > RESTLESS  # what is white is as loud with the slower ordinates as without
-    added = min(added_share(density[low][use], shape[use], floor) for use in (quick | True, quick))
-    if added < ADDED[0]:
+    noise, nominal = problem.noise, nominal_of(problem, offset)
+    frequency, force, rate = spectrum(problem, nominal, offset)
+    if problem.imu.has_pitch_rate:
+        noise = replace(noise, gyro_motion=white_in_motion(frequency, rate, noise.gyro, turns=True))
+        lost = lost_pitch(replace(problem, noise=noise), nominal)
+        noise = replace(noise, gyro_motion=float(np.hypot(noise.gyro_motion, lost)))
+    noise = replace(noise, accel_motion=white_in_motion(frequency, force, noise.accel))
+    if noise.accel_motion == 0.0:
         return noise
-    white = noise.accel * float(np.sqrt(1.0 + added))
-    rms, frequent, damping = vibration(imu, moving, white, problem.robot.imu.vibration_frequency)
-    return replace(
-        noise, accel_motion=noise.accel * float(np.sqrt(added)), vibration=rms,
-        vibration_frequency=frequent, vibration_damping=damping,
-    )  # fmt: skip
-
-
-def folded(signal: Array, moving: np.ndarray, period: float) -> float:
-    """White noise density times sqrt(s) that shaking makes in motion of an IMU too slow to show it.
-
-    Sampled below twice its frequency, it is as white as the samples' second differences say.
-    """
-    bend = np.diff(signal, n=2)[moving[1:-1]]
-    bend = bend[np.isfinite(bend)]
-    return float(np.sqrt(np.mean(bend**2) / 6.0 * period)) if bend.size >= 8 else 0.0
+    moving, white = ~inside(nominal.t, problem.rests), float(np.hypot(noise.accel, noise.accel_motion))
+    rms, frequent, damping = vibration(problem.imu, moving, white, problem.robot.imu.vibration_frequency)
+    return replace(noise, vibration=rms, vibration_frequency=frequent, vibration_damping=damping)
 
 
 def lost_pitch(problem: Problem, nominal: Nominal) -> float:
@@ -264,63 +259,108 @@ def level(force: Array, variance: float) -> tuple[float, float]:
     return angle, max(variance / force.size, float(np.var(means, ddof=1)) / BLOCKS)
 
 
-def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, Array]:
-    """Frequencies (F,) [Hz] and density (F,) [m^2/s^3] of the body's acceleration, over all steady motion.
+def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, Array, Array]:
+    """Periodograms of the nominal acceleration and pitch rate over all motion with steady wheels.
 
-    One periodogram after the other, by the IMU; the lugs' own frequency is left out.
+    Motion without wheels, or without a steady part, counts as a whole. Frequencies in the window's side of the
+    motion, and near the lugs' own, are left out.
+
+    Returns:
+        (F,) frequencies [Hz]; (F,) densities of acceleration [m^2/s^3] and of pitch rate [rad^2/s].
     """
-    imu, rolling = problem.imu, problem.rolling
-    assert rolling is not None
-    dt, pace = imu.period, pace_of(rolling, offset, nominal.t)
-    on = pace.steady & ~nominal.rest
+    dt = problem.imu.period
+    on, speed = ~nominal.rest, np.zeros(nominal.t.size)
     if problem.jumps is not None:
         on &= problem.jumps == 0.0
     on &= np.diff(nominal.t, prepend=nominal.t[0] - dt) < 3.0 * dt
+    if problem.rolling is not None:
+        pace = pace_of(problem.rolling, offset, nominal.t)
+        speed = pace.speed
+        steady = on & pace.steady
+        on = steady if max((b - a for a, b in runs(steady)), default=0) * dt >= SHORTEST else on
     turning = problem.robot.wheels.lugs / (2.0 * np.pi * problem.robot.wheels.radius)
-    found = [np.empty((2, 0))]
+    found = [np.empty((3, 0))]
     for a, b in runs(on):
-        if (b - a) * dt < SHORTEST:
+        length = (b - a) * dt
+        if length < SHORTEST:
             continue
-        acceleration = np.diff(nominal.v[a:b]) / dt
-        frequency, density = spectral_density(acceleration, 1.0 / dt, blackman_harris(acceleration.size))
-        use = (frequency > MOTION + LOBE / ((b - a) * dt)) & (frequency < FASTEST / dt)
-        lug = turning * abs(float(np.mean(pace.speed[a:b])))
+        window = blackman_harris(b - a - 1)
+        frequency, force = spectral_density(np.diff(nominal.v[a:b]) / dt, 1.0 / dt, window)
+        _, rate = spectral_density(np.diff(nominal.pitch[a:b]) / dt, 1.0 / dt, window)
+        lug = turning * abs(float(np.mean(speed[a:b])))
+        use = (frequency > LOBE / length) & (frequency < FASTEST / dt)
+        use &= (frequency < MOTION) | (frequency > MOTION + LOBE / length)
         use &= np.abs(frequency - lug) > LUG * lug
         # the trapezoidal rule of the integration averaged neighbouring samples
         gain = np.cos(np.pi * frequency * dt) ** 2
-        found.append(np.array([frequency, density / gain])[:, use])
-    frequencies, densities = np.concatenate(found, axis=1)
-    return frequencies, densities
+        found.append(np.array([frequency, force / gain, rate / gain])[:, use])
+    frequency, force, rate = np.concatenate(found, axis=1)
+    return frequency, force, rate
 
 
-def band_means(frequency: Array, density: Array) -> Array:
-    """(B, 2) mean of the density in each band of width `BAND`, and its number of ordinates."""
-    place = (frequency / BAND).astype(int)
-    count = np.bincount(place)
-    total = np.bincount(place, density)
-    return np.stack([total[count > 0] / count[count > 0], count[count > 0]], axis=1)
+def white_in_motion(frequency: Array, density: Array, rest: float, *, turns: bool = False) -> float:
+    """White noise density (std times sqrt(s)) that motion adds to that at `rest`.
 
-
-def added_share(density: Array, shape: Array, floor: Array) -> float:
-    """Return the mean of the white density that motion adds, in shares of that at rest.
-
-    `density` (F,) is the periodogram in such shares, `shape` (F,) the vibration's density over its height,
-    `floor` (B, 2) mean and number of the ordinates in bands that may hold anything besides white noise.
+    `frequency` (F,) and `density` (F,) are ordinates of a one-sided periodogram. A body that `turns` on uneven
+    ground does so at any frequency, and its gyro shows that: there a flat spectrum alone is noise.
     """
-    if density.size < 8:
+    if not frequency.size:
         return 0.0
-    white = np.concatenate([[0.0], ADDED])
-    tail = HEIGHTS[:, None] * shape / np.max(shape)
-    log_posterior, (mean, count) = np.empty(white.size), floor.T
-    for i, added in enumerate(white):
-        level = 1.0 + added + tail
-        low = np.sum(np.log(level) + density / level, axis=1)
-        # a band as loud as its mean, but not quieter than the white noise
-        least = np.maximum(mean, 1.0 + added)
-        high = np.sum(count * (np.log(least) + mean / least))
-        log_posterior[i] = np.logaddexp.reduce(-TOLD * (low + high))
-    log_posterior += np.log(np.append(NONE, np.full(ADDED.size, (1.0 - NONE) / ADDED.size)))
-    return float(softmax(log_posterior) @ white)
+    white, evidence = white_levels(frequency, density / (2.0 * rest**2))
+    if turns and len(evidence) > 1:
+        evidence[1] = np.where(white == 1.0, logsumexp(evidence[1]), -np.inf)
+    level = float(softmax(logsumexp(evidence, axis=0)) @ white)
+    return rest * float(np.sqrt(level - 1.0)) if level - 1.0 > NEGLIGIBLE else 0.0
+
+
+def white_levels(frequency: Array, density: Array) -> tuple[Array, Array]:
+    """Return candidates of the white noise, in shares of that at rest, and the logarithm of their probability.
+
+    `density` (F,) is the periodogram at `frequency` (F,) [Hz] in such shares.
+
+    Returns:
+        (W,) candidates, from 1 on; (2, W) log-probabilities, but for a constant, that they stand alone above the
+        motion, and that they stand below a rise. Without ordinates enough for a rise there is the first row only.
+    """
+    place = np.floor(PER_OCTAVE * np.log2(frequency)).astype(int)
+    bands, place = np.unique(place, return_inverse=True)
+    count, total = INDEPENDENT * np.bincount(place), INDEPENDENT * np.bincount(place, density)
+    centre = np.bincount(place, frequency) / np.bincount(place)
+    decades = np.log10(max(float(np.max(total / count)), 1.0)) + 0.5
+    white = np.logspace(0.0, decades, max(int(decades * STEPS), 2))  # (W,)
+    height = np.logspace(-2.0, decades + 2.0, int((decades + 4.0) * STEPS / 2))  # (A,) at `MIDDLE`
+    prior = np.log(np.append(NONE, np.full(white.size - 1, (1.0 - NONE) / (white.size - 1))))
+    alone, loud = _outside(count, total, white)
+    below = _summed(np.logaddexp(np.log(ALONE) + alone, np.log(1.0 - ALONE) + loud))
+    above, alone_on = _summed(loud[::-1])[::-1], _summed(alone[::-1])[::-1]
+    begins = np.flatnonzero((centre > MOTION) & (centre < RESTLESS)).tolist()
+    level = white + height[:, None] * (centre[:, None, None] / MIDDLE) ** RISE  # (B, A, W)
+    rise = _summed(-count[:, None, None] * np.log(level) - total[:, None, None] / level)
+    rises = [
+        below[begin] + logsumexp(rise[end] - rise[begin], axis=0) - np.log(height.size) + above[end]
+        for begin in begins
+        for end in range(begin + 1, bands.size + 1)
+        if np.sum(count[begin:end]) >= FEWEST
+    ]
+    flat = [below[begin] + alone_on[begin] for begin in (0, *begins)]
+    families = [logsumexp(models, axis=0) - np.log(len(models)) for models in (flat, rises) if models]
+    return white, np.stack(families) + prior
+
+
+def _outside(count: Array, total: Array, white: Array) -> tuple[Array, Array]:
+    """(B, W) log-likelihoods of bands that hold white noise (W,) alone, or anything beside it.
+
+    A band has `count` (B,) independent ordinates that sum up to `total` (B,). With anything beside the white
+    noise its level is as probable at each of the candidates that are not below.
+    """
+    alone = -count[:, None] * np.log(white) - total[:, None] / white
+    loud = np.logaddexp.accumulate(alone[:, ::-1], axis=1)[:, ::-1] - np.log(np.arange(white.size, 0, -1))
+    return np.asarray(alone), np.asarray(loud)
+
+
+def _summed(values: Array) -> Array:
+    """(B + 1, ...) sums of the first 0 to B values (B, ...)."""
+    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
 
 
 def periodograms(values: Array, rate: float, window: Array) -> tuple[Array, Array]:

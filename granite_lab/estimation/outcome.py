@@ -16,10 +16,11 @@ from granite_lab.estimation.clock import LATENCY
 from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X, std_of
 from granite_lab.estimation.motion import NAN, Health, Motion, PhaseName
 from granite_lab.estimation.nodes import QUICK, Problem
-from granite_lab.estimation.rest import Interval, find_rests, inside
+from granite_lab.estimation.rest import find_rests, inside
 from granite_lab.estimation.smoother import Smoothed, Solution
-from granite_lab.estimation.wheels import MOVING, Rolling, bridged
+from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.counters import runs
+from granite_lab.logs.standstill import Interval, bridged
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant
 
@@ -113,7 +114,7 @@ def motion_without_imu(
     """Report what the wheels alone tell: their velocities and phases, nothing of the body."""
     t = rolling.t
     assert robot.imu_grade is not None
-    rests = find_rests(None, rolling, robot.imu_grade, by_hand=by_hand)
+    rests, _ = find_rests(None, rolling, robot.imu_grade, by_hand=by_hand)
     course = find_phases(t, rolling.speed_at(t), rests)
     variant, source, doubt = recognise(course, trial.info, variants)
     lacking = "No IMU" if trial.imu is None else "No accelerometer along the robot's x axis"
@@ -147,7 +148,7 @@ def _by_latency(t: Array, v: Array, problem: Problem, solution: Solution) -> Arr
     offset = solution.offset
     if problem.slip.far or not np.isfinite(offset.std):
         return np.zeros(t.size)
-    late = 0.5 * math.hypot(offset.std, offset.value - solution.applied, LATENCY)
+    late = 0.5 * math.hypot(offset.std, offset.value - solution.applied, LATENCY, problem.stamp_std)
     size = max(round(QUICK / problem.imu.period), 1)
     return np.asarray(late * np.abs(uniform_filter1d(np.gradient(v, t), size)))
 

@@ -15,6 +15,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import mean_known
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.logs.counters import integral, joined, runs
+from granite_lab.logs.standstill import bridged
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import WHEELS, Robot
 
@@ -77,15 +78,6 @@ class Rolling:
     def speed_at(self, t: Array | float, offset: float = 0.0) -> Array:
         """Return `speed` at instants of a clock that the encoders' lies behind by `offset` [s]."""
         return joined(t, self.t + offset, self.speed)
-
-
-def bridged(t: np.ndarray, mask: np.ndarray, longest: float) -> np.ndarray:
-    """(N,) mask without the interruptions whose neighbours are at most `longest` apart [unit of t]."""
-    closed = mask.copy()
-    for a, b in runs(~mask):
-        if a > 0 and b < mask.size and t[b] - t[a - 1] <= longest:
-            closed[a:b] = True
-    return closed
 
 
 def roll(stream: WheelStream, robot: Robot) -> Rolling:

@@ -13,8 +13,9 @@ import pandas as pd
 
 from granite_lab.errors import at
 from granite_lab.logs.counters import Mask
+from granite_lab.logs.dates import seconds
 from granite_lab.logs.rows import MISSING, is_number
-from granite_lab.logs.table import DATED, Table
+from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 
 # From 3.1 on pandas always reads numbers exactly and no longer wants to be asked to.
@@ -130,9 +131,8 @@ def load(table: Table, wanted: Sequence[int], dates: Sequence[int]) -> Cells:
         texts.append(frame[list(dates)])
     columns = {place: np.concatenate(values) for place, values in parts.items()}
     for place in dates:
-        columns[place], faults[place] = _seconds(
-            pd.concat([frame[place] for frame in texts], ignore_index=True)
-        )
+        written = pd.concat([frame[place] for frame in texts], ignore_index=True)
+        columns[place], faults[place] = seconds(written)
     return Cells(columns, {place: found for place, found in faults.items() if found}, dates)
 
 
@@ -196,15 +196,3 @@ def _numbers(texts: pd.Series, decimal: str) -> tuple[Array, dict[int, str]]:
             else:
                 faults[row] = cell
     return values, faults
-
-
-def _seconds(texts: pd.Series) -> tuple[Array, dict[int, str]]:
-    """Return dates as [s] since 1970, exact to the microsecond, NaN for an empty cell; and what are none."""
-    written = texts.str.strip().where(texts.str.match(r"\s*\d{4}\D", na=False))
-    if not written.str.contains("T", na=True).all():
-        written = written.str.replace(DATED, r"\1-\2-\3T\4:\5:", regex=True).str.rstrip(":")
-    written = written.str.replace(r"(?<=:\d\d:\d\d)[,_:](?=\d+\D*$)", ".", regex=True)
-    stamps = pd.to_datetime(written, utc=True, format="ISO8601", errors="coerce")
-    wrong = np.flatnonzero(stamps.isna() & texts.notna())
-    since = (stamps - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
-    return np.asarray(since, dtype=np.float64), {row: str(texts.iloc[row]) for row in wrong.tolist()}

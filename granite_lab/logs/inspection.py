@@ -15,7 +15,6 @@ import pandas as pd
 
 from granite_lab.errors import InputError, at
 from granite_lab.logs.cells import Cells, load
-from granite_lab.logs.counters import GAP_PERIODS, SECONDS, unit_factor
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
 from granite_lab.logs.quantities import (
     ACCELERATION,
@@ -32,9 +31,11 @@ from granite_lab.logs.quantities import (
 )
 from granite_lab.logs.reader import assemble
 from granite_lab.logs.source import read_source, recognise
+from granite_lab.logs.stamps import GAP_PERIODS, SECONDS, unit_factor
+from granite_lab.logs.standstill import standstills
 from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
-from granite_lab.logs.wheels import MotionGuess, look, rests
+from granite_lab.logs.wheels import MotionGuess, look
 from granite_lab.parameters import load_robot
 from granite_lab.parameters.quantity import toml
 
@@ -243,7 +244,7 @@ def _inspect(
 def _measured(report: FileReport, trial: Trial, robot: str | Path | None) -> FileReport:
     """Add what the samples say: clocks, standstills, motion, doubts, and the units found right."""
     the_robot = load_robot(robot or trial.info.robot or "granite")
-    still, motion = tuple(rests(trial, the_robot)), look(trial, the_robot)
+    still, motion = tuple(standstills(trial, the_robot)), look(trial, the_robot)
     entries = tuple(
         replace(one, unit=unit) if (unit := next(filter(None, map(trial.units.get, one.to)), "")) else one
         for one in report.entries

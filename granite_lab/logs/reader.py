@@ -12,11 +12,12 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.aliasing import resolve_aliases
 from granite_lab.logs.canonical import trial_info
-from granite_lab.logs.counters import describe_gaps
 from granite_lab.logs.imu_checks import check_units, refuse_axes
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
+from granite_lab.logs.stamps import describe_gaps, outside_gaps
+from granite_lab.logs.standstill import standstills
 from granite_lab.logs.streams import interval, read_streams
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.logs.wheels import (
@@ -25,7 +26,6 @@ from granite_lab.logs.wheels import (
     look,
     refuse_counts_and_speed,
     report_absent,
-    rests,
     without_free_wheels,
 )
 from granite_lab.parameters import Robot, load_robot
@@ -162,7 +162,7 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
         refuse_counts_and_speed(wheels, log)
         angle = wheels.angle[np.isfinite(wheels.angle)]
         if clean is not None and len(clean.t) > 100 and len(angle) and np.ptp(angle) > 1.0:
-            refuse_axes(clean, rests(trial, log.robot), log)
+            refuse_axes(clean, standstills(dataclasses.replace(trial, imu=clean), log.robot), log)
         wheels = without_free_wheels(wheels, log)
     currents = None if currents is None else check_currents(currents, trial.wheels, log)
     return dataclasses.replace(trial, wheels=wheels, currents=currents)
@@ -228,11 +228,13 @@ def _imu(merged: dict[str, Any], path: Path, doubts: list[str]) -> ImuStream | N
         if np.count_nonzero(inside) < 2:
             raise _nothing_in_common(path, "accelerometer", acc.t, "gyroscope", gyro.t)
         doubts.append("the gyroscope has stamps of its own; interpolated to the accelerometer's")
+        inside &= outside_gaps(acc.t, gyro.t)
         t, force = acc.t[inside], acc.values[inside]
         rate = np.column_stack([np.interp(t, gyro.t, column) for column in gyro.values.T])
     force = force if "accelerometer" in present else np.full_like(force, np.nan)
     rate = rate if "gyroscope" in present else np.full_like(rate, np.nan)
-    return ImuStream(t, force, rate, merged.get("removed", False))
+    late = max(acc.std, gyro.std)
+    return ImuStream(t, force, rate, merged.get("removed", False), stamp_std=late)
 
 
 def _nothing_in_common(path: Path, one: str, t: Array, other: str, s: Array) -> InputError:
@@ -263,7 +265,7 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
         return trial
     t = trial.imu.t
     gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > _BRIDGED)]
-    still = rests(trial, robot) if gaps else []
+    still = standstills(trial, robot) if gaps else []
     gaps = [(a, b) for a, b in gaps if not any(begin <= a and b <= end for begin, end in still)]
     if not gaps:
         return trial

@@ -3,35 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import SECONDS, Mask, integral, runs, stray, tidy, unit_factor, unwrap
+from granite_lab.logs.clock import one_line, row_stamps, sampled
+from granite_lab.logs.counters import Mask, integral, runs
 from granite_lab.logs.encoders import Wheel, convert
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import ENCODERS, SENSORS
 from granite_lab.logs.source import Source
+from granite_lab.logs.stamps import tidy
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
 from granite_lab.parameters import Robot
 
 ZERO = "every sample is 0: taken as not measured"  # how a warning of a dead channel ends
 WINDOW = 5  # samples through which a line is laid to get a speed
 _MANY = 100  # an axis that is zero in fewer samples than these may just be at rest
-_WRAPS = (2.0**16, 2.0**24, 2.0**32)  # ranges of counters that loggers use as clocks
 _A, _E2 = 6378137.0, 6.69437999014e-3  # semi-major axis [m] and squared eccentricity of WGS 84
 
 # What a file may hold besides its clock.
 _KINDS = ("acceleration", "rate", "wheels", "currents", "command", "globe", "reference_x", "reference_v")
+_TIMED = _KINDS[:3]  # of which the estimate needs each sample's time
 
 
 class Samples(NamedTuple):
-    """Stamps (N,) [s] and values (N, K)."""
+    """Stamps (N,) [s] and values (N, K), and by how much all stamps may be off [s]."""
 
     t: Array
     values: Array
+    std: float = 0.0
 
 
 def read_streams(source: Source, robot: Robot, window: tuple[float, float] | None) -> dict[str, Any]:
@@ -41,23 +44,29 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
     what the file holds of it; accelerometer and gyroscope are still apart, for their stamps may differ. What
     had to be done is added to the source's doubts; clock, samples or units that cannot be used are refused.
     """
-    t = _clock(source)
+    t = row_stamps(source)
     if window is not None:
+        with suppress(InputError):  # a step of the clock outside the window does not matter
+            t = one_line(source, t)[0]
         inside = (t >= window[0]) & (t <= window[1])
         if not inside.any():
             runs_from = f"the log runs from {np.nanmin(t):.10g} to {np.nanmax(t):.10g} s"
             hint = "--from and --to are seconds of the log's own time, as granite-lab inspect shows it"
             raise source.refuse(f"no sample {interval(window)}, {runs_from}", hint)
         source, t = source.only(inside), t[inside]
-    streams: dict[str, Any] = {}
+    t, doubts = one_line(source, t)
+    source.doubts.extend(doubts)
+    streams, said = dict[str, Any](), dict[str, list[str]]()
     for kind in _KINDS:
-        samples = _samples(source, t, kind)
+        samples = _samples(source, t, kind, said)
         if samples is not None and kind in ("acceleration", "rate"):
             samples = _complete(source, samples, kind)
         if samples is not None:
             streams[kind] = _wheels(source, samples, robot) if kind == "wheels" else samples
+    for doubt, sensors in said.items():
+        source.doubt(f"{', '.join(sensors)}: {doubt}")
     if "currents" in streams:
-        streams["currents"] = CurrentStream(*streams["currents"])
+        streams["currents"] = CurrentStream(streams["currents"].t, streams["currents"].values)
     if "command" in streams:
         streams["command"] = _series(streams["command"])
     return streams | _reference(source, streams)
@@ -75,65 +84,17 @@ def interval(window: tuple[float, float]) -> str:
     return f"after {start} s" if math.isinf(window[1]) else f"between {start} and {end} s"
 
 
-def _clock(source: Source) -> Array:
-    """Return the stamp of every row [s], from the first clock that runs."""
-    clocks = source.bindings("t")
-    seen = {b.place: source.columns[b.place][np.isfinite(source.columns[b.place])] for b in clocks}
-    binding = next((b for b in clocks if np.diff(seen[b.place]).any()), None)
-    if binding is None:
-        what = f"column '{clocks[0].name}' does not advance, expected time stamps"
-        raise source.refuse(what, "a log needs at least two rows with stamps that increase")
-    column = f"column '{binding.name}'"
-    logged, factor = source.columns[binding.place], binding.factor
-    for part in source.bindings("t_add"):  # as nanoseconds beside seconds
-        logged = logged * factor + source.columns[part.place] * part.factor
-        factor = 1.0
-    for block in stray(logged):
-        source.doubts.append(
-            f"{source.place(block.start)}: {column}: {block.stop - block.start} stamps from here on "
-            f"leave the time line (to {logged[block][0]:.10g}) and come back: left out"
-        )
-        logged = logged.copy()
-        logged[block] = np.nan
-    raw, known = logged.copy(), np.isfinite(logged)
-    ranges = (binding.spec.wrap,) if binding.spec.wrap else _WRAPS
-    raw[known], wraps, width = unwrap(logged[known], ranges, slack=0.0)
-    if wraps:
-        source.doubt(f"the clock wrapped {wraps} times at {width:.0f}; unwrapped")
-    for kind in ("acceleration", "rate", "wheels"):
-        rows = _sampled(source, SENSORS[kind].channels) & np.isfinite(raw)
-        if np.count_nonzero(rows) < 3:
-            continue
-        try:
-            factor, doubt = unit_factor(raw[rows], factor, SENSORS[kind].slowest)
-        except InputError as error:
-            raise source.refuse(f"{column}: {error.message}", error.hint) from None
-        if doubt:
-            source.doubt(f"{column}: {doubt}")
-            if not source.bindings("t_add"):
-                source.units["t"] = next(unit for unit, size in SECONDS.items() if size == factor)
-        break
-    return raw * factor
-
-
-def _sampled(source: Source, channels: Sequence[str]) -> Mask:
-    """Return which rows hold a sample of any of the channels."""
-    rows = np.zeros(len(source.kept), dtype=bool)
-    for binding in source.bindings(*channels):
-        rows |= np.isfinite(source.columns[binding.place])
-    return rows
-
-
-def _samples(source: Source, t: Array, kind: str) -> Samples | None:
+def _samples(source: Source, t: Array, kind: str, said: dict[str, list[str]]) -> Samples | None:
     """Return the samples of a sensor in the order of time, NaN for what was not logged.
 
-    Encoders stay in the file's units, for a wrap is a number of counts.
+    Encoders stay in the file's units, for a wrap is a number of counts. Doubts about stamps are `said`, each
+    with the sensors that it is about.
     """
     what, channels = SENSORS[kind].name, SENSORS[kind].channels
     bindings = source.bindings(*channels)
     if not bindings:
         return None
-    places = np.flatnonzero(_sampled(source, channels))
+    places = np.flatnonzero(sampled(source, channels))
     if len(places) == 0:
         source.doubt(f"{what}: all cells are empty")
         return None
@@ -144,14 +105,15 @@ def _samples(source: Source, t: Array, kind: str) -> Samples | None:
             column = column * binding.factor
             column = np.nancumsum(column) if binding.spec.increment else column
         values[:, channels.index(binding.channel)] = column
-    said: list[str] = []
+    doubts: list[str] = []
 
-    def where(row: int | None) -> str:
-        return str(source.path) if row is None else source.place(int(places[row]))
+    def where(row: int) -> str:
+        return source.place(int(places[row]))
 
-    stamps, rows = tidy(t[places], values, what, where, said)
-    source.doubts.extend(f"{source.path.name}: {doubt}" for doubt in said)
-    return Samples(stamps, values[rows])
+    stamps = tidy(t[places], values, what, where, doubts, spread=kind in _TIMED)
+    for doubt in doubts:
+        said.setdefault(doubt, []).append(what)
+    return Samples(stamps.t, values[stamps.rows], stamps.std)
 
 
 def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
@@ -160,7 +122,7 @@ def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
     An axis that is zero from beginning to end is not measured: so messages of ROS say it. A sample in which
     an axis is missing that is logged elsewhere is left out.
     """
-    what, channels, (t, values) = SENSORS[kind].name, SENSORS[kind].channels, samples
+    what, channels, (t, values, std) = SENSORS[kind].name, SENSORS[kind].channels, samples
     idle = [k for k, axis in enumerate(values.T) if (axis == 0).all()]
     if len(t) >= _MANY and idle and (kind != "acceleration" or len(idle) == len(channels)):
         names = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
@@ -173,7 +135,7 @@ def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
     holes = np.asarray(np.isnan(values[:, logged]).any(axis=1))
     count = int(np.count_nonzero(holes))
     if count == 0:
-        return Samples(t, values)
+        return Samples(t, values, std)
     if len(t) - count < 2:
         few = f"{len(t) - count} samples have all their axes, expected at least two"
         raise source.refuse(f"{what}: {few}", "the axes of a sensor belong in one row")
@@ -181,7 +143,7 @@ def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
     axis = source.bindings(channels[int(np.flatnonzero(logged & np.isnan(values[first]))[0])])[0].name
     stretch = f"the longest stretch from t = {t[first]:.3f} s to {t[last]:.3f} s"
     source.doubt(f"{what}: {count} samples without '{axis}' were left out, {stretch}")
-    return Samples(t[~holes], values[~holes])
+    return Samples(t[~holes], values[~holes], std)
 
 
 def _longest(flags: Mask, t: Array) -> tuple[int, int]:
@@ -220,7 +182,9 @@ def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
     rates = np.isfinite(rate).any()
     if stated := source.metadata.get("enc_step_radps" if rates else "enc_step_rad"):
         resolution = [stated] * len(ENCODERS)
-    return WheelStream(samples.t, angle, rate if rates else None, tuple(resolution), tuple(spans))
+    return WheelStream(
+        samples.t, angle, rate if rates else None, tuple(resolution), tuple(spans), stamp_std=samples.std
+    )
 
 
 def _counts(source: Source, binding: Binding, robot: Robot) -> float:

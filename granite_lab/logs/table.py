@@ -18,12 +18,11 @@ import numpy as np
 
 from granite_lab.errors import InputError, at
 from granite_lab.files import readable, refuse_special
+from granite_lab.logs.dates import are_dates
 from granite_lab.logs.dialect import PLAIN, Dialect, TableFormat, find_dialect
 from granite_lab.logs.rows import DELIMITERS, MISSING, Rows, Shape, checked, is_number
 from granite_lab.logs.trial import Array
 
-# The beginning of a date: ISO 8601, or with other signs in between, as 2026_03_01_12_00_00_250.
-DATED = re.compile(r"(\d{4})[-/_.](\d\d)[-/_.](\d\d)[T _-](\d\d)[:_.-](\d\d)(?:[:_.-](?=\d\d))?")
 _LARGEST = 2 << 30  # a compressed log may hold this much [bytes]
 _LOOKED_AT = 4 << 20  # the layout of a text is found from so many bytes
 _LOST = 64  # so many zero bytes in a row are a block of the memory card that was not written, no binary data
@@ -79,9 +78,12 @@ class Table(Dialect):
         return [(self.headers[0][at[0]], at) for name, at in places.items() if name and len(at) > 1]
 
     def is_dated(self, place: int) -> bool:
-        """Say whether the first cells of a column are dates, the year first."""
-        cells = [row[place].strip() for row in self.sample if row[place].strip() not in MISSING]
-        return bool(cells) and all(DATED.match(cell) for cell in cells)
+        """Say whether the first cells of a column are dates or times of day."""
+        return are_dates(self.filled(place))
+
+    def filled(self, place: int) -> list[str]:
+        """Return the first cells of a column that are not empty."""
+        return [cell for row in self.sample if (cell := row[place].strip()) not in MISSING]
 
     def is_numeric(self, place: int) -> bool:
         """Say whether more than half of a column's first filled cells are numbers."""

@@ -42,6 +42,7 @@ class ImuStream:
         angular_rate: (N, 3) [rad/s]; y positive nose down.
         gravity_removed: by the logger.
         robot_axes: the mounting rotation has been applied, as in a corrected trial.
+        stamp_std: std of a delay that all stamps have in common, where samples shared them [s].
     """
 
     t: Array
@@ -49,6 +50,7 @@ class ImuStream:
     angular_rate: Array
     gravity_removed: bool = False
     robot_axes: bool = False
+    stamp_std: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +64,7 @@ class WheelStream:
         resolution: (4,) smallest step of each wheel's angle [rad], of its logged rate [rad/s];
             0 where it is not known.
         span: (4,) after which each wheel's counter starts again [rad]; 0: it does not.
+        stamp_std: std of a delay that all stamps have in common, where samples shared them [s].
     """
 
     t: Array
@@ -69,6 +72,7 @@ class WheelStream:
     rate: Array | None = None
     resolution: tuple[float, ...] = (0.0,) * len(WHEELS)
     span: tuple[float, ...] = (0.0,) * len(WHEELS)
+    stamp_std: float = 0.0
 
     @property
     def step(self) -> float:

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.logs.counters import Mask, joined, quantum, runs
+from granite_lab.logs.counters import joined, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
-_SHORTEST_REST = 0.5  # a standstill lasts at least this long [s]
 _TOO_FAST = 30.0  # no ground robot whose motors are not known drives faster [m/s]
 # A free wheel turns this many times as fast as the others, which agree to this share, for so long [s].
 _FREE, _ALIKE, _FREE_FOR = 1.3, 0.05, 0.3
@@ -33,38 +32,10 @@ class MotionGuess:
     confidence: float  # 0 to 1
 
 
-def rests(trial: Trial, robot: Robot) -> list[tuple[float, float]]:
-    """Return intervals [s] in which the wheels, or else a calm accelerometer, say that the robot stands."""
-    t, speed = mean_speed(trial.wheels, robot)
-    if len(t) > 5:
-        limit = 0.02 * max(float(np.quantile(np.abs(speed), 0.95)), 0.05)
-        return _intervals(t, np.abs(_smooth(speed, t)) < limit)
-    return _calm(trial.imu) if trial.imu is not None else []
-
-
-def _calm(imu: ImuStream) -> list[tuple[float, float]]:
-    """Return the calm intervals of an IMU, none if it is never much calmer than usual."""
-    force = imu.specific_force[:, ~np.isnan(imu.specific_force).all(axis=0)]
-    n = max(int(0.2 / float(np.median(np.diff(imu.t)))), 3)
-    count = len(imu.t) // n
-    if count < 5 or force.shape[1] == 0:
-        return []
-    spread = force[: count * n].reshape(count, n, -1).std(axis=1).max(axis=1)
-    floor, usual = float(np.quantile(spread, 0.05)), float(np.median(spread))
-    if floor > 0.3 * usual and floor > 0.05:
-        return []
-    return _intervals(imu.t[n // 2 : count * n : n][:count], spread < max(3 * floor, 0.05))
-
-
 def _smooth(values: Array, t: Array) -> Array:
     """Average over about a fifth of a second, against quantisation."""
     n = max(1, int(0.2 / float(np.median(np.diff(t)))))
     return np.convolve(np.pad(values, (n // 2, n - 1 - n // 2), "edge"), np.full(n, 1 / n), mode="valid")
-
-
-def _intervals(t: Array, flags: Mask) -> list[tuple[float, float]]:
-    """Return the stretches of flags that last long enough."""
-    return [(float(t[a]), float(t[b - 1])) for a, b in runs(flags) if t[b - 1] - t[a] >= _SHORTEST_REST]
 
 
 def look(trial: Trial, robot: Robot) -> MotionGuess | None:
@@ -121,7 +92,7 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
             log.convert(ENCODERS, unit, f"the encoders, declared in {declared}, {gain}: they are in {unit}")
             rate = None if wheels.rate is None else wheels.rate * factor
             resolution = tuple(step * factor for step in wheels.resolution)
-            return WheelStream(wheels.t, wheels.angle * factor, rate, resolution, wheels.span)
+            return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
         log.doubts.append(f"the wheels {gain}: check wheel radius, counts per revolution and units")
     return wheels
 

@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 
 from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
-from granite_lab.logs.counters import describe_gaps, quantum, tidy, unit_factor, unwrap
+from granite_lab.logs.clock import set_back
+from granite_lab.logs.counters import quantum, unwrap
 from granite_lab.logs.encoders import Wheel, convert
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import find_unit
+from granite_lab.logs.stamps import describe_gaps, tidy, unit_factor
 from tests.corpus import cli
 from tests.logs import make
 
@@ -26,7 +28,9 @@ T = np.arange(1000) / 100
 def tidied(t: np.ndarray, values: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, list[str]]:
     doubts: list[str] = []
     values = np.zeros((len(t), 1)) if values is None else values
-    return (*tidy(t, values, "x", lambda row: f"row {row}", doubts), doubts)
+    assert set_back(t, values) == []
+    stamps = tidy(t, values, "x", lambda row: f"row {row}", doubts)
+    return stamps.t, stamps.rows, doubts
 
 
 @given(st.data())
@@ -43,31 +47,31 @@ def test_late_and_double_samples_are_sorted_and_the_first_is_kept(data: st.DataO
     np.testing.assert_array_equal(rows, [int(np.flatnonzero(order == k)[0]) for k in range(len(T))])
 
 
-def test_blocks_are_sorted_and_read_once_but_a_new_start_is_refused() -> None:
+def test_blocks_are_sorted_and_read_once_but_a_new_start_is_a_step_of_the_clock() -> None:
     np.testing.assert_array_equal(tidied(np.concatenate((T[500:], T[:500])))[0], T)
     twice = np.concatenate((T[:600], T[400:]))
     values = np.sin(twice * 7)[:, None]
     np.testing.assert_array_equal(tidied(twice, values)[0], T)
     other = values.copy()
     other[600:] += 1
-    with pytest.raises(InputError, match=r"row 600: x: time runs backwards by .* and starts over"):
-        tidied(twice, other)
-    with pytest.raises(InputError, match=r"row 600: .*starts over"):
-        tidied(np.concatenate((T[:600], T[:300] + 0.003)))
+    assert set_back(twice, other) == [600]
+    again = np.concatenate((T[:600], T[:300] + 0.003))
+    assert set_back(again, np.zeros((900, 1))) == [600]
 
 
 @pytest.mark.parametrize("bits", [16, 32])
-def test_a_clock_of_fixed_width_is_unwrapped_but_not_one_that_was_reset(bits: int, tmp_path: Path) -> None:
-    """[ms], 100 Hz; the other clock starts over a second before its wrap."""
+def test_a_wrapped_clock_is_told_from_one_that_was_set_back_and_both_go_on(bits: int, tmp_path: Path) -> None:
+    """[ms], 100 Hz; the other clock starts over a second before its wrap, while the wheels turn."""
     header, *rows = make.lines()
     wrapped = np.mod(2**bits - 3000 + 10 * np.arange(len(rows)), 2**bits)
     for offset in (0, 1000):
         stamps = np.where(wrapped > 2**15, wrapped - offset, wrapped)
         cells = [f"{k},{row.partition(',')[2]}" for k, row in zip(stamps, rows, strict=True)]
         trial = make.read(tmp_path, "\n".join([header.replace("t_s", "t_ms"), *cells]))
-        even = np.allclose(np.diff(trial.imu.t), 0.01, atol=1e-9)
-        said = any(f"the clock wrapped 1 times at {2**bits}" in line for line in trial.warnings)
-        assert even == said == (offset == 0)
+        np.testing.assert_allclose(np.diff(trial.imu.t), 0.01, atol=1e-9)
+        said = [line for line in trial.warnings if "clock" in line]
+        assert len(said) == 1
+        assert (f"wrapped 1 times at {2**bits}" if offset == 0 else "was set back by") in said[0]
 
 
 @given(

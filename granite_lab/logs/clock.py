@@ -1,0 +1,309 @@
+"""The clock of a file: which column it is, and one time line where it wrapped or was set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from granite_lab.errors import InputError
+from granite_lab.logs.counters import Mask, Rows, unwrap
+from granite_lab.logs.dates import RANGES
+from granite_lab.logs.layouts import Binding
+from granite_lab.logs.quantities import DATE, ENCODERS, SENSORS
+from granite_lab.logs.source import Source
+from granite_lab.logs.stamps import GAP_PERIODS, SECONDS, ticks_too_rarely, unit_factor
+from granite_lab.logs.trial import Array
+
+_WRAPS = (2.0**16, 2.0**24, 2.0**32)  # ranges of counters that loggers use as clocks
+_KINDS = ("acceleration", "rate", "wheels")  # sensors that show how the clock runs
+_AROUND = 50  # samples on either side of a step of the clock, by which its period is known
+_DISORDER = 0.1  # where a larger share of the rows comes late, order tells nothing of the clock
+_SEEN = 2  # samples that fall where others are; less than two periods back, sorting does no harm
+_MOST_STEPS = 20  # a clock that is set more often is none
+_BEGINNING = 1.0  # a clock that goes back to this time after the first stamp starts over [s]
+
+
+def sampled(source: Source, channels: Sequence[str]) -> Mask:
+    """Return which rows hold a sample of any of the channels."""
+    rows = np.zeros(len(source.kept), dtype=bool)
+    for binding in source.bindings(*channels):
+        rows |= np.isfinite(source.columns[binding.place])
+    return rows
+
+
+def row_stamps(source: Source) -> Array:
+    """Return the stamp of every row [s], from the first clock that ticks often enough."""
+    binding = _chosen(source)
+    column = f"column '{binding.name}'"
+    logged, factor = source.columns[binding.place], binding.factor
+    for part in source.bindings("t_add"):  # as nanoseconds beside seconds
+        logged = logged * factor + source.columns[part.place] * part.factor
+        factor = 1.0
+    for block in stray(logged):
+        source.doubts.append(
+            f"{source.place(block.start)}: {column}: {block.stop - block.start} stamps from here on "
+            f"leave the time line (to {logged[block][0]:.10g}) and come back: left out"
+        )
+        logged = logged.copy()
+        logged[block] = np.nan
+    raw, known = logged.copy(), np.isfinite(logged)
+    usual = RANGES if binding.unit.name == DATE else _WRAPS
+    ranges = (binding.spec.wrap,) if binding.spec.wrap else usual
+    raw[known], wraps, width = unwrap(logged[known], ranges, slack=0.0)
+    if wraps:
+        source.doubt(f"the clock wrapped {wraps} times at {width:.0f}; unwrapped")
+    for kind in _KINDS:
+        rows = sampled(source, SENSORS[kind].channels) & np.isfinite(raw)
+        if np.count_nonzero(rows) < 3:
+            continue
+        try:
+            factor, doubt = unit_factor(raw[rows], factor, SENSORS[kind].slowest)
+        except InputError as error:
+            raise source.refuse(f"{column}: {error.message}", error.hint) from None
+        if doubt:
+            source.doubt(f"{column}: {doubt}")
+            if not source.bindings("t_add"):
+                source.units["t"] = next(unit for unit, size in SECONDS.items() if size == factor)
+        break
+    return raw * factor
+
+
+def _chosen(source: Source) -> Binding:
+    """Return the first clock that ticks often enough, else the first that runs at all; refuse none."""
+    clocks = source.bindings("t")
+    added = sum(source.columns[part.place] * part.factor for part in source.bindings("t_add"))
+    stamps = [source.columns[clock.place] * clock.factor + added for clock in clocks]
+    logged = [t[np.isfinite(t)] for t in stamps]
+    runs = [len(t) > 1 and bool(np.diff(t).any()) for t in logged]
+    good = [not ticks_too_rarely(t) for t in logged]
+    best = next(
+        (k for k, ticks in enumerate(good) if ticks), next((k for k, on in enumerate(runs) if on), None)
+    )
+    if best is None:
+        what = f"column '{clocks[0].name}' does not advance, expected time stamps"
+        raise source.refuse(what, "a log needs at least two rows with stamps that increase")
+    for clock, t, on in zip(clocks[:best], logged, runs, strict=False):
+        if len(t):
+            fault = "ticks too rarely" if on else f"is {t[0] / clock.factor:.10g} throughout"
+            source.doubt(f"column '{clock.name}' {fault}: the stamps are those of '{clocks[best].name}'")
+    return clocks[best]
+
+
+def stray(raw: Array) -> list[slice]:
+    """Return blocks of rows whose stamps (N,) leave the time line and come back as if they had been in time.
+
+    A block that was written late is none of these: where it is missing, the time line has no hole.
+    """
+    seen = np.flatnonzero(np.isfinite(raw))
+    steps = np.diff(raw[seen])
+    usual = float(np.median(np.abs(steps[steps != 0]))) if (steps != 0).any() else 0.0
+    jumps = np.flatnonzero(np.abs(steps) > 20 * usual)
+    if not 2 <= len(jumps) <= 1000:
+        return []
+    period = float(np.mean(np.delete(steps, jumps))) if len(jumps) < len(steps) else 0.0
+    if period <= 0:
+        return []
+    found: list[slice] = []
+    done = -1
+    for k, i in enumerate(jumps):
+        for j in jumps[k + 1 : k + 20]:
+            hole, count = raw[seen[j + 1]] - raw[seen[i]], int(j - i)
+            if i > done and count < 0.2 * len(seen) and 0.3 < hole / ((count + 1) * period) < 3:
+                found.append(slice(int(seen[i + 1]), int(seen[j]) + 1))
+                done = j
+                break
+    return found
+
+
+def _usual(t: Array) -> float:
+    """Return the median of the steps (N,) that are not 0, in either direction; 1 if there is none."""
+    steps = np.abs(np.diff(t))
+    return float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+
+
+def set_back(t: Array, values: Array) -> list[int]:
+    """Return the samples at which a clock went back, in the order of the file; none where rows came late.
+
+    Late rows fit into holes that the stamps (N,) of the others leave. After a step of the clock they fall
+    where others are, or before all of them, and go on from there without a hole. Rows that were written
+    twice, with the same values (N, K), tell nothing.
+    """
+    cuts = np.flatnonzero(np.diff(t) < 0) + 1
+    if not 0 < len(cuts) <= _DISORDER * len(t):
+        return []
+    period, highest = _usual(t), np.maximum.accumulate(t)
+    block = np.searchsorted(cuts, np.arange(len(t)), side="right")
+    order = np.argsort(t, kind="stable")
+    x = np.nan_to_num(values[order])
+    twice = (np.diff(t[order]) == 0) & (x[1:] == x[:-1]).all(axis=1)
+    order = order[np.concatenate(([True], ~twice))]
+    s, b = t[order], block[order]
+    first = np.flatnonzero(np.concatenate(([True], np.diff(b) != 0)))  # of each run of one block
+    before = np.concatenate(([-np.inf], s[first[1:] - 1]))
+    after = np.concatenate((s[first[1:]], [np.inf]))
+    lasts = np.concatenate((first[1:], [len(s)])) - 1
+    taken = after - before <= 1.5 * period
+    if after[0] - s[lasts[0]] > GAP_PERIODS * period:
+        taken[0] = True  # a block before all others that does not reach to them
+    wrong = np.repeat(taken, lasts - first + 1)
+    within = s <= np.concatenate(([-np.inf], highest[cuts - 1]))[b]
+    within[: lasts[0] + 1] &= taken[0]  # what reaches to all others from before may have been written late
+    count = np.bincount(b, weights=within, minlength=len(cuts) + 1)[1:]
+    count_wrong = np.bincount(b, weights=within & wrong, minlength=len(cuts) + 1)[1:]
+    found: list[int] = []
+    for k in np.flatnonzero((count_wrong >= _SEEN) & (count_wrong > 0.5 * count)):
+        cut, end = int(cuts[k]), int(cuts[k + 1]) if k + 1 < len(cuts) else len(t)
+        past = np.flatnonzero(t[cut:end] > highest[cut - 1])
+        on = cut + int(past[0]) if len(past) else end - 1
+        # Rows that were written twice end in a jump to where the file was.
+        back = 0.5 * float(t[cut - 1] - t[cut])
+        if np.diff(t[cut : on + 1]).max(initial=0.0) <= max(GAP_PERIODS * period, back):
+            found.append(cut)
+    return found
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of a clock between two neighbouring samples of a sensor."""
+
+    before: int  # the last sample before it
+    size: float  # by which the clock went on too far, negative: back [s]
+    std: float  # of the size [s]
+    period: float  # of the sensor [s]
+
+
+def step_at(t: Array, cut: int) -> Step:
+    """Measure a step of the clock ahead of the sample `cut` by the usual time from sample to sample."""
+    near = np.diff(t[max(cut - _AROUND, 0) : cut + _AROUND])
+    near = near[near > 0]
+    period = float(np.median(near)) if len(near) else 0.0
+    spread = 1.4826 * float(np.median(np.abs(near - period))) if len(near) else np.inf
+    return Step(cut - 1, float(t[cut] - t[cut - 1]) - period, spread, period)
+
+
+def goes_on(counts: Array, cut: int) -> bool:
+    """Say whether counters (N, K) go on over the sample `cut` as they do around it, NaN where not logged."""
+    wheels = [wheel for wheel in counts.T if np.isfinite(wheel).all()]
+    steps = [np.abs(np.diff(wheel)) for wheel in wheels]
+    around = [np.delete(step[max(cut - 20, 0) : cut + 20], min(cut - 1, 19)) for step in steps]
+    alike = [step[cut - 1] <= 2 * near.max(initial=0.0) for step, near in zip(steps, around, strict=True)]
+    return not alike or sum(alike) > 0.5 * len(alike)
+
+
+def set_forward(t: Array, counts: Array) -> list[int]:
+    """Return the samples at which a clock was set forward: counters (N, K) turn, but not over the gap."""
+    period = _usual(t)
+    found: list[int] = []
+    for cut in (np.flatnonzero(np.diff(t) > GAP_PERIODS * period) + 1).tolist():
+        near = np.abs(np.diff(counts[max(cut - 6, 0) : cut + 6], axis=0))
+        at = min(cut - 1, 5)
+        with np.errstate(invalid="ignore"):
+            ahead, behind = (
+                np.median(part, axis=0) if len(part) else 0.0 for part in (near[:at], near[at + 1 :])
+            )
+            slower = np.minimum(ahead, behind) * np.ones(counts.shape[1])
+        turning = slower > 0
+        missed = (t[cut] - t[cut - 1]) / period * slower[turning]
+        if turning.any() and np.median(near[at][turning] - 0.3 * missed) < 0:
+            found.append(cut)
+    return found
+
+
+def one_line(source: Source, t: Array) -> tuple[Array, list[str]]:
+    """Return the stamps of all rows (N,) [s] as if the clock had never been set, and warnings.
+
+    A clock that was set back or forward is seen in the order of the file, sensor by sensor, before anything
+    is sorted. What follows is put behind what was before by the usual time from sample to sample.
+
+    Raises:
+        InputError: the clock starts over, or counters do not go on where it was set.
+    """
+    t, said = t.copy(), list[str]()
+    for _ in range(_MOST_STEPS):
+        series = _series(source, t)
+        cuts = [(rows[cut - 1], rows[cut]) for rows, cut in _first_steps(source, t, series)]
+        if not cuts:
+            return t, said
+        between = np.arange(*min(cuts)) + 1
+        between = between[np.isfinite(t[between])]
+        change = np.diff(t[between], prepend=t[min(cuts)[0]])
+        row = int(between[np.argmax(np.abs(change))])
+        steps = [
+            step_at(t[rows], k) for rows in series if 0 < (k := int(np.searchsorted(rows, row))) < len(rows)
+        ]
+        best = min(steps, key=lambda step: step.std)
+        _refuse_step(source, t, row, best, steps)
+        t[row:] -= best.size
+        way, place = "back" if best.size < 0 else "forward", Path(source.place(row)).name
+        said.append(
+            f"{place}: the clock was set {way} by {abs(best.size):.4g} ± {best.std:.1g} s; "
+            "the stamps from there on are joined to those before"
+        )
+    raise source.refuse(f"the clock was set more than {_MOST_STEPS} times", "choose another time column")
+
+
+def _series(source: Source, t: Array) -> list[Rows]:
+    """Return the rows of each sensor that have a stamp."""
+    known = np.isfinite(t)
+    return [
+        rows
+        for kind in _KINDS
+        if len(rows := np.flatnonzero(sampled(source, SENSORS[kind].channels) & known)) > 2
+    ]
+
+
+def _values(source: Source, rows: Rows, *channels: str) -> Array:
+    """Return the logged values (M, K) of some channels, NaN where there is none."""
+    return np.column_stack([source.columns[b.place][rows] for b in source.bindings(*channels)])
+
+
+def _first_steps(source: Source, t: Array, series: Sequence[Rows]) -> list[tuple[Rows, int]]:
+    """Return, for each sensor that sees one, its rows and the sample at which the clock was first set."""
+    found: list[tuple[Rows, int]] = []
+    for rows in series:
+        logged = [b.place for b in source.match.bindings if np.isfinite(source.columns[b.place][rows]).any()]
+        values = np.column_stack([source.columns[place][rows] for place in logged])
+        clocks = [
+            k for k, place in enumerate(logged) if place in {b.place for b in source.bindings("t", "t_add")}
+        ]
+        found += [(rows, cut) for cut in set_back(t[rows], np.delete(values, clocks, axis=1))[:1]]
+    rows, counts = _counted(source, t)
+    return found + [(rows, cut) for cut in set_forward(t[rows], counts)[:1] if len(rows) > 2]
+
+
+def _counted(source: Source, t: Array) -> tuple[Rows, Array]:
+    """Return the rows (M,) in which all counters of the wheels are logged, and their values (M, K)."""
+    counters = [
+        b
+        for b in source.bindings(*ENCODERS)
+        if b.unit.quantity in ("angle", "length") and not b.spec.increment
+    ]
+    counters = [b for b in counters if np.isfinite(source.columns[b.place]).any()]
+    if not counters:
+        return np.zeros(0, dtype=np.intp), np.zeros((0, 1))
+    values = np.column_stack([source.columns[b.place] for b in counters])
+    rows = np.flatnonzero(np.isfinite(values).all(axis=1) & np.isfinite(t))
+    return rows, values[rows]
+
+
+def _refuse_step(source: Source, t: Array, row: int, best: Step, steps: Sequence[Step]) -> None:
+    """Refuse a step of the clock over which time may have passed that nothing shows."""
+    rows, counts = _counted(source, t)
+    cut = int(np.searchsorted(rows, row))
+    counted = 0 < cut < len(rows)
+    alike = all(abs(step.size - best.size) <= step.period + best.period for step in steps)
+    beginning = float(np.nanmin(t[:row])) + _BEGINNING
+    clear = goes_on(counts, cut) if counted else best.size > 0 or t[row] > beginning
+    if alike and clear and best.std <= 0.5 * best.period:
+        return
+    way = f"backwards by {-best.size:.3f} s" if best.size < 0 else f"on by {best.size:.3f} s"
+    what = f"time runs {way} and starts over at {t[row]:.3f} s"
+    if not alike:
+        what += ", for some of the sensors only"
+    elif counted and not clear:
+        what += ", and the wheels' counters do not go on"
+    hint = "the clock was reset: cut the file there and read the parts as separate trials"
+    raise InputError(f"{source.place(row)}: {what}", hint)

@@ -1,0 +1,228 @@
+"""Stamps of one sensor: unit, order, stamps that several samples share, gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from granite_lab.errors import InputError
+from granite_lab.logs.counters import Mask, Rows
+from granite_lab.logs.quantities import DATE, factors
+from granite_lab.logs.trial import Array
+
+GAP_PERIODS = 3.0  # a gap is a step of more than this many median periods
+SECONDS = {unit: factor for unit, factor in factors("time").items() if unit != DATE}
+_EPOCH = (9.4e8, 2.6e9)  # 2000 to 2052 in seconds since 1970
+_FASTEST = 20000.0  # [Hz]
+LONGEST_BATCH = 0.1
+"""Samples that share a stamp for longer are not spread [s]: half of it is the time in which the slowest of
+the robot's ramps is over."""
+_DIFFER = 0.02  # share of the neighbours with one stamp that hold different values, if they are no copies
+_ROOM = (
+    0.6,
+    2.0,
+)  # time since the last stamp over what the samples need: below, a copy; above, some are lost
+_CROWDED = 0.5  # share of the needed time from which on a batch holds samples of other times
+_ON_GRID = 0.02  # stamps that are multiples of their spacing to this share of it are those of a slow clock
+_FEWEST = 3  # stamps of a clock that runs
+_UNSTEADY = 0.1  # share of the samples that may have come in batches for which there was too little time
+
+
+@dataclass(frozen=True, eq=False)
+class Stamps:
+    """Stamps of one sensor in order.
+
+    Attributes:
+        t: (M,) [s], strictly increasing.
+        rows: (M,) the sample each came from.
+        std: of what all may be too early or too late by [s].
+    """
+
+    t: Array
+    rows: Rows
+    std: float = 0.0
+
+
+def sampling_period(raw: Array) -> float:
+    """Return the usual time from sample to sample (N,), some of which share a stamp; 0 if none differ."""
+    steps = np.abs(np.diff(raw))
+    ticks = np.flatnonzero(steps > 0)
+    if len(ticks) == 0:
+        return 0.0
+    usual = float(np.median(steps[ticks]))
+    if len(ticks) == len(steps):
+        return usual
+    sizes = np.diff(np.append(ticks, len(steps)))  # samples from each tick on
+    near = steps[ticks] <= 1.5 * usual
+    return float(steps[ticks][near].sum() / sizes[near].sum())
+
+
+def unit_factor(raw: Array, factor: float, slowest: float) -> tuple[float, str]:
+    """Check the declared unit of stamps (N,) of one sensor, `factor` seconds each, against their values.
+
+    The sampling rate is `slowest` [Hz] at least. Returns the factor to use, and a warning if it is not the
+    declared one. Stamps that fit neither the declared nor exactly one other unit are refused.
+    """
+    period = sampling_period(raw)
+    if period == 0:
+        return factor, ""
+    rate = 1 / period  # a unit
+    if slowest <= rate / factor <= _FASTEST:
+        return factor, ""
+    # A clock that counts from 1970 names its own unit; else only one unit may give a usual rate.
+    middle = abs(float(np.median(raw)))
+    fits = [f for f in SECONDS.values() if _EPOCH[0] <= middle * f <= _EPOCH[1]] or [
+        f for f in SECONDS.values() if max(slowest, 4.0) <= rate / f <= 2000.0
+    ]
+    if len(fits) != 1 or not slowest <= rate / fits[0] <= _FASTEST:
+        seen = f"stamps {rate / factor:.3g} times a second in the declared unit"
+        raise InputError(f"{seen}, expected {slowest:g} to 20000", "correct the unit of the time column")
+    unit = next(name for name, f in SECONDS.items() if f == fits[0])
+    return fits[0], f"stamps are in {unit}, not in the unit declared: {rate / fits[0]:.4g} Hz"
+
+
+Where = Callable[[int], str]
+"""Names the place in the file of a sample, as ``folder/log.csv:12``."""
+
+
+def _first(where: Where, row: int) -> str:
+    """Name the first place in a warning, without the folder."""
+    return f"({Path(where(row)).name} first)"
+
+
+def tidy(
+    t: Array, values: Array, what: str, where: Where, doubts: list[str], *, spread: bool = True
+) -> Stamps:
+    """Put stamps (N,) [s] in order: drop missing ones, sort late ones, spread or drop equal ones.
+
+    The samples (N, K) tell those that were written twice from those that share a stamp; `what` names the
+    sensor. Without `spread` the first of equal stamps is kept.
+
+    Raises:
+        InputError: time runs backwards, stamps are shared for too long, or there are less than two.
+    """
+    rows, lost = np.flatnonzero(np.isfinite(t)), np.flatnonzero(~np.isfinite(t))
+    if len(lost):
+        first = _first(where, int(lost[0]))
+        doubts.append(f"{len(lost)} samples without a time stamp were left out {first}")
+    stamps = t[rows]
+    back = np.flatnonzero(np.diff(stamps) < 0) + 1
+    if len(back) > 0.5 * len(stamps):
+        seen = f"time runs backwards, from {stamps[0]:.3f} s to {stamps[-1]:.3f} s"
+        hint = "stamps increase from row to row: sort the log, or correct its time column"
+        raise InputError(f"{where(int(rows[back[0]]))}: {what}: {seen}", hint)
+    if len(back):
+        late = int(np.count_nonzero(stamps < np.maximum.accumulate(stamps)))
+        first = _first(where, int(rows[back[0]]))
+        order = np.argsort(stamps, kind="stable")
+        rows, stamps = rows[order], stamps[order]
+        doubts.append(f"{late} samples were not in the order of time {first}; sorted")
+    found = _apart(stamps, values[rows], what, lambda row: where(int(rows[row])), doubts, spread)
+    if len(found.t) < 2:
+        count = "a single stamp" if len(found.t) else "no sample"
+        hint = "the log is too short, or its clock stands still"
+        place = where(int(rows[0] if len(rows) else 0))
+        raise InputError(f"{place}: {what}: {count}, expected at least two", hint)
+    return Stamps(found.t, rows[found.rows], found.std)
+
+
+def _apart(t: Array, values: Array, what: str, where: Where, doubts: list[str], spread: bool) -> Stamps:
+    """Give samples that share a stamp (N,), in order, stamps of their own; copies are dropped."""
+    new = np.concatenate(([True], np.diff(t) > 0))[: len(t)]
+    if new.all():
+        return Stamps(t, np.arange(len(t)))
+    tied = np.flatnonzero(~new)
+    change = values[tied] - values[tied - 1]
+    different = (np.isfinite(change) & (change != 0)).any(axis=1)
+    keep, apart, std = new, t, 0.0
+    if spread and different.mean() >= _DIFFER:
+        apart, kept, std = _spread(t, new, f"{where(int(tied[0]))}: {what}")
+        keep = new | kept
+    if shared := int(np.count_nonzero(keep & ~new)):
+        late = f"; all may be off by {1e3 * std:.3g} ms" if std else ""
+        first = _first(where, int(tied[0]))
+        doubts.append(
+            f"{shared} samples ({shared / len(t):.0%}) have the stamp of another one {first}: "
+            f"spread evenly over the time since the last stamp{late}"
+        )
+    if len(copies := np.flatnonzero(~keep)):
+        first = _first(where, int(copies[0]))
+        doubts.append(f"{len(copies)} duplicate stamps {first}; the first of each was kept")
+    return Stamps(apart[keep], np.flatnonzero(keep), std)
+
+
+def _spread(t: Array, new: Mask, place: str) -> tuple[Array, Mask, float]:
+    """Spread samples over the time since the last stamp; `new` (N,) says where a stamp begins.
+
+    A driver that empties the FIFO of a sensor gives all samples the stamp of the read, so they lie between it
+    and the one before, evenly. A clock that ticks too rarely gives them the stamp of its last tick. A sample
+    for which there is no room is a copy.
+
+    Returns:
+        stamps (N,) [s], which samples have one, and the std of what all may be off by, half a batch [s].
+
+    Raises:
+        InputError: batches last too long, or are so unsteady that samples are missing from them.
+    """
+    begin = np.flatnonzero(new)
+    ticks, sizes = t[begin], np.diff(np.append(begin, len(t)))
+    if len(ticks) < _FEWEST:
+        return t, new, 0.0
+    intervals, period = np.diff(ticks), sampling_period(t)
+    length = float(np.median(intervals))
+    room = np.concatenate(([1.0], intervals / (sizes[1:] * period)))
+    usual = bool(sizes[sizes > 1].sum() > 0.5 * len(t))
+    if usual:
+        _refuse_batches(sizes, room, length, place)
+    fits = usual | (sizes == 1) | (room >= _ROOM[0])
+    grid = usual and bool(np.quantile(np.abs(ticks / length - np.rint(ticks / length)), 0.9) < _ON_GRID)
+    time = np.append(intervals, length) if grid else np.concatenate(([length], intervals))
+    step = np.where(time <= _ROOM[1] * sizes * period, time / sizes, period)
+    ahead = np.arange(len(t)) - np.repeat(begin, sizes)  # samples of the batch before this one
+    behind = np.repeat(sizes - 1, sizes) - ahead
+    # A read comes after its samples; of a clock's tick the digits were cut off.
+    shift = np.repeat(step, sizes) * (ahead + 0.5 if grid else -behind)
+    return t + np.where(np.repeat(fits, sizes), shift, 0.0), np.repeat(fits, sizes), 0.5 * length * usual
+
+
+def _refuse_batches(sizes: Rows, room: Array, length: float, place: str) -> None:
+    """Refuse batches that are too long, or so unsteady that samples are missing from them."""
+    shared = float((sizes - 1).sum() / sizes.sum())
+    seen = f"{place}: {shared:.0%} of the samples have the stamp of another one, {np.median(sizes):g} a stamp"
+    hint = "log the time of every sample, or choose another time column"
+    if length > LONGEST_BATCH:
+        what = f"a stamp every {length:.3g} s, expected every {LONGEST_BATCH:g} s at least"
+        raise InputError(f"{seen}, {what}", hint)
+    if sizes[room < _CROWDED].sum() > _UNSTEADY * sizes.sum():
+        what = f"from {sizes.min()} to {sizes.max()} whatever time has passed, expected a steady number"
+        raise InputError(f"{seen}, {what}", hint)
+
+
+def ticks_too_rarely(t: Array) -> bool:
+    """Say whether stamps (N,) stand still, or so many samples share each that they cannot be spread."""
+    ticks = np.unique(t[np.isfinite(t)])
+    if len(ticks) < _FEWEST:
+        return True
+    shared = bool(len(ticks) < 0.5 * np.count_nonzero(np.isfinite(t)))
+    return shared and float(np.median(np.diff(ticks))) > LONGEST_BATCH
+
+
+def describe_gaps(t: Array, what: str) -> str:
+    """Return a warning about gaps longer than `GAP_PERIODS` median periods, or nothing."""
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > GAP_PERIODS * np.median(steps))
+    if len(gaps) == 0:
+        return ""
+    worst = gaps[np.argmax(steps[gaps])]
+    count = "one gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+    return f"{what}: {count}, the longest {steps[worst]:.3f} s at t = {t[worst]:.3f} s"
+
+
+def outside_gaps(at: Array, t: Array) -> Mask:
+    """Say which instants (K,) lie between neighbouring stamps (N,) that are no gap apart."""
+    steps = np.diff(t)
+    place = np.clip(np.searchsorted(t, at) - 1, 0, len(steps) - 1)
+    return np.asarray((at >= t[0]) & (at <= t[-1]) & (steps[place] <= GAP_PERIODS * np.median(steps)))

@@ -1,0 +1,409 @@
+"""Where the robot stands still: its wheels give no counts, and its IMU reads as it does at rest.
+
+One detector for all: what `inspect` lists, `check` demands and the filter's zero-velocity updates go by. Its
+limits are what the log's own noise at rest makes of a window with the probability `FALSE_ALARM`, by a test of
+the variance about the window's mean [1], or of that mean against the level of the standstill.
+
+What a sensor cannot see is no standstill. A wheel may creep below a count: when the counts have stopped, a
+robot that comes to rest is no faster than a count over the time since. A standstill begins when that is below
+`CREEP`, or at half of the time without counts, and the velocity that may be left then goes into the std of
+the zero-velocity update. An IMU does not see a constant velocity at all: without wheels a standstill begins
+at half of the time in which it is quiet.
+
+[1] I. Skog, P. Händel, J.-O. Nilsson, J. Rantakokko, Zero-velocity detection - an algorithm evaluation, IEEE
+Trans. Biomed. Eng. 57 (2010).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.special import chdtri, ndtri
+
+from granite_lab.logs.counters import Mask, quantum, runs
+from granite_lab.logs.trial import Array, ImuStream, Trial, WheelStream
+from granite_lab.parameters import ImuGrade, Robot
+
+Interval = tuple[float, float]
+
+SHORTEST = 0.3
+"""A standstill shorter than this [s] says too little about biases to be used."""
+
+CREEP = 1.0e-4
+"""Velocity [m/s] below which the robot counts as standing. A robot whose motors cannot brake coasts out over
+seconds, and a zero-velocity update at 1 mm/s there shifts the whole trial by that much."""
+
+ZERO_VELOCITY = 3.0e-4
+"""Std of the zero-velocity update [m/s]: what a robot that stands may still move."""
+
+FALSE_ALARM = 1.0e-4
+"""Probability with which a window of white noise at rest is taken for motion."""
+
+WINDOW = 0.2
+"""Length of the window in which stillness is judged [s]."""
+
+SWING, SAMPLES = 0.5, 5
+"""Length of the window in which a swing of 2 Hz or faster on the tyres shows [s]; means in it."""
+
+GENTLE = 0.05
+"""A robot that sets off more gently than this [m/s^2] needs 10 s for 0.5 m/s."""
+
+STEADY = 3.0
+"""An IMU that is this many times as loud as its grade may be moving."""
+
+SLOW = 0.1
+"""Logged rates at rest are below this share of the usual ones."""
+
+BRIDGED = 0.06
+"""A standstill is interrupted by more than so much [s]."""
+
+ROUNDED = 12.0**-0.5
+"""Std of a rounding error, in steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """What M samples of the wheels tell about standing.
+
+    Attributes:
+        t: (M,) stamps [s].
+        distance: (M, 4) rolled distance [m], NaN where unknown.
+        velocity: (M, 4) where the logger gives rates [m/s]; these are judged then.
+        step: smallest step of a wheel's distance [m], or of its velocity [m/s].
+    """
+
+    t: Array
+    distance: Array
+    velocity: Array | None
+    step: float
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """Samples at which a sensor sees no motion.
+
+    Attributes:
+        at: (N,) True there.
+        unseen: (N,) std of the velocity that the sensor cannot see [m/s]; 0 from the log's start on.
+        turns: (N,) True where it sees motion.
+    """
+
+    at: Mask
+    unseen: Array
+    turns: Mask
+
+
+def turning_of(wheels: WheelStream, robot: Robot) -> Turning:
+    """Return what a log's wheels tell, by the robot's wheel radius."""
+    radius = robot.wheels.radius
+    velocity = None if wheels.rate is None else wheels.rate * radius
+    return Turning(wheels.t, wheels.angle * radius, velocity, wheels.step * radius)
+
+
+def standstills(trial: Trial, robot: Robot) -> list[Interval]:
+    """Return the standstills [s] of a trial by its sensors as logged."""
+    wheels, imu, grade = trial.wheels, trial.imu, robot.imu_grade
+    if imu is not None and (imu.t.size < 8 or np.isnan(imu.specific_force).all()):
+        imu = None
+    turning = None if wheels is None or wheels.t.size <= 2 else turning_of(wheels, robot)
+    if grade is None or (imu is None and turning is None):
+        return []
+    return find_standstills(imu, turning, grade)[0]
+
+
+def find_standstills(
+    imu: ImuStream | None, wheels: Turning | None, grade: ImuGrade, *, offset: float = 0.0
+) -> tuple[list[Interval], Array]:
+    """Find the standstills by the sensors that there are, one of them at least.
+
+    Both wheels and IMU must be still where both exist. A wrong clock offset between them only
+    shortens the intervals (or lets a coasting end in, whose velocity the update's std covers).
+
+    Args:
+        imu: without spikes, with its `grade`.
+        wheels: on their own clock, which lies behind the IMU's by `offset` [s].
+
+    Returns:
+        the standstills [s]; (N,) std of the velocity that no sensor can see at the first sample of each
+        [m/s], else 0. Both are on the IMU's clock and at its samples, else on the wheels'.
+    """
+    if imu is None:
+        assert wheels is not None
+        t, stands = wheels.t + offset, wheels_still(wheels)
+        still, unseen = stands.at, stands.unseen
+    else:
+        t, unseen = imu.t, np.full(imu.t.size, np.inf)
+        still = imu_quiet(imu, grade)
+        if wheels is not None:
+            stands = at_stamps(wheels_still(wheels, still, imu.t - offset), wheels.t + offset, t)
+            unseen = stands.unseen
+            still = stands.at & imu_quiet(imu, grade, stands.at)
+        still = without_swings(imu, still, grade)
+        if wheels is None:
+            still = late_halves(imu, still)
+    found, creep, dt = list[Interval](), np.zeros(t.size), float(np.median(np.diff(t)))
+    for a, b in runs(bridged(t, still, max(BRIDGED, 2.5 * dt))):
+        begin, end = float(t[a]), float(t[b - 1])
+        if end - begin >= 0.5 * SHORTEST:
+            found.append((begin, end))
+            hidden = np.inf if imu is None else unseen_by_imu(imu, a, b)
+            creep[a] = 1.0 / np.hypot(1.0 / max(unseen[a], 1e-9), 1.0 / hidden) if unseen[a] > 0 else 0.0
+    return found, creep
+
+
+def wheels_still(wheels: Turning, quiet: Mask | None = None, quiet_t: Array | None = None) -> Still:
+    """Say where no wheel turns faster than a creep.
+
+    The noise of logged rates is learnt where the IMU is `quiet` (N,), at `quiet_t` on the wheels' clock [s].
+    """
+    if wheels.velocity is None:
+        return _by_counts(wheels)
+    certain = np.zeros(wheels.t.size, dtype=bool)
+    if quiet is not None and quiet_t is not None:
+        place = np.clip(np.searchsorted(quiet_t, wheels.t), 0, quiet.size - 1)
+        certain = quiet[place]
+    return _by_rates(wheels, wheels.velocity, certain)
+
+
+def _by_counts(wheels: Turning) -> Still:
+    """Say where the wheels stand, by distances (M, 4) in whole counts.
+
+    A count is larger than a creep in `SHORTEST`. One that is taken back at once is no motion.
+    """
+    t, count = wheels.t, max(wheels.step, CREEP * SHORTEST)
+    turns, known = np.zeros(t.size, dtype=bool), np.isfinite(wheels.distance)
+    stand = np.asarray(known.any(axis=1))
+    first = int(stand.argmax())
+    for distance, finite in zip(wheels.distance.T, known.T, strict=True):
+        if not finite.any():
+            continue
+        place = np.flatnonzero(finite)
+        step = np.diff(np.rint((distance[place] - distance[place[0]]) / count))
+        changed = np.flatnonzero(step)
+        back = np.zeros(changed.size, dtype=bool)
+        back[1:] = (step[changed[1:]] == -step[changed[:-1]]) & (np.abs(step[changed[1:]]) == 1)
+        back[:-1] |= back[1:]
+        counted, stands = np.zeros(t.size, dtype=bool), ~finite
+        counted[place[changed[~back] + 1]] = True
+        for a, b in _without_counts(t, counted, count / ZERO_VELOCITY):
+            stands[a:b] = True
+        turns |= counted
+        stand &= stands
+    still, unseen = np.zeros(t.size, dtype=bool), np.full(t.size, np.inf)
+    for a, b in runs(stand):
+        length, since, left = t[b - 1] - t[a], t[a:b] - t[a], t[b - 1] - t[a:b]
+        waits = min(ROUNDED * count / CREEP, 0.5 * length) if a > first else 0.0
+        leaves = min(float(np.sqrt(2.0 * count / GENTLE)), 0.25 * length) if b < t.size else 0.0
+        still[a:b] = (since >= waits) & (left >= leaves) & (length >= SHORTEST)
+        unseen[a:b] = ROUNDED * count / np.maximum(since, 1e-9) if a > first else 0.0
+    return Still(still, unseen, turns)
+
+
+def _without_counts(t: Array, counted: Mask, lasting: float) -> list[tuple[int, int]]:
+    """Return the stretches of samples without counts that are standstills.
+
+    Two that a single count parts are one standstill if the first lasts so long that the robot stands all the
+    same, `lasting` [s]; else the robot creeps in it, unless the log begins with it.
+    """
+    edges = np.flatnonzero(counted)
+    found: list[tuple[int, int]] = []
+    for a, b in zip([0, *edges], [*edges, t.size], strict=True):
+        length = t[b - 1] - t[a]
+        first, parted = found[-1] if found else (0, -1)
+        if parted == a and t[a - 1] - t[first] >= lasting and (length >= SHORTEST or b == t.size):
+            found[-1] = (first, b)
+        elif length >= SHORTEST:
+            if parted == a and first > 0:
+                found.pop()
+            found.append((a, b))
+    return found
+
+
+def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
+    """Say where the wheels stand, by velocities (M, 4) [m/s], whose noise is learnt from the slow of them.
+
+    These are those at which the robot stands for `certain` (M,), by its IMU. Where none tells, they are the
+    windows whose mean is zero within their own scatter.
+    """
+    t, known = wheels.t, np.isfinite(velocity)
+    size = max(round(WINDOW / float(np.median(np.diff(t)))), 1) | 1
+    still = np.asarray(known.any(axis=1))
+    unseen = np.zeros(t.size)
+    for rate, finite in zip(velocity.T, known.T, strict=True):
+        if not finite.any():
+            continue
+        clean = np.interp(t, t[finite], rate[finite])
+        power, mean = (uniform_filter1d(x, size, mode="nearest") for x in (clean**2, clean))
+        usual = float(np.quantile(np.abs(clean), 0.9))
+        slow = np.abs(mean) < SLOW * usual
+        scatter = np.sqrt(np.maximum(power - mean**2, 0.0) / size)
+        pool = certain & slow if (certain & slow).sum() > size else slow & (np.abs(mean) <= 3.0 * scatter)
+        floor = max(1.01 * wheels.step, 3.0 * CREEP) ** 2
+        limit = floor
+        if pool.any():
+            limit = max(floor, _noise(power[pool], size, 0.25) ** 2 * _highest(size))
+        still &= (power <= limit) | ~finite
+        unseen = np.maximum(unseen, np.sqrt(limit / size))
+    blind, turns = float(unseen.max(initial=0.0)), ~still
+    for a, b in runs(still):
+        if t[b - 1] - t[a] < SHORTEST:
+            still[a:b] = False
+        elif a > 0 and blind > CREEP:
+            still[a : (a + b) // 2] = False
+        if a == 0:
+            unseen[:b] = 0.0
+    return Still(still, unseen, turns)
+
+
+def _noise(power: Array, size: int, share: float) -> float:
+    """Std of white noise of which a `share` of windows of a `size` is below that quantile of `power` (N,)."""
+    dof = max(size - 1, 1)
+    return float(np.sqrt(np.quantile(power, share) * dof / chdtri(dof, 1.0 - share)))
+
+
+def _highest(size: int) -> float:
+    """Mean square of a window of white noise of std 1 that is exceeded with the probability `FALSE_ALARM`."""
+    dof = max(size - 1, 1)
+    return float(chdtri(dof, FALSE_ALARM) / dof)
+
+
+def at_stamps(still: Still, stamps: Array, t: Array) -> Still:
+    """Return at instants t (N,) what was found at `stamps` (M,): both samples beside must agree."""
+    after = np.clip(np.searchsorted(stamps, t), 1, stamps.size - 1)
+    near = (t >= stamps[0] - WINDOW) & (t <= stamps[-1] + WINDOW)
+    at, turns = (mask[after] & mask[after - 1] for mask in (still.at, still.turns))
+    return Still(at & near, still.unseen[after], turns)
+
+
+def restlessness(values: Array, size: int, few: int = 1) -> Array:
+    """(N,) variance of the columns (N, 3), summed, in a sliding window of `size` samples.
+
+    The samples are averaged over a `few` before.
+    """
+    total = np.zeros(len(values))
+    for signal in values.T:
+        if np.isfinite(signal).any():
+            clean = uniform_filter1d(np.nan_to_num(signal - np.nanmedian(signal)), few, mode="nearest")
+            power, level = (uniform_filter1d(s, size, mode="nearest") for s in (clean**2, clean))
+            total += np.maximum(power - level**2, 0.0)
+    return total
+
+
+def period_of(imu: ImuStream) -> float:
+    """Median time between two samples [s]."""
+    return float(np.median(np.diff(imu.t)))
+
+
+def imu_quiet(imu: ImuStream, grade: ImuGrade, stand: Mask | None = None, window: float = WINDOW) -> Mask:
+    """(N,) True where the IMU is as quiet as it ever is in this log.
+
+    The quiet level is the lower quartile over the samples where the wheels `stand`, or a low
+    percentile of all where there are none, so a motor that hums or a table that shakes is allowed
+    for; the grade's noise and half a step of the values are the floor. Without wheels, a log that is louder
+    than the grade and no louder at any other time may be all steady motion: then nothing is called quiet.
+    """
+    quiet, dt = np.ones(imu.t.size, dtype=bool), period_of(imu)
+    few = max(round(window / SAMPLES / dt), 1) if window > WINDOW else 1
+    size = max(round(window / dt), 3)
+    floors = (grade.accel_noise, grade.gyro_noise)
+    for values, density in zip((imu.specific_force, imu.angular_rate), floors, strict=True):
+        power = restlessness(values, size, few)
+        if not power.any():
+            continue
+        step = max(step_of(values).max(), 0.0)
+        least = max(density / np.sqrt(few * dt), 0.5 * step)
+        pool = power[stand] if stand is not None and stand.sum() * dt > SHORTEST else power
+        base = _noise(pool, max(size // few, 3), 0.25 if pool is not power else 0.05)
+        loudest = float(np.sqrt(np.quantile(power, 0.9)))
+        if stand is None and base > STEADY * least and loudest < STEADY * base:
+            return np.zeros(imu.t.size, dtype=bool)
+        quiet &= power <= max(base, least) ** 2 * _highest(max(size // few, 3))
+    return quiet
+
+
+def step_of(values: Array) -> Array:
+    """(3,) smallest step of each column of an IMU's samples (N, 3); 0 where none shows."""
+    return np.array([quantum(column[np.isfinite(column)]) for column in values.T])
+
+
+def without_swings(imu: ImuStream, still: Mask, grade: ImuGrade) -> Mask:
+    """(N,) `still` without the time in which the body yet swings on its tyres.
+
+    What a slow swing adds to the noise shows in a longer window, in which the samples are averaged first. A
+    standstill begins with its longest calm part, or is none. What is calm the quietest standstill tells,
+    where the others are not as calm for a quarter of the time.
+    """
+    dt = period_of(imu)
+    few, size = max(round(SWING / SAMPLES / dt), 1), max(round(SWING / dt), 3)
+    force = np.sqrt(restlessness(imu.specific_force, size, few))
+    stands = [(a, b) for a, b in runs(still) if (b - a) * dt >= 0.5 * SHORTEST]
+    if not stands:
+        return still
+    a, b = min(stands, key=lambda run: float(np.median(force[slice(*run)])))
+    left, quietest = still.copy(), np.zeros(still.size, dtype=bool)
+    quietest[a:b] = True
+    loud = float(np.percentile(force[still], 25)) > 1.5 * float(np.median(force[a:b]))
+    calm = imu_quiet(imu, grade, quietest if loud else still, SWING)
+    calm = maximum_filter1d(calm, max(round(SWING / dt), 1))
+    for a, b in stands:
+        begin, end = max(runs(calm[a:b]), key=lambda run: run[1] - run[0], default=(0, 0))
+        left[a : a + begin if (end - begin) * dt >= 0.5 * SHORTEST else b] = False
+    return left
+
+
+def late_halves(imu: ImuStream, still: Mask) -> Mask:
+    """(N,) `still` as an IMU alone can tell it.
+
+    A body that gains or loses speed shows it by a specific force unlike that of the standstill's other half.
+    What does not show is left out with the first half of what is left, where motion precedes it.
+    """
+    dt, left = period_of(imu), np.zeros(still.size, dtype=bool)
+    for a, b in runs(bridged(imu.t, still, max(BRIDGED, 2.5 * dt))):
+        begin, end, force = a, b, imu.specific_force[a:b]
+        if a > 0:
+            begin += _unlike(force, dt)
+            begin = (begin + b) // 2
+        if b < still.size:
+            end -= _unlike(force[begin - a :][::-1], dt)
+        left[begin:end] = (b - a) * dt >= SHORTEST
+    return left
+
+
+def _unlike(force: Array, dt: float) -> int:
+    """Return how many of the first samples (N, 3) are not on the level of the second half, over `SWING`."""
+    half = len(force) // 2
+    size, off = max(min(round(SWING / dt), half // 2), 1), np.zeros(half, dtype=bool)
+    for signal in force.T[np.isfinite(force).all(axis=0)]:
+        noise = max(float(np.std(np.diff(signal))) / np.sqrt(2.0), 0.5 * quantum(signal))
+        limit = -ndtri(FALSE_ALARM) * noise * np.sqrt(1.0 / size + 1.0 / max(half, 1))
+        mean = uniform_filter1d(signal, size, mode="nearest")[:half]
+        off |= np.abs(mean - signal[half:].mean()) > limit
+    return int(np.flatnonzero(off)[-1]) + 1 if off.any() else 0
+
+
+def unseen_by_imu(imu: ImuStream, a: int, b: int) -> float:
+    """Std of the velocity [m/s] that a body may lose from sample a to b without that its IMU shows it.
+
+    White noise hides the change of a velocity that grows with the root of the time, rounding one that grows
+    with the time.
+    """
+    force = imu.specific_force[a:b]
+    force = force[:, np.isfinite(force).all(axis=0)]
+    if len(force) < 3 or force.shape[1] == 0:
+        return np.inf
+    dt, length = period_of(imu), float(imu.t[b - 1] - imu.t[a])
+    noise = float(np.max(np.std(np.diff(force, axis=0), axis=0))) / np.sqrt(2.0)
+    step = float(step_of(force).max())
+    hidden = ROUNDED * step * length if noise < 0.5 * step else 0.0
+    return float(np.hypot(noise * np.sqrt(dt * length), hidden)) + 1e-9
+
+
+def bridged(t: np.ndarray, mask: Mask, longest: float) -> Mask:
+    """(N,) mask without the interruptions whose neighbours are at most `longest` apart [unit of t]."""
+    closed = mask.copy()
+    for a, b in runs(~mask):
+        if a > 0 and b < mask.size and t[b] - t[a - 1] <= longest:
+            closed[a:b] = True
+    return closed
