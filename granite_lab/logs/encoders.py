@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import GAP_PERIODS, Mask, integral, powers, quantum, runs, unwrap
+from granite_lab.logs.counters import Mask, integral, powers, quantum, runs, unwrap
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import Unit
+from granite_lab.logs.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
 
