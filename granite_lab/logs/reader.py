@@ -25,6 +25,7 @@ from granite_lab.logs.wheels import (
     check_wheels,
     look,
     refuse_counts_and_speed,
+    report_absent,
     without_free_wheels,
 )
 from granite_lab.parameters import Robot, load_robot
@@ -130,6 +131,7 @@ def assemble(
     if imu is not None:
         imu, clean = check_units(with_forward_axis(imu, log) if whole else imu, log)
     if wheels is not None:
+        report_absent(log)
         wheels = check_wheels(resolve_aliases(wheels, imu, log), imu, log)
     trial = Trial(
         name=name_of(path),
