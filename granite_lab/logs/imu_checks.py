@@ -101,13 +101,14 @@ def with_forward_axis(imu: ImuStream, log: Log) -> ImuStream:
     return dataclasses.replace(imu, specific_force=np.full_like(imu.specific_force, np.nan))
 
 
-def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
+def refuse_axes(imu: ImuStream, still: Spans, rolls: Mask, log: Log) -> None:
     """Refuse axes that are dead, exchanged or turned, in a log whose wheels move.
 
-    The IMU is without spikes, in units that were checked; `still` are standstills [s].
+    The IMU is without spikes, in units that were checked; `still` are standstills [s], and the wheels turn at
+    the samples `rolls` (N,).
     """
     mounting = mounted(log.robot).as_matrix()
-    _refuse_dead(imu, mounting, log)
+    _refuse_dead(imu, mounting, rolls, log)
     known = not np.isnan(imu.specific_force).any()
     if known and not imu.gravity_removed and log.robot.imu.forward != "find":
         _refuse_gravity(imu, mounting, still, log)
@@ -249,7 +250,8 @@ def rail(axis: Array) -> Mask:
     usual = known.size / (moved.size + 1.0)
     for extreme in (float(known.max()), float(known.min())):
         at_limit = axis == extreme
-        if max(end - begin for begin, end in runs(at_limit)) >= 3.0 * max(usual, 1.0):
+        stays = max(runs(at_limit), key=lambda run: run[1] - run[0])
+        if stays[1] - stays[0] >= 3.0 * max(usual, 1.0) and _cut_off(axis, *stays, float(moved.min())):
             centre = float(np.median(known))
             scatter = 1.4826 * float(np.median(np.abs(known - centre)))
             if abs(extreme - centre) > max(3.0 * float(moved.min()), 1.5 * scatter):
@@ -257,12 +259,21 @@ def rail(axis: Array) -> Mask:
     return mark
 
 
-def _refuse_dead(imu: ImuStream, mounting: Array, log: Log) -> None:
-    """Refuse an axis that never changes and that velocity or pitch need."""
+def _cut_off(axis: Array, begin: int, end: int, step: float) -> bool:
+    """Whether a signal (N,) comes to a plateau, or leaves it, by more than the `step` of coarse values."""
+    beside = [axis[k] for k in (begin - 1, end) if 0 <= k < axis.size]
+    return any(abs(float(value) - float(axis[begin])) > 1.5 * step for value in beside)
+
+
+def _refuse_dead(imu: ImuStream, mounting: Array, rolls: Mask, log: Log) -> None:
+    """Refuse an axis that never changes and that velocity or pitch need.
+
+    A sensor may read the same at rest, by rounding or by a dead band. While the wheels turn it hangs.
+    """
     turn = np.abs(mounting) > 0.5
     both, needed = _sensors(imu), ((0, 2), (1,))
     for (what, channels, values), (_, _, other), rows in zip(both, both[::-1], needed, strict=True):
-        same = runs((np.diff(values, axis=0) == 0).all(axis=1))
+        same = runs((np.diff(values, axis=0) == 0).all(axis=1) & rolls[1:])
         first, last = max(same, key=lambda run: run[1] - run[0], default=(0, 0))
         begin, end = float(imu.t[first]), float(imu.t[last])
         changes = f"expected readings of the {what} that change"

@@ -17,7 +17,7 @@ from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_m
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
 from granite_lab.logs.stamps import describe_gaps, outside_gaps
-from granite_lab.logs.standstill import standstills
+from granite_lab.logs.standstill import rolls, standstills, turning_of
 from granite_lab.logs.streams import interval, read_streams
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.logs.wheels import (
@@ -162,7 +162,8 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
         refuse_counts_and_speed(wheels, log)
         angle = wheels.angle[np.isfinite(wheels.angle)]
         if clean is not None and len(clean.t) > 100 and len(angle) and np.ptp(angle) > 1.0:
-            refuse_axes(clean, standstills(dataclasses.replace(trial, imu=clean), log.robot), log)
+            still = standstills(dataclasses.replace(trial, imu=clean), log.robot)
+            refuse_axes(clean, still, rolls(turning_of(wheels, log.robot), clean.t), log)
         wheels = without_free_wheels(wheels, log)
     currents = None if currents is None else check_currents(currents, trial.wheels, log)
     return dataclasses.replace(trial, wheels=wheels, currents=currents)
