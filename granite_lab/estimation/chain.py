@@ -145,10 +145,12 @@ def solve(
         )
     far = rolling is not None and _far_from_rest(still, imu)
     problem = Problem(imu, rolling, robot, still, faults, identify(imu, rolling, robot, still), SlipModel())
+    problem = replace(problem, noise=with_motion_noise(problem, 0.0))
     offset, found, near = _clock(trial, problem, far)
     if rolling is not None and offset.value != 0.0:
         still = find_rests(imu, rolling, grade, offset=offset.value, by_hand=rests)
         problem = replace(problem, rests=still, noise=identify(imu, rolling, robot, still))
+        problem = replace(problem, noise=with_motion_noise(problem, offset.value))
     problem = replace(problem, coasts=coasts(imu, rolling, grade, offset.value, still))
     _refuse_gaps(trial, faults, still)
     restarts = find_restarts(stream, still, faults.doubt, faults.gaps, grade)
