@@ -90,7 +90,7 @@ def correct(
             missing in motion, or nothing to estimate.
     """
     known = load_variants() if variants is None else variants
-    if trial.imu is None or trial.imu.t.size < 8 or np.isnan(trial.imu.specific_force).all():
+    if not _feels_thrust(trial.imu, robot):
         wheels, rolling, _ = _roll(trial, None, robot)
         if rolling is None:
             raise EstimateError(
@@ -213,6 +213,13 @@ def finish(trial: Trial, robot: Robot, solved: Solved, known: Sequence[Variant])
         faults=problem.faults, solution=solution,
     )  # fmt: skip
     return clean, motion
+
+
+def _feels_thrust(imu: ImuStream | None, robot: Robot) -> bool:
+    """Whether an accelerometer along the robot's x axis was logged."""
+    if imu is None or imu.t.size < 8:
+        return False
+    return bool(np.isfinite(mounting.to_body(imu, mounted(robot)).forward).any())
 
 
 def _roll(

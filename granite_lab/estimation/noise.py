@@ -33,13 +33,13 @@ from scipy.special import logsumexp, softmax
 
 from granite_lab.estimation.error_model import Noise
 from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.nodes import Problem, pace_of
+from granite_lab.estimation.nodes import SWAY, Problem, pace_of
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import nominal_of, usual
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import runs
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.standstill import ROUNDED, Interval
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -175,10 +175,16 @@ def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequenc
     assert grade is not None
     speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
     accel = white(imu.t, imu.forward, rests, grade.accel_noise)
-    accel = max(accel, grade.accel_step * float(np.sqrt(imu.period / 12.0)), 1e-5)
-    gyro = UNSEEN_PITCH * float(np.sqrt(max(speed, 0.1)))
+    force_step, rate_step = imu.steps
+    accel = max(accel, max(grade.accel_step, force_step) * ROUNDED * float(np.sqrt(imu.period)), 1e-5)
+    gyro, gyro_level = UNSEEN_PITCH * float(np.sqrt(max(speed, 0.1))), 0.0
     if imu.has_pitch_rate:
         gyro = white(imu.t, imu.pitch_rate, rests, grade.gyro_noise)
+        gyro = max(gyro, rounding(imu.pitch_rate[moving], rate_step, imu.period), 1e-7)
+        if dead := silent(imu.pitch_rate[~moving], rate_step, grade.gyro_noise, imu.period):
+            gyro = max(gyro, grade.gyro_noise)
+        gyro_level = level_error(imu.pitch_rate, ~moving, rate_step, grade.gyro_bias if dead else 0.0)
+    accel_level = level_error(imu.forward, ~moving, force_step, 0.0)
     rms, frequency, damping = vibration(imu, moving, accel, robot.imu.vibration_frequency)
     tilt = np.radians(2.0 if imu.levelled else robot.imu.tilt)
     # unseen pitch on setting off (squat), or an unknown error of the attitude the logger worked with
@@ -194,12 +200,44 @@ def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequenc
         gyro_walk=grade.gyro_instability * walk,
         accel_scale=grade.accel_scale,
         pitch=float(np.radians(2.0)),
-        motion_bias=float(np.hypot(2.0 * grade.accel_instability, blind)),
+        motion_bias=float(np.hypot(np.hypot(2.0 * grade.accel_instability, blind), accel_level)),
         vibration=rms,
         vibration_speed=max(speed, 0.05),
         vibration_frequency=frequency,
         vibration_damping=damping,
+        accel_level=accel_level,
+        gyro_level=gyro_level,
     )
+
+
+def rounding(rate: Array, step: float, period: float) -> float:
+    """White noise density [rad/s sqrt(s)] that rounding to a `step` makes of a rate in motion (N,).
+
+    Where the rate does not change by a step from sample to sample, its rounding errors last as long as it.
+    """
+    bend = np.diff(rate[np.isfinite(rate)])
+    shaken = bend.size > 0 and float(np.std(bend)) > step
+    return ROUNDED * step * float(np.sqrt(period if shaken else 2.0 * SWAY))
+
+
+def silent(still: Array, step: float, density: float, period: float) -> bool:
+    """Whether a dead band mutes readings (N,) at rest: all are equal, and noise would exceed their step."""
+    still = still[np.isfinite(still)]
+    return still.size > 1 and not np.ptp(still) and density / float(np.sqrt(period)) > 3.0 * step
+
+
+def level_error(signal: Array, rest: np.ndarray, step: float, bias: float) -> float:
+    """Std of what the readings (N,) at rest are off alike, and those in motion are not.
+
+    Noise of half a step makes rounding errors independent. Below, all readings of a standstill share one. If
+    they are muted they say nothing of the `bias`, and motion tells it no better than its mean (else: 0).
+    """
+    known = np.isfinite(signal)
+    still, motion = signal[rest & known], signal[~rest & known]
+    if bias > 0.0:
+        return float(np.hypot(bias, np.mean(motion) - still[0])) if motion.size else bias
+    noise = float(np.std(np.diff(still))) / np.sqrt(2.0) if still.size > 1 else np.inf
+    return ROUNDED * step if noise < 0.5 * step else 0.0
 
 
 def with_motion_noise(problem: Problem, offset: float) -> Noise:
@@ -238,6 +276,7 @@ def lost_pitch(problem: Problem, nominal: Nominal) -> float:
     missed = np.diff(pitch + angle)  # the specific force of a body that stands is -g sin(pitch)
     known = noise.gyro**2 * length * (1 + length / rested) + noise.gyro_walk**2 * length**3 / 3
     known += variance[:-1] + variance[1:] + noise.accel_walk**2 * length / imu.gravity**2
+    known += 2.0 * (noise.accel_level / imu.gravity) ** 2 + (noise.gyro_level * length) ** 2
     whole = [not problem.faults.touch(*motion) for motion in zip(begin, end, strict=True)]
     use = (length >= SHAKEN) & np.isfinite(known) & whole
     missed, known, length = missed[use], known[use], length[use]
