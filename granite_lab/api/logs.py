@@ -14,7 +14,7 @@ from granite_lab import estimation, reporting
 from granite_lab import logs as log_files
 from granite_lab.api import calls
 from granite_lab.api.calls import Arg, checked
-from granite_lab.api.project import About, Logs, choose
+from granite_lab.api.project import About, Chosen, Logs, choose
 from granite_lab.api.records import Origin, Records
 from granite_lab.errors import EstimateError, InputError, LabError, UsageError
 from granite_lab.estimate import Estimate
@@ -123,9 +123,12 @@ def ingest(
         logs, {**said, "jobs": jobs, "cache": False},
         rows=rows, rests=tuple(rests), distance_measured=distance_measured, **paths,
     )  # fmt: skip
+    together, note = ({}, "") if paths or rows else _halves(choice)
+    if together:
+        paths, choice = together, replace(choice, files=(together["imu"],))
     if len(choice.files) > 1 and (paths or variant):
         raise UsageError("--variant and files of sensors go with one trial", "ingest the trials one by one")
-    options = choice.options
+    options = replace(choice.options, **paths)
     if variant:
         options = replace(options, info=TrialInfo(robot=options.robot, v_desired=variant))
     outcomes = each_trial(corrected, choice.files, options, execution=choice.execution, done=done)
@@ -133,7 +136,7 @@ def ingest(
     records = [_ingested(path, outcome, against_reference) for path, outcome in pairs]
     found, failed = sifted(choice.files, records, strict=strict)
     warnings = tuple(f"{item.name}: {line}" for item in found for line in item.motion.warnings)
-    origin = Origin(left_out=(*choice.excluded, *failed), warnings=warnings)
+    origin = Origin(left_out=(*choice.excluded, *failed), warnings=(*([note] if note else []), *warnings))
     return Records(found, [item.name for item in found], origin)
 
 
@@ -146,6 +149,13 @@ def _ingested(log: Path, outcome: tuple[Trial, Robot, Motion] | LabError, judge:
         return replace(found, judgement=estimation.judge(found.motion, found.trial, 0.0)) if judge else found
     except EstimateError as error:
         return error
+
+
+def _halves(choice: Chosen) -> tuple[dict[str, Any], str]:
+    """Return the files of a trial that was logged in two halves, and what to say of it."""
+    from granite_lab.logs.halves import halves  # noqa: PLC0415, heavy
+
+    return halves(choice.files, choice.options.column_map, dict(choice.options.topics))
 
 
 @checked

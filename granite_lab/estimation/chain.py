@@ -90,7 +90,7 @@ def correct(
             missing in motion, or nothing to estimate.
     """
     known = load_variants() if variants is None else variants
-    if trial.imu is None or trial.imu.t.size < 8 or np.isnan(trial.imu.specific_force).all():
+    if not _feels_thrust(trial.imu, robot):
         wheels, rolling, _ = _roll(trial, None, robot)
         if rolling is None:
             raise EstimateError(
@@ -164,10 +164,12 @@ def solve(
     noise = identify(imu, rolling, robot, still)
     problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel(), unseen=unseen)
     problem = replace(problem, stamp_std=_stamp_std(trial))
+    problem = replace(problem, noise=with_motion_noise(problem, 0.0))
     offset, found, near = _clock(trial, problem, far, apart)
     if rolling is not None and offset.value != 0.0:
         still, unseen = find_rests(stream, rolling, grade, offset=offset.value, by_hand=rests)
         problem = replace(problem, rests=still, unseen=unseen, noise=identify(imu, rolling, robot, still))
+        problem = replace(problem, noise=with_motion_noise(problem, offset.value))
     problem = replace(problem, coasts=coasts(stream, rolling, grade, offset.value, still))
     _refuse_gaps(trial, faults, still)
     restarts = find_restarts(stream, still, faults.doubt, faults.gaps, grade)
@@ -213,6 +215,13 @@ def finish(trial: Trial, robot: Robot, solved: Solved, known: Sequence[Variant])
         faults=problem.faults, solution=solution,
     )  # fmt: skip
     return clean, motion
+
+
+def _feels_thrust(imu: ImuStream | None, robot: Robot) -> bool:
+    """Whether an accelerometer along the robot's x axis was logged."""
+    if imu is None or imu.t.size < 8:
+        return False
+    return bool(np.isfinite(mounting.to_body(imu, mounted(robot)).forward).any())
 
 
 def _roll(

@@ -117,15 +117,17 @@ def motion_without_imu(
     rests, _ = find_rests(None, rolling, robot.imu_grade, by_hand=by_hand)
     course = find_phases(t, rolling.speed_at(t), rests)
     variant, source, doubt = recognise(course, trial.info, variants)
+    lacking = "No IMU" if trial.imu is None else "No accelerometer along the robot's x axis"
     blank, four, none = np.full(t.size, NAN), np.full((t.size, 4), NAN), np.zeros(0)
     health = Health(
         t=none, kind=(), innovation=none, innovation_std=none, nis={}, accel_bias=blank,
         accel_bias_std=blank, gyro_bias=blank, gyro_bias_std=blank, rests=rests,
-        verdict="No IMU: only the wheels are known, neither body velocity nor slip.", good=False,
+        verdict=f"{lacking}: only the wheels are known, neither body velocity nor slip.", good=False,
     )  # fmt: skip
     first, last = rolling.mean[np.isfinite(rolling.speed)][[0, -1]]
     rolled = Estimate(float(last - first), rolling.step)
-    said = "no IMU: body velocity and slip cannot be estimated, only wheel velocities"
+    lost = "body velocity and slip cannot be estimated, only wheel velocities"
+    said = f"{lacking[0].lower()}{lacking[1:]}: {lost}"
     return Motion(
         trial=trial.name, virtual=trial.info.virtual, t=t, x=blank, x_std=blank, v=blank, v_std=blank,
         pitch=blank, pitch_std=blank, v_wheel=rolling.velocity, v_wheel_std=rolling.velocity_std, slip=four,

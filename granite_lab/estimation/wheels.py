@@ -5,6 +5,7 @@ Everything here is on the encoders' own clock. Distances are of the tread, angle
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,9 @@ MEET = 2.5
 
 STUCK_AFTER = 0.25
 """A wheel without a count for this long [s], while the others roll, is taken for a dead encoder."""
+
+COUNTS = 3.0
+"""It must have missed this many counts."""
 
 SHARED, SLOWEST = 0.2, 1.0e-3
 """Samples share the error of the last count for this long [s] at most, of wheels this fast [m/s] at least:
@@ -89,7 +93,7 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     if stream.rate is not None:
         return _roll_rates(t, bridge(t, stream.rate) * robot.wheels.radius, resolution)
     distance = bridge(t, stream.angle) * robot.wheels.radius
-    increment, warnings = mask_dead(t, distance)
+    increment, warnings = mask_dead(t, distance, resolution)
     mean_step = side_mean(increment)
     lost = ~np.isfinite(mean_step)
     lost[0] = False
@@ -132,8 +136,8 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
 
 def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rolling:
     """Take logged rates, as velocities (M, 4) [m/s]; the distances are their integrals."""
-    dt = np.diff(t, prepend=t[0])
-    increment, warnings = mask_dead(t, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0))
+    dt, none = np.diff(t, prepend=t[0]), (0.0,) * velocity.shape[1]
+    increment, warnings = mask_dead(t, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0), none)
     velocity = np.where(np.isfinite(increment) | (dt == 0)[:, None], velocity, np.nan)
     speed = side_mean(velocity)
     known = np.isfinite(speed)
@@ -161,10 +165,16 @@ def bridge(t: Array, angle: Array) -> Array:
     return filled
 
 
-def mask_dead(t: Array, distance: Array) -> tuple[Array, list[str]]:
+def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[Array, list[str]]:
     """Blank a wheel where it gives no count, or jumps, while the others roll; also warn.
 
-    (M, 4) increments to each sample from the one before [m], NaN where not to be used.
+    Args:
+        t: (M,) stamps [s].
+        distance: (M, 4) rolled distances [m].
+        resolution: (4,) their smallest steps [m], below which no count is expected.
+
+    Returns:
+        (M, 4) increments to each sample from the one before [m], NaN where not to be used; warnings.
     """
     step = np.diff(distance, axis=0, prepend=np.full((1, distance.shape[1]), np.nan))
     dt = np.diff(t, prepend=t[0] - 1.0)
@@ -176,11 +186,13 @@ def mask_dead(t: Array, distance: Array) -> tuple[Array, list[str]]:
     for i, wheel in enumerate(WHEELS):
         if not np.isfinite(step[:, i]).any():
             continue
-        rolling = np.abs(np.nan_to_num(_median(np.delete(step, i, axis=1)))) > MOVING * dt
+        others = np.nan_to_num(_median(np.delete(step, i, axis=1)))
+        rolling = np.abs(others) > MOVING * dt
         dead = 0.0
-        for a, b in runs((np.nan_to_num(step[:, i]) == 0.0) & rolling):
-            silent = t[b - 1] - t[max(a - 1, 0)]
-            if silent >= STUCK_AFTER:
+        for a, b in runs(np.nan_to_num(step[:, i]) == 0.0):
+            at = np.arange(a, b)[rolling[a:b]]
+            silent, way = float(dt[at].sum()), abs(float(others[at].sum()))
+            if silent >= STUCK_AFTER and way > COUNTS * resolution[i]:
                 step[a : b + 1, i] = np.nan  # the sample after it may hold the missed counts at once
                 dead += silent
         if dead > 0:

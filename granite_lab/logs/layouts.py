@@ -15,7 +15,16 @@ from pathlib import Path
 from granite_lab.errors import InputError, at
 from granite_lab.files import is_folder
 from granite_lab.logs.dialect import TableFormat
-from granite_lab.logs.quantities import CHANNELS, DATE, ENCODERS, Unit, factors, find_unit, resembling
+from granite_lab.logs.quantities import (
+    CHANNELS,
+    DATE,
+    ENCODERS,
+    Unit,
+    by_name,
+    factors,
+    find_unit,
+    resembling,
+)
 from granite_lab.logs.table import Table, numbered
 from granite_lab.parameters import CATALOGUE, Robot, names
 from granite_lab.parameters.catalogue import find
@@ -211,16 +220,18 @@ def check_unit(text: str, channel: str, where: str) -> Unit:
     return unit
 
 
-def match(layout: Layout, table: Table) -> Match:
+def match(layout: Layout, table: Table, *, partly: bool = False) -> Match:
     """Try a layout on a table; of several header rows the best fitting one gives the names.
 
-    Refuses a needed column that occurs twice, or whose name carries an unknown unit.
+    With `partly`, one column of a group is enough: a robot may have fewer sensors. Refuses a needed column
+    that occurs twice, or whose name carries an unknown unit.
     """
     rows = table.headers or (("",) * table.width,)
-    return max((_match_row(layout, table, names) for names in rows), key=lambda m: (not m.missing, m.columns))
+    tries = [_match_row(layout, table, names, partly) for names in rows]
+    return max(tries, key=lambda m: (not m.missing, m.columns))
 
 
-def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
+def _match_row(layout: Layout, table: Table, names: Sequence[str], partly: bool) -> Match:
     """Try a layout with one row of names; each column may be named as it stands or `numbered`."""
     bare = [name.strip() for name in names]
     unique = numbered(bare)
@@ -231,7 +242,10 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
         if hits := [(place, hit) for place, (one, other) in both if (hit := fits(one) or fits(other))]:
             found[index] = hits
     columns = len({place for hits in found.values() for place, _ in hits})
-    missing = _missing(layout, set(found))
+    missing = _missing(layout, set(found), partly)
+    if partly and not missing:
+        used = {place for hits in found.values() for place, _ in hits}
+        missing = _misnamed(layout, set(found), [name for k, name in enumerate(bare) if k not in used])
     bindings: list[Binding] = []
     for index, hits in found.items() if not missing else ():
         spec = layout.column[index]
@@ -246,13 +260,25 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str]) -> Match:
     return Match(table, layout, tuple(bindings), missing, columns)
 
 
-def _missing(layout: Layout, found: set[int]) -> tuple[str, ...]:
-    """List the columns that keep a layout from being complete."""
+def _misnamed(layout: Layout, found: set[int], others: Sequence[str]) -> tuple[str, ...]:
+    """List the columns that are not found but seem to stand in the table by other names."""
+    absent = [c for i, c in enumerate(layout.column) if i not in found and c.group]
+    meant = {channel for name in others for channel in by_name(name).to}
+    return tuple(
+        c.label for c in absent if meant & set(c.to) or difflib.get_close_matches(c.label, others, 1, 0.8)
+    )
+
+
+def _missing(layout: Layout, found: set[int], partly: bool) -> tuple[str, ...]:
+    """List the columns that keep a layout from being complete, or `partly` from being of use."""
     touched = {layout.column[i].group for i in found} - {""}
     missing = [
         c.label
         for i, c in enumerate(layout.column)
-        if i not in found and not c.optional and c.to != ("t",) and (not c.group or c.group in touched)
+        if i not in found
+        and not c.optional
+        and c.to != ("t",)
+        and (not c.group or (c.group in touched and not partly))
     ]
     # Of several clocks one is enough.
     clocks = [i for i, c in enumerate(layout.column) if "t" in c.to]
@@ -276,9 +302,7 @@ def _one(table: Table, spec: Column, hits: list[Hit], bare: Sequence[str], names
     what = f"{listed} both are {spec.to[0]}, expected one column for it"
     last, hint = hits[-1][0], "rename or remove the other one"
     if names[last] != bare[last]:
-        hint += (
-            f'; or write name = "{names[last]}" in a column map, or all names as names = […] under [table]'
-        )
+        hint += f'; or write name = "{names[last]}" in a column map, or names = […] under its [table]'
     raise table.error(what, hint, table.header_line)
 
 
@@ -308,12 +332,13 @@ def no_match(tries: list[Match], given: bool) -> InputError:
         return table.error(what, hint, line)
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
     near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)))
+    numbered_ones = ""
+    if table.repeated:
+        one, other = (table.names[place] for place in table.repeated[0][1][:2])
+        numbered_ones = f"; in a column map two columns of one name are '{one}' and '{other}'"
     if near.columns <= len(near.missing) and not given:
         hint = "granite-lab inspect shows what the columns seem to be and writes a column map for --map"
-        if table.repeated:
-            one, other = (table.names[place] for place in table.repeated[0][1][:2])
-            hint += f"; two columns of one name are '{one}' and '{other}' there"
-        return table.error(f"the layout is not known: {shown}", hint, table.header_line)
+        return table.error(f"the layout is not known: {shown}", hint + numbered_ones, table.header_line)
     lacking = near.missing[0]
     unused = [name for name in names if not any(c.regex.fullmatch(name.strip()) for c in near.layout.column)]
     close = difflib.get_close_matches(lacking, unused, n=1, cutoff=0.6)
@@ -322,4 +347,4 @@ def no_match(tries: list[Match], given: bool) -> InputError:
     hint += "names are channel_unit, such as imu_gy_radps or enc_fl_rad" if own else f"columns here: {shown}"
     more = f" (and {len(near.missing) - 1} more)" if len(near.missing) > 1 else ""
     what = f"column '{lacking}' is missing{more}, expected by layout '{near.layout.name}'"
-    return table.error(what, hint, table.header_line)
+    return table.error(what, hint + numbered_ones, table.header_line)

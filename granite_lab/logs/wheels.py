@@ -79,7 +79,8 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
     t, speed = mean_speed(wheels, log.robot)
     if len(t) < 10:
         return wheels
-    _report_dead(wheels, imu, log)
+    wheels = _without_dead(wheels, imu, log)
+    t, speed = mean_speed(wheels, log.robot)
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
     if not (math.isnan(ratio) or 0.3 < ratio < 8):
         declared, gain = log.unit(*ENCODERS), f"gain {ratio:.3g} times the speed that the IMU gains"
@@ -117,19 +118,34 @@ def _ratio(t: Array, speed: Array, imu: ImuStream) -> float:
     return plateau / size if size > max(0.08, 0.5 * feigned) else math.nan
 
 
-def _report_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> None:
-    """Report wheels that stand while the others turn; a whole side may, where the robot turns about it."""
+def _without_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelStream:
+    """Leave out wheels that stand while the others turn; a whole side may, where the robot turns about it."""
     spans = np.array([np.ptp(a[np.isfinite(a)]) if np.isfinite(a).any() else np.nan for a in wheels.angle.T])
     if not np.nanmax(spans) > 1.0:
-        return
-    still = (spans < 0.01 * np.nanmax(spans)).tolist()
+        return wheels
+    still = spans < 0.01 * np.nanmax(spans)
     yaw = np.nan_to_num(imu.angular_rate) if imu is not None else np.zeros((1, 3))
     turned = float(np.abs(np.median(yaw, axis=0) - yaw).max())
-    if turned > 0.2 and still in ([True, False, True, False], [False, True, False, True]):
-        return
+    if turned > 0.2 and still.tolist() in ([True, False, True, False], [False, True, False, True]):
+        return wheels
     for name, stands in zip(WHEELS, still, strict=True):
         if stands:
-            log.doubts.append(f"encoder {name} stands still while the others turn: not connected?")
+            log.doubts.append(f"encoder {name} stands still while the others turn: not connected? left out")
+    angle, rate = (None if x is None else np.where(still, np.nan, x) for x in (wheels.angle, wheels.rate))
+    assert angle is not None
+    return dataclasses.replace(wheels, angle=angle, rate=rate)
+
+
+def report_absent(log: Log) -> None:
+    """Report wheels without an encoder, and what is not known without them."""
+    absent = [name for name, channel in zip(WHEELS, ENCODERS, strict=True) if channel not in log.columns]
+    if not absent:
+        return
+    left = [name for name in WHEELS if name not in absent]
+    one_side = len({name[1] for name in left}) == 1
+    turning = "; how the robot turns the wheels do not tell" if one_side else ""
+    slip = f"the robot's slip is by {', '.join(left)} alone"
+    log.doubts.append(f"no encoder {', '.join(absent)} in the log: no slip of these wheels, {slip}{turning}")
 
 
 def refuse_counts_and_speed(wheels: WheelStream, log: Log) -> None:
