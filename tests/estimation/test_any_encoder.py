@@ -1,4 +1,4 @@
-"""Logs of other encoders, or of fewer sensors, give the slip of the whole log within the std that they state."""
+"""Logs of other encoders, or of fewer sensors, give the slip of the whole log within the std they state."""
 
 from collections.abc import Callable
 from functools import cache
